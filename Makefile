@@ -1,0 +1,71 @@
+# make demo   watch a task run
+# make test   every check that decides whether a change is good
+#
+# Everything is installed into .venv; remove it, or say `make clean`, to start afresh.
+
+PYTHON ?= python3
+VENV ?= .venv
+
+BIN := $(VENV)/bin
+OLDEST := 3.11
+VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+# A stamp per Python version: another PYTHON makes the environment anew.
+MADE := $(VENV)/made-with-python-$(VERSION)
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	--constraint constraints.txt --editable
+
+export PYTHONUNBUFFERED = 1
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-slow lint format clean check-python
+.DELETE_ON_ERROR:
+
+help:  ## Show this list
+	@echo "usage: make [PYTHON=python3.12] TARGET"
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' Makefile
+
+demo: $(VENV)/installed-demo  ## Run a task and write its video, plot and numbers to demo/
+	$(BIN)/limberjack run humanoid walk --policy random --out demo
+	@echo "Open $(CURDIR)/demo to see them."
+
+test: lint  ## Run ruff, pyright and all tests but the slow ones
+	$(BIN)/python -m pytest
+
+test-slow: $(VENV)/installed-test  ## Run the slow tests
+	$(BIN)/python -m pytest -m slow
+
+lint: $(VENV)/installed-test  ## Check style and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+format: $(VENV)/installed-test  ## Rewrite files in the project's style
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:  ## Remove what make, the tests and the demo have written
+	rm -rf $(VENV) demo build dist .pytest_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+check-python:
+	@$(PYTHON) -c 'pass' 2>/dev/null || { \
+		echo "make: there is no working '$(PYTHON)'; install Python $(OLDEST) or newer, or name" \
+		"one: make PYTHON=python3.12 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < tuple(map(int, "$(OLDEST)".split("."))))' || { \
+		echo "make: Limberjack needs Python $(OLDEST) or newer, and '$(PYTHON)' is $(VERSION);" \
+		"name another: make PYTHON=python3.12 ..." >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+		echo "make: '$(PYTHON)' cannot make virtual environments; on Debian and Ubuntu:" \
+		"apt install python3-venv" >&2; exit 1; }
+
+$(MADE): | check-python
+	$(PYTHON) -m venv --clear $(VENV)
+	@touch $@
+
+$(VENV)/installed-demo: $(MADE) pyproject.toml constraints.txt
+	$(INSTALL) '.[video]'
+	@touch $@
+
+$(VENV)/installed-test: $(MADE) pyproject.toml constraints.txt
+	$(INSTALL) '.[test]'
+	@touch $@ $(VENV)/installed-demo

@@ -1,0 +1,45 @@
+"""Limberjack: the humanoid, manipulator and stacker of the DeepMind Control Suite, on MuJoCo 4.0.
+
+    from limberjack import suite
+
+    env = suite.load("humanoid", "walk", task_kwargs={"random": 0})
+    time_step = env.reset()
+    while not time_step.last():
+        time_step = env.step(env.action_spec().generate_value())
+
+The same seed and actions give dm_control's numbers, bit for bit. Programs written for dm_control
+run unchanged after `limberjack.install_as_dm_control()`. Importing this package alone imports
+nothing else: `limberjack.suite`, `limberjack.mujoco` and `limberjack.rl` are imported by name.
+"""
+
+__all__ = ["__version__", "install_as_dm_control"]
+
+__version__ = "0.1.0"
+
+
+def install_as_dm_control() -> None:
+    """Makes `import dm_control`, and every module below it, give Limberjack's modules.
+
+    Call it before anything imports dm_control, at the top of the program:
+
+        import limberjack
+        limberjack.install_as_dm_control()
+        from dm_control import suite  # limberjack.suite
+
+    Each module is one object under both names, whichever is imported first, and keeps its own
+    `__name__`, so what is pickled here can be read without this call. A dm_control that is
+    installed beside it is never reached. What Limberjack has not built (composer, locomotion,
+    manipulation, mjcf, ...) can be imported and stand in annotations; its use raises
+    NotImplementedError. A name that is neither raises ModuleNotFoundError.
+
+    Calling it again changes nothing, from any thread. It holds for this process and for the
+    processes forked from it; one that is spawned, as by `multiprocessing` with "spawn" or
+    "forkserver", must call it too.
+
+    Raises:
+      RuntimeError: the genuine dm_control is already imported; nothing was changed.
+    """
+    # Imported here: only this call needs it.
+    from limberjack import _compat
+
+    _compat.install()

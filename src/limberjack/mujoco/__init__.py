@@ -1,0 +1,35 @@
+"""MuJoCo for control tasks: `Physics`, cameras, and every name of the official package.
+
+Importing it does not import OpenGL; that waits for the first frame.
+"""
+
+from typing import Any
+
+# First, so that every `import mujoco` below finds the official package without OpenGL.
+from limberjack.mujoco import official as _official  # isort: split
+from limberjack.mujoco.engine import (
+    Camera,
+    CameraMatrices,
+    MovableCamera,
+    Physics,
+    TextOverlay,
+    action_spec,
+)
+
+__all__ = [
+    "Camera",
+    "CameraMatrices",
+    "MovableCamera",
+    "Physics",
+    "TextOverlay",
+    "action_spec",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Official names: `limberjack.mujoco.mj_step`, `limberjack.mujoco.mjtObj`."""
+    return getattr(_official.mujoco, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *dir(_official.mujoco)})

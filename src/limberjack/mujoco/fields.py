@@ -1,0 +1,149 @@
+"""Which axis of which MuJoCo field is named after what.
+
+The rules follow MuJoCo's own naming of its struct fields: `geom_pos` has one row per geom, `dof_*`
+one per degree of freedom. A field that fits no rule has unnamed axes, so new fields need no change
+here.
+"""
+
+from typing import Any
+
+__all__ = ["COLUMN_NAMES", "OBJECTS", "RAGGED", "axes_of"]
+
+# Objects counted by each size, by the spelling used in `MjModel.name_<kind>adr`.
+OBJECTS = {
+    "nbody": "body",
+    "njnt": "jnt",
+    "ngeom": "geom",
+    "nsite": "site",
+    "ncam": "cam",
+    "nlight": "light",
+    "nflex": "flex",
+    "nmesh": "mesh",
+    "nskin": "skin",
+    "nhfield": "hfield",
+    "ntex": "tex",
+    "nmat": "mat",
+    "npair": "pair",
+    "nexclude": "exclude",
+    "neq": "eq",
+    "ntendon": "tendon",
+    "nactuator": "actuator",
+    "nu": "actuator",
+    "nout": "actuator",
+    "nsensor": "sensor",
+    "nnumeric": "numeric",
+    "ntext": "text",
+    "ntuple": "tuple",
+    "nkey": "key",
+    "nplugin": "plugin",
+}
+
+# Sizes along which an object may have several numbers: the object's kind and the field that says
+# where each one's numbers start.
+RAGGED = {
+    "nq": ("jnt", "jnt_qposadr"),
+    "nv": ("jnt", "jnt_dofadr"),
+    "na": ("actuator", "actuator_actadr"),
+    "nsensordata": ("sensor", "sensor_adr"),
+    "nnumericdata": ("numeric", "numeric_adr"),
+}
+
+COLUMN_NAMES = {
+    "xyz": ["x", "y", "z"],
+    "quat": ["qw", "qx", "qy", "qz"],
+    "mat": ["xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"],
+    "rgba": ["r", "g", "b", "a"],
+}
+
+# Fields of MjModel: the size of the rows by what comes before the first underscore.
+_MODEL_PREFIXES = {
+    **{size.removeprefix("n"): size for size in OBJECTS if size not in ("nu", "nout", "nplugin")},
+    "dof": "nv",
+}
+# ... and the exceptions, whose rows are something else than their prefix says.
+_MODEL_ROWS = {
+    "qpos0": "nq",
+    "qpos_spring": "nq",
+    "numeric_data": "nnumericdata",
+    "actuator_ctrlrange": "nu",
+    "actuator_ctrllimited": "nu",
+    "plugin": "nplugin",
+    "plugin_attradr": "nplugin",
+    "plugin_stateadr": "nplugin",
+    "plugin_statenum": "nplugin",
+    **dict.fromkeys(("M_rowadr", "M_rownnz", "D_diag", "D_rowadr", "D_rownnz"), "nv"),
+    **dict.fromkeys(("B_rowadr", "B_rownnz"), "nbody"),
+    **dict.fromkeys(("ten_J_rowadr", "ten_J_rownnz"), "ntendon"),
+    **{f"name_{kind}adr": size for size, kind in OBJECTS.items() if size not in ("nu", "nout")},
+}
+_MODEL_COLUMNS = {"key_qpos": "nq", "key_qvel": "nv", "key_act": "na", "key_ctrl": "nu"}
+
+# Fields of MjData, by the size of their rows.
+_DATA_FIELDS = {
+    "nq": "qpos",
+    "nv": (
+        "qvel qacc qacc_smooth qacc_warmstart qfrc_applied qfrc_actuator qfrc_adhesion qfrc_bias "
+        "qfrc_constraint qfrc_damper qfrc_fluid qfrc_gravcomp qfrc_inverse qfrc_passive qfrc_smooth "
+        "qfrc_spring qLDiagInv qHDiagInv cdof cdof_dot dof_awake_ind"
+    ),
+    "na": "act act_dot",
+    "nu": "ctrl",
+    "nout": "actuator_force actuator_length actuator_velocity moment_rowadr moment_rownnz",
+    "nbody": (
+        "xpos xquat xmat xipos ximat xfrc_applied subtree_com subtree_linvel subtree_angmom cinert "
+        "crb cvel cacc cfrc_int cfrc_ext body_awake body_awake_ind parent_awake_ind"
+    ),
+    "njnt": "xanchor xaxis",
+    "ngeom": "geom_xpos geom_xmat",
+    "nsite": "site_xpos site_xmat",
+    "ncam": "cam_xpos cam_xmat",
+    "nlight": "light_xpos light_xdir",
+    "nmocap": "mocap_pos mocap_quat",
+    "neq": "eq_active",
+    "ntendon": "ten_length ten_velocity ten_wrapadr ten_wrapnum",
+    "nsensordata": "sensordata",
+    "nflex": "flex_hessian_valid",
+    "nplugin": "plugin plugin_data",
+}
+_DATA_ROWS = {name: size for size, names in _DATA_FIELDS.items() for name in names.split()}
+
+# Fields whose columns are named, by the names that they take.
+_COLUMN_FIELDS = {
+    "xyz": (
+        "body_pos body_ipos body_inertia jnt_pos jnt_axis geom_size geom_pos site_size site_pos "
+        "cam_pos cam_poscom0 cam_pos0 light_pos light_dir light_poscom0 light_pos0 light_dir0 "
+        "mesh_vert mesh_normal mocap_pos xpos xipos xanchor xaxis geom_xpos site_xpos cam_xpos "
+        "light_xpos light_xdir subtree_com subtree_linvel subtree_angmom"
+    ),
+    "quat": "body_quat body_iquat geom_quat site_quat cam_quat mocap_quat xquat",
+    "mat": "cam_mat0 xmat ximat geom_xmat site_xmat cam_xmat",
+    "rgba": "geom_rgba site_rgba skin_rgba mat_rgba tendon_rgba",
+}
+_COLUMNS = {name: column for column, names in _COLUMN_FIELDS.items() for name in names.split()}
+
+
+def axes_of(
+    struct_name: str, field: str, shape: tuple[int, ...], model: Any
+) -> tuple[str | None, ...]:
+    """The size names of a field's first two axes, such as ('nbody', 'xyz'); None for unnamed ones.
+
+    Args:
+      struct_name: 'MjModel' or 'MjData'.
+      field: the field's name.
+      shape: the field's shape in one simulation.
+      model: the official model.
+    """
+    if struct_name == "MjData":
+        row = _DATA_ROWS.get(field)
+    else:
+        row = _MODEL_ROWS.get(field) or _model_row(field, shape, model)
+    column = _COLUMNS.get(field) or _MODEL_COLUMNS.get(field)
+    return (row, column)[: len(shape)]
+
+
+def _model_row(field: str, shape: tuple[int, ...], model: Any) -> str | None:
+    """The size that a field's prefix stands for, if its length is that size."""
+    size = _MODEL_PREFIXES.get(field.split("_")[0])
+    if size == "nactuator" and not hasattr(model, size):
+        size = "nu"
+    return size if size is not None and shape and shape[0] == getattr(model, size) else None

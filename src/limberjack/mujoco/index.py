@@ -1,0 +1,335 @@
+"""Named indexing: the fields of MuJoCo's structs, indexed by the names of the model's objects.
+
+    physics.named.data.xpos["head", "z"]
+    physics.named.data.qpos[["shoulder", "elbow"]]
+    physics.named.model.geom_rgba["ball"] = 1, 0, 0, 1
+
+A field's rows are named after the model's objects: `xpos` after its bodies, `qpos` after its joints
+(of which some have more than one number), and its columns, where it is a position, a quaternion, a
+matrix or a colour, after `x y z`, `qw qx qy qz`, `xx xy ... zz` or `r g b a`. Which objects those are
+follows from the field's own name; a field is looked at only when it is asked for.
+
+A key of names is turned into a NumPy index once and remembered. In a batch the index gets `...` in
+front, so that `xpos["head", "z"]` is one number per simulation.
+"""
+
+import collections
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco import fields
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["Axes", "Axis", "FieldIndexer", "NamedFields", "Names"]
+
+Axes = collections.namedtuple("Axes", ["row", "col"], defaults=(None,))
+
+
+class Axis:
+    """An axis of a field, with or without names; converts one item of a key to a NumPy index."""
+
+    def __init__(
+        self,
+        names: Sequence[str] | None = None,
+        sizes: Iterable[int] | None = None,
+        singletons_are_scalars: bool = False,
+        what: str = "",
+    ) -> None:
+        """Makes an axis.
+
+        Args:
+          names: the name of each element in order, empty for an element without one; None for an
+            axis that has no names.
+          sizes: how many numbers each element has along this axis; None for one number each,
+            which a name then picks as a scalar.
+          singletons_are_scalars: a name of an element with one number picks a scalar, too.
+          what: the objects, for messages.
+        """
+        if names is not None:
+            self.names = list(names)
+        self._what = what
+        self._one: dict[str, int | slice] = {}
+        self._many: dict[str, list[int]] = {}
+        start = 0
+        counts = [1] * len(names or ()) if sizes is None else list(sizes)
+        for name, count in zip(names or (), counts, strict=True):
+            if name:
+                scalar = sizes is None or (singletons_are_scalars and count == 1)
+                self._one[name] = start if scalar else slice(start, start + count)
+                self._many[name] = list(range(start, start + count))
+            start += count
+        self._ragged = sizes is not None
+
+    def convert_key_item(self, item: Any) -> Any:
+        """The NumPy index for one item of a key: a name, a list of names, or as it is.
+
+        Raises:
+          KeyError: an unknown name, with a suggestion.
+          IndexError: Ellipsis, None or an empty name.
+        """
+        _refuse(item)
+        if isinstance(item, str):
+            return self._one[item] if item in self._one else self._unknown(item)
+        if not isinstance(item, (list, np.ndarray)):
+            return item
+        flat = np.asarray(item, dtype=None)
+        if not flat.size or not isinstance(flat.flat[0], str) or not hasattr(self, "names"):
+            return item
+        offsets = np.array([i for name in flat.flat for i in self._indices(str(name))], np.intp)
+        return offsets if self._ragged and flat.ndim == 1 else offsets.reshape(flat.shape)
+
+    def _indices(self, name: str) -> list[int]:
+        return self._many[name] if name in self._many else self._unknown(name)
+
+    def _unknown(self, name: str) -> Any:
+        known = ", ".join(self._one) or "none"
+        raise KeyError(
+            f"no {self._what or 'element'} is named {name!r}.{did_you_mean(name, self._one)} "
+            f"Names: {known}."
+        )
+
+
+_UNNAMED = Axis()
+
+
+class Names:
+    """The axes of one compiled model, made when they are first needed."""
+
+    def __init__(self, model: Any) -> None:
+        """Takes the raw `mujoco.MjModel`, which it reads and does not keep alive needlessly."""
+        self.model = model
+        self._axes: dict[str | None, Axis] = {None: _UNNAMED}
+
+    def axis(self, size_name: str | None) -> Axis:
+        """The axis of a size such as 'nbody', 'nq' or 'xyz'; unnamed for None."""
+        if size_name not in self._axes:
+            self._axes[size_name] = self._make(str(size_name))
+        return self._axes[size_name]
+
+    def _make(self, size_name: str) -> Axis:
+        if size_name in fields.COLUMN_NAMES:
+            return Axis(fields.COLUMN_NAMES[size_name], what="column")
+        model = self.model
+        if size_name == "nmocap":
+            bodies = np.argsort(model.body_mocapid)[model.nbody - model.nmocap :]
+            return Axis([self._object_names("body")[i] for i in bodies], what="mocap body")
+        if size_name in fields.RAGGED:
+            kind, address = fields.RAGGED[size_name]
+            starts = getattr(model, address).ravel()
+            if size_name == "na":
+                sizes = np.where(starts == -1, 0, 1)
+            else:
+                sizes = np.diff(np.r_[starts, getattr(model, size_name)])
+            names = self._object_names(kind)
+            return Axis(names, sizes, singletons_are_scalars=size_name == "na", what=kind)
+        kind = fields.OBJECTS[size_name]
+        return Axis(self._object_names(kind), what=kind)
+
+    def _object_names(self, kind: str) -> list[str]:
+        """Names of all objects of a kind in order, empty for those without."""
+        starts = getattr(self.model, f"name_{kind}adr").ravel()
+        names = self.model.names
+        return [names[start : names.find(b"\0", start)].decode() for start in starts]
+
+
+class FieldIndexer:
+    """An array of the simulation that also takes names as indices.
+
+    Indexes with names, lists of names and whatever NumPy takes, except Ellipsis and None; any other
+    attribute is the array's.
+    """
+
+    __slots__ = ("_axes", "_batch", "_field", "_known", "_name")
+
+    def __init__(self, name: str, field: np.ndarray, axes: Axes, batch: bool = False) -> None:
+        """Wraps an array.
+
+        Args:
+          name: the field's name, for messages.
+          field: the live array, (rows, columns), with a leading axis of simulations in a batch.
+          axes: the row axis and, if there are columns, the column axis.
+          batch: whether the array has a leading axis of simulations.
+        """
+        self._name = name
+        self._field = field
+        self._axes = axes
+        self._batch = batch
+        self._known: dict[Any, tuple[np.ndarray, Any]] = {}
+
+    @property
+    def axes(self) -> Axes:
+        """The named tuple of row and column axis."""
+        return self._axes
+
+    def __getitem__(self, key: Any) -> Any:
+        array, index = self._lookup(key) or self._resolve(key)
+        return array[index]
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        array, index = self._lookup(key) or self._resolve(key)
+        array[index] = value
+
+    def _lookup(self, key: Any) -> tuple[np.ndarray, Any] | None:
+        """What a key was resolved to before."""
+        if type(key) is str:
+            return self._known.get(key)
+        if type(key) is tuple and len(key) == 2 and type(key[0]) is type(key[1]) is str:
+            return self._known.get(key)
+        return self._known.get(_frozen(key))
+
+    def _resolve(self, key: Any) -> tuple[np.ndarray, Any]:
+        """The array and the NumPy index that a key stands for; remembered if names are all of it."""
+        items = key if isinstance(key, tuple) else (key,)
+        dimensions = self._field.ndim - self._batch
+        if len(items) > dimensions:
+            raise IndexError(
+                f"Index tuple has {len(items)} elements, but array has only {dimensions} "
+                f"dimensions: {self._name}[{key!r}]"
+            )
+        axes = (*filter(None, self._axes), *(_UNNAMED,) * len(items))
+        index = tuple(axis.convert_key_item(item) for axis, item in zip(axes, items, strict=False))
+        resolved = self._field, self._in_batch(index) if self._batch else index
+        if _only_names(key):
+            if any(isinstance(item, np.ndarray) for item in index):
+                resolved = self._flattened(index)
+            self._known[_frozen(key)] = resolved
+        return resolved
+
+    def _in_batch(self, index: tuple) -> tuple:
+        """The index for arrays with a leading axis: `...` reaches the last axes from behind."""
+        rest = self._field.ndim - 1 - len(index)
+        return (..., *index, *(slice(None),) * rest)
+
+    def _flattened(self, index: tuple) -> tuple[np.ndarray, Any]:
+        """The same elements by one array of positions, which NumPy gathers fastest."""
+        shape = self._field.shape[self._batch :]
+        positions = np.arange(np.prod(shape)).reshape(shape)[index]
+        if self._batch:
+            return self._field.reshape(len(self._field), -1), (..., positions)
+        return self._field.reshape(-1), positions
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._field, name)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.array(self._field, dtype=dtype, copy=copy)
+
+    def __len__(self) -> int:
+        return len(self._field)
+
+    def __dir__(self) -> list[str]:
+        return sorted(set(object.__dir__(self)) | set(dir(self._field)))
+
+    def __repr__(self) -> str:
+        title = f"FieldIndexer({self._name}):"
+        if self._batch:
+            return f"{title} a batch of shape {self._field.shape}"
+        columns = getattr(self._axes.col, "names", None)
+        lines = [title]
+        if columns:
+            lines.append(" " * 30 + "".join(f"{column:<11}" for column in columns))
+        labels = _row_labels(self._axes.row, len(self._field))
+        for i, (label, row) in enumerate(zip(labels, self._field, strict=True)):
+            values = np.array2string(
+                np.atleast_1d(row), suppress_small=True, formatter={"float_kind": "{: < 9.3g}".format}
+            )
+            lines.append(f"{i:>4} {label:>24} {values}")
+        return "\n".join(lines) if len(self._field) else f"{title}\n(empty)"
+
+
+class NamedFields:
+    """The fields of one struct as `FieldIndexer`s, made when they are first asked for."""
+
+    def __init__(
+        self, struct_name: str, read: Callable[[str], Any], names: Names, batch: bool = False
+    ) -> None:
+        """Makes the view.
+
+        Args:
+          struct_name: 'MjModel' or 'MjData'.
+          read: gives a field's live array by name.
+          names: the model's axes.
+          batch: whether the arrays have a leading axis of simulations.
+        """
+        self._struct_name = struct_name
+        self._read = read
+        self._names = names
+        self._batch = batch
+
+    def __getattr__(self, name: str) -> FieldIndexer:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        try:
+            field = self._read(name)
+        except AttributeError as error:
+            hint = did_you_mean(name, dir(getattr(mujoco, self._struct_name)))
+            raise AttributeError(f"{self._struct_name} has no field {name!r}.{hint}") from error
+        if not isinstance(field, np.ndarray) or field.dtype.fields:
+            raise AttributeError(f"{self._struct_name}.{name} is not an array, so it has no names")
+        shape = field.shape[self._batch :]
+        sizes = fields.axes_of(self._struct_name, name, shape, self._names.model)
+        axes = Axes(*(self._names.axis(size) for size in sizes or (None,)))
+        indexer = FieldIndexer(name, field, axes, self._batch)
+        if sizes[:1] != (None,):
+            # Arrays without named rows may move in memory from step to step: look them up anew.
+            self.__dict__[name] = indexer
+        return indexer
+
+    def _asdict(self) -> dict[str, FieldIndexer]:
+        """All fields that are arrays, by name."""
+        names = dir(getattr(mujoco, self._struct_name))
+        found = ((name, getattr(self, name, None)) for name in names if not name.startswith("_"))
+        return {name: indexer for name, indexer in found if indexer is not None}
+
+    def __dir__(self) -> list[str]:
+        return sorted(self._asdict())
+
+
+def _refuse(item: Any) -> None:
+    """Raises for what named indexing does not take."""
+    if isinstance(item, (list, np.ndarray)):
+        for part in item if np.ndim(item) else ():
+            _refuse(part)
+    elif item is Ellipsis:
+        raise IndexError("Ellipsis indexing not supported.")
+    elif item is None:
+        raise IndexError("None indexing not supported.")
+    elif isinstance(item, (str, bytes)) and not item:
+        raise IndexError("Empty strings are not allowed.")
+
+
+def _frozen(key: Any) -> Any:
+    """A key in hashable form; None if it has none, as a slice."""
+    # Lists are marked, because `a["x", "y"]` and `a[["x", "y"]]` are different keys.
+    if type(key) is list:
+        frozen = (list, *key)
+    elif type(key) is tuple:
+        frozen = tuple([(list, *part) if type(part) is list else part for part in key])
+    else:
+        frozen = key
+    try:
+        hash(frozen)
+    except TypeError:
+        nested = isinstance(key, (list, tuple)) and any(isinstance(part, list) for part in key)
+        return (type(key), *map(_frozen, key)) if nested else None
+    return frozen
+
+
+def _only_names(key: Any) -> bool:
+    """Whether a key is made of names alone. Numbers are not remembered: 1, 1.0 and True are equal."""
+    if isinstance(key, (tuple, list)):
+        return bool(key) and all(_only_names(part) for part in key)
+    return type(key) is str
+
+
+def _row_labels(axis: Any, rows: int) -> list[str]:
+    """A label for each row: the name of the element that it belongs to."""
+    labels = [""] * rows
+    for name in filter(None, getattr(axis, "names", ())):
+        index = axis.convert_key_item([name])
+        for row in index:
+            labels[row] = name
+    return labels

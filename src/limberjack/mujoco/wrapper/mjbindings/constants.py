@@ -1,0 +1,14 @@
+"""MuJoCo's constants, `constants.mjMAXVAL`: looked up in the official package when asked for."""
+
+from typing import Any
+
+import mujoco
+
+__all__: list[str] = []
+
+
+def __getattr__(name: str) -> Any:
+    value = getattr(mujoco, name, None) if name.startswith("mj") else None
+    if not isinstance(value, (int, float)):
+        raise AttributeError(f"MuJoCo {mujoco.mj_versionString()} has no constant {name!r}")
+    return value

@@ -1,0 +1,21 @@
+"""MuJoCo's enums as named tuples of ints, `enums.mjtJoint.mjJNT_HINGE`.
+
+Each is made from the official enum when it is first asked for.
+"""
+
+import collections
+from typing import Any
+
+import mujoco
+
+__all__: list[str] = []
+
+
+def __getattr__(name: str) -> Any:
+    official = getattr(mujoco, name, None) if name.startswith("mjt") else None
+    members = getattr(official, "__members__", None)
+    if not members:
+        raise AttributeError(f"MuJoCo {mujoco.mj_versionString()} has no enum {name!r}")
+    made = collections.namedtuple(name, members)(*(int(value.value) for value in members.values()))
+    globals()[name] = made
+    return made

@@ -1,0 +1,22 @@
+"""Conversions between text and the bytes that MuJoCo takes."""
+
+from typing import Any
+
+import mujoco
+
+__all__ = ["get_mjlib", "to_binary_string", "to_native_string"]
+
+
+def to_binary_string(text: str | bytes) -> bytes:
+    """The text as UTF-8 bytes."""
+    return text if isinstance(text, bytes) else text.encode()
+
+
+def to_native_string(text: str | bytes) -> str:
+    """The bytes as text."""
+    return text.decode() if isinstance(text, bytes) else text
+
+
+def get_mjlib() -> Any:
+    """The official `mujoco` module, which has every function of the library."""
+    return mujoco

@@ -1,0 +1,144 @@
+"""The official visualisation structs with the few additions that dm_control's programs use.
+
+Each has `ptr`, which is the object itself. None of them touches OpenGL.
+"""
+
+import contextlib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco.wrapper.core import MjModel
+
+__all__ = ["MjvCamera", "MjvFigure", "MjvOption", "MjvPerturb", "MjvScene"]
+
+_FEWEST_SCENE_GEOMS = 1000
+
+
+class MjvCamera(mujoco.MjvCamera):
+    """A camera of a scene."""
+
+    @property
+    def ptr(self) -> "MjvCamera":
+        return self
+
+    @property
+    def type_(self) -> Any:
+        """Another name for `type`."""
+        return self.type
+
+    @type_.setter
+    def type_(self, value: Any) -> None:
+        self.type = value
+
+
+class MjvOption(mujoco.MjvOption):
+    """What is drawn; rangefinder rays are not, unlike MuJoCo's own default."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.flags[mujoco.mjtVisFlag.mjVIS_RANGEFINDER] = False
+
+    @property
+    def ptr(self) -> "MjvOption":
+        return self
+
+
+class MjvPerturb(mujoco.MjvPerturb):
+    """A body selected and pulled."""
+
+    @property
+    def ptr(self) -> "MjvPerturb":
+        return self
+
+
+class MjvFigure(mujoco.MjvFigure):
+    """A two-dimensional plot."""
+
+    @property
+    def ptr(self) -> "MjvFigure":
+        return self
+
+    @property
+    def range_(self) -> Any:
+        """Another name for `range`."""
+        return self.range
+
+    @range_.setter
+    def range_(self, value: Any) -> None:
+        self.range = value
+
+
+class MjvScene(mujoco.MjvScene):
+    """The geoms, lights and cameras that are drawn."""
+
+    def __init__(self, model: MjModel | None = None, max_geom: int | None = None) -> None:
+        """Makes a scene.
+
+        Args:
+          model: the model to draw, or None for an empty scene.
+          max_geom: the most geoms it can hold; by default enough for the model with its
+            decorations.
+        """
+        if model is None:
+            super().__init__()
+            return
+        raw = model._model
+        super().__init__(raw, max_geom or max(_FEWEST_SCENE_GEOMS, _renderable_geoms(raw)))
+
+    @property
+    def ptr(self) -> "MjvScene":
+        return self
+
+    @property
+    def geoms(self) -> Any:
+        """The geoms in the scene now."""
+        return super().geoms[: super().ngeom]
+
+    @contextlib.contextmanager
+    def override_flags(self, overrides: Mapping[Any, bool] | None) -> Iterator[None]:
+        """Sets rendering flags within the context.
+
+        Args:
+          overrides: values by flag: a name such as 'wireframe', or a `mujoco.mjtRndFlag`.
+        """
+        if not overrides:
+            yield
+            return
+        before = self.flags.copy()
+        try:
+            for flag, value in overrides.items():
+                self.flags[_render_flag(flag)] = value
+            yield
+        finally:
+            np.copyto(self.flags, before)
+
+    def free(self) -> None:
+        """Does nothing: the scene is freed with its last reference."""
+
+
+def _render_flag(flag: Any) -> int:
+    """Number of a rendering flag given by name or number."""
+    if not isinstance(flag, str):
+        return int(flag)
+    names = mujoco.mjtRndFlag.__members__
+    member = names.get(f"mjRND_{flag.upper()}")
+    if member is None:
+        known = ", ".join(name.removeprefix("mjRND_").lower() for name in list(names)[:-1])
+        raise ValueError(f"{flag!r} is not a rendering flag; expected one of: {known}")
+    return member.value
+
+
+def _renderable_geoms(model: Any) -> int:
+    """Room for every object of the model with its usual decorations."""
+    frames = max(model.nbody, model.ngeom, model.nsite, model.ncam, model.nlight)
+    drawn_once = ("nsite", "ntendon", "njnt", "nu", "nskin", "ncam", "nlight")
+    axes, per_geom, per_body = 3, 4, 3  # frame axes; contacts and forces; mass and perturbation
+    return (
+        axes * frames
+        + per_geom * model.ngeom
+        + per_body * model.nbody
+        + sum(getattr(model, size) for size in drawn_once)
+    )

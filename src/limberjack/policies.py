@@ -1,0 +1,166 @@
+"""Policies by name: zero, random, or a callable of the user's own.
+
+    policy = policies.find("random")
+    act = policy(environment.action_spec(), seed)  # at the start of each episode
+    action = act(time_step.observation)
+
+MODULE:CALLABLE names a function from an observation (an `OrderedDict` of arrays) to an action, or
+an object with `act(observation)` and, if it wants to know of each episode's start, `reset()`. A
+class is called once, without arguments, to make that object.
+
+It does not train or load anything: what a policy needs, its own module loads.
+"""
+
+import importlib
+import inspect
+import itertools
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from dm_env import specs
+
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["Act", "Policy", "PolicyError", "find", "random", "zero"]
+
+Act = Callable[[Mapping[str, Any]], np.ndarray]
+# Begins an episode: takes the spec of actions and the episode's seed.
+Policy = Callable[[specs.BoundedArray, int], Act]
+
+# Keeps the actions' stream apart from the start's, which RandomState(seed) draws.
+_ACTION_STREAM = 1
+
+
+class PolicyError(ValueError):
+    """A policy cannot be found, or returned what is no action."""
+
+
+def zero(spec: specs.BoundedArray, seed: int) -> Act:
+    """Acts with zero, or with the bound nearest to zero where the bounds exclude it."""
+    action = np.clip(np.zeros(spec.shape), spec.minimum, spec.maximum)
+    return lambda observation: action.copy()
+
+
+def random(spec: specs.BoundedArray, seed: int) -> Act:
+    """Acts uniformly within the bounds, from a stream of the seed's own."""
+    stream = np.random.RandomState([seed, _ACTION_STREAM])
+    return lambda observation: stream.uniform(spec.minimum, spec.maximum, spec.shape)
+
+
+_BUILT_IN: dict[str, Policy] = {"zero": zero, "random": random}
+
+
+def find(name: str) -> Policy:
+    """The policy called 'zero' or 'random', or the one that MODULE:CALLABLE names.
+
+    Raises:
+      PolicyError: there is none of that name, or it cannot be called.
+    """
+    if name in _BUILT_IN:
+        return _BUILT_IN[name]
+    module_name, colon, path = name.partition(":")
+    if not (module_name and colon and path):
+        raise PolicyError(
+            f"policy {name!r} is none of zero, random and MODULE:CALLABLE."
+            f"{did_you_mean(name, _BUILT_IN)}"
+        )
+    target = _find_attribute(name, _import_module(name, module_name), path)
+    if inspect.isclass(target):
+        target = _make(name, target)
+    act = getattr(target, "act", target)
+    if not callable(act):
+        raise PolicyError(
+            f"policy {name!r} is of type {type(target).__name__}; expected a function of an "
+            "observation, or an object with act(observation)"
+        )
+    return _user_policy(name, act, getattr(target, "reset", None))
+
+
+def _import_module(name: str, module_name: str) -> Any:
+    try:
+        return importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        missing = error.name or ""
+        if module_name == missing or module_name.startswith(f"{missing}."):
+            raise PolicyError(
+                f"policy {name!r}: there is no module {missing!r}; run from the directory that "
+                "holds it, or install it"
+            ) from None
+        raise PolicyError(
+            f"policy {name!r}: module {module_name!r} needs {missing!r}, which is not installed"
+        ) from error
+    except (TypeError, ValueError) as error:  # importlib's answers to '.name' and '..'
+        if module_name.startswith("."):
+            raise PolicyError(
+                f"policy {name!r}: module {module_name!r} is relative; name it from the top"
+            ) from error
+        raise
+
+
+def _find_attribute(name: str, module: Any, path: str) -> Any:
+    target = module
+    for part in path.split("."):
+        try:
+            target = getattr(target, part)
+        except AttributeError:
+            public = [choice for choice in dir(target) if not choice.startswith("_")]
+            raise PolicyError(
+                f"policy {name!r}: {module.__name__!r} has no {path!r}.{did_you_mean(part, public)}"
+            ) from None
+    return target
+
+
+def _make(name: str, kind: type) -> Any:
+    """An object of the class, which must need no arguments."""
+    try:
+        inspect.signature(kind).bind()
+    except TypeError as error:
+        raise PolicyError(
+            f"policy {name!r} is a class that needs arguments ({error}); name a function, an "
+            "object, or a class that needs none"
+        ) from error
+    except ValueError:  # a class without a readable signature: calling it will tell
+        pass
+    return kind()
+
+
+def _user_policy(
+    name: str, act: Callable[[Any], Any], reset: Callable[[], object] | None
+) -> Policy:
+    def begin(spec: specs.BoundedArray, seed: int) -> Act:
+        if reset is not None:
+            reset()
+        steps = itertools.count()
+
+        def checked(observation: Mapping[str, Any]) -> np.ndarray:
+            where = f"policy {name!r}, step {next(steps)} of the episode with seed {seed}"
+            return _checked_action(where, act(observation), spec)
+
+        return checked
+
+    return begin
+
+
+def _checked_action(where: str, returned: Any, spec: specs.BoundedArray) -> np.ndarray:
+    """What a policy returned as an array, or `PolicyError` if it is no action of the spec."""
+    try:
+        action = np.asarray(returned)
+    except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors with gradients
+        raise PolicyError(f"{where}: returned what is no array of numbers: {error}") from error
+    if action.dtype.kind not in "iuf":
+        raise PolicyError(
+            f"{where}: returned {type(returned).__name__} of dtype {action.dtype}; expected "
+            f"numbers of shape {spec.shape}"
+        )
+    if action.shape != spec.shape:
+        raise PolicyError(
+            f"{where}: returned an action of shape {action.shape}; expected {spec.shape}"
+        )
+    finite = np.isfinite(action)
+    if not finite.all():
+        bad = np.argwhere(~finite).squeeze(-1).tolist()
+        raise PolicyError(
+            f"{where}: returned {action[~finite][0]} at index {bad}; expected finite numbers"
+        )
+    return action

@@ -1,0 +1,96 @@
+"""result.json: what a run gave, and all that is needed to run it again.
+
+    write_result(Path("out/result.json"), run_facts, episodes, fingerprint(physics.model._model))
+
+It is valid JSON: a number that is not finite is written as null.
+"""
+
+import hashlib
+import json
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import limberjack
+from limberjack.report.files import replacing
+from limberjack.rollout import Episode
+
+__all__ = ["fingerprint", "versions", "write_result"]
+
+# Where a model came from and how it was compiled, not what it is.
+_NOT_OF_THE_MODEL = ("paths", "signature")
+
+
+def write_result(
+    path: Path, run: Mapping[str, Any], episodes: Sequence[Episode], model_fingerprint: str
+) -> None:
+    """Writes result.json whole, or leaves the one that is there.
+
+    Args:
+      path: the file.
+      run: what was asked for: domain, task, policy and so on.
+      episodes: those that ended, in order.
+      model_fingerprint: of the compiled model, before the first episode changed it.
+    """
+    result = {
+        **run,
+        "episodes": [_episode_entry(episode) for episode in episodes],
+        "versions": versions(),
+        "fingerprint": model_fingerprint,
+    }
+    text = json.dumps(result, indent=2, allow_nan=False)
+    with replacing(path) as partial:
+        partial.write_text(text + "\n", encoding="utf-8")
+
+
+def versions() -> dict[str, str]:
+    """The versions that numbers depend on."""
+    return {
+        "limberjack": limberjack.__version__,
+        "mujoco": mujoco.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def fingerprint(model: Any) -> str:
+    """SHA-256 over the names and values of all fields of a compiled `mujoco.MjModel`, in hex.
+
+    Equal models have equal fingerprints, wherever their files lie and however often they are
+    compiled. Compilers and processors that round differently give models that differ.
+    """
+    digest = hashlib.sha256()
+    _add_fields(digest, "", model)
+    return digest.hexdigest()
+
+
+def _add_fields(digest: Any, prefix: str, struct: Any) -> None:
+    """Adds every public field of a MuJoCo struct, those of the structs within it too."""
+    for name in sorted(dir(struct)):
+        if name.startswith("_") or name in _NOT_OF_THE_MODEL or name.endswith("pathadr"):
+            continue
+        value = getattr(struct, name)
+        if callable(value):
+            continue
+        full = f"{prefix}{name}"
+        if isinstance(value, np.ndarray):
+            digest.update(f"{full} {value.dtype.str}{value.shape}".encode())
+            digest.update(np.ascontiguousarray(value).tobytes())
+        elif isinstance(value, int | float | bytes):
+            digest.update(f"{full} {value!r}".encode())
+        else:
+            _add_fields(digest, f"{full}.", value)
+
+
+def _episode_entry(episode: Episode) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "seed": episode.seed,
+        "return": episode.total if math.isfinite(episode.total) else None,
+        "length": episode.length,
+    }
+    return entry if episode.start is None else {**entry, "start": episode.start}

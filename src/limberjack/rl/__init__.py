@@ -1,0 +1,1 @@
+"""Reinforcement-learning interface: environments, tasks and the physics contract."""

@@ -1,0 +1,372 @@
+"""A `dm_env.Environment` made of a physics and a task.
+
+The `Physics` says what can be measured and moved, the `Task` says what is wanted, and the
+`Environment` runs episodes:
+
+    env = Environment(physics, task, time_limit=10, control_timestep=0.01)
+    time_step = env.reset()
+    while not time_step.last():
+        time_step = env.step(policy(time_step.observation))
+
+An episode ends at the time limit (discount 1) or when the task says so (the task's discount). A
+step after the last begins the next episode, as dm_env rules. Whatever interrupts a step or a
+reset - a diverged simulation, Ctrl-C, an error in the task - the next step begins a new episode.
+
+It does not know MuJoCo: `limberjack.mujoco.Physics` is the physics used by the suite.
+"""
+
+import abc
+import collections
+import contextlib
+import math
+import operator
+from collections.abc import Iterator, MutableMapping
+from typing import Any
+
+import dm_env
+import numpy as np
+from dm_env import specs
+
+__all__ = [
+    "FLAT_OBSERVATION_KEY",
+    "Environment",
+    "Physics",
+    "PhysicsError",
+    "Task",
+    "compute_n_steps",
+    "flatten_observation",
+]
+
+FLAT_OBSERVATION_KEY = "observations"
+
+
+class PhysicsError(RuntimeError):
+    """The simulation diverged: its state is no longer meaningful."""
+
+
+class Physics(abc.ABC):
+    """What an `Environment` and a `Task` need of a simulation."""
+
+    # Whether position and velocity dependent quantities are up to date after a step
+    # (https://arxiv.org/abs/2006.12983, page 6).
+    legacy_step: bool = True
+
+    @abc.abstractmethod
+    def step(self, n_sub_steps: int = 1) -> None:
+        """Advances the simulation by `n_sub_steps` time steps."""
+
+    @abc.abstractmethod
+    def time(self) -> float:
+        """Simulated time since the reset, seconds."""
+
+    @abc.abstractmethod
+    def timestep(self) -> float:
+        """Length of one time step, seconds."""
+
+    def set_control(self, control: Any) -> None:
+        """Sets the control signals of the actuators."""
+        raise NotImplementedError(f"{type(self).__name__} does not define set_control")
+
+    @contextlib.contextmanager
+    def reset_context(self) -> Iterator["Physics"]:
+        """Resets on entry; on exit makes every quantity follow the state set within."""
+        # A model whose default state diverges can still be given a good one.
+        with contextlib.suppress(PhysicsError):
+            self.reset()
+        yield self
+        self.after_reset()
+
+    @abc.abstractmethod
+    def reset(self) -> None:
+        """Returns the simulation to its default state."""
+
+    @abc.abstractmethod
+    def after_reset(self) -> None:
+        """Makes every quantity follow the state, without advancing time."""
+
+    def check_divergence(self) -> None:
+        """Raises `PhysicsError` if the state has diverged. Does nothing by default."""
+
+
+class Task(abc.ABC):
+    """What an episode starts from, what the agent sees, what it is rewarded for."""
+
+    @abc.abstractmethod
+    def initialize_episode(self, physics: Any) -> None:
+        """Sets the state an episode starts from, within `physics.reset_context()`."""
+
+    @abc.abstractmethod
+    def before_step(self, action: Any, physics: Any) -> None:
+        """Applies the action, before the physics is stepped."""
+
+    def after_step(self, physics: Any) -> None:  # noqa: B027 (an optional hook)
+        """Called after the physics is stepped, before anything is read."""
+
+    @abc.abstractmethod
+    def action_spec(self, physics: Any) -> Any:
+        """A `dm_env.specs.BoundedArray` of valid actions, or a nested structure of them."""
+
+    def step_spec(self, physics: Any) -> Any:
+        """A spec of what `step` returns; tasks need not define it."""
+        raise NotImplementedError(f"{type(self).__name__} does not define step_spec")
+
+    @abc.abstractmethod
+    def get_observation(self, physics: Any) -> Any:
+        """The observation: a mapping from names to arrays."""
+
+    @abc.abstractmethod
+    def get_reward(self, physics: Any) -> Any:
+        """The reward of the last step."""
+
+    def get_termination(self, physics: Any) -> float | None:
+        """The final discount if the episode ends here, None if it goes on."""
+        return None
+
+    def observation_spec(self, physics: Any) -> Any:
+        """The spec of the observation; left undefined, it is read off an observation."""
+        raise NotImplementedError(f"{type(self).__name__} does not define observation_spec")
+
+
+class Environment(dm_env.Environment):
+    """Episodes of a task on a physics; see the module's docstring."""
+
+    def __init__(
+        self,
+        physics: Any,
+        task: Any,
+        time_limit: float = float("inf"),
+        control_timestep: float | None = None,
+        n_sub_steps: int | None = None,
+        flat_observation: bool = False,
+        legacy_step: bool = True,
+    ) -> None:
+        """Makes an environment whose first `step` or `reset` begins an episode.
+
+        Args:
+          physics: a `Physics`.
+          task: a `Task`.
+          time_limit: length of an episode, seconds; infinite by default.
+          control_timestep: time between two actions, seconds, a multiple of the physics' time
+            step.
+          n_sub_steps: instead of `control_timestep`, the number of physics steps per action; 1
+            if neither is given.
+          flat_observation: join the observation into one array, under 'observations'.
+          legacy_step: see `Physics.legacy_step`.
+
+        Raises:
+          ValueError: both `control_timestep` and `n_sub_steps` are given, or one of the numbers
+            is NaN, zero, negative or not a multiple.
+        """
+        if n_sub_steps is not None and control_timestep is not None:
+            raise ValueError(
+                f"Both n_sub_steps ({n_sub_steps}) and control_timestep ({control_timestep}) were "
+                "supplied: give one; tasks of the suite set control_timestep themselves."
+            )
+        if not time_limit > 0:  # also NaN
+            raise ValueError(f"time_limit is {time_limit}; expected a positive number of seconds")
+        self._task = task
+        self._physics = physics
+        self._flat_observation = flat_observation
+        if n_sub_steps is not None:
+            self._n_sub_steps = _positive_count(n_sub_steps)
+        elif control_timestep is not None:
+            self._n_sub_steps = compute_n_steps(control_timestep, physics.timestep())
+        else:
+            self._n_sub_steps = 1
+        self._step_limit = float("inf")
+        if time_limit != float("inf"):
+            self._step_limit = time_limit / (physics.timestep() * self._n_sub_steps)
+        physics.legacy_step = legacy_step
+        self._step_count = 0
+        self._reset_next_step = True
+        self._closed = False
+        self._action_shape: tuple[int, ...] | None = None
+
+    def reset(self) -> dm_env.TimeStep:
+        """Begins an episode and returns its first `TimeStep`."""
+        self._check_open()
+        # True until the start is complete: an interrupted one must not be stepped from.
+        self._reset_next_step = True
+        with self._physics.reset_context():
+            self._task.initialize_episode(self._physics)
+        observation = self._observe()
+        self._step_count = 0
+        self._reset_next_step = False
+        return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
+
+    def step(self, action: Any) -> dm_env.TimeStep:
+        """Applies the action for one control step and returns what follows.
+
+        Before the first and after the last step of an episode it begins the next one, and the
+        action is ignored.
+
+        Raises:
+          ValueError, TypeError: the action does not have the spec's shape, or is not numeric, or
+            not finite; nothing has moved.
+          PhysicsError: the simulation diverged; the next step begins a new episode.
+        """
+        if self._reset_next_step:
+            return self.reset()
+        physics, task = self._physics, self._task
+        self._check_action(action)
+        task.before_step(action, physics)
+        self._reset_next_step = True  # until the step is complete
+        physics.step(self._n_sub_steps)
+        task.after_step(physics)
+        reward = task.get_reward(physics)
+        observation = self._observe()
+        self._step_count += 1
+        if self._step_count >= self._step_limit:
+            discount = 1.0
+        else:
+            discount = task.get_termination(physics)
+        if discount is not None:
+            return dm_env.TimeStep(dm_env.StepType.LAST, reward, discount, observation)
+        self._reset_next_step = False
+        return dm_env.TimeStep(dm_env.StepType.MID, reward, 1.0, observation)
+
+    def action_spec(self) -> Any:
+        """The spec of valid actions."""
+        return self._task.action_spec(self._physics)
+
+    def step_spec(self) -> Any:
+        """The spec of what `step` returns, if the task defines one."""
+        return self._task.step_spec(self._physics)
+
+    def observation_spec(self) -> Any:
+        """The task's observation spec, else shapes and dtypes of an observation made now."""
+        try:
+            return self._task.observation_spec(self._physics)
+        except NotImplementedError:
+            observation = self._observe()
+        return collections.OrderedDict(
+            (name, specs.Array(value.shape, value.dtype, name=name))
+            for name, value in observation.items()
+        )
+
+    @property
+    def physics(self) -> Any:
+        """The environment's physics."""
+        return self._physics
+
+    @property
+    def task(self) -> Any:
+        """The environment's task."""
+        return self._task
+
+    def control_timestep(self) -> float:
+        """Time between two actions, seconds."""
+        return self._physics.timestep() * self._n_sub_steps
+
+    def close(self) -> None:
+        """Frees what the environment holds; closing twice is fine, stepping later is an error."""
+        if not self._closed:
+            self._closed = True
+            self._reset_next_step = True
+            free = getattr(self._physics, "free", None)
+            if free is not None:
+                free()
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise RuntimeError("this environment is closed: load or construct a new one")
+
+    def _observe(self) -> Any:
+        observation = self._task.get_observation(self._physics)
+        return flatten_observation(observation) if self._flat_observation else observation
+
+    def _check_action(self, action: Any) -> None:
+        """Refuses an action that is not a finite array of the spec's shape.
+
+        Where the spec is a nested structure the task must check.
+        """
+        given = np.asarray(getattr(action, "continuous_actions", action))
+        if given.shape != self._action_shape:
+            spec = self._task.action_spec(self._physics)
+            self._action_shape = spec.shape if isinstance(spec, specs.Array) else None
+            if self._action_shape is None:
+                return
+            if given.shape != self._action_shape:
+                raise ValueError(
+                    f"action has shape {given.shape}; expected {self._action_shape}, the shape of "
+                    "env.action_spec()"
+                )
+        kind = given.dtype.kind
+        if kind == "f":
+            # A dot product is the quickest look; it also overflows for huge finite values.
+            if given.ndim == 1 and math.isfinite(given.dot(given)):
+                return
+            finite = np.isfinite(given)
+            if not finite.all():
+                raise ValueError(
+                    f"action is not finite at index {np.flatnonzero(~finite).tolist()}: {given}; "
+                    "nothing was stepped"
+                )
+        elif kind not in "iub":
+            raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
+
+
+def compute_n_steps(
+    control_timestep: float, physics_timestep: float, tolerance: float = 1e-8
+) -> int:
+    """Number of physics steps in one control step.
+
+    Args:
+      control_timestep: time between two actions, seconds.
+      physics_timestep: the simulation's time step, seconds.
+      tolerance: allowed deviation of their ratio from a whole number.
+
+    Raises:
+      ValueError: the control step is shorter than the physics step, or no multiple of it.
+    """
+    if not control_timestep >= physics_timestep:  # also NaN
+        raise ValueError(
+            f"Control timestep ({control_timestep}) cannot be smaller than physics timestep "
+            f"({physics_timestep})."
+        )
+    ratio = control_timestep / physics_timestep
+    if not math.isfinite(ratio) or abs(ratio - round(ratio)) > tolerance:
+        raise ValueError(
+            f"Control timestep ({control_timestep}) must be an integer multiple of physics "
+            f"timestep ({physics_timestep})"
+        )
+    return round(ratio)
+
+
+def flatten_observation(
+    observation: MutableMapping[str, Any], output_key: str = FLAT_OBSERVATION_KEY
+) -> MutableMapping[str, np.ndarray]:
+    """Joins all observations into one flat array.
+
+    Args:
+      observation: mapping from names to arrays.
+      output_key: name of the flat array.
+
+    Returns:
+      A mapping of the same type with one item. The order is that of an `OrderedDict`, and
+      alphabetical for other mappings.
+
+    Raises:
+      ValueError: `observation` is not a mutable mapping.
+    """
+    if not isinstance(observation, MutableMapping):
+        raise ValueError(
+            f"Can only flatten dict-like observations, got {type(observation).__name__}."
+        )
+    ordered = isinstance(observation, collections.OrderedDict)
+    names = observation.keys() if ordered else sorted(observation.keys())
+    flat = np.concatenate([observation[name].ravel() for name in names])
+    # The same type of mapping, whatever it is: its constructor takes pairs.
+    make: Any = type(observation)
+    return make([(output_key, flat)])
+
+
+def _positive_count(n_sub_steps: Any) -> int:
+    """`n_sub_steps` as an int, or a clear error."""
+    try:
+        count = operator.index(n_sub_steps)
+    except TypeError:
+        count = 0
+    if count < 1:
+        raise ValueError(f"n_sub_steps is {n_sub_steps!r}; expected a whole number of at least 1")
+    return count

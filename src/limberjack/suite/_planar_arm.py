@@ -1,0 +1,129 @@
+"""The planar arm and what its tasks have in common, for the manipulator and the stacker."""
+
+import collections
+from collections.abc import Sequence
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from limberjack import mujoco
+from limberjack.suite import base, common
+from limberjack.utils import arrays, rewards, xml_tools
+
+__all__ = ["CONTROL_TIMESTEP", "TIME_LIMIT", "ArmTask", "Physics", "is_close", "model_without"]
+
+TIME_LIMIT = 10  # seconds
+CONTROL_TIMESTEP = 0.01  # seconds
+_CLOSE = 0.01  # metres; two things nearer than this are in the same place
+
+_ARM_JOINTS = [
+    "arm_root",
+    "arm_shoulder",
+    "arm_elbow",
+    "arm_wrist",
+    "finger",
+    "fingertip",
+    "thumb",
+    "thumbtip",
+]
+_TOUCH_SENSORS = [
+    "palm_touch",
+    "finger_touch",
+    "thumb_touch",
+    "fingertip_touch",
+    "thumbtip_touch",
+]
+
+_ARM_FILE = "./_planar_arm.xml"
+_ASSETS = {**common.ASSETS, _ARM_FILE: common.read_model(_ARM_FILE)}
+
+
+def model_without(filename: str, bodies: Sequence[str]) -> tuple[bytes, dict[str, bytes]]:
+    """A model of the suite less some of its bodies: its MJCF and the files that it includes."""
+    root = ElementTree.fromstring(common.read_model(filename))
+    for name in bodies:
+        xml_tools.remove_element(root, xml_tools.find_element(root, "body", name))
+    return ElementTree.tostring(root), _ASSETS
+
+
+def is_close(distance: Any) -> Any:
+    """1 within a centimetre, a tenth at three, (...) metres -> (...)."""
+    return rewards.tolerance(distance, (0, _CLOSE), margin=_CLOSE * 2)
+
+
+class Physics(mujoco.Physics):
+    """What is measured on the arm and on what it moves; planar poses are in the x-z plane."""
+
+    def bounded_joint_pos(self, joint_names: Sequence[str]) -> np.ndarray:
+        """Sine and cosine of joint angles, (..., n, 2)."""
+        angles = self.named.data.qpos[joint_names]
+        positions = np.empty((*angles.shape, 2))
+        np.sin(angles, out=positions[..., 0])
+        np.cos(angles, out=positions[..., 1])
+        return positions
+
+    def joint_vel(self, joint_names: Sequence[str]) -> np.ndarray:
+        """Velocities of joints, (..., n), radians or metres per second."""
+        return self.named.data.qvel[joint_names]
+
+    def body_2d_pose(self, body_names: str | Sequence[str], orientation: bool = True) -> np.ndarray:
+        """Planar poses of bodies: x and z in metres, then the quaternion's w and y.
+
+        Args:
+          body_names: one name, which gives (..., 4), or n of them, which give (..., n, 4).
+          orientation: False leaves out the quaternion.
+        """
+        names = body_names if isinstance(body_names, str) else list(body_names)
+        # Every second number: x and z of a position, w and y of a quaternion.
+        position = self.named.data.xpos[names][..., ::2]
+        if not orientation:
+            return position.copy()
+        return arrays.concat((position, self.named.data.xquat[names][..., ::2]))
+
+    def touch(self) -> np.ndarray:
+        """Logarithm of one plus the forces on palm, finger, thumb and their tips, (..., 5)."""
+        return np.log1p(self.named.data.sensordata[_TOUCH_SENSORS])
+
+    def site_distance(self, site1: str, site2: str) -> Any:
+        """Distance between two sites, (...), metres."""
+        positions = self.named.data.site_xpos
+        return arrays.norm(positions[site1] - positions[site2])
+
+    def randomize_arm(self, random: np.random.RandomState) -> None:
+        """Draws the arm's joint angles, within the limits, the hand symmetric."""
+        joints = self.named.model
+        is_limited = joints.jnt_limited[_ARM_JOINTS][:, None]
+        limits = np.where(is_limited, joints.jnt_range[_ARM_JOINTS], [-np.pi, np.pi])
+        qpos = self.named.data.qpos
+        qpos[_ARM_JOINTS] = random.uniform(limits[:, 0], limits[:, 1])
+        qpos["finger"] = qpos["thumb"]
+
+
+class ArmTask(base.Task):
+    """A task of the arm; the observation of the arm itself is always there."""
+
+    def __init__(self, fully_observable: bool, random: Any = None) -> None:
+        """Makes the task.
+
+        Args:
+          fully_observable: observe hand, objects and target too, not only the arm's sensors.
+          random: a `numpy.random.RandomState`, a seed, or None.
+        """
+        self._fully_observable = fully_observable
+        super().__init__(random=random)
+
+    def get_observation(self, physics: Any) -> collections.OrderedDict:
+        """The arm's joints and touch sensors, and the scene if it is fully observable."""
+        obs = collections.OrderedDict()
+        obs["arm_pos"] = physics.bounded_joint_pos(_ARM_JOINTS)
+        obs["arm_vel"] = physics.joint_vel(_ARM_JOINTS)
+        obs["touch"] = physics.touch()
+        if self._fully_observable:
+            obs["hand_pos"] = physics.body_2d_pose("hand")
+            obs.update(self.observe_scene(physics))
+        return obs
+
+    def observe_scene(self, physics: Any) -> collections.OrderedDict:
+        """Objects and target, by name."""
+        raise NotImplementedError(f"{type(self).__name__} does not define observe_scene")

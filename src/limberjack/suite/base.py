@@ -1,0 +1,102 @@
+"""The part that all tasks of the suite have in common.
+
+A task keeps its settings and its random stream, and nothing of the running episode: what an
+episode needs lives in the physics. So one task serves one simulation or a batch of them.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from limberjack import mujoco
+from limberjack.rl import control
+
+__all__ = ["Task"]
+
+# A start that is rejected this often will never be accepted: the suite's own need a handful.
+_MAX_START_ATTEMPTS = 10_000
+
+_COLOURED = ["self", "effector", "target"]  # materials that show the reward
+_DEFAULTS = [f"{name}_default" for name in _COLOURED]
+_HIGHLIGHTS = [f"{name}_highlight" for name in _COLOURED]
+
+
+class Task(control.Task):
+    """A task whose actions are the actuators' controls, in the order of the model's file."""
+
+    def __init__(self, random: np.random.RandomState | int | None = None) -> None:
+        """Makes a task.
+
+        Args:
+          random: the stream that episodes are drawn from, or its seed; None seeds it anew.
+        """
+        if not isinstance(random, np.random.RandomState):
+            random = np.random.RandomState(random)
+        self._random = random
+        self._visualize_reward = False
+
+    @property
+    def random(self) -> np.random.RandomState:
+        """The stream that episodes are drawn from."""
+        return self._random
+
+    @property
+    def visualize_reward(self) -> bool:
+        """Whether materials are coloured by the reward at each step."""
+        return self._visualize_reward
+
+    @visualize_reward.setter
+    def visualize_reward(self, value: bool) -> None:
+        if not isinstance(value, bool):
+            raise ValueError(f"Expected a boolean, got {type(value)}.")
+        self._visualize_reward = value
+
+    def action_spec(self, physics: Any) -> Any:
+        """The spec of the actuators' controls."""
+        return mujoco.action_spec(physics)
+
+    def initialize_episode(self, physics: Any) -> None:
+        """Colours the start; tasks call it last, when the start is set."""
+        self.after_step(physics)
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        """Sets the actuators' controls to the action, (nu,)."""
+        physics.set_control(getattr(action, "continuous_actions", action))
+
+    def after_step(self, physics: Any) -> None:
+        """Colours materials by the reward, if that is wanted."""
+        if self._visualize_reward:
+            _show_reward(physics, self.get_reward(physics))
+
+    def reward_terms(self, physics: Any) -> dict[str, Any]:
+        """The quantities between 0 and 1 that the reward is made of, by name."""
+        return {}
+
+    def start(self, physics: Any) -> str | None:
+        """The kind of start of an episode that has just begun; None if there is one kind only."""
+        return None
+
+    def draw_collision_free_start(self, physics: Any, draw: Callable[[], None]) -> None:
+        """Calls `draw`, which sets a random state, until that state has no contacts.
+
+        Raises:
+          RuntimeError: no draw was free of contacts.
+        """
+        for _ in range(_MAX_START_ATTEMPTS):
+            draw()
+            physics.after_reset()
+            if not physics.data.ncon:
+                return
+        raise RuntimeError(
+            f"{type(self).__name__}: none of {_MAX_START_ATTEMPTS} random starts was free of "
+            "contacts; has the model been changed so that none can be?"
+        )
+
+
+def _show_reward(physics: Any, reward: float) -> None:
+    """Blends the coloured materials from their default to their highlight."""
+    colours = physics.named.model.mat_rgba
+    # The power keeps high rewards apart, where colours are compared.
+    blend = np.clip(reward, 0.0, 1.0) ** 4
+    colours[_COLOURED] = blend * colours[_HIGHLIGHTS] + (1.0 - blend) * colours[_DEFAULTS]

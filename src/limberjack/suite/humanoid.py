@@ -1,0 +1,189 @@
+"""Humanoid: stand up, walk or run, with 21 torques.
+
+An episode begins in a random pose above the ground. The reward is a product: head high and torso
+upright, little effort, and the right horizontal speed. The model is that of Tassa, Erez & Todorov
+(2012); the tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
+"""
+
+import collections
+from typing import Any
+
+import numpy as np
+
+from limberjack import mujoco
+from limberjack.rl import control
+from limberjack.suite import base, common
+from limberjack.suite.utils import randomizers
+from limberjack.utils import arrays, containers, rewards
+
+__all__ = ["SUITE", "Humanoid", "Physics", "get_model_and_assets", "run", "run_pure_state", "stand", "walk"]
+
+_TIME_LIMIT = 25  # seconds
+_CONTROL_TIMESTEP = 0.025  # seconds
+
+_STAND_HEIGHT = 1.4  # metres; head height at which standing is fully rewarded
+_WALK_SPEED = 1  # metres per second; horizontal speed at which walking is fully rewarded
+_RUN_SPEED = 10  # metres per second; the same for running
+
+_ROOT_POSITIONS = 7  # numbers in qpos for the free root: a position and a quaternion
+_LIMBS = ["left_hand", "left_foot", "right_hand", "right_foot"]
+
+SUITE = containers.TaggedTasks()
+
+
+def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
+    """The model's MJCF and the files that it includes."""
+    return common.read_model("humanoid.xml"), common.ASSETS
+
+
+@SUITE.add("benchmarking")
+def stand(
+    time_limit: float = _TIME_LIMIT, random: Any = None, environment_kwargs: dict | None = None
+) -> control.Environment:
+    """Stand up and stand still."""
+    return _environment(0, False, time_limit, random, environment_kwargs)
+
+
+@SUITE.add("benchmarking")
+def walk(
+    time_limit: float = _TIME_LIMIT, random: Any = None, environment_kwargs: dict | None = None
+) -> control.Environment:
+    """Walk in any direction at 1 m/s or more."""
+    return _environment(_WALK_SPEED, False, time_limit, random, environment_kwargs)
+
+
+@SUITE.add("benchmarking")
+def run(
+    time_limit: float = _TIME_LIMIT, random: Any = None, environment_kwargs: dict | None = None
+) -> control.Environment:
+    """Run in any direction, up to 10 m/s."""
+    return _environment(_RUN_SPEED, False, time_limit, random, environment_kwargs)
+
+
+@SUITE.add()
+def run_pure_state(
+    time_limit: float = _TIME_LIMIT, random: Any = None, environment_kwargs: dict | None = None
+) -> control.Environment:
+    """Run, seeing only generalised positions and velocities."""
+    return _environment(_RUN_SPEED, True, time_limit, random, environment_kwargs)
+
+
+def _environment(
+    move_speed: float, pure_state: bool, time_limit: float, random: Any, kwargs: dict | None
+) -> control.Environment:
+    physics = Physics.from_shared_xml(*get_model_and_assets())
+    task = Humanoid(move_speed=move_speed, pure_state=pure_state, random=random)
+    return control.Environment(
+        physics, task, time_limit=time_limit, control_timestep=_CONTROL_TIMESTEP, **kwargs or {}
+    )
+
+
+class Physics(mujoco.Physics):
+    """What is measured on the humanoid."""
+
+    def torso_upright(self) -> Any:
+        """Cosine of the torso's tilt, (...): 1 upright, -1 head down."""
+        return self.named.data.xmat["torso", "zz"]
+
+    def head_height(self) -> Any:
+        """Height of the head, (...), metres."""
+        return self.named.data.xpos["head", "z"]
+
+    def center_of_mass_position(self) -> np.ndarray:
+        """Position of the whole body's centre of mass, (..., 3), metres."""
+        return self.named.data.subtree_com["torso"].copy()
+
+    def center_of_mass_velocity(self) -> np.ndarray:
+        """Velocity of the whole body's centre of mass, (..., 3), metres per second."""
+        return self.named.data.sensordata["torso_subtreelinvel"].copy()
+
+    def torso_vertical_orientation(self) -> np.ndarray:
+        """The world's vertical in the torso's frame, (..., 3)."""
+        return self.named.data.xmat["torso", ["zx", "zy", "zz"]]
+
+    def joint_angles(self) -> np.ndarray:
+        """Angles of the hinges, (..., 21), radians: all positions but the root's."""
+        return self.data.qpos[..., _ROOT_POSITIONS:].copy()
+
+    def extremities(self) -> np.ndarray:
+        """Hands and feet in the torso frame, (..., 12), metres: left hand, left foot, then right."""
+        xpos, xmat = self.named.data.xpos, self.named.data.xmat["torso"]
+        frame = xmat.reshape(*xmat.shape[:-1], 3, 3)
+        limbs = arrays.rotate(xpos[_LIMBS] - xpos["torso"][..., None, :], frame)
+        return limbs.reshape(*limbs.shape[:-2], -1)
+
+
+class Humanoid(base.Task):
+    """Stand, or move at a speed or faster."""
+
+    def __init__(self, move_speed: float, pure_state: bool, random: Any = None) -> None:
+        """Makes the task.
+
+        Args:
+          move_speed: horizontal speed, metres per second, from which moving is fully rewarded; 0
+            rewards standing still.
+          pure_state: observe generalised positions and velocities instead of features.
+          random: a `numpy.random.RandomState`, a seed, or None.
+        """
+        self._move_speed = move_speed
+        self._pure_state = pure_state
+        super().__init__(random=random)
+
+    def initialize_episode(self, physics: Any) -> None:
+        """A random pose without contacts, at rest."""
+        self.draw_collision_free_start(
+            physics,
+            lambda: randomizers.randomize_limited_and_rotational_joints(physics, self.random),
+        )
+        super().initialize_episode(physics)
+
+    def get_observation(self, physics: Any) -> collections.OrderedDict:
+        """Features seen from the torso, or the pure state."""
+        obs = collections.OrderedDict()
+        if self._pure_state:
+            obs["position"] = physics.position()
+            obs["velocity"] = physics.velocity()
+            return obs
+        obs["joint_angles"] = physics.joint_angles()
+        obs["head_height"] = physics.head_height()
+        obs["extremities"] = physics.extremities()
+        obs["torso_vertical"] = physics.torso_vertical_orientation()
+        obs["com_velocity"] = physics.center_of_mass_velocity()
+        obs["velocity"] = physics.velocity()
+        return obs
+
+    def reward_terms(self, physics: Any) -> dict[str, Any]:
+        """Head height, uprightness, effort and horizontal speed, each as a factor of the reward."""
+        height, uprightness = physics.head_height(), physics.torso_upright()
+        standing = rewards.tolerance(height, (_STAND_HEIGHT, np.inf), margin=_STAND_HEIGHT / 4)
+        upright = rewards.tolerance(
+            uprightness, (0.9, np.inf), margin=1.9, sigmoid="linear", value_at_margin=0
+        )
+        small_control = rewards.mean_tolerance(
+            physics.control(), margin=1, sigmoid="quadratic", value_at_margin=0
+        )
+        return {
+            "standing": standing,
+            "upright": upright,
+            "small_control": (4 + small_control) / 5,  # full effort costs a fifth
+            "movement": self._movement(physics.center_of_mass_velocity()[..., :2]),
+        }
+
+    def _movement(self, horizontal_velocity: np.ndarray) -> Any:
+        """How well the horizontal velocity is the one wanted."""
+        if self._move_speed == 0:
+            return rewards.mean_tolerance(horizontal_velocity, margin=2)
+        move = rewards.tolerance(
+            arrays.norm(horizontal_velocity),
+            (self._move_speed, np.inf),
+            margin=self._move_speed,
+            sigmoid="linear",
+            value_at_margin=0,
+        )
+        return (5 * move + 1) / 6  # standing still keeps a sixth
+
+    def get_reward(self, physics: Any) -> Any:
+        """The product of all terms, between 0 and 1."""
+        terms = self.reward_terms(physics)
+        stand_reward = terms["standing"] * terms["upright"]
+        return terms["small_control"] * stand_reward * terms["movement"]

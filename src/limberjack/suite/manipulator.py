@@ -1,0 +1,196 @@
+"""Manipulator: a planar arm brings a ball or a peg to a target, or inserts it into a cup or slot.
+
+An object starts in the hand, at the target, or falling anywhere. The tasks are those of the DeepMind
+Control Suite (https://arxiv.org/abs/1801.00690).
+"""
+
+import collections
+from typing import Any
+
+import numpy as np
+
+from limberjack.rl import control
+from limberjack.suite import _planar_arm
+from limberjack.suite._planar_arm import Physics, is_close
+from limberjack.utils import containers
+
+__all__ = [
+    "SUITE",
+    "Bring",
+    "Physics",
+    "bring_ball",
+    "bring_peg",
+    "insert_ball",
+    "insert_peg",
+    "make_model",
+]
+
+# Kinds of starts and their probabilities.
+_STARTS = ["in_hand", "in_target", "uniform"]
+_START_PROBABILITIES = [0.1, 0.1, 1 - 0.1 - 0.1]
+_PROPS = ("ball", "target_ball", "cup", "peg", "target_peg", "slot")
+
+SUITE = containers.TaggedTasks()
+
+
+def make_model(use_peg: bool, insert: bool) -> tuple[bytes, dict[str, bytes]]:
+    """The MJCF with the task's prop, target and receptacle, and the files that it includes.
+
+    Args:
+      use_peg: the prop is the peg, else the ball.
+      insert: there is a receptacle: a slot for the peg, a cup for the ball.
+    """
+    used = ["peg", "target_peg", "slot"] if use_peg else ["ball", "target_ball", "cup"]
+    used = used if insert else used[:2]
+    return _planar_arm.model_without("manipulator.xml", [p for p in _PROPS if p not in used])
+
+
+@SUITE.add("benchmarking", "hard")
+def bring_ball(
+    fully_observable: bool = True,
+    time_limit: float = _planar_arm.TIME_LIMIT,
+    random: Any = None,
+    environment_kwargs: dict | None = None,
+) -> control.Environment:
+    """Bring the ball to a target in the air."""
+    return _environment(False, False, fully_observable, time_limit, random, environment_kwargs)
+
+
+@SUITE.add("hard")
+def bring_peg(
+    fully_observable: bool = True,
+    time_limit: float = _planar_arm.TIME_LIMIT,
+    random: Any = None,
+    environment_kwargs: dict | None = None,
+) -> control.Environment:
+    """Bring the peg to a target pose in the air."""
+    return _environment(True, False, fully_observable, time_limit, random, environment_kwargs)
+
+
+@SUITE.add("hard")
+def insert_ball(
+    fully_observable: bool = True,
+    time_limit: float = _planar_arm.TIME_LIMIT,
+    random: Any = None,
+    environment_kwargs: dict | None = None,
+) -> control.Environment:
+    """Put the ball into the cup."""
+    return _environment(False, True, fully_observable, time_limit, random, environment_kwargs)
+
+
+@SUITE.add("hard")
+def insert_peg(
+    fully_observable: bool = True,
+    time_limit: float = _planar_arm.TIME_LIMIT,
+    random: Any = None,
+    environment_kwargs: dict | None = None,
+) -> control.Environment:
+    """Put the peg into the slot."""
+    return _environment(True, True, fully_observable, time_limit, random, environment_kwargs)
+
+
+def _environment(
+    use_peg: bool,
+    insert: bool,
+    fully_observable: bool,
+    time_limit: float,
+    random: Any,
+    kwargs: dict | None,
+) -> control.Environment:
+    return control.Environment(
+        Physics.from_shared_xml(*make_model(use_peg, insert)),
+        Bring(use_peg, insert, fully_observable, random),
+        time_limit=time_limit,
+        control_timestep=_planar_arm.CONTROL_TIMESTEP,
+        **kwargs or {},
+    )
+
+
+class Bring(_planar_arm.ArmTask):
+    """Bring the prop to the target, which is inside a receptacle if it is to be inserted."""
+
+    def __init__(
+        self, use_peg: bool, insert: bool, fully_observable: bool, random: Any = None
+    ) -> None:
+        """Makes the task.
+
+        Args:
+          use_peg: the prop is the peg, else the ball.
+          insert: the target is inside a receptacle.
+          fully_observable: observe hand, prop and target too, not only the arm's sensors.
+          random: a `numpy.random.RandomState`, a seed, or None.
+        """
+        self._use_peg = use_peg
+        self._insert = insert
+        self._object = "peg" if use_peg else "ball"
+        self._target = f"target_{self._object}"
+        self._receptacle = "slot" if use_peg else "cup"
+        self._object_joints = [f"{self._object}_{dimension}" for dimension in "xzy"]
+        super().__init__(fully_observable, random)
+
+    def initialize_episode(self, physics: Any) -> None:
+        """A random arm, target and prop without contacts."""
+        self.draw_collision_free_start(physics, lambda: self._draw_start(physics))
+        super().initialize_episode(physics)
+
+    def _draw_start(self, physics: Any) -> None:
+        uniform = self.random.uniform
+        physics.randomize_arm(self.random)
+
+        x, z = uniform(-0.4, 0.4), uniform(0.1, 0.4)
+        angle = uniform(-np.pi / 3, np.pi / 3) if self._insert else uniform(-np.pi, np.pi)
+        for body in (self._target, self._receptacle)[: 1 + self._insert]:
+            physics.named.model.body_pos[body, ["x", "z"]] = x, z
+            half = angle / 2
+            physics.named.model.body_quat[body, ["qw", "qy"]] = np.cos(half), np.sin(half)
+
+        start = self.random.choice(_STARTS, p=_START_PROBABILITIES)
+        data = physics.named.data
+        if start == "in_hand":
+            physics.after_reset()
+            x, z = data.site_xpos["grasp", "x"], data.site_xpos["grasp", "z"]
+            along_x, along_z = data.site_xmat["grasp", ["xx", "zx"]]
+            angle = np.pi - np.arctan2(along_z, along_x)
+        elif start == "uniform":
+            x, z, angle = uniform(-0.5, 0.5), uniform(0, 0.7), uniform(0, 2 * np.pi)
+            # As dm_control: a rejected attempt keeps the velocity it drew.
+            data.qvel[f"{self._object}_x"] = uniform(-5, 5)
+        data.qpos[self._object_joints] = x, z, angle
+
+    def start(self, physics: Any) -> str:
+        """'in_hand', 'in_target' or 'uniform': where the prop is as the episode begins."""
+        data = physics.named.data
+        place = data.qpos[self._object_joints][:2].tolist()
+        # Exact: the draw put the prop there, and nothing has moved.
+        if place == physics.named.model.body_pos[self._target, ["x", "z"]].tolist():
+            return "in_target"
+        in_hand = place == [data.site_xpos["grasp", "x"], data.site_xpos["grasp", "z"]]
+        return "in_hand" if in_hand else "uniform"
+
+    def observe_scene(self, physics: Any) -> collections.OrderedDict:
+        """Pose and velocity of the prop, and the target's pose."""
+        obs = collections.OrderedDict()
+        obs["object_pos"] = physics.body_2d_pose(self._object)
+        obs["object_vel"] = physics.joint_vel(self._object_joints)
+        obs["target_pos"] = physics.body_2d_pose(self._target)
+        return obs
+
+    def reward_terms(self, physics: Any) -> dict[str, Any]:
+        """How near the prop is to the target, and for the peg how well it is grasped."""
+        if not self._use_peg:
+            return {"bringing": is_close(physics.site_distance("ball", "target_ball"))}
+        grasp = is_close(physics.site_distance("peg_grasp", "grasp"))
+        pinch = is_close(physics.site_distance("peg_pinch", "pinch"))
+        centre = is_close(physics.site_distance("peg", "target_peg"))
+        tip = is_close(physics.site_distance("target_peg_tip", "peg_tip"))
+        return {"grasping": (grasp + pinch) / 2, "bringing": (centre + tip) / 2}
+
+    def get_reward(self, physics: Any) -> Any:
+        """Bringing; for the peg a third of grasping, if that is more."""
+        terms = self.reward_terms(physics)
+        if not self._use_peg:
+            return terms["bringing"]
+        bringing, grasping = terms["bringing"], terms["grasping"] / 3
+        if isinstance(bringing, float):
+            return max(bringing, grasping)
+        return np.maximum(bringing, grasping)

@@ -1,0 +1,126 @@
+"""Stacker: a planar arm puts a box onto a target place, which may be on top of other boxes.
+
+The tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
+"""
+
+import collections
+from typing import Any
+
+import numpy as np
+
+from limberjack.rl import control
+from limberjack.suite import _planar_arm
+from limberjack.suite._planar_arm import Physics
+from limberjack.utils import arrays, containers, rewards
+
+__all__ = ["SUITE", "Physics", "Stack", "make_model", "stack_2", "stack_4"]
+
+_BOXES = 4  # in the model's file
+_HAND_AWAY = 0.1  # metres; distance from the target at which the hand has let go
+_HAND_MARGIN = 0.01  # metres
+
+SUITE = containers.TaggedTasks()
+
+
+def make_model(n_boxes: int) -> tuple[bytes, dict[str, bytes]]:
+    """The MJCF with the first `n_boxes` of four boxes, and the files that it includes."""
+    unused = [f"box{i}" for i in range(n_boxes, _BOXES)]
+    return _planar_arm.model_without("stacker.xml", unused)
+
+
+@SUITE.add("hard")
+def stack_2(
+    fully_observable: bool = True,
+    time_limit: float = _planar_arm.TIME_LIMIT,
+    random: Any = None,
+    environment_kwargs: dict | None = None,
+) -> control.Environment:
+    """Stack two boxes."""
+    return _environment(2, fully_observable, time_limit, random, environment_kwargs)
+
+
+@SUITE.add("hard")
+def stack_4(
+    fully_observable: bool = True,
+    time_limit: float = _planar_arm.TIME_LIMIT,
+    random: Any = None,
+    environment_kwargs: dict | None = None,
+) -> control.Environment:
+    """Stack four boxes."""
+    return _environment(4, fully_observable, time_limit, random, environment_kwargs)
+
+
+def _environment(
+    n_boxes: int, fully_observable: bool, time_limit: float, random: Any, kwargs: dict | None
+) -> control.Environment:
+    return control.Environment(
+        Physics.from_shared_xml(*make_model(n_boxes)),
+        Stack(n_boxes, fully_observable, random),
+        time_limit=time_limit,
+        control_timestep=_planar_arm.CONTROL_TIMESTEP,
+        **kwargs or {},
+    )
+
+
+class Stack(_planar_arm.ArmTask):
+    """Put any of the boxes onto the target and take the hand away."""
+
+    def __init__(self, n_boxes: int, fully_observable: bool, random: Any = None) -> None:
+        """Makes the task.
+
+        Args:
+          n_boxes: number of boxes; the target is at most that many boxes high.
+          fully_observable: observe hand, boxes and target too, not only the arm's sensors.
+          random: a `numpy.random.RandomState`, a seed, or None.
+        """
+        self._n_boxes = n_boxes
+        self._boxes = [f"box{i}" for i in range(n_boxes)]
+        self._box_joints = [f"{box}_{dimension}" for box in self._boxes for dimension in "xyz"]
+        super().__init__(fully_observable, random)
+
+    def initialize_episode(self, physics: Any) -> None:
+        """A random arm, target and boxes without contacts, at rest."""
+        self.draw_collision_free_start(physics, lambda: self._draw_start(physics))
+        super().initialize_episode(physics)
+
+    def _draw_start(self, physics: Any) -> None:
+        uniform = self.random.uniform
+        physics.randomize_arm(self.random)
+        half_size = physics.named.model.geom_size["target", "x"]
+        half_sizes_up = 2 * self.random.randint(self._n_boxes) + 1
+        physics.named.model.body_pos["target", "z"] = half_size * half_sizes_up
+        physics.named.model.body_pos["target", "x"] = uniform(-0.37, 0.37)
+        qpos = physics.named.data.qpos
+        for box in self._boxes:
+            qpos[f"{box}_x"] = uniform(0.1, 0.3)
+            qpos[f"{box}_z"] = uniform(0, 0.7)
+            qpos[f"{box}_y"] = uniform(0, 2 * np.pi)
+
+    def start(self, physics: Any) -> str:
+        """'level_0', 'level_1', ...: how many boxes are to be below the target."""
+        model = physics.named.model
+        half_size = model.geom_size["target", "x"]
+        return f"level_{round((model.body_pos['target', 'z'] / half_size - 1) / 2)}"
+
+    def observe_scene(self, physics: Any) -> collections.OrderedDict:
+        """Poses and velocities of the boxes, and the target's place."""
+        obs = collections.OrderedDict()
+        obs["box_pos"] = physics.body_2d_pose(self._boxes)
+        obs["box_vel"] = physics.joint_vel(self._box_joints)
+        obs["target_pos"] = physics.body_2d_pose("target", orientation=False)
+        return obs
+
+    def reward_terms(self, physics: Any) -> dict[str, Any]:
+        """How near the nearest box is to the target, and how far the hand is from it."""
+        box_size = 2 * physics.named.model.geom_size["target", "x"]
+        nearest = arrays.minimum_of(physics.site_distance(box, "target") for box in self._boxes)
+        hand = physics.site_distance("grasp", "target")
+        return {
+            "box_is_close": rewards.tolerance(nearest, margin=box_size),
+            "hand_is_far": rewards.tolerance(hand, (_HAND_AWAY, np.inf), margin=_HAND_MARGIN),
+        }
+
+    def get_reward(self, physics: Any) -> Any:
+        """Box close and hand away, between 0 and 1."""
+        terms = self.reward_terms(physics)
+        return terms["box_is_close"] * terms["hand_is_far"]

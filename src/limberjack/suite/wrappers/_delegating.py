@@ -1,0 +1,74 @@
+"""What the action wrappers share: delegation to the wrapped environment, a check of the action."""
+
+from typing import Any
+
+import dm_env
+import numpy as np
+from numpy.typing import ArrayLike
+
+__all__ = ["Wrapper", "checked_action"]
+
+
+class Wrapper(dm_env.Environment):
+    """Passes everything on to the wrapped environment, its extra attributes too."""
+
+    # Any: the wrapped environment has attributes of its own, such as `task` and `physics`.
+    def __init__(self, env: Any) -> None:
+        """Wraps `env`."""
+        self._env = env
+
+    def reset(self) -> dm_env.TimeStep:
+        """The first time step of a new episode."""
+        return self._env.reset()
+
+    def step(self, action: ArrayLike) -> dm_env.TimeStep:
+        """Steps the wrapped environment."""
+        return self._env.step(action)
+
+    def action_spec(self) -> Any:
+        """The wrapped environment's action spec."""
+        return self._env.action_spec()
+
+    def observation_spec(self) -> Any:
+        """The wrapped environment's observation spec."""
+        return self._env.observation_spec()
+
+    def reward_spec(self) -> Any:
+        """The wrapped environment's reward spec."""
+        return self._env.reward_spec()
+
+    def discount_spec(self) -> Any:
+        """The wrapped environment's discount spec."""
+        return self._env.discount_spec()
+
+    def close(self) -> None:
+        """Closes the wrapped environment."""
+        self._env.close()
+
+    def __getattr__(self, name: str) -> Any:
+        # Without this line a copy, which has no `_env` yet, would look it up for ever.
+        if name == "_env":
+            raise AttributeError(name)
+        return getattr(self._env, name)
+
+
+def checked_action(action: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
+    """`action` as an array of numbers.
+
+    Raises:
+      TypeError: it is not numeric.
+      ValueError: it has another shape, or is not finite.
+    """
+    given = np.asarray(action)
+    if given.dtype.kind not in "fiub":
+        raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
+    if given.shape != shape:
+        raise ValueError(
+            f"action has shape {given.shape}; expected {shape}, the shape of env.action_spec()"
+        )
+    if not np.isfinite(given).all():
+        raise ValueError(
+            f"action is not finite at index {np.flatnonzero(~np.isfinite(given)).tolist()}: "
+            f"{given}; nothing was stepped"
+        )
+    return given

@@ -1,0 +1,65 @@
+"""Array operations that give the same bits for one simulation and for a batch.
+
+A quantity of one simulation has shape `(...)`; the same quantity of a batch of N has shape
+`(N, ...)`. The functions here reduce over the last axis only, and each was chosen because its
+result for a row of a batch equals, bit for bit, what dm_control computes for one simulation.
+
+    hand_distance = norm(site_xpos[..., 0, :] - site_xpos[..., 1, :])   # () or (N,)
+
+What they do not do: broadcast a batch against a single simulation, or accept lists.
+"""
+
+import contextlib
+import contextvars
+import functools
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+__all__ = ["concat", "minimum_of", "norm", "one_value_per_row", "rotate", "rows_of_a_batch"]
+
+_batch_size: contextvars.ContextVar[int | None] = contextvars.ContextVar("batch_size", default=None)
+
+
+@contextlib.contextmanager
+def rows_of_a_batch(num_envs: int) -> Iterator[None]:
+    """Within this context a `(num_envs,)` array is one value per simulation, not a vector.
+
+    Only powers care: see `limberjack.utils.rewards.tolerance`.
+    """
+    token = _batch_size.set(num_envs)
+    try:
+        yield
+    finally:
+        _batch_size.reset(token)
+
+
+def one_value_per_row(x: object) -> bool:
+    """Whether `x` holds one value for each simulation of the batch being read."""
+    return isinstance(x, np.ndarray) and x.ndim == 1 and x.shape[0] == _batch_size.get()
+
+
+def norm(x: np.ndarray) -> np.ndarray:
+    """Euclidean norm over the last axis, (..., k) -> (...)."""
+    if x.ndim == 1:
+        return np.sqrt(x.dot(x))
+    return np.linalg.norm(x, axis=-1)
+
+
+def rotate(vectors: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """Row vectors times matrices, (..., k, 3) and (..., 3, 3) -> (..., k, 3).
+
+    With the rotation matrix of a body this expresses world vectors in the body's frame.
+    """
+    # A stack of single rows: `vectors @ frames` would round differently from `vector.dot(frame)`.
+    return np.matmul(vectors[..., None, :], frames[..., None, :, :])[..., 0, :]
+
+
+def concat(arrays: Iterable[np.ndarray]) -> np.ndarray:
+    """Joins arrays along their last axis, (..., k) and (..., m) -> (..., k + m)."""
+    return np.concatenate(tuple(arrays), axis=-1)
+
+
+def minimum_of(values: Iterable[np.ndarray]) -> np.ndarray:
+    """The smallest of several quantities, element by element, (...) each -> (...)."""
+    return functools.reduce(np.minimum, values)

@@ -1,0 +1,95 @@
+"""`TaggedTasks`: the registry behind each domain's `SUITE`.
+
+    SUITE = TaggedTasks()
+
+    @SUITE.add("benchmarking", "easy")
+    def swing(time_limit=10, random=None):
+        ...
+
+    SUITE["swing"]          # the factory
+    SUITE.tagged("easy")    # {"swing": the factory}
+
+It is a mapping from a factory's name to the factory, in the order in which they were added.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
+
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["TaggedTasks"]
+
+_NAME_ALREADY_EXISTS = (
+    "a task named {name!r} is already registered; rename the function, or make the registry with "
+    "allow_overriding_keys=True to replace it"
+)
+
+# A factory takes what its domain takes and returns an environment of any kind.
+_Factory = Callable[..., Any]
+_F = TypeVar("_F", bound=_Factory)
+
+
+class TaggedTasks(Mapping[str, _Factory]):
+    """Task factories by name, each with any number of tags."""
+
+    def __init__(self, allow_overriding_keys: bool = False) -> None:
+        """Makes an empty registry.
+
+        Args:
+          allow_overriding_keys: whether a name may be registered again, replacing the factory.
+        """
+        self._tasks: dict[str, _Factory] = {}
+        self._tags: dict[str, dict[str, None]] = {}
+        self.allow_overriding_keys = allow_overriding_keys
+
+    def add(self, *tags: str) -> Callable[[_F], _F]:
+        """A decorator that registers a factory under its `__name__`, and returns it unchanged.
+
+        Raises:
+          TypeError: a tag is not a string, as when the decorator is written without parentheses.
+          ValueError: on decorating, the name is taken and may not be overridden.
+        """
+        for tag in tags:
+            if not isinstance(tag, str):
+                raise TypeError(
+                    f"a tag is {tag!r}; expected a string (write @{type(self).__name__}.add(), "
+                    "with parentheses, for a task without tags)"
+                )
+
+        def register(factory: _F) -> _F:
+            name = factory.__name__
+            if name in self._tasks and not self.allow_overriding_keys:
+                raise ValueError(_NAME_ALREADY_EXISTS.format(name=name))
+            self._tasks[name] = factory
+            for tag in tags:
+                self._tags.setdefault(tag, {})[name] = None
+            return factory
+
+        return register
+
+    def tagged(self, *tags: str) -> dict[str, _Factory]:
+        """The factories that carry all of `tags`, by name; none if no tag is given."""
+        if not tags:
+            return {}
+        first, *others = (self._tags.get(tag, {}) for tag in tags)
+        return {name: self._tasks[name] for name in first if all(name in names for names in others)}
+
+    def tags(self) -> list[str]:
+        """All tags, in the order in which they were first used."""
+        return list(self._tags)
+
+    def __getitem__(self, name: str) -> _Factory:
+        try:
+            return self._tasks[name]
+        except KeyError:
+            hint = did_you_mean(name, self._tasks)
+            raise KeyError(f"no task {name!r}; there are {list(self._tasks)}.{hint}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._tasks)
+
+    def __len__(self) -> int:
+        return len(self._tasks)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._tasks})"

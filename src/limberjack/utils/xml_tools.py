@@ -1,0 +1,92 @@
+"""Finding, nesting, parsing and removing XML elements, on the standard library's ElementTree.
+
+    root = ElementTree.fromstring(xml)
+    target = find_element(root, "body", "target")
+    remove_element(root, target)
+
+Elements of lxml are served as well, where a program brings them: only `parse` makes elements, and
+it makes the standard library's.
+"""
+
+import copy
+import os
+from typing import IO, Any, TypeVar
+from xml.etree import ElementTree
+
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["find_element", "nested_element", "parse", "remove_element"]
+
+# An Element or ElementTree of xml.etree or of lxml; they share no base class.
+_Node = Any
+_Element = TypeVar("_Element")
+
+
+def find_element(root: _Node, tag: str, name: str) -> _Node:
+    """The first element below `root`, at any depth, with this tag and `name` attribute.
+
+    Raises:
+      ValueError: there is none.
+    """
+    top = _top(root)
+    elements = [element for element in top.iter(tag) if element is not top]
+    for element in elements:
+        if element.get("name") == name:
+            return element
+    names = [known for element in elements if (known := element.get("name"))]
+    raise ValueError(
+        f"Element with tag {tag!r} and name {name!r} not found;"
+        f" the names of {tag!r} elements are {names}.{did_you_mean(name, names)}"
+    )
+
+
+def remove_element(root: _Node, element: _Node) -> None:
+    """Removes `element`, with all that it contains, from its parent in the tree of `root`.
+
+    Raises:
+      ValueError: `element` is `root` itself or is not in the tree.
+    """
+    for parent in _top(root).iter():
+        for child in parent:
+            if child is element:
+                parent.remove(element)
+                return
+    raise ValueError(f"the element {element.tag!r} is not below the root {_top(root).tag!r}")
+
+
+def nested_element(element: _Element, depth: int) -> _Element:
+    """`element`, with a copy of itself as its last child, and so on, `depth` copies deep."""
+    single = copy.deepcopy(element)
+    parent: Any = element
+    for _ in range(depth):
+        child: Any = copy.deepcopy(single)
+        parent.append(child)
+        parent = child
+    return element
+
+
+def parse(
+    file_obj: IO[Any] | str | os.PathLike[str],
+) -> "ElementTree.ElementTree[ElementTree.Element]":
+    """The tree of an XML file, without the whitespace that lies between its elements.
+
+    So `ElementTree.indent` or a pretty printer can lay it out anew. Comments are dropped.
+
+    Args:
+      file_obj: an open file, of text or of bytes, or a path.
+
+    Raises:
+      xml.etree.ElementTree.ParseError: the file is not well-formed XML.
+    """
+    tree = ElementTree.parse(file_obj)
+    for element in tree.iter():
+        if element.text is not None and not element.text.strip():
+            element.text = None
+        if element.tail is not None and not element.tail.strip():
+            element.tail = None
+    return tree
+
+
+def _top(root: _Node) -> _Node:
+    """The root element of a tree, or the element itself."""
+    return root.getroot() if hasattr(root, "getroot") else root

@@ -1,0 +1,103 @@
+"""`assert_same`: equal Python types and equal bits, and a message that says where they part."""
+
+import struct
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+__all__ = ["assert_same", "assert_same_outcome", "first_difference"]
+
+
+def assert_same(ours: Any, theirs: Any, where: str) -> None:
+    """Fails unless both are of one Python type and hold the same bits, at every depth.
+
+    Mappings have the same keys in the same order; arrays the same dtype and shape. NaN equals the
+    same NaN, and 0.0 is not -0.0.
+    """
+    # Texts for a failure that does not come would cost half the time of the whole-episode tests.
+    if not _is_same(ours, theirs):
+        raise AssertionError(_difference(ours, theirs, where))
+
+
+def _is_same(ours: Any, theirs: Any) -> bool:
+    if type(ours) is not type(theirs):
+        return False
+    if isinstance(theirs, np.ndarray | np.generic):
+        return (
+            ours.dtype == theirs.dtype
+            and ours.shape == theirs.shape
+            and ours.tobytes() == theirs.tobytes()
+        )
+    if isinstance(theirs, Mapping):
+        return list(ours) == list(theirs) and all(_is_same(ours[key], theirs[key]) for key in ours)
+    if isinstance(theirs, tuple | list):
+        return len(ours) == len(theirs) and all(map(_is_same, ours, theirs))
+    if isinstance(theirs, float):
+        return struct.pack("d", ours) == struct.pack("d", theirs)
+    return bool(ours == theirs)
+
+
+def _difference(ours: Any, theirs: Any, where: str) -> str:
+    """Says how two things that are not the same differ."""
+    if type(ours) is not type(theirs):
+        kinds = f"{type(ours).__name__} {ours!r}, dm_control has {type(theirs).__name__} {theirs!r}"
+        return f"{where}: {kinds}"
+    if isinstance(theirs, Mapping):
+        if list(ours) != list(theirs):
+            return f"{where}: keys {list(ours)}, dm_control has {list(theirs)}"
+        pairs = [(f"{where}[{key!r}]", ours[key], theirs[key]) for key in theirs]
+    elif isinstance(theirs, tuple | list):
+        if len(ours) != len(theirs):
+            return f"{where}: length {len(ours)}, dm_control has {len(theirs)}"
+        names = getattr(theirs, "_fields", range(len(theirs)))
+        pairs = [
+            (f"{where}.{name}", *both) for name, *both in zip(names, ours, theirs, strict=True)
+        ]
+    elif isinstance(theirs, np.ndarray):
+        return f"{where}: {first_difference(ours, theirs)}"
+    else:
+        return f"{where}: {ours!r}, dm_control has {theirs!r}"
+    return next(_difference(mine, yours, name) for name, mine, yours in pairs if not _is_same(mine, yours))
+
+
+def first_difference(ours: np.ndarray, theirs: np.ndarray) -> str:
+    """Where two arrays first differ in dtype, shape or bits, and in how many places."""
+    if ours.dtype != theirs.dtype or ours.shape != theirs.shape:
+        return f"{ours.dtype}{ours.shape}, dm_control has {theirs.dtype}{theirs.shape}"
+    places = [
+        place
+        for place in np.ndindex(theirs.shape)
+        if ours[place].tobytes() != theirs[place].tobytes()
+    ]
+    return (
+        f"at {list(places[0])} {ours[places[0]]!r}, dm_control has {theirs[places[0]]!r}; "
+        f"{len(places)} of {theirs.size} elements differ"
+    )
+
+
+def assert_same_outcome(
+    ours: Callable[[], Any], theirs: Callable[[], Any], where: str
+) -> Exception | None:
+    """Fails unless both calls return the same, or ours raises an error of the type that theirs does.
+
+    Returns the error that ours raised. Messages may differ: ours say more.
+    """
+    our_value, our_error = _outcome(ours)
+    their_value, their_error = _outcome(theirs)
+    if their_error is None:
+        assert our_error is None, f"{where}: {our_error!r}, dm_control returns {their_value!r}"
+        assert_same(our_value, their_value, where)
+        return None
+    assert our_error is not None, f"{where}: {our_value!r}, dm_control raises {their_error!r}"
+    # PhysicsError and wrapper.Error are classes of the same name in each package.
+    names = [kind.__name__ for kind in type(our_error).__mro__]
+    assert type(their_error).__name__ in names, f"{where}: {our_error!r} != {their_error!r}"
+    return our_error
+
+
+def _outcome(call: Callable[[], Any]) -> tuple[Any, Exception | None]:
+    try:
+        return call(), None
+    except Exception as error:
+        return None, error

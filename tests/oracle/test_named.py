@@ -1,0 +1,238 @@
+"""Named indexing: the same axes, the same results for every kind of key, the same kinds of error."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from . import models, twins
+from .oracle import BOTH, REMOVED_FIELDS
+from .same import assert_same, assert_same_outcome
+
+pytestmark = pytest.mark.oracle
+
+# A representation has one line per row; a texture has millions of rows.
+_PRINTED_ROWS = 1000
+
+_MODELS = [f"{domain}:{task}" for domain, task in twins.MODELS] + ["zoo"]
+every_model = pytest.mark.parametrize("name", _MODELS)
+both_structs = pytest.mark.parametrize("struct", ["model", "data"])
+
+
+def _twin_physics(name: str) -> list[Any]:
+    """Physics of both packages after the same few steps, so that most fields are not zero."""
+    if name == "zoo":
+        twin_physics = [
+            package("mujoco").Physics.from_xml_string(models.ZOO) for package in BOTH
+        ]
+    else:
+        env = twins.load(*name.split(":"))
+        env.reset()
+        twin_physics = [env.ours.physics, env.theirs.physics]
+    for physics in twin_physics:
+        physics.data.ctrl[:] = np.linspace(-0.4, 0.4, physics.model.nu)
+        physics.step(5)
+        physics.forward()
+    return twin_physics
+
+
+def _indexers(name: str, struct: str) -> Iterator[tuple[str, Any, Any]]:
+    """Field name, our indexer and dm_control's, of every field that dm_control shows."""
+    # dm_control's indexers do not keep their physics alive: these two names do.
+    ours, theirs = _twin_physics(name)
+    our_struct, their_struct = getattr(ours.named, struct), getattr(theirs.named, struct)
+    for field, their_indexer in their_struct._asdict().items():
+        yield field, getattr(our_struct, field), their_indexer
+
+
+def _row_keys(names: list[str], size: int) -> list[Any]:
+    names = [name for name in names if name]
+    keys: list[Any] = [slice(None), slice(None, None, 2), slice(None, None, -1), slice(1, 3)]
+    keys += [0, -1, np.int64(0), [0], [-1, 0], np.array([0, 0]), np.zeros(size, bool)]
+    keys += [np.array([[0], [-1]]), [[0, -1]], size, -size - 1, []]
+    keys += names
+    if names:
+        keys += [names[:1], names[::-1], [names[0], names[-1], names[0]], np.array(names[-3:])]
+        keys += [np.array(names[:2]).reshape(-1, 1), [[names[0]], [names[-1]]], tuple(names[:1])]
+    return keys
+
+
+def _column_keys(names: list[str], size: int) -> list[Any]:
+    keys: list[Any] = [0, -1, slice(None), slice(0, 2), [0], [-1, 0], size]
+    if names:
+        keys += [names[0], names[-1], names[::-1], [names[0]], np.array(names[:2])]
+    return keys
+
+
+def _bad_keys() -> list[Any]:
+    bad: list[Any] = ["no such name", "", b"", None, Ellipsis, 1.5, "0", b"box"]
+    bad += [["no such name"], [""], [None], [Ellipsis], np.array(["no such name"])]
+    bad += [(0, 0, 0, 0), (0, "no such name"), (0, ""), (0, None), (0, Ellipsis), ("no such", 0)]
+    return bad
+
+
+def _keys(indexer: Any) -> list[Any]:
+    """Keys of every kind for a field, made of the names that dm_control's axes have."""
+    shape = indexer.shape
+    rows = _row_keys(_names(indexer.axes.row) or [], shape[0])
+    if len(shape) == 1:
+        return rows + _bad_keys()
+    columns = _column_keys(_names(indexer.axes.col) or [], shape[1])
+    # Every row key with one column key and the other way round, not all pairs.
+    pairs = [(row, columns[index % len(columns)]) for index, row in enumerate(rows)]
+    pairs += [(rows[index % len(rows)], column) for index, column in enumerate(columns)]
+    pairs += [([[0], [-1]], column) for column in columns if isinstance(column, list)]
+    return rows + pairs + _bad_keys()
+
+
+def _names(axis: Any) -> list[str] | None:
+    names = getattr(axis, "names", None)
+    return None if names is None else list(names)
+
+
+@every_model
+@both_structs
+def test_the_axes_of_every_field_have_the_same_names(name: str, struct: str) -> None:
+    for field, ours, theirs in _indexers(name, struct):
+        assert _names(ours.axes.row) == _names(theirs.axes.row), f"{name}: rows of {field}"
+        our_columns, their_columns = ours.axes.col, theirs.axes.col
+        assert (our_columns is None) == (their_columns is None), f"{name}: columns of {field}"
+        assert _names(our_columns) == _names(their_columns), f"{name}: columns of {field}"
+        assert ours.axes._fields == theirs.axes._fields
+
+
+@every_model
+@both_structs
+def test_every_field_gives_the_same_for_keys_of_every_kind(name: str, struct: str) -> None:
+    differences = []
+    for field, ours, theirs in _indexers(name, struct):
+        assert ours.shape == theirs.shape, f"{name}: {field}"
+        for key in _keys(theirs):
+            try:
+                assert_same_outcome(
+                    lambda indexer=ours, key=key: indexer[key],
+                    lambda indexer=theirs, key=key: indexer[key],
+                    f"{name}: {struct}.{field}[{key!r}]",
+                )
+            except AssertionError as difference:
+                differences.append(str(difference))
+    assert not differences, "\n".join(differences[:20] + [f"{len(differences)} differences"])
+
+
+@pytest.mark.parametrize("name", ["humanoid:walk", "zoo"])
+@both_structs
+def test_what_is_a_view_of_live_memory_is_one_here_too(name: str, struct: str) -> None:
+    twin = _twin_physics(name)
+    for field, their_indexer in getattr(twin[1].named, struct)._asdict().items():
+        our_indexer = getattr(getattr(twin[0].named, struct), field)
+        ours, theirs = (getattr(getattr(physics, struct), field) for physics in twin)
+        for key in [slice(None), 0, *(_names(their_indexer.axes.row) or [])[:3]]:
+            if not theirs.size or key == "":
+                continue
+            shared = np.shares_memory(their_indexer[key], theirs)
+            assert np.shares_memory(our_indexer[key], ours) == shared, f"{name}: {field}[{key!r}]"
+
+
+@pytest.mark.parametrize("name", ["humanoid:walk", "manipulator:insert_peg", "zoo"])
+@both_structs
+def test_assignment_by_keys_of_every_kind_writes_the_same(name: str, struct: str) -> None:
+    twin = _twin_physics(name)
+    arrays = [getattr(physics, struct) for physics in twin]
+    for field, their_indexer in getattr(twin[1].named, struct)._asdict().items():
+        our_indexer = getattr(getattr(twin[0].named, struct), field)
+        # Integers may be addresses that MuJoCo follows.
+        if not np.issubdtype(their_indexer.dtype, np.floating):
+            continue
+        for key in _keys(their_indexer):
+            where = f"{name}: {struct}.{field}[{key!r}] = ..."
+            value = _value_for(their_indexer, key)
+            assert_same_outcome(
+                lambda indexer=our_indexer, key=key, value=value: indexer.__setitem__(key, value),
+                lambda indexer=their_indexer, key=key, value=value: indexer.__setitem__(key, value),
+                where,
+            )
+            assert_same(*(getattr(array, field) for array in arrays), where)
+
+
+def _value_for(indexer: Any, key: Any) -> Any:
+    try:
+        found = indexer[key]
+    except (IndexError, KeyError, ValueError):
+        return 0.5
+    return np.random.RandomState(found.size).uniform(0.1, 1, found.shape)
+
+
+@both_structs
+def test_a_value_of_the_wrong_shape_is_refused_alike(struct: str) -> None:
+    twin = _twin_physics("zoo")
+    field = {"model": "body_pos", "data": "xpos"}[struct]
+    ours, theirs = (getattr(getattr(physics.named, struct), field) for physics in twin)
+    for key, value in [("cart", [1, 2]), ("cart", "text"), (["cart", "hand"], np.zeros((3, 3)))]:
+        error = assert_same_outcome(
+            lambda key=key, value=value: ours.__setitem__(key, value),
+            lambda key=key, value=value: theirs.__setitem__(key, value),
+            f"{field}[{key!r}] = {value!r}",
+        )
+        assert error is not None
+
+
+@pytest.mark.parametrize(
+    ("field", "key"),
+    [("qpos", "box_root"), ("sensordata", "acceleration"), ("xmat", "hand"), ("qvel", "swivel")],
+)
+def test_assignment_to_what_indexing_returned_writes_the_same(field: str, key: str) -> None:
+    twin = _twin_physics("zoo")
+    for physics in twin:
+        indexer = getattr(physics.named.data, field)
+        indexer[key][1:] = 0.25
+        indexer[key][[0, 2]] += 1.5
+    assert_same(*(getattr(physics.data, field) for physics in twin), field)
+
+
+@every_model
+@both_structs
+def test_every_field_can_be_printed_and_listed(name: str, struct: str) -> None:
+    twin = _twin_physics(name)
+    ours, theirs = (getattr(physics.named, struct) for physics in twin)
+    assert set(theirs._asdict()) <= set(ours._asdict()) <= set(dir(ours))
+    for field, indexer in theirs._asdict().items():
+        if indexer.shape[0] <= _PRINTED_ROWS:
+            assert field in repr(getattr(ours, field))
+        assert {"copy", "shape", "axes"} <= set(dir(getattr(ours, field)))
+
+
+def test_a_printed_field_looks_the_same() -> None:
+    twin = _twin_physics("zoo")
+    for path in ("data.qpos", "data.xpos", "data.act", "data.sensordata", "model.geom_rgba"):
+        struct, field = path.split(".")
+        ours, theirs = (repr(getattr(getattr(twin_.named, struct), field)) for twin_ in twin)
+        assert ours == theirs
+
+
+@both_structs
+def test_a_field_that_is_not_there_is_an_attribute_error_for_both(struct: str) -> None:
+    for physics in _twin_physics("zoo"):
+        for field in ("no_such_field", *REMOVED_FIELDS[:1]):
+            with pytest.raises(AttributeError):
+                getattr(getattr(physics.named, struct), field)
+
+
+def test_a_named_view_shows_the_new_model_after_a_reload() -> None:
+    twin = _twin_physics("humanoid:walk")
+    for physics in twin:
+        physics.reload_from_xml_string(models.ZOO)
+    ours, theirs = (physics.named.data.qpos["swivel"] for physics in twin)
+    assert_same(ours, theirs, "qpos['swivel']")
+
+
+def test_a_named_write_to_one_model_leaves_other_environments_alone() -> None:
+    first, second = (twins.load("manipulator", "bring_ball") for _ in range(2))
+    for env in (first.ours, first.theirs):
+        env.physics.named.model.geom_size["ball"] = 0.05
+        env.physics.named.model.body_mass["ball"] *= 3
+        env.physics.model.opt.gravity[2] = -5
+    for env in (first, second):
+        env.reset()
+        env.play([np.full(5, 0.3)] * 30)
+        env.assert_same_physics("model.geom_size", "model.body_mass", "model.opt.gravity")

@@ -1,0 +1,238 @@
+"""Every way to configure, reset and seed an environment gives what dm_control gives."""
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+
+from . import twins
+from .oracle import BOTH
+from .same import assert_same
+
+pytestmark = pytest.mark.oracle
+
+every_task = pytest.mark.parametrize(("domain", "task"), twins.TASKS)
+partly_observable = pytest.mark.parametrize(
+    ("domain", "task"), [task for task in twins.TASKS if task[0] != "humanoid"]
+)
+
+_STEPS = 60
+_STARTS = 200
+# What a start may change: the state, and the bodies that manipulator and stacker move.
+_START_FIELDS = (
+    "data.qpos",
+    "data.qvel",
+    "data.ctrl",
+    "data.qacc_warmstart",
+    "data.sensordata",
+    "data.time",
+    "model.body_pos",
+    "model.body_quat",
+)
+
+
+def _play(env: twins.Twins, kind: str = "random", steps: int = _STEPS) -> None:
+    env.reset()
+    env.play(itertools.islice(env.actions(kind, seed=1), steps))
+
+
+@partly_observable
+def test_partly_observable_episodes_are_the_same(domain: str, task: str) -> None:
+    for seed in range(3):
+        _play(twins.load(domain, task, seed, task_kwargs={"fully_observable": False}))
+
+
+@every_task
+def test_flat_observations_are_the_same(domain: str, task: str) -> None:
+    env = twins.load(domain, task, environment_kwargs={"flat_observation": True})
+    _assert_same_specs(env)
+    _play(env)
+
+
+@partly_observable
+def test_flat_partly_observable_observations_are_the_same(domain: str, task: str) -> None:
+    kwargs = {"fully_observable": False}
+    flat = {"flat_observation": True}
+    env = twins.load(domain, task, task_kwargs=kwargs, environment_kwargs=flat)
+    _assert_same_specs(env)
+    _play(env)
+
+
+@every_task
+@pytest.mark.parametrize("n_sub_steps", [1, 3, 7])
+def test_another_number_of_substeps_is_the_same(domain: str, task: str, n_sub_steps: int) -> None:
+    # The factories fix the control step, and Environment refuses both: build it around their parts.
+    loaded = twins.load(domain, task)
+    envs = [
+        package("rl.control").Environment(
+            env.physics, env.task, n_sub_steps=n_sub_steps, time_limit=0.5
+        )
+        for package, env in zip(BOTH, (loaded.ours, loaded.theirs), strict=True)
+    ]
+    env = twins.Twins(*envs, where=f"{loaded.where}, {n_sub_steps} substeps")
+    assert_same(*(twin.control_timestep() for twin in envs), f"{env.where}: control_timestep")
+    env.reset()
+    env.play(env.actions("random", seed=2))
+    env.step(np.zeros(env.theirs.action_spec().shape))
+
+
+@every_task
+@pytest.mark.parametrize("time_limit", [0.2, 0.33, 1])
+def test_another_time_limit_ends_the_episode_at_the_same_step(
+    domain: str, task: str, time_limit: float
+) -> None:
+    env = twins.load(domain, task, task_kwargs={"time_limit": time_limit})
+    for _ in range(2):
+        env.reset()
+        env.play(env.actions("random", seed=3))
+        assert env.step_count <= 100, env.where
+
+
+@pytest.mark.parametrize(("domain", "task"), [("humanoid", "run"), ("stacker", "stack_2")])
+def test_an_infinite_time_limit_never_ends_the_episode(domain: str, task: str) -> None:
+    env = twins.load(domain, task, task_kwargs={"time_limit": float("inf")})
+    _play(env, steps=1100)
+    assert env.step_count == 1100
+
+
+@every_task
+def test_a_random_state_is_used_as_it_is(domain: str, task: str) -> None:
+    streams = [np.random.RandomState(11) for _ in BOTH]
+    envs = [
+        package("suite").load(domain, task, task_kwargs={"random": stream})
+        for package, stream in zip(BOTH, streams, strict=True)
+    ]
+    env = twins.Twins(*envs, where=f"{domain}:{task}, RandomState(11)")
+    for _ in range(3):
+        _play(env, steps=5)
+    for twin, stream in zip(envs, streams, strict=True):
+        assert twin.task.random is stream
+    # Not one draw more or less than dm_control's.
+    assert_same(*(stream.random_sample() for stream in streams), f"{env.where}: next draw")
+
+
+@every_task
+def test_a_random_state_assigned_to_the_task_is_used_at_the_next_reset(
+    domain: str, task: str
+) -> None:
+    env = twins.load(domain, task, seed=None)
+    for seed in (4, 5):
+        for twin in (env.ours, env.theirs):
+            twin.task._random = np.random.RandomState(seed)
+        _play(env, steps=10)
+    for twin in (env.ours, env.theirs):
+        twin.task.random.seed(6)
+    _play(env, steps=10)
+
+
+@every_task
+def test_stepping_without_up_to_date_fields_is_the_same(domain: str, task: str) -> None:
+    env = twins.load(domain, task, environment_kwargs={"legacy_step": False})
+    _play(env)
+
+
+@every_task
+def test_reward_colours_are_the_same_after_each_step(domain: str, task: str) -> None:
+    env = twins.load(domain, task, visualize_reward=True)
+    for _ in range(2):
+        env.reset()
+        env.assert_same_physics("model.mat_rgba")
+        for action in itertools.islice(env.actions("random", seed=7), _STEPS):
+            env.step(action)
+            env.assert_same_physics("model.mat_rgba")
+
+
+@every_task
+def test_colours_of_a_full_reward_are_the_same(domain: str, task: str) -> None:
+    env = twins.load(domain, task, visualize_reward=True)
+    env.reset()
+    for reward in (-3.0, 0.0, 0.3, 0.9, 1.0, 2.0, np.float64(0.7)):
+        for twin in (env.ours, env.theirs):
+            twin.task.get_reward = lambda physics, reward=reward: reward
+            twin.task.after_step(twin.physics)
+        env.assert_same_physics("model.mat_rgba")
+
+
+@every_task
+def test_a_reset_in_mid_episode_begins_the_same_episode(domain: str, task: str) -> None:
+    env = twins.load(domain, task)
+    for steps in (0, 1, 7, 30):
+        _play(env, kind="bang-bang", steps=steps)
+        env.assert_same_physics(*_START_FIELDS)
+
+
+@every_task
+def test_a_step_before_a_reset_and_after_the_last_step_begins_an_episode(
+    domain: str, task: str
+) -> None:
+    env = twins.load(domain, task, task_kwargs={"time_limit": 0.1})
+    zero = np.zeros(env.theirs.action_spec().shape)
+    assert env.step(zero).first()
+    for _ in range(3):
+        env.play(env.actions("random", seed=8))
+        assert env.step(zero).first()
+
+
+@every_task
+def test_specs_are_the_same(domain: str, task: str) -> None:
+    env = twins.load(domain, task)
+    _assert_same_specs(env)
+    env.reset()
+    _assert_same_specs(env)
+
+
+@every_task
+def test_actions_of_every_kind_that_dm_control_takes_act_the_same(domain: str, task: str) -> None:
+    env = twins.load(domain, task)
+    env.reset()
+    size = env.theirs.action_spec().shape[0]
+    action = np.random.RandomState(9).uniform(-1, 1, size)
+    kinds: list[Any] = [
+        action.astype(np.float32),
+        np.sign(action).astype(int),
+        action.tolist(),
+        tuple(action.tolist()),
+        np.repeat(action, 2)[::2],
+        3 * action,  # beyond the bounds: MuJoCo clips the control, the reward sees what came
+    ]
+    for kind in kinds:
+        env.step(kind)
+        env.assert_same_physics("data.ctrl")
+
+
+@every_task
+def test_many_starts_are_the_same(domain: str, task: str) -> None:
+    env = twins.load(domain, task, seed=123)
+    for start in range(_STARTS):
+        env.where = f"{domain}:{task}, seed 123, start {start}"
+        env.reset()
+        env.assert_same_physics(*_START_FIELDS)
+
+
+@every_task
+def test_a_start_after_steps_forgets_them_as_dm_control_does(domain: str, task: str) -> None:
+    env = twins.load(domain, task, seed=42)
+    for start in range(20):
+        env.where = f"{domain}:{task}, seed 42, start {start}"
+        _play(env, kind="bang-bang", steps=3)
+        env.reset()
+        env.assert_same_physics(*_START_FIELDS)
+
+
+def _assert_same_specs(env: twins.Twins) -> None:
+    assert_same_spec(env.ours.action_spec(), env.theirs.action_spec(), f"{env.where}: action")
+    our_specs, their_specs = env.ours.observation_spec(), env.theirs.observation_spec()
+    assert type(our_specs) is type(their_specs), env.where
+    assert list(our_specs) == list(their_specs), env.where
+    for name, their_spec in their_specs.items():
+        assert_same_spec(our_specs[name], their_spec, f"{env.where}: {name}")
+
+
+def assert_same_spec(ours: Any, theirs: Any, where: str) -> None:
+    """Both specs are of one class, with equal name, shape, dtype, bounds and representation."""
+    assert type(ours) is type(theirs), where
+    assert repr(ours) == repr(theirs), where
+    for field in ("name", "shape", "dtype", "minimum", "maximum"):
+        if hasattr(theirs, field):
+            assert_same(getattr(ours, field), getattr(theirs, field), f"{where}.{field}")
