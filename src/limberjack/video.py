@@ -1,18 +1,27 @@
 """Films an episode into an MP4 (H.264, yuv420p) that browsers play, without a display.
 
     film = Film(Path("video.mp4"), environment.control_timestep())
-    film.add(environment.physics)  # after the reset and after every step
+    film.add(environment.physics)  # after the reset and after each step
     film.finish()
 
-It plays in real time: every control step is a frame at up to 50 frames a second; of shorter steps
-every second, third, ... is. The only file that imports imageio, and that when a film begins.
+It plays in real time. A frame is drawn after every control step, or after every second, third, ...
+where steps are shorter than 0.02 s, so that there are never more than 50 frames a second.
+
+The only file that imports imageio_ffmpeg, for the ffmpeg program in its wheel, and that when a film
+begins.
 """
 
+import fractions
 import math
+import os
+import subprocess
+import tempfile
 from pathlib import Path
 from typing import Any
 
-from limberjack.report.files import replacing
+import numpy as np
+
+from limberjack.report.files import partial_path
 
 __all__ = ["Film", "frame_stride"]
 
@@ -21,12 +30,12 @@ _ROUND_OFF = 1e-9  # so that steps of 0.02 s, whatever their last bit, are all d
 
 
 def frame_stride(control_timestep: float) -> int:
-    """How many control steps, of so many seconds, go into one frame."""
+    """The number of control steps, of so many seconds each, from one frame to the next."""
     return max(1, math.ceil(1.0 / (control_timestep * _MAX_FRAME_RATE) - _ROUND_OFF))
 
 
 class Film:
-    """A film under way; the file appears when it is finished."""
+    """A film under way; its file appears when it is finished."""
 
     def __init__(
         self,
@@ -36,41 +45,31 @@ class Film:
         height: int = 480,
         width: int = 640,
     ) -> None:
-        """Begins a film.
+        """Begins a film; nothing is drawn or written yet.
 
         Args:
           path: of the MP4 file.
           control_timestep: seconds between two calls of `add`.
           camera: number or name of a camera of the model.
-          height: pixels, an even number, as the format demands.
-          width: pixels, an even number.
+          height: pixels; even, as the format demands.
+          width: pixels; even.
 
         Raises:
-          ImportError: imageio or its ffmpeg is not installed.
+          ImportError: imageio-ffmpeg is not installed.
+          ValueError: the height or width is odd.
         """
-        try:
-            import imageio.v2 as imageio
-            import imageio_ffmpeg
-
-            imageio_ffmpeg.get_ffmpeg_exe()
-        except (ImportError, RuntimeError) as error:  # RuntimeError: a wheel without a program
-            raise ImportError("needs the extra 'video': pip install 'limberjack[video]'") from error
-
-        self._view = {"camera_id": camera, "height": height, "width": width}
+        if height % 2 or width % 2:
+            raise ValueError(f"a film of {height}x{width} pixels: H.264 needs even numbers")
+        self._ffmpeg = _find_ffmpeg()
+        self._path = path
+        self._partial = partial_path(path)
+        self._view = {"height": height, "width": width, "camera_id": camera}
         self._stride = frame_stride(control_timestep)
+        rate = 1.0 / (control_timestep * self._stride)
+        self._frame_rate = fractions.Fraction(rate).limit_denominator(1000)
         self._steps = 0
-        self._replacing = replacing(path)
-        self._writer: Any = imageio.get_writer(  # Any: imageio has no types for its writers
-            self._replacing.__enter__(),
-            format="FFMPEG",  # type: ignore[arg-type]
-            fps=1.0 / (control_timestep * self._stride),
-            codec="libx264",
-            pixelformat="yuv420p",
-            macro_block_size=2,
-            # The index comes first, so that a browser plays while it loads.
-            output_params=["-movflags", "+faststart"],
-            ffmpeg_log_level="error",
-        )
+        self._encoder: subprocess.Popen[bytes] | None = None
+        self._complaints = tempfile.TemporaryFile()
 
     def add(self, physics: Any) -> None:
         """Draws the present state, if its turn has come.
@@ -80,17 +79,74 @@ class Film:
           OSError: the film cannot be written.
         """
         if self._steps % self._stride == 0:
-            self._writer.append_data(physics.render(**self._view))
+            self._write(physics.render(**self._view))
         self._steps += 1
 
     def finish(self) -> None:
-        """Ends the film and puts the file in its place."""
+        """Puts the file in its place.
+
+        Raises:
+          OSError: it cannot be written; nothing is left of it.
+        """
         try:
-            self._writer.close()
-        except BaseException as error:
-            self._replacing.__exit__(type(error), error, error.__traceback__)
-            raise
-        self._replacing.__exit__(None, None, None)
+            if self._end_encoder() != 0:
+                raise self._write_error()
+            os.replace(self._partial, self._path)
+        finally:
+            self.discard()
 
     def discard(self) -> None:
-        """Ends the film and removes what was written."""
+        """Ends the film and removes what was written; does nothing to a finished film."""
+        if self._encoder is not None and self._encoder.returncode is None:
+            self._encoder.kill()
+            self._end_encoder()
+        self._complaints.close()
+        self._partial.unlink(missing_ok=True)
+
+    def _write(self, frame: np.ndarray) -> None:
+        if self._encoder is None:
+            self._encoder = self._start_encoder()
+        assert self._encoder.stdin is not None
+        try:
+            self._encoder.stdin.write(frame.tobytes())
+        except BrokenPipeError:
+            self._end_encoder()
+            raise self._write_error() from None
+
+    def _start_encoder(self) -> "subprocess.Popen[bytes]":
+        size = f"{self._view['width']}x{self._view['height']}"
+        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(self._frame_rate)]
+        # The index goes first (faststart), so that a browser plays while it loads.
+        h264 = ["-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+        return subprocess.Popen(
+            [self._ffmpeg, "-y", "-v", "error", *raw, "-i", "-", *h264, str(self._partial)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self._complaints,
+            start_new_session=True,  # Ctrl-C is for this process to answer
+        )
+
+    def _end_encoder(self) -> int:
+        """The encoder's exit status, after everything it was given is written."""
+        if self._encoder is None:
+            return 1
+        assert self._encoder.stdin is not None
+        try:
+            self._encoder.stdin.close()
+        except BrokenPipeError:
+            pass  # it ended early, and its exit status says so
+        return self._encoder.wait()
+
+    def _write_error(self) -> OSError:
+        self._complaints.seek(0)
+        text = self._complaints.read().decode(errors="replace").strip()
+        return OSError(f"{self._path} cannot be written: {text or 'it has no frames'}")
+
+
+def _find_ffmpeg() -> str:
+    try:
+        import imageio_ffmpeg
+
+        return imageio_ffmpeg.get_ffmpeg_exe()
+    except (ImportError, RuntimeError) as error:  # RuntimeError: a wheel without the program
+        raise ImportError("needs the extra 'video': pip install 'limberjack[video]'") from error

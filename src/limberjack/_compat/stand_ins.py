@@ -34,7 +34,7 @@ _NOT_BUILT = (
     "viewer",
 )
 
-_made: dict[tuple[str, str], "_StandInClass"] = {}
+_made: dict[str, "_StandInClass"] = {}
 
 
 def is_stand_in(name: str) -> bool:
@@ -68,7 +68,7 @@ class _StandInClass(abc.ABCMeta):
     """The class of the stand-in classes: what must not be done with them is defined here."""
 
     def __getattr__(cls, name: str) -> "_StandInClass":
-        return _attribute(cls.__module__, name, cls.__qualname__)
+        return _attribute(f"{cls.__module__}.{cls.__name__}", name)
 
     # Any: a stand-in is called, indexed and searched with whatever the real thing takes.
     def __call__(cls, *args: Any, **kwargs: Any) -> NoReturn:
@@ -90,27 +90,26 @@ class _StandInClass(abc.ABCMeta):
         return True  # as of any class, though it has a length
 
 
-def _attribute(module: str, name: str, within: str = "") -> _StandInClass:
-    """The stand-in class of that name in a stand-in module, or in the class named `within`."""
-    path = f"{within}.{name}" if within else name
+def _attribute(owner: str, name: str) -> _StandInClass:
+    """The stand-in class of that name in a stand-in module or class."""
+    path = f"{owner}.{name}"
     if name.startswith("_"):
         # Tools look for private attributes to learn what an object can do.
-        raise AttributeError(f"{module}.{path}: {_not_built(module)}")
-    if (module, path) not in _made:
+        raise AttributeError(f"{path}: {_not_built(owner)}")
+    if path not in _made:
         # An `except` clause takes only exceptions.
         bases = (Exception,) if name.endswith(("Error", "Exception")) else ()
         names = {
-            "__module__": module,
-            "__qualname__": path,
-            "__doc__": f"A stand-in: {_not_built(f'{module}.{path}')}",
+            "__module__": owner,
+            "__doc__": f"A stand-in: {_not_built(path)}",
             "__init_subclass__": classmethod(_refuse_subclass),
         }
-        _made.setdefault((module, path), _StandInClass(name, bases, names))
-    return _made[module, path]
+        _made.setdefault(path, _StandInClass(name, bases, names))
+    return _made[path]
 
 
 def _refuse(cls: type) -> NoReturn:
-    raise NotImplementedError(_not_built(f"{cls.__module__}.{cls.__qualname__}"))
+    raise NotImplementedError(_not_built(f"{cls.__module__}.{cls.__name__}"))
 
 
 def _refuse_subclass(cls: type, **kwargs: Any) -> NoReturn:

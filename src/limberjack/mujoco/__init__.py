@@ -7,6 +7,7 @@ from typing import Any
 
 # First, so that every `import mujoco` below finds the official package without OpenGL.
 from limberjack.mujoco import official as _official  # isort: split
+
 from limberjack.mujoco.engine import (
     Camera,
     CameraMatrices,

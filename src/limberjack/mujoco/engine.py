@@ -119,7 +119,7 @@ class Physics(_control.Physics):
         """Takes over a state and its model, and computes every quantity of it."""
         if not isinstance(data, wrapper.MjData):
             raise TypeError(f"Expected wrapper.MjData. Got: {type(data)}.")
-        self.__dict__.pop("named", None)
+        vars(self).pop("named", None)
         self._data = data
         self._simulation = SingleSimulation(data)
         try:
@@ -130,7 +130,7 @@ class Physics(_control.Physics):
     def free(self) -> None:
         """Frees the simulation; this object must not be used afterwards."""
         for name in ("_data", "_simulation", "named"):
-            self.__dict__.pop(name, None)
+            vars(self).pop(name, None)
 
     def __getattr__(self, name: str) -> Any:
         if name in ("_data", "_simulation"):
@@ -166,7 +166,8 @@ class Physics(_control.Physics):
         """Sets the actuators' control signals, (nu,)."""
         np.copyto(self._data._data.ctrl, control)
 
-    def step(self, nstep: int = 1) -> None:
+    # Named as in dm_control, where the contract and this class differ.
+    def step(self, nstep: int = 1) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Advances the simulation by `nstep` time steps.
 
         Raises:
@@ -205,7 +206,7 @@ class Physics(_control.Physics):
         self.after_reset()
 
     def after_reset(self) -> None:
-        """Recomputes every quantity with actuation disabled: there are no meaningful controls yet."""
+        """Recomputes every quantity with actuation disabled, as there are no controls yet."""
         with self.check_invalid_state():
             self._simulation.forward_without_actuation()
 
@@ -232,7 +233,9 @@ class Physics(_control.Physics):
         warnings = self._simulation.warnings
         new = warnings > np.frombuffer(before, warnings.dtype)
         if new.any():
-            names = [n for n, is_new in zip(mujoco.mjtWarning.__members__, new, strict=False) if is_new]
+            names = [
+                n for n, is_new in zip(mujoco.mjtWarning.__members__, new, strict=False) if is_new
+            ]
             message = f"Physics state is invalid. Warning(s) raised: {', '.join(names)}"
             if self._warnings_cause_exception:
                 raise _control.PhysicsError(message)
@@ -270,13 +273,13 @@ class Physics(_control.Physics):
         items = self._physics_state_items()
         size = sum(item.size for item in items) if sig is None else mujoco.mj_stateSize(model, sig)
         if state.shape != (size,):
-            raise ValueError(
-                f"Input physics state has shape {state.shape}. Expected {(size,)}."
-            )
+            raise ValueError(f"Input physics state has shape {state.shape}. Expected {(size,)}.")
         if sig is not None:
             mujoco.mj_setState(model, self._data._data, state, sig)
             return
-        for item, part in zip(items, np.split(state, np.cumsum([i.size for i in items])), strict=False):
+        for item, part in zip(
+            items, np.split(state, np.cumsum([i.size for i in items])), strict=False
+        ):
             np.copyto(item, part)
 
     def _physics_state_items(self) -> list[np.ndarray]:
@@ -380,7 +383,7 @@ class Physics(_control.Physics):
 
 
 def action_spec(physics: Physics) -> specs.BoundedArray:
-    """The spec of the actuators' controls, (nu,); an unlimited one is bounded by MuJoCo's maximum."""
+    """The spec of the controls, (nu,); an unlimited one is bounded by MuJoCo's maximum."""
     model = physics.model._model
     limited = model.actuator_ctrllimited.ravel().astype(bool)[:, None]
     bounds = np.where(limited, model.actuator_ctrlrange, [-mujoco.mjMAXVAL, mujoco.mjMAXVAL])

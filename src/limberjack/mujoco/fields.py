@@ -83,8 +83,8 @@ _DATA_FIELDS = {
     "nq": "qpos",
     "nv": (
         "qvel qacc qacc_smooth qacc_warmstart qfrc_applied qfrc_actuator qfrc_adhesion qfrc_bias "
-        "qfrc_constraint qfrc_damper qfrc_fluid qfrc_gravcomp qfrc_inverse qfrc_passive qfrc_smooth "
-        "qfrc_spring qLDiagInv qHDiagInv cdof cdof_dot dof_awake_ind"
+        "qfrc_constraint qfrc_damper qfrc_fluid qfrc_gravcomp qfrc_inverse qfrc_passive "
+        "qfrc_smooth qfrc_spring qLDiagInv qHDiagInv cdof cdof_dot dof_awake_ind"
     ),
     "na": "act act_dot",
     "nu": "ctrl",

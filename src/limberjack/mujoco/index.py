@@ -4,10 +4,10 @@
     physics.named.data.qpos[["shoulder", "elbow"]]
     physics.named.model.geom_rgba["ball"] = 1, 0, 0, 1
 
-A field's rows are named after the model's objects: `xpos` after its bodies, `qpos` after its joints
-(of which some have more than one number), and its columns, where it is a position, a quaternion, a
-matrix or a colour, after `x y z`, `qw qx qy qz`, `xx xy ... zz` or `r g b a`. Which objects those are
-follows from the field's own name; a field is looked at only when it is asked for.
+A field's rows are named after the model's objects: `xpos` after its bodies, `qpos` after its
+joints (of which some have more than one number), and its columns, where it is a position, a
+quaternion, a matrix or a colour, after `x y z`, `qw qx qy qz`, `xx xy ... zz` or `r g b a`. Which
+objects those are follows from the field's own name; a field is looked at only when it is asked for.
 
 A key of names is turned into a NumPy index once and remembered. In a batch the index gets `...` in
 front, so that `xpos["head", "z"]` is one number per simulation.
@@ -181,7 +181,7 @@ class FieldIndexer:
         return self._known.get(_frozen(key))
 
     def _resolve(self, key: Any) -> tuple[np.ndarray, Any]:
-        """The array and the NumPy index that a key stands for; remembered if names are all of it."""
+        """The array and NumPy index that a key stands for; remembered if it is of names."""
         items = key if isinstance(key, tuple) else (key,)
         dimensions = self._field.ndim - self._batch
         if len(items) > dimensions:
@@ -234,7 +234,9 @@ class FieldIndexer:
         labels = _row_labels(self._axes.row, len(self._field))
         for i, (label, row) in enumerate(zip(labels, self._field, strict=True)):
             values = np.array2string(
-                np.atleast_1d(row), suppress_small=True, formatter={"float_kind": "{: < 9.3g}".format}
+                np.atleast_1d(row),
+                suppress_small=True,
+                formatter={"float_kind": "{: < 9.3g}".format},
             )
             lines.append(f"{i:>4} {label:>24} {values}")
         return "\n".join(lines) if len(self._field) else f"{title}\n(empty)"
@@ -319,7 +321,7 @@ def _frozen(key: Any) -> Any:
 
 
 def _only_names(key: Any) -> bool:
-    """Whether a key is made of names alone. Numbers are not remembered: 1, 1.0 and True are equal."""
+    """Whether a key is made of names alone; of numbers 1, 1.0 and True would be the same key."""
     if isinstance(key, (tuple, list)):
         return bool(key) and all(_only_names(part) for part in key)
     return type(key) is str

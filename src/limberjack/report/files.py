@@ -5,17 +5,24 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["replacing"]
+__all__ = ["partial_path", "replacing"]
+
+
+def partial_path(path: Path) -> Path:
+    """Where to write a file that is to take the place of `path` when it is whole.
+
+    It lies beside `path`, hidden, and ends alike, for programs that choose a format by the ending.
+    """
+    return path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A path beside `path` to write to; on a clean exit it takes the place of `path`.
+    """A path to write to; on a clean exit what was written takes the place of `path`.
 
-    If the body raises, what was written is removed and `path` stays as it was. The ending of the
-    name is kept, for libraries that choose a format by it.
+    If the body raises, what was written is removed and `path` stays as it was.
     """
-    partial = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    partial = partial_path(path)
     try:
         yield partial
         os.replace(partial, path)

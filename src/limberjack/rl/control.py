@@ -84,7 +84,7 @@ class Physics(abc.ABC):
     def after_reset(self) -> None:
         """Makes every quantity follow the state, without advancing time."""
 
-    def check_divergence(self) -> None:
+    def check_divergence(self) -> None:  # noqa: B027 (an optional hook)
         """Raises `PhysicsError` if the state has diverged. Does nothing by default."""
 
 
@@ -216,10 +216,8 @@ class Environment(dm_env.Environment):
         reward = task.get_reward(physics)
         observation = self._observe()
         self._step_count += 1
-        if self._step_count >= self._step_limit:
-            discount = 1.0
-        else:
-            discount = task.get_termination(physics)
+        at_limit = self._step_count >= self._step_limit
+        discount = 1.0 if at_limit else task.get_termination(physics)
         if discount is not None:
             return dm_env.TimeStep(dm_env.StepType.LAST, reward, discount, observation)
         self._reset_next_step = False

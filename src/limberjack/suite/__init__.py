@@ -1,9 +1,9 @@
 """The suite: every task by domain and name.
 
-    from limberjack import suite
+from limberjack import suite
 
-    env = suite.load("humanoid", "walk", task_kwargs={"random": 0})
-    for domain, task in suite.ALL_TASKS: ...
+env = suite.load("humanoid", "walk", task_kwargs={"random": 0})
+for domain, task in suite.ALL_TASKS: ...
 """
 
 import collections

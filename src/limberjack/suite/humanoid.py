@@ -16,7 +16,16 @@ from limberjack.suite import base, common
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
-__all__ = ["SUITE", "Humanoid", "Physics", "get_model_and_assets", "run", "run_pure_state", "stand", "walk"]
+__all__ = [
+    "SUITE",
+    "Humanoid",
+    "Physics",
+    "get_model_and_assets",
+    "run",
+    "run_pure_state",
+    "stand",
+    "walk",
+]
 
 _TIME_LIMIT = 25  # seconds
 _CONTROL_TIMESTEP = 0.025  # seconds
@@ -106,7 +115,7 @@ class Physics(mujoco.Physics):
         return self.data.qpos[..., _ROOT_POSITIONS:].copy()
 
     def extremities(self) -> np.ndarray:
-        """Hands and feet in the torso frame, (..., 12), metres: left hand, left foot, then right."""
+        """Hands and feet in the torso frame, (..., 12), metres: left hand and foot, then right."""
         xpos, xmat = self.named.data.xpos, self.named.data.xmat["torso"]
         frame = xmat.reshape(*xmat.shape[:-1], 3, 3)
         limbs = arrays.rotate(xpos[_LIMBS] - xpos["torso"][..., None, :], frame)

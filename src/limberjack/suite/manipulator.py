@@ -1,7 +1,7 @@
 """Manipulator: a planar arm brings a ball or a peg to a target, or inserts it into a cup or slot.
 
-An object starts in the hand, at the target, or falling anywhere. The tasks are those of the DeepMind
-Control Suite (https://arxiv.org/abs/1801.00690).
+An object starts in the hand, at the target, or falling anywhere. The tasks are those of the
+DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections

@@ -1,0 +1,81 @@
+"""The official `mujoco`, imported without OpenGL.
+
+    from limberjack.mujoco.official import mujoco
+
+`import mujoco` by itself loads the OpenGL backend that the variable MUJOCO_GL names, and fails where
+it names nonsense. Here that waits until somebody asks for `mujoco.GLContext` or makes a
+`mujoco.Renderer`; MUJOCO_GL is read then, by MuJoCo's own code, with the same results and errors. If
+the program imported `mujoco` before, it is left as it is. Environment variables are unchanged.
+
+Any module that is imported after this one may write `import mujoco`.
+"""
+
+import importlib
+import os
+import sys
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+__all__ = ["mujoco"]
+
+_VARIABLE = "MUJOCO_GL"
+_WITHOUT_OPENGL = "disable"  # MuJoCo's word for it
+_CONTEXT = "GLContext"
+# The module that reads MUJOCO_GL when it is executed, and those that take `GLContext` from it.
+_SELECTING = "mujoco.rendering.classic.gl_context"
+_TAKING = ("mujoco", "mujoco.rendering.classic.renderer")
+
+
+def _import_without_opengl() -> None:
+    """Imports `mujoco` with OpenGL put off."""
+    before = os.environ.get(_VARIABLE)
+    os.environ[_VARIABLE] = _WITHOUT_OPENGL
+    try:
+        importlib.import_module("mujoco")
+    finally:
+        if before is None:
+            os.environ.pop(_VARIABLE, None)
+        else:
+            os.environ[_VARIABLE] = before
+    selecting = sys.modules.get(_SELECTING)
+    if selecting is None:  # a MuJoCo built without rendering
+        return
+    for module in filter(None, map(sys.modules.get, (_SELECTING, *_TAKING))):
+        # The renderer's module says None where there is no context class.
+        vars(module).pop(_CONTEXT, None)
+        vars(module)["__getattr__"] = _lazy_getattr(module, selecting)
+
+
+def _lazy_getattr(module: ModuleType, selecting: ModuleType) -> Callable[[str], Any]:
+    """A `__getattr__` for `module` that finds `GLContext`, and all that its own one finds."""
+    own = vars(module).get("__getattr__")
+
+    def getattr_(name: str) -> Any:
+        if name == _CONTEXT or (name == "__all__" and module is selecting):
+            _select(selecting)
+            if name in vars(module):
+                return vars(module)[name]
+        if own is not None:
+            return own(name)
+        raise AttributeError(f"module {module.__name__!r} has no attribute {name!r}")
+
+    return getattr_
+
+
+def _select(selecting: ModuleType) -> None:
+    """Makes `GLContext` as MUJOCO_GL says now, or raises what MuJoCo raises.
+
+    `__all__` leads here too: `from ... import *` asks for it first, then takes what is there.
+    """
+    if _CONTEXT not in vars(selecting):
+        importlib.reload(selecting)
+    if _CONTEXT in vars(selecting):
+        for module in filter(None, map(sys.modules.get, _TAKING)):
+            vars(module)[_CONTEXT] = vars(selecting)[_CONTEXT]
+
+
+if "mujoco" not in sys.modules:
+    _import_without_opengl()
+
+mujoco: Any = sys.modules["mujoco"]  # Any: its names are MuJoCo's to define
