@@ -11,6 +11,7 @@ The only file that imports imageio_ffmpeg, for the ffmpeg program in its wheel, 
 begins.
 """
 
+import contextlib
 import fractions
 import math
 import os
@@ -69,7 +70,8 @@ class Film:
         self._frame_rate = fractions.Fraction(rate).limit_denominator(1000)
         self._steps = 0
         self._encoder: subprocess.Popen[bytes] | None = None
-        self._complaints = tempfile.TemporaryFile()
+        # A file, because a pipe that nobody reads could block the encoder.
+        self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 (closed by `discard`)
 
     def add(self, physics: Any) -> None:
         """Draws the present state, if its turn has come.
@@ -131,10 +133,8 @@ class Film:
         if self._encoder is None:
             return 1
         assert self._encoder.stdin is not None
-        try:
+        with contextlib.suppress(BrokenPipeError):  # it ended early; its exit status says so
             self._encoder.stdin.close()
-        except BrokenPipeError:
-            pass  # it ended early, and its exit status says so
         return self._encoder.wait()
 
     def _write_error(self) -> OSError:

@@ -2,6 +2,7 @@
 
 import importlib
 import io
+import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -117,27 +118,47 @@ def test_nesting_to_no_depth_changes_nothing(etree: ModuleType) -> None:
     assert len(xml_tools.nested_element(element, depth=0)) == 0
 
 
+@pytest.fixture
+def without_lxml(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "lxml.etree", raising=False)
+
+
+@pytest.mark.usefixtures("without_lxml")
 def test_parsing_drops_the_space_between_elements_and_keeps_text() -> None:
     tree = xml_tools.parse(io.StringIO("<a>\n  <b> kept </b>\n  <c></c>\n</a>\n"))
     assert ElementTree.tostring(tree.getroot()) == b"<a><b> kept </b><c /></a>"
 
 
-def test_parsing_takes_a_path_a_text_file_or_a_binary_file(tmp_path: Path) -> None:
-    path = tmp_path / "model.xml"
-    path.write_text(XML)
-    with path.open() as text, path.open("rb") as binary:
-        for source in (str(path), path, text, binary, io.BytesIO(XML.strip().encode())):
-            root = xml_tools.parse(source).getroot()
-            assert root is not None
-            assert root.tag == "mujoco"
-
-
+@pytest.mark.usefixtures("without_lxml")
 def test_what_was_parsed_can_be_laid_out_anew() -> None:
     tree = xml_tools.parse(io.StringIO("<a>  <b/></a>"))
+    assert isinstance(tree, ElementTree.ElementTree)
     ElementTree.indent(tree)
     assert ElementTree.tostring(tree.getroot()) == b"<a>\n  <b />\n</a>"
 
 
-def test_malformed_xml_is_an_error() -> None:
-    with pytest.raises(ElementTree.ParseError):
+def test_a_program_that_uses_lxml_gets_its_tree() -> None:
+    etree = pytest.importorskip("lxml.etree", reason="lxml is not installed")
+    tree = xml_tools.parse(io.StringIO("<a>\n  <b/>\n</a>"))
+    etree.SubElement(tree.getroot(), "c")
+    assert etree.tostring(tree, pretty_print=True) == b"<a>\n  <b/>\n  <c/>\n</a>\n"
+
+
+@pytest.mark.parametrize("library", ["xml.etree.ElementTree", "lxml.etree"])
+def test_parsing_takes_a_path_a_text_file_or_a_binary_file(
+    library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if library == "lxml.etree":
+        pytest.importorskip(library, reason="lxml is not installed")
+    else:
+        monkeypatch.delitem(sys.modules, "lxml.etree", raising=False)
+    path = tmp_path / "model.xml"
+    path.write_text(XML)
+    with path.open() as text, path.open("rb") as binary:
+        for source in (str(path), path, text, binary, io.BytesIO(XML.encode())):
+            assert xml_tools.parse(source).getroot().tag == "mujoco"
+
+
+def test_malformed_xml_is_an_error(etree: ModuleType) -> None:
+    with pytest.raises(SyntaxError):
         xml_tools.parse(io.StringIO("<a>"))

@@ -25,6 +25,7 @@ from dm_env import specs
 
 from limberjack.mujoco import camera, index, wrapper
 from limberjack.mujoco.camera import Camera, CameraMatrices, MovableCamera, TextOverlay
+from limberjack.mujoco.rows import Rows
 from limberjack.mujoco.simulation import SingleSimulation
 from limberjack.mujoco.wrapper.core import SharedModel
 from limberjack.rl import control as _control
@@ -47,13 +48,14 @@ _log = logging.getLogger("limberjack")
 _models: "weakref.WeakValueDictionary[Any, SharedModel]" = weakref.WeakValueDictionary()
 
 
-class Physics(_control.Physics):
+class Physics(Rows, _control.Physics):
     """A MuJoCo simulation; see the module's docstring."""
 
     # In the class, because programs override `__init__` without calling it.
     _warnings_cause_exception = True
-    _data: wrapper.MjData
-    _simulation: SingleSimulation
+    # Any: of a single simulation or of a batch.
+    _data: Any
+    _simulation: Any
 
     def __init__(self, data: wrapper.MjData) -> None:
         """Takes a `wrapper.MjData`; see the `from_...` constructors."""
@@ -153,11 +155,10 @@ class Physics(_control.Physics):
     @functools.cached_property
     def named(self) -> Any:
         """`named.data` and `named.model`: fields indexed by the names of the model's objects."""
-        model, data = self.model, self.data
-        names = index.Names(model._model)
+        names = index.Names(self.model._model)
         return NamedIndexStructs(
-            model=index.NamedFields("MjModel", lambda name: getattr(model.ptr, name), names),
-            data=index.NamedFields("MjData", functools.partial(getattr, data._data), names),
+            model=index.NamedFields("MjModel", self._simulation.model_field, names),
+            data=index.NamedFields("MjData", self._simulation.data_field, names),
         )
 
     # Stepping.

@@ -246,35 +246,34 @@ class NamedFields:
     """The fields of one struct as `FieldIndexer`s, made when they are first asked for."""
 
     def __init__(
-        self, struct_name: str, read: Callable[[str], Any], names: Names, batch: bool = False
+        self, struct_name: str, read: Callable[[str], tuple[Any, bool]], names: Names
     ) -> None:
         """Makes the view.
 
         Args:
           struct_name: 'MjModel' or 'MjData'.
-          read: gives a field's live array by name.
+          read: gives a field's live array by name, and whether it has a leading axis of
+            simulations.
           names: the model's axes.
-          batch: whether the arrays have a leading axis of simulations.
         """
         self._struct_name = struct_name
         self._read = read
         self._names = names
-        self._batch = batch
 
     def __getattr__(self, name: str) -> FieldIndexer:
         if name.startswith("_"):
             raise AttributeError(name)
         try:
-            field = self._read(name)
+            field, batch = self._read(name)
         except AttributeError as error:
             hint = did_you_mean(name, dir(getattr(mujoco, self._struct_name)))
             raise AttributeError(f"{self._struct_name} has no field {name!r}.{hint}") from error
         if not isinstance(field, np.ndarray) or field.dtype.fields:
             raise AttributeError(f"{self._struct_name}.{name} is not an array, so it has no names")
-        shape = field.shape[self._batch :]
+        shape = field.shape[batch:]
         sizes = fields.axes_of(self._struct_name, name, shape, self._names.model)
         axes = Axes(*(self._names.axis(size) for size in sizes or (None,)))
-        indexer = FieldIndexer(name, field, axes, self._batch)
+        indexer = FieldIndexer(name, field, axes, batch)
         if sizes[:1] != (None,):
             # Arrays without named rows may move in memory from step to step: look them up anew.
             self.__dict__[name] = indexer

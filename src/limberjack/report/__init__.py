@@ -1,9 +1,12 @@
-"""What a run leaves behind: result.json and return.png.
+"""What a run leaves behind: result.json, return.png and video.mp4.
 
-    from limberjack.report import fingerprint, write_result, write_return_plot
+    from limberjack.report import Recorder, fingerprint
+
+It needs no display; matplotlib and ffmpeg are imported when they are used.
 """
 
 from limberjack.report.curve import write_return_plot
+from limberjack.report.recorder import Recorder
 from limberjack.report.result import fingerprint, versions, write_result
 
-__all__ = ["fingerprint", "versions", "write_result", "write_return_plot"]
+__all__ = ["Recorder", "fingerprint", "versions", "write_result", "write_return_plot"]

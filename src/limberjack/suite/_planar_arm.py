@@ -103,6 +103,8 @@ class Physics(mujoco.Physics):
 class ArmTask(base.Task):
     """A task of the arm; the observation of the arm itself is always there."""
 
+    EPISODE_FIELDS = ("body_pos", "body_quat")  # where the target is
+
     def __init__(self, fully_observable: bool, random: Any = None) -> None:
         """Makes the task.
 

@@ -25,6 +25,9 @@ _HIGHLIGHTS = [f"{name}_highlight" for name in _COLOURED]
 class Task(control.Task):
     """A task whose actions are the actuators' controls, in the order of the model's file."""
 
+    # Fields of the model that `initialize_episode` sets, which a batch keeps for each row.
+    EPISODE_FIELDS: tuple[str, ...] = ()
+
     def __init__(self, random: np.random.RandomState | int | None = None) -> None:
         """Makes a task.
 

@@ -4,12 +4,12 @@
     target = find_element(root, "body", "target")
     remove_element(root, target)
 
-Elements of lxml are served as well, where a program brings them: only `parse` makes elements, and
-it makes the standard library's.
+Elements of lxml are served as well, where a program brings them.
 """
 
 import copy
 import os
+import sys
 from typing import IO, Any, TypeVar
 from xml.etree import ElementTree
 
@@ -65,19 +65,23 @@ def nested_element(element: _Element, depth: int) -> _Element:
     return element
 
 
-def parse(
-    file_obj: IO[Any] | str | os.PathLike[str],
-) -> "ElementTree.ElementTree[ElementTree.Element]":
+# Any: a tree of either library.
+def parse(file_obj: IO[Any] | str | os.PathLike[str]) -> Any:
     """The tree of an XML file, without the whitespace that lies between its elements.
 
-    So `ElementTree.indent` or a pretty printer can lay it out anew. Comments are dropped.
+    So a pretty printer can lay it out anew. It is an `xml.etree.ElementTree.ElementTree`, without
+    comments; in a program that has imported `lxml.etree` it is one of lxml's, as dm_control gives,
+    since such a program goes on with lxml's functions, which take no other.
 
     Args:
       file_obj: an open file, of text or of bytes, or a path.
 
     Raises:
-      xml.etree.ElementTree.ParseError: the file is not well-formed XML.
+      SyntaxError: the file is not well-formed XML (`ParseError` or `XMLSyntaxError`).
     """
+    lxml = sys.modules.get("lxml.etree")
+    if lxml is not None:
+        return lxml.parse(file_obj, lxml.XMLParser(remove_blank_text=True))
     tree = ElementTree.parse(file_obj)
     for element in tree.iter():
         if element.text is not None and not element.text.strip():

@@ -125,6 +125,13 @@ def test_a_bad_action_neither_steps_nor_draws_noise(
     np.testing.assert_array_equal(env.actions, twin.actions)
 
 
+def test_a_spec_without_dimensions_leaves_the_shape_to_the_environment() -> None:
+    env = Recorder()
+    env.spec = specs.BoundedArray((), float, -1.0, 1.0)
+    action_noise.Wrapper(env, scale=0.0).step([0.5])
+    np.testing.assert_array_equal(env.actions, [[0.5]])
+
+
 def test_a_seed_fixes_noise_and_starts_of_a_task() -> None:
     def play() -> list[Any]:
         env = suite.load("stacker", "stack_2", {"random": 7})

@@ -53,7 +53,9 @@ class Wrapper(dm_env.Environment):
 
 
 def checked_action(action: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """`action` as an array of numbers.
+    """`action` as an array of numbers, of this shape unless it is ().
+
+    A spec without dimensions says nothing of the action's shape: the environment does.
 
     Raises:
       TypeError: it is not numeric.
@@ -62,7 +64,7 @@ def checked_action(action: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
     given = np.asarray(action)
     if given.dtype.kind not in "fiub":
         raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
-    if given.shape != shape:
+    if shape and given.shape != shape:
         raise ValueError(
             f"action has shape {given.shape}; expected {shape}, the shape of env.action_spec()"
         )

@@ -1,0 +1,38 @@
+"""What importing a suite costs and brings in; each function is called in a fresh process.
+
+Nothing is imported here at first but the clock, so that what is timed pays for all that it needs.
+"""
+
+import importlib
+import sys
+import time
+
+__all__ = ["opengl_modules", "seconds_to_import"]
+
+_OPENGL = ("OpenGL", "glfw", "mujoco.egl", "mujoco.glfw", "mujoco.osmesa")
+
+
+def seconds_to_import(package: str) -> dict[str, float]:
+    """Seconds for `import mujoco, dm_env`, and what `<package>.suite` adds to it."""
+    start = time.perf_counter()
+    importlib.import_module("mujoco")
+    importlib.import_module("dm_env")
+    between = time.perf_counter()
+    import peers  # imports only what MuJoCo has imported already
+
+    peers.suite(package)
+    return {"base": between - start, "added": time.perf_counter() - between}
+
+
+def opengl_modules() -> list[str]:
+    """Modules of OpenGL there are after Limberjack's import and each task's load, reset and step."""
+    suite = importlib.import_module("limberjack.suite")
+    for domain, task in suite.ALL_TASKS:
+        environment = suite.load(domain, task)
+        environment.reset()
+        environment.step(environment.action_spec().generate_value())
+    return sorted(
+        name
+        for name in sys.modules
+        if any(name == root or name.startswith(f"{root}.") for root in _OPENGL)
+    )

@@ -1,0 +1,66 @@
+"""Limberjack and dm_control side by side in one process, and the models that both compile.
+
+    for package in peers.installed():
+        env = peers.suite(package).load("humanoid", "walk", {"random": 0})
+
+dm_control 1.0.50 does not load on MuJoCo 4.0 as installed: its table of array sizes was generated
+from MuJoCo 3.17, and every field that it names is read, of which nine are gone. Before its suite is
+imported the names that the installed MuJoCo's structs lack are deleted from that table. Nothing
+else of it is changed, and no domain uses those fields.
+"""
+
+import importlib
+import importlib.util
+import os
+from types import ModuleType
+from typing import Any
+
+__all__ = ["OURS", "THEIRS", "WITHOUT_OPENGL", "installed", "source", "suite"]
+
+OURS = "limberjack"
+THEIRS = "dm_control"
+
+# The environment of what is timed: nothing is drawn, and a backend that cannot be had would stop
+# the import of dm_control.
+WITHOUT_OPENGL = {"MUJOCO_GL": "disable"}
+
+
+def installed() -> list[str]:
+    """The packages that can be measured: Limberjack, and dm_control where it is installed."""
+    return [OURS, THEIRS] if importlib.util.find_spec(THEIRS) else [OURS]
+
+
+def suite(package: str) -> ModuleType:
+    """`limberjack.suite` or `dm_control.suite`."""
+    if package == THEIRS:
+        _make_loadable()
+    return importlib.import_module(f"{package}.suite")
+
+
+def source(domain: str, task: str) -> tuple[str, dict[str, bytes]]:
+    """The MJCF of Limberjack's task and the files that it includes."""
+    module: Any = importlib.import_module(f"{OURS}.suite.{domain}")
+    if domain == "humanoid":
+        xml, assets = module.get_model_and_assets()
+    elif domain == "manipulator":
+        xml, assets = module.make_model(task.endswith("peg"), task.startswith("insert"))
+    else:
+        xml, assets = module.make_model(int(task.removeprefix("stack_")))
+    return xml.decode(), assets
+
+
+def _make_loadable() -> None:
+    """Imports dm_control and deletes what is gone from its table; see the module's docstring."""
+    before = dict(os.environ)
+    os.environ.update(WITHOUT_OPENGL)
+    try:
+        mujoco: Any = importlib.import_module("mujoco")
+        sizes: Any = importlib.import_module(f"{THEIRS}.mujoco.wrapper.mjbindings.sizes")
+    finally:
+        for name in WITHOUT_OPENGL:
+            os.environ.pop(name)
+            os.environ.update({name: before[name]} if name in before else {})
+    for struct, fields in (("mjmodel", mujoco.MjModel), ("mjdata", mujoco.MjData)):
+        names = sizes.array_sizes[struct]
+        for name in [name for name in names if not hasattr(fields, name)]:
+            del names[name]

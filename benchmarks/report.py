@@ -1,0 +1,168 @@
+"""A benchmark's rows, their bars, and how they are shown and stored."""
+
+import dataclasses
+import datetime
+import importlib.metadata
+import json
+import os
+import platform
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+__all__ = ["Bar", "Row", "at_least", "at_most", "print_table", "spread", "write_json"]
+
+_MEASURED = ("limberjack", "dm_control", "mujoco", "mujoco-core", "dm-env", "numpy")
+_WIDTH = 118  # characters; where the output is no terminal, the table is not folded
+
+
+@dataclasses.dataclass(frozen=True)
+class Bar:
+    """What a figure must reach."""
+
+    limit: float
+    is_maximum: bool
+
+    def is_met_by(self, value: float) -> bool:
+        """Whether a figure reaches it."""
+        return value <= self.limit if self.is_maximum else value >= self.limit
+
+    def __str__(self) -> str:
+        return f"{'<=' if self.is_maximum else '>='} {self.limit:g}"
+
+
+def at_least(limit: float) -> Bar:
+    """The bar of a figure that must be `limit` or more."""
+    return Bar(limit, is_maximum=False)
+
+
+def at_most(limit: float) -> Bar:
+    """The bar of a figure that must be `limit` or less."""
+    return Bar(limit, is_maximum=True)
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """One line of the table.
+
+    Without a `value` there was nothing to compare with; without a `bar` it is for information.
+    """
+
+    measure: str
+    subject: str
+    ours: float | None
+    theirs: float | None
+    unit: str  # of `ours` and `theirs`
+    value: float | None  # what the bar is about
+    value_unit: str = ""
+    bar: Bar | None = None
+    details: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def is_met(self) -> bool | None:
+        """Whether the bar is met; None if there is none or nothing was measured."""
+        if self.bar is None or self.value is None:
+            return None
+        return self.bar.is_met_by(self.value)
+
+
+def spread(values: Sequence[float]) -> dict[str, float]:
+    """Median and quartiles of repeated measurements, and how many there were."""
+    if len(values) < 2:
+        return {"median": values[0], "count": len(values)}
+    lower, _, upper = statistics.quantiles(values, n=4, method="inclusive")
+    median = statistics.median(values)
+    return {"median": median, "quartile_1": lower, "quartile_3": upper, "count": len(values)}
+
+
+def print_table(rows: Iterable[Row]) -> None:
+    """Prints the rows and whether each bar is met."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=_WIDTH)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for title in ("measure", "of"):
+        table.add_column(title, no_wrap=True)
+    for title in ("Limberjack", "dm_control", "result", "bar"):
+        table.add_column(title, justify="right", no_wrap=True)
+    table.add_column("met", no_wrap=True)
+    measure = None
+    for row in rows:
+        if measure not in (None, row.measure):
+            table.add_section()
+        table.add_row(
+            row.measure if row.measure != measure else "",
+            row.subject,
+            _text(row.ours, row.unit),
+            _text(row.theirs, row.unit),
+            _text(row.value, row.value_unit),
+            "" if row.bar is None else f"{row.bar} {row.value_unit}".strip(),
+            _verdict(row),
+        )
+        measure = row.measure
+    console.print(table)
+
+
+def write_json(path: Path, rows: Iterable[Row], settings: Mapping[str, Any]) -> None:
+    """Writes the rows with the versions and the machine; no name or path of this machine."""
+    document = {
+        "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
+        "machine": _machine(),
+        "versions": _versions(),
+        "settings": settings,
+        "rows": [{**dataclasses.asdict(row), "is_met": row.is_met} for row in rows],
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+
+
+def _text(number: float | None, unit: str) -> str:
+    if number is None:
+        return ""
+    digits = max(0, 2 - len(str(int(abs(number)))) + 1)
+    return f"{number:,.{digits}f} {unit}".strip()
+
+
+def _verdict(row: Row) -> str:
+    if row.bar is None:
+        return ""
+    return {True: "[green]yes[/]", False: "[bold red]NO[/]", None: "not measured"}[row.is_met]
+
+
+def _versions() -> dict[str, str]:
+    versions = {"python": platform.python_version()}
+    for name in _MEASURED:
+        try:
+            versions[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    if "limberjack" not in versions:  # run from its source
+        versions["limberjack"] = importlib.import_module("limberjack").__version__
+    return versions
+
+
+def _machine() -> dict[str, Any]:
+    usable = getattr(os, "sched_getaffinity", None)
+    load = getattr(os, "getloadavg", None)
+    return {
+        "processor": _processor(),
+        "architecture": platform.machine(),
+        "system": platform.system(),
+        "cores": os.cpu_count(),
+        "usable_cores": len(usable(0)) if usable else os.cpu_count(),
+        "load_average": load()[0] if load else None,  # of the last minute; this run is 1 of it
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()

@@ -1,0 +1,233 @@
+"""The cost of importing the suite, of loading a task and of starting an episode."""
+
+import gc
+import statistics
+import time
+from collections.abc import Callable
+from typing import Any
+
+import fresh
+import mujoco
+import numpy as np
+import peers
+from report import Row, at_most, spread
+
+__all__ = ["measure_imports", "measure_loads", "measure_resets", "seconds_of_first"]
+
+_ADDED_BY_IMPORT = at_most(80)  # milliseconds, on top of `import mujoco, dm_env`
+_NO_OPENGL = at_most(0)  # modules
+_LOAD = at_most(1.2)  # over the model's compilation
+_RESET = at_most(1.0)  # over dm_control's
+
+_SEED = 0
+# Whatever MUJOCO_GL says, OpenGL must wait for the first frame.
+_BACKENDS = (None, "egl", "glfw", "osmesa", "nonsense")
+# A task of each domain; processes are slow to start.
+_TASK_OF_DOMAIN = (("humanoid", "walk"), ("manipulator", "bring_ball"), ("stacker", "stack_2"))
+
+
+def measure_imports(num_processes: int) -> list[Row]:
+    """What `import <package>.suite` adds to `import mujoco, dm_env`, and the OpenGL it brings in.
+
+    Args:
+      num_processes: for each package, in turns.
+    """
+    packages = peers.installed()
+    for package in packages:  # from now on the files are in memory, and compiled
+        fresh.call("imports", "seconds_to_import", package, variables=peers.WITHOUT_OPENGL)
+    times: dict[str, list[dict[str, float]]] = {package: [] for package in packages}
+    for _ in range(num_processes):
+        for package in packages:
+            seconds = fresh.call(
+                "imports", "seconds_to_import", package, variables=peers.WITHOUT_OPENGL
+            )
+            times[package].append({name: 1e3 * value for name, value in seconds.items()})
+    added = {name: spread([t["added"] for t in values]) for name, values in times.items()}
+    row = Row(
+        measure="import adds",
+        subject="suite",
+        ours=added[peers.OURS]["median"],
+        theirs=added.get(peers.THEIRS, {}).get("median"),
+        unit="ms",
+        value=added[peers.OURS]["median"],
+        value_unit="ms",
+        bar=_ADDED_BY_IMPORT,
+        details={
+            "mujoco_and_dm_env_ms": spread([t["base"] for t in times[peers.OURS]]),
+            "added_ms": added,
+        },
+    )
+    return [row, _opengl_row()]
+
+
+def _opengl_row() -> Row:
+    """OpenGL's modules after import, load, reset and step, whatever MUJOCO_GL says."""
+    found = {
+        backend or "unset": fresh.call(
+            "imports", "opengl_modules", variables={"MUJOCO_GL": backend}
+        )
+        for backend in _BACKENDS
+    }
+    most = max(len(modules) for modules in found.values())
+    return Row(
+        measure="OpenGL modules",
+        subject="import, load, reset, step",
+        ours=most,
+        theirs=None,
+        unit="",
+        value=most,
+        bar=_NO_OPENGL,
+        details={"by_MUJOCO_GL": found},
+    )
+
+
+def measure_loads(num_loads: int, num_processes: int) -> list[Row]:
+    """Loading a task, beside compiling its model.
+
+    Args:
+      num_loads: of each task, with no other environment alive.
+      num_processes: for the first load of a process, for each domain.
+    """
+    rows = [_load_row(domain, task, num_loads) for domain, task in _all_tasks()]
+    return rows + [_first_load_row(*task, num_processes) for task in _TASK_OF_DOMAIN]
+
+
+def _load_row(domain: str, task: str, num_loads: int) -> Row:
+    """Loads of a task in this process."""
+    times = {name: [] for name in ("compile", "load", "another", "reset", *peers.installed()[1:])}
+    for _ in range(num_loads):
+        for name, seconds in _one_load(domain, task).items():
+            times[name].append(1e3 * seconds)
+    ratios = [a / b for a, b in zip(times["load"], times["compile"], strict=True)]
+    theirs = times.get(peers.THEIRS)
+    if min(ratios) < 0.5:
+        raise RuntimeError(f"{domain}:{task} was not compiled: is an environment still alive?")
+    return Row(
+        measure="load / compile",
+        subject=f"{domain}:{task}",
+        ours=statistics.median(times["load"]),
+        theirs=statistics.median(theirs) if theirs else None,
+        unit="ms",
+        value=statistics.median(ratios),
+        bar=_LOAD,
+        details={
+            "ratio": spread(ratios),
+            "compile_ms": spread(times["compile"]),
+            "load_while_another_is_alive_ms": spread(times["another"]),
+            "first_reset_ms": spread(times["reset"]),
+        },
+    )
+
+
+def _one_load(domain: str, task: str) -> dict[str, float]:
+    """Seconds of each kind of load; nothing is alive before or after."""
+    load = peers.suite(peers.OURS).load
+    seconds = {"compile": _timed(_compiler(domain, task))[0]}
+    gc.collect()
+    seconds["load"], environment = _timed(lambda: load(domain, task, {"random": _SEED}))
+    seconds["another"], another = _timed(lambda: load(domain, task, {"random": _SEED}))
+    seconds["reset"], _ = _timed(environment.reset)
+    del environment, another
+    for package in peers.installed()[1:]:
+        gc.collect()
+        load = peers.suite(package).load
+        seconds[package], environment = _timed(lambda: load(domain, task, {"random": _SEED}))
+        del environment
+    gc.collect()
+    return seconds
+
+
+def _first_load_row(domain: str, task: str, num_processes: int) -> Row:
+    """The first load of a process."""
+    names = ["compile", *peers.installed()]
+    times: dict[str, list[float]] = {name: [] for name in names}
+    for _ in range(num_processes):
+        for name in names:
+            seconds = fresh.call(
+                "starting", "seconds_of_first", name, domain, task, variables=peers.WITHOUT_OPENGL
+            )
+            times[name].append(1e3 * seconds)
+    ratios = [a / b for a, b in zip(times[peers.OURS], times["compile"], strict=True)]
+    theirs = times.get(peers.THEIRS)
+    return Row(
+        measure="first load / compile",
+        subject=f"{domain}:{task}",
+        ours=statistics.median(times[peers.OURS]),
+        theirs=statistics.median(theirs) if theirs else None,
+        unit="ms",
+        value=statistics.median(ratios),
+        bar=_LOAD,
+        details={"ratio": spread(ratios), "compile_ms": spread(times["compile"])},
+    )
+
+
+def seconds_of_first(what: str, domain: str, task: str) -> float:
+    """Seconds of this process's first load by a package, or of its first compilation."""
+    if what == "compile":
+        return _timed(_compiler(domain, task))[0]
+    load = peers.suite(what).load
+    return _timed(lambda: load(domain, task, {"random": _SEED}))[0]
+
+
+def measure_resets(num_resets: int) -> list[Row]:
+    """Starts of episodes, with the same draws and so the same rejected attempts.
+
+    Args:
+      num_resets: of each task and package.
+    """
+    return [_reset_row(domain, task, num_resets) for domain, task in _all_tasks()]
+
+
+def _reset_row(domain: str, task: str, num_resets: int) -> Row:
+    """Starts of a task's episodes."""
+    packages = peers.installed()
+    environments = {
+        package: peers.suite(package).load(domain, task, {"random": _SEED}) for package in packages
+    }
+    times: dict[str, list[float]] = {package: [] for package in packages}
+    for environment in environments.values():  # the first one prepares what later ones use
+        environment.reset()
+    for _ in range(num_resets):
+        for package in packages:
+            times[package].append(1e6 * _timed(environments[package].reset)[0])
+        packages.reverse()
+        _check_same_start(f"{domain}:{task}", list(environments.values()))
+    theirs = times.get(peers.THEIRS)
+    ratios = [a / b for a, b in zip(times[peers.OURS], theirs or [], strict=False)]
+    return Row(
+        measure="reset",
+        subject=f"{domain}:{task}",
+        ours=statistics.median(times[peers.OURS]),
+        theirs=statistics.median(theirs) if theirs else None,
+        unit="us",
+        value=statistics.median(ratios) if ratios else None,
+        bar=_RESET,
+        details={"ratio": spread(ratios)} if ratios else {},
+    )
+
+
+def _check_same_start(subject: str, environments: list[Any]) -> None:
+    """Raises unless all have drawn the same, and so rejected the same number of attempts."""
+    first, *others = environments
+    for other in others:
+        same_stream = first.task.random.get_state()[2] == other.task.random.get_state()[2]
+        if not same_stream or not np.array_equal(first.physics.data.qpos, other.physics.data.qpos):
+            raise RuntimeError(f"{subject}: the packages did not draw the same start")
+
+
+def _all_tasks() -> tuple[tuple[str, str], ...]:
+    return peers.suite(peers.OURS).ALL_TASKS
+
+
+def _compiler(domain: str, task: str) -> Callable[[], Any]:
+    """A function that compiles a task's model and does nothing else."""
+    xml, assets = peers.source(domain, task)
+    compile_model: Any = mujoco.MjModel.from_xml_string
+    return lambda: compile_model(xml, assets)
+
+
+def _timed(function: Callable[[], Any]) -> tuple[float, Any]:
+    """Seconds that a call takes, and what it gives."""
+    start = time.perf_counter()
+    result = function()
+    return time.perf_counter() - start, result

@@ -1,0 +1,179 @@
+"""Steps per second of one environment, and what a step costs beside the physics.
+
+Limberjack, dm_control and the bare MuJoCo calls run the same episodes in turns, a block of steps
+each, in an order that rotates. What is compared is always the time of the same steps within the
+same fraction of a second; at the end of each episode the three must be in the same state.
+"""
+
+import copy
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+import peers
+from report import Row, at_least, at_most, spread
+
+__all__ = ["measure"]
+
+_STEPS_PER_BLOCK = 25
+_SEED = 0
+
+_FASTER = at_least(1.25)  # steps per second over dm_control's, on each task
+_FASTER_ON_AVERAGE = at_least(1.35)  # the geometric mean of all tasks
+_SHARE_OF_OVERHEAD = at_most(0.5)  # what a step adds to MuJoCo's calls, over what dm_control adds
+
+_BARE = "bare"
+
+
+def measure(num_episodes: int, num_steps: int) -> list[Row]:
+    """The rows of all tasks.
+
+    Args:
+      num_episodes: of each task.
+      num_steps: of each episode, at most as many as an episode has.
+    """
+    contests = [_Contest(*task) for task in peers.suite(peers.OURS).ALL_TASKS]
+    for _ in range(num_episodes):
+        for contest in contests:
+            contest.play(num_steps)
+    ratios = [contest.ratio() for contest in contests]
+    measured = [ratio for ratio in ratios if ratio is not None]
+    average = Row(
+        measure="steps per second",
+        subject="geometric mean",
+        ours=statistics.geometric_mean([1 / contest.median(peers.OURS) for contest in contests]),
+        theirs=statistics.geometric_mean([1 / contest.median(peers.THEIRS) for contest in contests])
+        if measured
+        else None,
+        unit="/s",
+        value=statistics.geometric_mean(measured) if measured else None,
+        bar=_FASTER_ON_AVERAGE,
+    )
+    return [
+        *(contest.speed_row() for contest in contests),
+        average,
+        *(contest.overhead_row() for contest in contests),
+    ]
+
+
+class _Contest:
+    """One task, played by the installed packages and by MuJoCo alone."""
+
+    def __init__(self, domain: str, task: str) -> None:
+        self._subject = f"{domain}:{task}"
+        self._environments = {
+            package: peers.suite(package).load(domain, task, {"random": _SEED})
+            for package in peers.installed()
+        }
+        self._model: Any = None
+        self._data: Any = None
+        environment = self._environments[peers.OURS]
+        self._spec = environment.action_spec()
+        self._num_substeps = round(
+            environment.control_timestep() / environment.physics.timestep()
+        )
+        self._random = np.random.RandomState(_SEED)
+        # Seconds per step of each block.
+        self._seconds: dict[str, list[float]] = {name: [] for name in (*self._environments, _BARE)}
+
+    def play(self, num_steps: int) -> None:
+        """Plays an episode."""
+        spec = self._spec
+        actions = self._random.uniform(spec.minimum, spec.maximum, (num_steps, *spec.shape))
+        for environment in self._environments.values():
+            environment.reset()
+        self._become(self._environments[peers.OURS].physics)
+        players: list[tuple[str, Callable[[Sequence[Any]], float]]] = [
+            *((name, _player(env)) for name, env in self._environments.items()),
+            (_BARE, self._play_bare),
+        ]
+        for start in range(0, num_steps, _STEPS_PER_BLOCK):
+            block = list(actions[start : start + _STEPS_PER_BLOCK])
+            for name, play in players:
+                self._seconds[name].append(play(block) / len(block))
+            players.append(players.pop(0))
+        for name, environment in self._environments.items():
+            if not np.array_equal(environment.physics.data.qpos, self._data.qpos):
+                raise RuntimeError(f"{self._subject}: {name} did not do the same steps")
+
+    def _become(self, physics: Any) -> None:
+        """Puts the bare simulation into a physics' state."""
+        model, data = physics.model._model, physics.data._data
+        self._model = copy.copy(model)
+        self._data = mujoco.MjData(self._model)
+        mujoco.mj_copyData(self._data, self._model, data)
+
+    def _play_bare(self, actions: Sequence[Any]) -> float:
+        """Seconds that MuJoCo's calls alone take."""
+        model, data, num_whole = self._model, self._data, self._num_substeps - 1
+        seconds = 0.0
+        for action in actions:
+            data.ctrl[:] = action
+            start = time.perf_counter()
+            mujoco.mj_step2(model, data)
+            mujoco.mj_step(model, data, num_whole)
+            mujoco.mj_step1(model, data)
+            seconds += time.perf_counter() - start
+        return seconds
+
+    def median(self, name: str) -> float:
+        """Seconds per step of an environment, or of MuJoCo alone."""
+        return statistics.median(self._seconds[name])
+
+    def ratio(self) -> float | None:
+        """How many times as fast as dm_control."""
+        ratios = self._ratios()
+        return statistics.median(ratios) if ratios else None
+
+    def _ratios(self) -> list[float]:
+        """The same of each block."""
+        theirs = self._seconds.get(peers.THEIRS, [])
+        return [b / a for a, b in zip(self._seconds[peers.OURS], theirs, strict=False)]
+
+    def speed_row(self) -> Row:
+        """Steps per second."""
+        ratios = self._ratios()
+        return Row(
+            measure="steps per second",
+            subject=self._subject,
+            ours=1 / self.median(peers.OURS),
+            theirs=1 / self.median(peers.THEIRS) if ratios else None,
+            unit="/s",
+            value=self.ratio(),
+            bar=_FASTER,
+            details={"ratio_of_each_block": spread(ratios)} if ratios else {},
+        )
+
+    def overhead_row(self) -> Row:
+        """What a step adds to MuJoCo's calls."""
+        added = {
+            name: [a - b for a, b in zip(self._seconds[name], self._seconds[_BARE], strict=True)]
+            for name in self._environments
+        }
+        micro = {name: statistics.median(values) * 1e6 for name, values in added.items()}
+        ours, theirs = micro[peers.OURS], micro.get(peers.THEIRS)
+        return Row(
+            measure="added to MuJoCo's calls",
+            subject=self._subject,
+            ours=ours,
+            theirs=theirs,
+            unit="us",
+            value=None if theirs is None else ours / theirs,
+            bar=_SHARE_OF_OVERHEAD,
+            details={"bare_us": self.median(_BARE) * 1e6},
+        )
+
+
+def _player(environment: Any) -> Callable[[Sequence[Any]], float]:
+    """A function that gives the seconds that steps with the given actions take."""
+
+    def play(actions: Sequence[Any]) -> float:
+        start = time.perf_counter()
+        for action in actions:
+            environment.step(action)
+        return time.perf_counter() - start
+
+    return play

@@ -1,0 +1,358 @@
+"""Cameras: pictures of a physics in colours, as distances or as object numbers.
+
+    camera = Camera(physics, height=240, width=320, camera_id="side")
+    rgb = camera.render()
+    metres = camera.render(depth=True)
+    numbers = camera.render(segmentation=True)[..., 0]
+
+The pixels are dm_control's. Every picture is an array of its own that nothing changes later. A
+camera can be made and moved, and its matrix asked for, where there is no OpenGL: only a picture
+needs that (`gl.py`).
+"""
+
+import contextlib
+import operator
+import threading
+import weakref
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco import gl
+from limberjack.mujoco.gl import Contexts, RenderingError, contexts
+from limberjack.mujoco.wrapper import MjvCamera, MjvOption, MjvPerturb, MjvScene
+from limberjack.mujoco.wrapper.util import to_binary_string
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = [
+    "Camera",
+    "CameraMatrices",
+    "Contexts",
+    "MovableCamera",
+    "Pose",
+    "RenderingError",
+    "Selected",
+    "TextOverlay",
+    "contexts",
+    "render",
+]
+
+# Any in these signatures: a physics is `engine.Physics`, which is built on this module.
+SceneCallback = Callable[[Any, Any], None]
+
+_EVERYTHING = mujoco.mjtCatBit.mjCAT_ALL.value
+_FREE_CAMERA = -1
+_SEGMENTATION_FLAGS = {
+    mujoco.mjtRndFlag.mjRND_SEGMENT.value: True,
+    mujoco.mjtRndFlag.mjRND_IDCOLOR.value: True,
+}
+_BACKGROUND = -1
+_FONTS = {
+    "normal": mujoco.mjtFont.mjFONT_NORMAL,
+    "shadow": mujoco.mjtFont.mjFONT_SHADOW,
+    "big": mujoco.mjtFont.mjFONT_BIG,
+}
+_POSITIONS = {
+    "top left": mujoco.mjtGridPos.mjGRID_TOPLEFT,
+    "top right": mujoco.mjtGridPos.mjGRID_TOPRIGHT,
+    "bottom left": mujoco.mjtGridPos.mjGRID_BOTTOMLEFT,
+    "bottom right": mujoco.mjtGridPos.mjGRID_BOTTOMRIGHT,
+}
+
+# Scenes for `render`, by model: making one takes longer than filling it.
+_spare_scenes: weakref.WeakKeyDictionary[Any, list[MjvScene]] = weakref.WeakKeyDictionary()
+_MOST_SPARE_SCENES = 4
+
+
+class Selected(NamedTuple):
+    """What is seen at a point of a picture: object numbers, None for none."""
+
+    body: int | None
+    geom: int | None
+    flex: int | None
+    skin: int | None
+    world_position: np.ndarray | None
+
+
+class Pose(NamedTuple):
+    """Where a free camera is: the point it looks at, metres from it, and two angles in degrees."""
+
+    lookat: np.ndarray
+    distance: float
+    azimuth: float
+    elevation: float
+
+
+class CameraMatrices(NamedTuple):
+    """The factors of a camera matrix: `image @ focal @ rotation @ translation`."""
+
+    image: np.ndarray
+    focal: np.ndarray
+    rotation: np.ndarray
+    translation: np.ndarray
+
+
+class TextOverlay:
+    """A title and text drawn in a corner of a picture."""
+
+    __slots__ = ("body", "position", "style", "title")
+
+    def __init__(
+        self,
+        title: str = "",
+        body: str = "",
+        style: str = "normal",
+        position: str = "top left",
+    ) -> None:
+        """Makes an overlay.
+
+        Args:
+          title: the left column.
+          body: the right column.
+          style: 'normal', 'shadow' or 'big'.
+          position: 'top left', 'top right', 'bottom left' or 'bottom right'.
+
+        Raises:
+          ValueError: an unknown style or position.
+        """
+        self.title = title
+        self.body = body
+        self.style = _one_of("style", style, _FONTS)
+        self.position = _one_of("position", position, _POSITIONS)
+
+    def draw(self, context: Any, rect: mujoco.MjrRect) -> None:
+        """Draws it; called on the rendering thread with a `mujoco.MjrContext`."""
+        title, body = to_binary_string(self.title), to_binary_string(self.body)
+        mujoco.mjr_overlay(self.style, self.position, rect, title, body, context)
+
+
+class Camera:
+    """A view of a physics, of a fixed size.
+
+    `camera.scene.flags` and `camera.option` change how it is drawn, for good.
+    """
+
+    def __init__(
+        self,
+        physics: Any,
+        height: int = 240,
+        width: int = 320,
+        camera_id: int | str = _FREE_CAMERA,
+        max_geom: int | None = None,
+        scene_callback: SceneCallback | None = None,
+    ) -> None:
+        """Makes a camera; does not need OpenGL.
+
+        Args:
+          physics: what to look at.
+          height: pixels.
+          width: pixels.
+          camera_id: name or number of a camera of the model; -1 is the free camera.
+          max_geom: the most geoms that can be drawn; by default enough for the model with its
+            decorations.
+          scene_callback: called with the physics and the scene before the scene is drawn; it may
+            add geoms.
+
+        Raises:
+          ValueError: there is no such camera, or the size is none or more than the model's
+            off-screen buffer has.
+        """
+        self._height, self._width = _checked_size(physics, height, width)
+        self._physics = physics
+        self._scene_callback = scene_callback
+        self._render_camera = _view(physics, camera_id)
+        self._scene = MjvScene(model=physics.model, max_geom=max_geom)
+        self._scene_option = MjvOption()
+        self._perturb = MjvPerturb()
+        self._lock = threading.RLock()
+        self._drawing: gl.Job | None = None
+
+    @property
+    def width(self) -> int:
+        """Width of the picture, pixels."""
+        return self._width
+
+    @property
+    def height(self) -> int:
+        """Height of the picture, pixels."""
+        return self._height
+
+    @property
+    def option(self) -> MjvOption:
+        """What is drawn, unless `render` is told otherwise."""
+        return self._scene_option
+
+    @property
+    def scene(self) -> MjvScene:
+        """The geoms, lights and flags that are drawn."""
+        return self._scene
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """The camera matrix, (3, 4): from homogeneous world coordinates to pixels, times depth."""
+        image, focal, rotation, translation = self.matrices()
+        return image @ focal @ rotation @ translation
+
+    def matrices(self) -> CameraMatrices:
+        """The factors of the camera matrix."""
+        model, data = self._physics.model._model, self._physics.data._data
+        number = self._render_camera.fixedcamid
+        if number == _FREE_CAMERA:
+            # Known to the scene only, for a left and a right eye; the camera is between the two.
+            self.update()
+            eyes = self.scene.camera
+            position = np.mean([eye.pos for eye in eyes], axis=0)
+            backward = -np.mean([eye.forward for eye in eyes], axis=0)
+            up = np.mean([eye.up for eye in eyes], axis=0)
+            axes = np.vstack((np.cross(up, backward), up, backward))
+            fovy = model.vis.global_.fovy
+        else:
+            position = data.cam_xpos[number]
+            axes = data.cam_xmat[number].reshape(3, 3).T
+            fovy = model.cam_fovy[number]
+        image, rotation, translation = np.eye(3), np.eye(4), np.eye(4)
+        image[:2, 2] = (self.width - 1) / 2.0, (self.height - 1) / 2.0
+        rotation[:3, :3] = axes
+        translation[:3, 3] = -position
+        # As dm_control, operation by operation, for the last bit.
+        scale = (1.0 / np.tan(np.deg2rad(fovy) / 2)) * self.height / 2.0
+        focal = np.diag([-scale, scale, 1.0, 0])[:3]
+        return CameraMatrices(image, focal, rotation, translation)
+
+    def update(self, scene_option: Any = None) -> None:
+        """Takes the physics' present state into the scene.
+
+        Args:
+          scene_option: a `wrapper.MjvOption` to use instead of the camera's.
+        """
+        with self._lock:
+            # Ctrl-C ends the wait for a picture, not the drawing of it.
+            if self._drawing is not None:
+                self._drawing.wait()
+            _fill(
+                self._scene,
+                self._physics,
+                self._render_camera,
+                scene_option or self._scene_option,
+                self._perturb,
+            )
+
+    def render(
+        self,
+        overlays: Iterable[TextOverlay] = (),
+        depth: bool = False,
+        segmentation: bool = False,
+        scene_option: Any = None,
+        render_flag_overrides: Mapping[Any, bool] | None = None,
+    ) -> np.ndarray:
+        """A picture of the physics' present state.
+
+        Args:
+          overlays: texts to draw on it, in colours only.
+          depth: distances instead of colours.
+          segmentation: object numbers instead of colours.
+          scene_option: a `wrapper.MjvOption` to use instead of the camera's.
+          render_flag_overrides: rendering flags for this picture, by name ('wireframe', 'shadow')
+            or `mujoco.mjtRndFlag`, in colours only.
+
+        Returns:
+          (height, width, 3) uint8 colours; or (height, width) float32 distances in metres along the
+          camera's axis; or (height, width, 2) int32 of an object's number and its `mjtObj` type, -1
+          and -1 for the background.
+
+        Raises:
+          ValueError: what cannot be combined, or an unknown flag.
+          RenderingError: OpenGL cannot be had.
+        """
+        style = _Style.of(overlays, depth, segmentation, render_flag_overrides)
+        with self._lock:
+            self.update(scene_option)
+            if self._scene_callback:
+                self._scene_callback(self._physics, self._scene)
+            with self._scene.override_flags(style.flags):
+                painting = _Painting(self._physics, self._scene, style, self._height, self._width)
+                self._drawing = painting.job
+                return painting.picture()
+
+    def select(self, cursor_position: tuple[float, float]) -> Selected:
+        """What is seen at a point of the picture.
+
+        Args:
+          cursor_position: x and y from 0 to 1, from the lower left corner.
+        """
+        model, data = self._physics.model._model, self._physics.data._data
+        position = np.empty(3)
+        geom, flex, skin = np.intc([-1]), np.intc([-1]), np.intc([-1])
+        with self._lock:
+            self.update()
+            body = mujoco.mjv_select(
+                model,
+                data,
+                self._scene_option,
+                self._width / self._height,
+                *cursor_position,
+                self._scene,
+                position,
+                geom,
+                flex,
+                skin,
+            )
+        numbers = [None if n == -1 else int(n) for n in (body, geom[0], flex[0], skin[0])]
+        is_nothing = numbers[0] is numbers[1] is numbers[3] is None
+        return Selected(*numbers, None if is_nothing else position)
+
+
+class MovableCamera(Camera):
+    """A free camera that can be moved."""
+
+    def __init__(
+        self,
+        physics: Any,
+        height: int = 240,
+        width: int = 320,
+        max_geom: int | None = None,
+        scene_callback: SceneCallback | None = None,
+    ) -> None:
+        """Makes a camera where the model's free camera is; arguments are those of `Camera`."""
+        super().__init__(physics, height, width, _FREE_CAMERA, max_geom, scene_callback)
+
+    def get_pose(self) -> Pose:
+        """Where the camera is."""
+        camera = self._render_camera
+        return Pose(camera.lookat.copy(), camera.distance, camera.azimuth, camera.elevation)
+
+    def set_pose(
+        self, lookat: np.ndarray, distance: float, azimuth: float, elevation: float
+    ) -> None:
+        """Moves the camera.
+
+        Args:
+          lookat: the point it looks at, (3,), metres.
+          distance: from that point, metres.
+          azimuth: degrees about the vertical.
+          elevation: degrees above the horizontal.
+        """
+        np.copyto(self._render_camera.lookat, lookat)
+        self._render_camera.distance = distance
+        self._render_camera.azimuth = azimuth
+        self._render_camera.elevation = elevation
+
+
+def render(
+    physics: Any,
+    height: int = 240,
+    width: int = 320,
+    camera_id: int | str = _FREE_CAMERA,
+    overlays: Iterable[TextOverlay] = (),
+    depth: bool = False,
+    segmentation: bool = False,
+    scene_option: Any = None,
+    render_flag_overrides: Mapping[Any, bool] | None = None,
+    scene_callback: SceneCallback | None = None,
+) -> np.ndarray:
+    """A picture, as by a new `Camera`; what it needs is kept for the next one.
+
+    Arguments, result and errors are those of `Camera` and `Camera.render`.
+    """

@@ -1,0 +1,7 @@
+"""Drawing with OpenGL: from a scene to an array of pixels, on a thread of its own."""
+
+from limberjack.mujoco.rendering.backends import RenderingError
+from limberjack.mujoco.rendering.contexts import Contexts, contexts
+from limberjack.mujoco.rendering.thread import Job, submit
+
+__all__ = ["Contexts", "Job", "RenderingError", "contexts", "submit"]

@@ -1,0 +1,190 @@
+"""What MuJoCo keeps in OpenGL for models: made when first drawn, shared, freed when not used.
+
+    canvases = Canvases()
+    canvases.draw(model, (240, 320), False, function, ())    # function(mjr_context)
+
+An `MjrContext` holds a model's textures, meshes and buffers. It takes a tenth of a second and tens
+of megabytes, so models of which MuJoCo would make the same share one; each has an OpenGL context of
+its own, because MuJoCo sets some of OpenGL's state, the fog's for one, only when it makes it. All
+this is for the rendering thread alone.
+"""
+
+import collections
+import hashlib
+import weakref
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco.rendering.backends import (
+    Backend,
+    RenderingError,
+    open_backend,
+    open_backend_after_fork,
+)
+
+__all__ = ["Canvases"]
+
+_FONT_SCALE = mujoco.mjtFontScale.mjFONTSCALE_150.value  # dm_control's
+_OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
+_PLANE = mujoco.mjtGeom.mjGEOM_PLANE.value
+# What the names of the fields that MuJoCo takes to OpenGL begin with.
+_DRAWN_FIELDS = ("hfield_", "mat_tex", "mesh_", "skin_", "tex_")
+# Different models that can be drawn in turn without making anything anew. With Mesa's software
+# renderer each takes 75 MB.
+_MOST_SHARED = 8
+
+
+class Canvases:
+    """The canvases of the models drawn lately, and the backend that they come from."""
+
+    def __init__(self, before_fork: Backend | None = None) -> None:
+        """Opens nothing yet.
+
+        Args:
+          before_fork: what the process that this one was forked from had drawn with.
+        """
+        self.backend: Backend | None = None
+        self._before_fork = before_fork
+        # Least recently used first.
+        self._canvases: collections.OrderedDict[Any, _Canvas] = collections.OrderedDict()
+        self._keys: weakref.WeakKeyDictionary[Any, Any] = weakref.WeakKeyDictionary()
+        self._selected: _Canvas | None = None
+        self._in_use: _Canvas | None = None
+
+    def draw(
+        self,
+        model: Any,
+        size: tuple[int, int],
+        when_gone: Callable[[Callable[..., Any], Any], Any] | None,
+        function: Callable[..., Any],
+        args: tuple,
+    ) -> Any:
+        """Calls `function(mjr_context, *args)` with the model's canvas selected.
+
+        Args:
+          model: the official `mujoco.MjModel`.
+          size: height and width, pixels, that the canvas must have at least.
+          when_gone: None, or: no other model may share the canvas; when the model is gone, in
+            whichever thread, this is called with what frees the canvas, here, and its argument.
+          function: what draws.
+          args: its further arguments.
+
+        Raises:
+          RenderingError: OpenGL cannot be had.
+        """
+        canvas, outer = self._canvas(model, size, when_gone), self._in_use
+        self._select(canvas)
+        self._in_use = canvas
+        try:
+            return function(canvas.mjr, *args)
+        finally:
+            self._in_use = outer
+            if outer is not None:  # The function was called by another one, which goes on.
+                self._select(outer)
+
+    def close(self) -> None:
+        """Frees them all."""
+        for key in list(self._canvases):
+            self._drop(key)
+
+    def _select(self, canvas: _Canvas) -> None:
+        if canvas is not self._selected:
+            self._selected = None
+            canvas.select()
+            self._selected = canvas
+        mujoco.mjr_setBuffer(_OFFSCREEN, canvas.mjr)
+
+    def _canvas(self, model: Any, size: tuple[int, int], when_gone: Callable | None) -> "_Canvas":
+        """The model's canvas: its own, one shared with its like, or a new one."""
+        key = self._keys.get(model)
+        if when_gone is not None and not isinstance(key, _Private):
+            key = _Private()
+            weakref.finalize(model, when_gone, self._drop, key).atexit = False
+        if key in self._canvases and not self._canvases[key].has_room(size):
+            self._drop(key)  # The model's buffer was enlarged since.
+        if key not in self._canvases and not isinstance(key, _Private):
+            key = _fingerprint(model)
+        self._keys[model] = key
+        if key not in self._canvases:
+            self._canvases[key] = self._new_canvas(model)
+        self._canvases.move_to_end(key)
+        return self._canvases[key]
+
+    def _new_canvas(self, model: Any) -> "_Canvas":
+        if self.backend is None:
+            before = self._before_fork
+            self.backend = open_backend_after_fork(before) if before else open_backend()
+        shared = [key for key in self._canvases if not isinstance(key, _Private)]
+        for oldest in shared[: max(0, len(shared) + 1 - _MOST_CANVASES)]:
+            self._drop(oldest)
+        self._selected = None
+        return _Canvas(self.backend, model)
+
+    def _drop(self, key: Any) -> None:
+        canvas = self._canvases.pop(key, None)
+        if canvas is not None:
+            self._selected = None
+            canvas.free()
+
+
+class _Private:
+    """The key of a canvas that no other model shares."""
+
+
+class _Canvas:
+    """An OpenGL context with what MuJoCo needs in it to draw a model."""
+
+    def __init__(self, backend: Backend, model: mujoco.MjModel) -> None:
+        self._backend = backend
+        self._context = backend.create()
+        self.select()
+        try:
+            self.mjr = mujoco.MjrContext(model, _FONT_SCALE)
+        except mujoco.FatalError as error:
+            backend.make_current(None)
+            backend.destroy(self._context)
+            raise RenderingError(f"OpenGL by {backend.renderer!r} cannot draw: {error}") from error
+
+    def has_room(self, size: tuple[int, int]) -> bool:
+        """Whether a picture of that height and width fits into its buffer."""
+        return size[0] <= self.mjr.offHeight and size[1] <= self.mjr.offWidth
+
+    def select(self) -> None:
+        """Makes it the one that OpenGL's functions draw in."""
+        self._backend.make_current(self._context)
+
+    def free(self) -> None:
+        """Frees everything; none is selected then."""
+        self.select()  # MuJoCo frees by numbers, which mean other things in another context.
+        self.mjr.free()
+        self._backend.make_current(None)
+        self._backend.destroy(self._context)
+
+
+def _fingerprint(model: Any) -> bytes:
+    """Equal for two models if MuJoCo makes the same of them in OpenGL.
+
+    That depends on textures, meshes, height fields, skins, planes and the visual settings, and not
+    on where things are and what colour they have.
+    """
+    digest = hashlib.blake2b(digest_size=16)
+    planes = model.geom_type == _PLANE
+    fields = {
+        "vis": repr(model.vis),
+        "extent": model.stat.extent,
+        "plane sizes": model.geom_size[planes],
+        "plane materials": model.geom_matid[planes],
+    }
+    for name in dir(model):
+        if name.startswith(_DRAWN_FIELDS):
+            fields[name] = getattr(model, name)
+    for name, value in fields.items():
+        if isinstance(value, np.ndarray):
+            digest.update(f"{name} {value.dtype} {value.shape}".encode())
+            digest.update(np.ascontiguousarray(value).data)
+        else:
+            digest.update(f"{name} {value!r}".encode())
+    return digest.digest()

@@ -1,0 +1,60 @@
+"""`physics.contexts`, for programs that call MuJoCo's `mjr_` functions themselves."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple, Self
+
+import mujoco
+
+from limberjack.mujoco.rendering.thread import submit
+
+__all__ = ["Contexts", "contexts"]
+
+
+class Contexts(NamedTuple):
+    """What dm_control's programs reach by `physics.contexts`."""
+
+    gl: "_GlContext"
+    mujoco: "_MujocoContext"
+
+
+class _GlContext:
+    """The OpenGL context of a physics."""
+
+    def __init__(self, physics: Any) -> None:
+        self._physics = physics
+
+    @contextlib.contextmanager
+    def make_current(self) -> Iterator[Self]:
+        """An object whose `call` runs functions where the context is current."""
+        yield self
+
+    def call(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+        """What `function(*args, **kwargs)` returns, called on the rendering thread."""
+        model = self._physics.model.ptr
+        return submit(model, lambda _: function(*args, **kwargs), is_private=True).result()
+
+
+class _MujocoContext:
+    """MuJoCo's rendering context of a physics."""
+
+    def __init__(self, physics: Any) -> None:
+        self._physics = physics
+
+    @property
+    def ptr(self) -> mujoco.MjrContext:
+        """The official `mujoco.MjrContext`, for use in `contexts.gl`'s `call` only."""
+        return submit(self._physics.model.ptr, lambda context: context, is_private=True).result()
+
+
+def contexts(physics: Any) -> Contexts:
+    """The rendering contexts of a physics, for programs that call MuJoCo's `mjr_` functions.
+
+        with physics.contexts.gl.make_current() as context:
+            context.call(
+                mujoco.mjr_uploadTexture, physics.model.ptr, physics.contexts.mujoco.ptr, 0
+            )
+
+    From then on the physics has a model and contexts of its own.
+    """
+    return Contexts(_GlContext(physics), _MujocoContext(physics))

@@ -1,0 +1,212 @@
+"""The rendering thread: the only place of the process that touches OpenGL.
+
+    job = submit(model, draw, scene, size=(240, 320))    # draw(mjr_context, scene), over there
+    picture = job.result()
+
+It starts with the first picture. Any thread may submit; jobs run one after the other in a thread of
+their own, so that the OpenGL context that is current in the caller's stays so. How OpenGL is reached
+is in `backends.py`, what it keeps for a model in `canvases.py`, what a picture is in `pictures.py`.
+"""
+
+import atexit
+import os
+import queue
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from limberjack.mujoco.rendering.backends import Backend, RenderingError
+from limberjack.mujoco.rendering.canvases import Canvases
+
+__all__ = ["Job", "submit"]
+
+# Seconds; how long the first picture after a fork may take before OpenGL is taken to hang.
+_FORK_PATIENCE = 30.0
+# Seconds; a picture takes far less.
+_LONGEST_JOB = 10.0
+
+
+class Job:
+    """A call for the rendering thread to make."""
+
+    # Any: whatever the function takes and returns.
+    def __init__(self, function: Callable[..., Any], *args: Any) -> None:
+        self._call: tuple[Callable[..., Any], tuple] | None = (function, args)
+        self._value: Any = None
+        self._error: BaseException | None = None
+        self._running = threading.Lock()
+        self._running.acquire()
+
+    def run(self) -> None:
+        """Makes the call, once, and keeps what comes of it."""
+        assert self._call is not None
+        function, args = self._call
+        try:
+            self._value = function(*args)
+        except BaseException as error:
+            self._error = error
+        finally:
+            self._call = None
+            self._running.release()
+
+    def wait(self, timeout: float = -1) -> bool:
+        """Whether the call has ended, after waiting for it; Ctrl-C interrupts the wait only."""
+        if not self._running.acquire(timeout=timeout):
+            return False
+        self._running.release()
+        return True
+
+    def result(self) -> Any:
+        """What the call returned or raised."""
+        self.wait()
+        error, self._error = self._error, None
+        try:
+            if error is not None:
+                raise error
+            return self._value
+        finally:
+            self._value = error = None  # Else the traceback would keep itself alive.
+
+
+class _RenderingThread(threading.Thread):
+    """Does jobs, one after the other, until it is given None."""
+
+    def __init__(self, before_fork: Backend | None) -> None:
+        # A daemon, because Python waits for all others before it tells anybody that it exits.
+        super().__init__(name="limberjack-rendering", daemon=True)
+        self.jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self.busy = threading.Lock()
+        self.canvases = Canvases(before_fork)
+
+    def run(self) -> None:
+        while (job := self.jobs.get()) is not None:
+            with self.busy:
+                job.run()
+            del job  # Else the last picture would be kept alive while this waits.
+
+    def put(self, function: Callable[..., Any], *args: Any) -> "Job":
+        """The job of calling the function; callable at any time, from destructors too."""
+        job = Job(function, *args)
+        if threading.current_thread() is self:
+            job.run()
+        else:
+            self.jobs.put(job)
+        return job
+
+
+class _Process:
+    """The rendering thread of this process, through forks and until the end."""
+
+    def __init__(self) -> None:
+        self._thread: _RenderingThread | None = None
+        self._start = threading.Lock()
+        self._first_pid = os.getpid()
+        self._is_watched = False
+        self._is_exiting = False
+        self._hung: _RenderingThread | None = None
+        # Threads of the processes that this one was forked from. Kept, because what they hold must
+        # not be freed in whatever OpenGL context is current here.
+        self._left_behind: list[_RenderingThread] = []
+        self._at_fork = threading.local()
+
+    def submit(self, model: Any, size: tuple[int, int], is_private: bool, *call: Any) -> Job:
+        """Has the thread draw, which is started if need be."""
+        thread = self._thread or self._started_thread()
+        if thread is self._hung:
+            raise RenderingError(_HUNG)
+        may_hang = thread.canvases.backend is None and os.getpid() != self._first_pid
+        function, *args = call
+        when_gone = thread.put if is_private else None
+        job = thread.put(thread.canvases.draw, model, size, when_gone, function, args)
+        if may_hang and not job.wait(_FORK_PATIENCE):
+            self._hung = thread
+            raise RenderingError(_HUNG)
+        return job
+
+    def _started_thread(self) -> _RenderingThread:
+        if self._is_exiting:
+            if threading.current_thread().daemon:
+                threading.Event().wait()  # It ends with the process; an error would be printed.
+            raise RenderingError("the interpreter is exiting: nothing is drawn any more")
+        with self._start:
+            if self._thread is None:
+                self._watch()
+                inherited = next(filter(None, (t.canvases.backend for t in self._left_behind[::-1])), None)
+                thread = _RenderingThread(inherited)
+                thread.start()
+                self._thread = thread
+            return self._thread
+
+    def _watch(self) -> None:
+        """Has this object told of the process's forks and of its end."""
+        if self._is_watched:
+            return
+        self._is_watched = True
+        atexit.register(self._exit)
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(
+                before=self._before_fork,
+                after_in_parent=self._after_fork,
+                after_in_child=self._after_fork_in_child,
+            )
+
+    def _exit(self) -> None:
+        """Frees what OpenGL holds and ends the thread: one inside a C call would crash the exit."""
+        self._is_exiting = True
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.jobs.put(Job(thread.canvases.close))
+            thread.jobs.put(None)
+            thread.join(0 if thread is self._hung else _LONGEST_JOB)
+
+    def _before_fork(self) -> None:
+        """Lets the frame under way be finished: the child could not finish it."""
+        thread, self._at_fork.busy = self._thread, None
+        if thread is None or thread is threading.current_thread():
+            return
+        if thread.busy.acquire(timeout=_LONGEST_JOB):
+            self._at_fork.busy = thread.busy
+
+    def _after_fork(self) -> None:
+        if self._at_fork.busy is not None:
+            self._at_fork.busy.release()
+
+    def _after_fork_in_child(self) -> None:
+        # No other thread lives on here, whatever locks it held.
+        self._start = threading.Lock()
+        if self._thread is not None:
+            self._left_behind.append(self._thread)
+            self._thread = None
+
+
+_HUNG = (
+    f"OpenGL gave no picture within {_FORK_PATIENCE:.0f} s in this process, which was forked from one "
+    "that may have used it. Start processes with multiprocessing's 'spawn' or 'forkserver'"
+)
+
+_process = _Process()
+
+
+def submit(
+    # Any: MuJoCo's model, and whatever the function takes.
+    model: Any,
+    function: Callable[..., Any],
+    *args: Any,
+    size: tuple[int, int] = (0, 0),
+    is_private: bool = False,
+) -> Job:
+    """The job of calling `function(mjr_context, *args)` on the rendering thread.
+
+    Args:
+      model: the official `mujoco.MjModel` that the context is for.
+      function: called with OpenGL ready and the context's off-screen buffer selected.
+      args: its further arguments.
+      size: height and width, pixels, that the buffer must have at least; the model must allow it.
+      is_private: no other model may share the context. For what changes it.
+
+    Raises:
+      RenderingError: here or from `Job.result`: OpenGL cannot be had.
+    """
+    return _process.submit(model, size, is_private, function, *args)
+
+

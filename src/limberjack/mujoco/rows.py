@@ -1,0 +1,89 @@
+"""What a `Physics` does when it is a batch of simulations.
+
+A batch is made of a single one by `replicate`. Its data has one row per simulation, a leading axis
+that the quantities of a domain carry through to what they return.
+"""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from typing import Any, Self
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco import wrapper
+from limberjack.mujoco.simulation import BatchSimulation
+from limberjack.rl import control
+
+__all__ = ["Rows"]
+
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
+
+
+class Rows:
+    """The part of `Physics` that makes and runs batches."""
+
+    # Any: these are `Physics`' own, and either kind of simulation.
+    _data: Any
+    _simulation: Any
+    # A single simulation in which the rows' episodes are begun, one after the other.
+    _scratch: Any = None
+
+    @property
+    def num_envs(self) -> int | None:
+        """Number of simulations of a batch; None for a single one."""
+        return self._simulation.num_envs
+
+    @property
+    def single(self) -> Any:
+        """A single simulation of a batch's model, for reading specs and constants."""
+        return self._scratch
+
+    def replicate(
+        self, num_envs: int, num_threads: int, episode_fields: Sequence[str] = ()
+    ) -> Self:
+        """A batch of simulations of this one's model, in the model's default state.
+
+        Args:
+          num_envs: number of simulations.
+          num_threads: threads that step them, the caller's included.
+          episode_fields: fields of the model that an episode's start may set, for its own row.
+        """
+        cls: Any = type(self)
+        batch = cls.__new__(cls)
+        vars(batch).update(
+            (k, v) for k, v in vars(self).items() if k not in ("_data", "_simulation", "named")
+        )
+        simulation = BatchSimulation(self._data.model, num_envs, num_threads, episode_fields)
+        batch._simulation = simulation
+        batch._data = simulation.data
+        batch._scratch = cls.from_model(self._data.model.copy())
+        return batch
+
+    @contextlib.contextmanager
+    def episode(self, row: int) -> Iterator[Any]:
+        """Yields a single simulation, reset, whose state at exit is the start of a row's episode.
+
+        The rows' quantities follow with `start_rows`.
+        """
+        one, simulation = self._scratch, self._simulation
+        simulation.copy_fields_out(row, one.model)
+        with contextlib.suppress(control.PhysicsError):
+            one.reset()
+        yield one
+        simulation.copy_fields_in(row, one.model)
+        mujoco.mj_getState(one.model._model, one.data._data, simulation.state[row], _STATE)
+
+    def start_rows(self, rows: np.ndarray) -> None:
+        """Computes every quantity of rows whose episode begins, with actuation disabled."""
+        self._simulation.forward_without_actuation(rows)
+
+    def step_rows(self, rows: np.ndarray | None, nstep: int) -> np.ndarray:
+        """Advances rows, all for None, by `nstep` steps; returns which diverged, (num_envs,)."""
+        simulation = self._simulation
+        before = simulation.warnings.copy()
+        if getattr(self, "legacy_step", True):
+            simulation.step(nstep, rows)
+        else:
+            simulation.step_whole(nstep, rows)
+        return (simulation.warnings > before).any(axis=-1)

@@ -1,0 +1,119 @@
+"""`Recorder`: the files of a run, in one directory.
+
+    recorder = Recorder(Path("out"))
+    recorder.begin_film(environment)         # then recorder.add_frame() after each step,
+    recorder.finish_film()                   # and this when the episode has ended
+    recorder.write(run, episodes, fingerprint)
+    print(recorder.written, recorder.left_out)
+
+A film or a plot that cannot be had is left out, with the reason; the run goes on without it.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from limberjack.mujoco.camera import RenderingError
+from limberjack.report.curve import write_return_plot
+from limberjack.report.result import write_result
+from limberjack.rollout import Episode
+from limberjack.video import Film
+
+__all__ = ["Recorder"]
+
+_FILM = "video.mp4"
+_PLOT = "return.png"
+_RESULT = "result.json"
+
+
+class Recorder:
+    """Writes a run's files into a directory, which it makes."""
+
+    def __init__(self, directory: Path) -> None:
+        """Makes the directory.
+
+        Raises:
+          OSError: it cannot be made.
+        """
+        directory.mkdir(parents=True, exist_ok=True)
+        self.written: list[Path] = []
+        self._directory = directory
+        self._reasons: dict[str, list[str]] = {}  # why files are left out: the names
+        self._film: Film | None = None
+        self._physics: Any = None  # Any: whatever has `render`
+
+    @property
+    def left_out(self) -> list[str]:
+        """One line for each reason why files are left out."""
+        return [f"no {' and no '.join(names)}: {why}" for why, names in self._reasons.items()]
+
+    def begin_film(self, environment: Any) -> None:
+        """Films the environment from its present state on."""
+        self._physics = environment.physics
+        try:
+            self._film = Film(self._directory / _FILM, environment.control_timestep())
+        except ImportError as error:
+            self._leave_out(_FILM, error)
+
+    def add_frame(self) -> None:
+        """Films the present state, if a film is under way."""
+        if self._film is None:
+            return
+        try:
+            self._film.add(self._physics)
+        except (RenderingError, OSError) as error:
+            self._leave_out(_FILM, error)
+            self.drop_film()
+
+    def finish_film(self) -> None:
+        """Writes the film that is under way, if any."""
+        film, self._film = self._film, None
+        if film is None:
+            return
+        try:
+            film.finish()
+            self.written.append(self._directory / _FILM)
+        except OSError as error:
+            self._leave_out(_FILM, error)
+
+    def drop_film(self) -> None:
+        """Removes the film that is under way, if any."""
+        film, self._film = self._film, None
+        if film is not None:
+            film.discard()
+
+    def write(
+        self, run: dict[str, Any], episodes: Sequence[Episode], model_fingerprint: str
+    ) -> None:
+        """Writes result.json and return.png, and removes files of an earlier run.
+
+        Args:
+          run: what was asked for; has 'domain', 'task', 'policy' and 'control_timestep'.
+          episodes: those that ended; without any there is no plot.
+          model_fingerprint: see `report.fingerprint`.
+
+        Raises:
+          OSError: a file cannot be written.
+        """
+        self.drop_film()
+        write_result(self._directory / _RESULT, run, episodes, model_fingerprint)
+        self.written.insert(0, self._directory / _RESULT)
+        if episodes:
+            self._write_plot(run, episodes)
+        for path in (self._directory / _PLOT, self._directory / _FILM):
+            if path not in self.written:
+                path.unlink(missing_ok=True)
+
+    def _write_plot(self, run: dict[str, Any], episodes: Sequence[Episode]) -> None:
+        title = f"{run['domain']} {run['task']}, policy {run['policy']}"
+        path = self._directory / _PLOT
+        try:
+            write_return_plot(path, title, episodes, run["control_timestep"])
+        except ImportError as error:
+            self._leave_out(_PLOT, error)
+        else:
+            self.written.insert(1, path)
+
+    def _leave_out(self, name: str, why: Exception) -> None:
+        reason = " ".join(str(why).split())  # on one line
+        self._reasons.setdefault(reason, []).append(name)

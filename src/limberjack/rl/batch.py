@@ -1,0 +1,318 @@
+"""Many episodes of one task in lockstep: a batched `control.Environment`.
+
+    env = BatchEnvironment.from_environment(single, num_envs=256, seed=0)
+    time_step = env.reset()
+    while True:
+        time_step = env.step(policy(time_step.observation))   # actions (256, nu)
+
+Everything has a leading axis of `num_envs` rows. Row i is the single environment with seed
+`seed + i`, bit for bit, whatever the number of rows and threads and whatever the other rows do:
+a row whose episode has ended begins its next one at the next step, and its action is ignored.
+
+In the batched `dm_env.TimeStep`, `step_type`, `reward` and `discount` are arrays of (num_envs,);
+where a row's episode has just begun its reward is 0 and its discount 1.
+"""
+
+import collections
+import copy
+import logging
+from collections.abc import Sequence
+from typing import Any
+
+import dm_env
+import numpy as np
+from dm_env import specs
+
+from limberjack.rl import control
+from limberjack.utils import arrays, cores
+
+__all__ = ["BatchEnvironment"]
+
+_log = logging.getLogger("limberjack")
+
+_FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
+
+
+class BatchEnvironment:
+    """Episodes of a task on a batch of simulations; see the module's docstring."""
+
+    def __init__(
+        self,
+        physics: Any,
+        task: Any,
+        n_sub_steps: int = 1,
+        step_limit: float = float("inf"),
+        seed: int | None = None,
+        flat_observation: bool = False,
+        on_divergence: str = "end",
+    ) -> None:
+        """Makes a batch whose first `step` or `reset` begins an episode in every row.
+
+        Args:
+          physics: a batched `mujoco.Physics`, as made by its `replicate`.
+          task: a task whose quantities carry the leading axis; it must not be used elsewhere.
+          n_sub_steps: physics steps per action.
+          step_limit: steps in an episode.
+          seed: row i draws its episodes from `RandomState(seed + i)`; None for any seed.
+          flat_observation: join the observation into one array, under 'observations'.
+          on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
+            'raise' raises `PhysicsError`.
+
+        Raises:
+          ValueError: the task is not batch-safe, or `on_divergence` is something else.
+        """
+        if on_divergence not in ("end", "raise"):
+            raise ValueError(f"on_divergence is {on_divergence!r}; expected 'end' or 'raise'")
+        self.num_envs: int = physics.num_envs
+        self._physics = physics
+        self._task = task
+        self._n_sub_steps = n_sub_steps
+        self._step_limit = step_limit
+        self._flat_observation = flat_observation
+        self._raises = on_divergence == "raise"
+        first_seed = np.random.RandomState().randint(2**31) if seed is None else seed
+        self._streams = [np.random.RandomState(first_seed + i) for i in range(self.num_envs)]
+        self._step_count = np.zeros(self.num_envs, int)
+        self._begins = np.ones(self.num_envs, bool)  # rows whose next step begins an episode
+        self.diverged = np.zeros(self.num_envs, bool)
+        self._action_spec = self._batched(task.action_spec(physics.single))
+        self._check_batch_safe()
+
+    @classmethod
+    def from_environment(
+        cls,
+        env: control.Environment,
+        num_envs: int,
+        num_threads: int | None = None,
+        seed: int | None = None,
+        on_divergence: str = "end",
+    ) -> "BatchEnvironment":
+        """A batch of environments like `env`, which is left alone.
+
+        Args:
+          env: a single environment, of the suite or with your own batch-safe task.
+          num_envs: number of rows.
+          num_threads: threads that step them; by default the cores this process may use.
+          seed: row i draws its episodes from `RandomState(seed + i)`; None for any seed.
+          on_divergence: see the constructor.
+        """
+        num_envs = _at_least_one("num_envs", num_envs)
+        threads = cores.usable_cores() if num_threads is None else num_threads
+        task = copy.copy(env.task)
+        physics = env.physics.replicate(
+            num_envs,
+            min(_at_least_one("num_threads", threads), num_envs),
+            getattr(task, "EPISODE_FIELDS", ()),
+        )
+        return cls(
+            physics,
+            task,
+            n_sub_steps=env._n_sub_steps,
+            step_limit=env._step_limit,
+            seed=seed,
+            flat_observation=env._flat_observation,
+            on_divergence=on_divergence,
+        )
+
+    def reset(self, ids: Any = None) -> dm_env.TimeStep:
+        """Begins an episode in every row, or in the given ones, and returns the batch.
+
+        Rows that are not reset keep their state; they are shown as in mid-episode, with reward 0.
+
+        Args:
+          ids: sorted row numbers or a mask of (num_envs,).
+        """
+        rows = np.arange(self.num_envs) if ids is None else self._rows(ids)
+        self._begin(rows)
+        with arrays.rows_of_a_batch(self.num_envs):
+            observation = self._observe()
+        step_type = np.where(self._step_count == 0, _FIRST, _MID)
+        return dm_env.TimeStep(
+            step_type, np.zeros(self.num_envs), np.ones(self.num_envs), observation
+        )
+
+    def step(self, actions: Any) -> dm_env.TimeStep:
+        """Applies an action in every row and returns what follows, as one batched `TimeStep`.
+
+        Args:
+          actions: (num_envs, ...), numbers; rows whose episode begins ignore theirs.
+
+        Raises:
+          ValueError, TypeError: the actions do not have the spec's shape, or are not numeric, or
+            not finite; nothing has moved.
+        """
+        physics, task = self._physics, self._task
+        begins = self._begins.copy()
+        any_begins = begins.any()
+        running = np.flatnonzero(~begins) if any_begins else None
+        task.before_step(self._checked(actions, begins), physics)
+        if running is None or running.size:
+            self.diverged = physics.step_rows(running, self._n_sub_steps)
+            if self.diverged.any():
+                self._report_divergence()
+        else:
+            self.diverged = np.zeros(self.num_envs, bool)
+        if any_begins:
+            self._begin(np.flatnonzero(begins))
+        with arrays.rows_of_a_batch(self.num_envs):
+            task.after_step(physics)
+            reward = task.get_reward(physics)
+            observation = self._observe()
+            termination = task.get_termination(physics)
+        return self._time_step(begins if any_begins else None, reward, termination, observation)
+
+    def action_spec(self) -> specs.BoundedArray:
+        """The spec of the actions of all rows, (num_envs, ...)."""
+        return self._action_spec
+
+    def observation_spec(self) -> Any:
+        """The specs of the observations of all rows, (num_envs, ...) each."""
+        with arrays.rows_of_a_batch(self.num_envs):
+            observation = self._observe()
+        return collections.OrderedDict(
+            (name, specs.Array(value.shape, value.dtype, name=name))
+            for name, value in observation.items()
+        )
+
+    def reward_spec(self) -> specs.Array:
+        """The spec of the rewards, (num_envs,)."""
+        return specs.Array((self.num_envs,), float, name="reward")
+
+    def discount_spec(self) -> specs.BoundedArray:
+        """The spec of the discounts, (num_envs,)."""
+        return specs.BoundedArray((self.num_envs,), float, 0.0, 1.0, name="discount")
+
+    @property
+    def physics(self) -> Any:
+        """The batched physics."""
+        return self._physics
+
+    @property
+    def task(self) -> Any:
+        """The task."""
+        return self._task
+
+    def _begin(self, rows: np.ndarray) -> None:
+        """Begins an episode in each of the rows."""
+        physics, task = self._physics, self._task
+        for row in rows.tolist():
+            task._random = self._streams[row]
+            with physics.episode(row) as one:
+                task.initialize_episode(one)
+        physics.start_rows(rows)
+        self._step_count[rows] = 0
+        self._begins[rows] = False
+
+    def _time_step(
+        self, begins: np.ndarray | None, reward: Any, termination: Any, observation: Any
+    ) -> dm_env.TimeStep:
+        """Counts the step and says of each row where in its episode it is."""
+        num_envs = self.num_envs
+        self._step_count += 1
+        reward = np.array(np.broadcast_to(reward, num_envs), float)
+        discount = np.ones(num_envs)
+        if begins is not None:
+            self._step_count[begins] = 0
+            reward[begins] = 0.0
+        last = self._step_count >= self._step_limit
+        if termination is not None:
+            ends = ~np.isnan(termination) & ~last
+            if begins is not None:
+                ends &= ~begins
+            discount[ends] = np.asarray(termination)[ends]
+            last |= ends
+        if self.diverged.any():
+            last |= self.diverged
+            reward[self.diverged] = 0.0
+            discount[self.diverged] = 0.0
+        self._begins = last
+        step_type = np.full(num_envs, _MID)
+        step_type[last] = _LAST
+        if begins is not None:
+            step_type[begins] = _FIRST
+        return dm_env.TimeStep(step_type, reward, discount, observation)
+
+    def _observe(self) -> Any:
+        """The observation in arrays of its own, that nothing changes later."""
+        observation = self._task.get_observation(self._physics)
+        if self._flat_observation:
+            ordered = isinstance(observation, collections.OrderedDict)
+            names = observation if ordered else sorted(observation)
+            parts = [observation[name].reshape(self.num_envs, -1) for name in names]
+            key = control.FLAT_OBSERVATION_KEY
+            return type(observation)([(key, arrays.concat(parts))])
+        for name, value in observation.items():
+            if not value.flags.owndata:
+                observation[name] = value.copy()
+        return observation
+
+    def _checked(self, actions: Any, begins: np.ndarray) -> np.ndarray:
+        """The actions as an array, or a clear error."""
+        given = np.asarray(actions)
+        if given.shape != self._action_spec.shape:
+            raise ValueError(
+                f"actions have shape {given.shape}; expected {self._action_spec.shape}: one row "
+                "for each environment"
+            )
+        if given.dtype.kind not in "fiub":
+            raise TypeError(f"actions have dtype {given.dtype}; expected numbers")
+        if given.dtype.kind == "f" and not np.isfinite(given).all():
+            rows = np.flatnonzero(~np.isfinite(given).reshape(self.num_envs, -1).all(axis=-1))
+            rows = rows[~begins[rows]]
+            if rows.size:
+                raise ValueError(
+                    f"actions are not finite in rows {rows.tolist()}; nothing was stepped"
+                )
+        return given
+
+    def _report_divergence(self) -> None:
+        rows = np.flatnonzero(self.diverged).tolist()
+        if self._raises:
+            self._begins |= self.diverged
+            raise control.PhysicsError(f"the simulations of rows {rows} diverged")
+        _log.warning("the simulations of rows %s diverged; their episodes end here", rows)
+
+    def _rows(self, ids: Any) -> np.ndarray:
+        """Sorted, unique row numbers from row numbers or a mask."""
+        rows = np.asarray(ids)
+        if rows.dtype == bool:
+            if rows.shape != (self.num_envs,):
+                raise ValueError(f"the mask has shape {rows.shape}; expected ({self.num_envs},)")
+            return np.flatnonzero(rows)
+        if rows.ndim != 1 or (rows.size and rows.dtype.kind not in "iu"):
+            raise ValueError(f"ids are {ids!r}; expected row numbers or a mask")
+        if rows.size and (rows.min() < 0 or rows.max() >= self.num_envs):
+            raise ValueError(f"ids {ids!r} are not all between 0 and {self.num_envs - 1}")
+        if np.any(np.diff(rows.astype(int)) <= 0):
+            raise ValueError(f"ids {ids!r} are not sorted and unique")
+        return rows.astype(int)
+
+    def _batched(self, spec: Any) -> specs.BoundedArray:
+        """A spec with the leading axis."""
+        shape = (self.num_envs, *spec.shape)
+        minimum, maximum = (np.broadcast_to(b, shape) for b in (spec.minimum, spec.maximum))
+        return specs.BoundedArray(shape, spec.dtype, minimum, maximum, name=spec.name)
+
+    def _check_batch_safe(self) -> None:
+        """Compares the shapes of what the task reads with those of one simulation."""
+        physics, task = self._physics, self._task
+        with arrays.rows_of_a_batch(self.num_envs):
+            batched = {**task.get_observation(physics), "reward": task.get_reward(physics)}
+        one = physics.single
+        single = {**task.get_observation(one), "reward": task.get_reward(one)}
+        name = type(task).__name__
+        for key, value in single.items():
+            expected = (self.num_envs, *np.shape(value))
+            if np.shape(batched[key]) != expected:
+                what = "reward" if key == "reward" else f"observation {key!r}"
+                raise ValueError(
+                    f"{what} of task {name} has shape {np.shape(batched[key])} in a batch of "
+                    f"{self.num_envs}; expected {expected}: index with `...` and reduce over "
+                    "axis -1"
+                )
+
+
+def _at_least_one(name: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+        raise ValueError(f"{name} is {value!r}; expected a whole number of at least 1")
+    return int(value)

@@ -1,0 +1,1 @@
+"""What holds for the source and the package as a whole."""

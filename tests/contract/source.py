@@ -1,0 +1,59 @@
+"""The package's source as the contract tests see it: modules, their trees, what they import."""
+
+import ast
+import functools
+from collections.abc import Iterator
+from pathlib import Path
+
+__all__ = ["PACKAGE", "REPOSITORY", "SOURCE", "imports", "is_public", "modules", "tree"]
+
+PACKAGE = "limberjack"
+REPOSITORY = Path(__file__).parents[2]
+SOURCE = REPOSITORY / "src"
+
+
+@functools.cache
+def modules() -> dict[str, Path]:
+    """The path of every module, by its full name."""
+    found = {}
+    for path in sorted((SOURCE / PACKAGE).rglob("*.py")):
+        parts = path.relative_to(SOURCE).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+@functools.cache
+def tree(module: str) -> ast.Module:
+    """The syntax tree of a module."""
+    return ast.parse(modules()[module].read_text(encoding="utf-8"))
+
+
+def is_public(module: str) -> bool:
+    """Whether no part of a module's name begins with an underscore."""
+    return not any(part.startswith("_") for part in module.split("."))
+
+
+def imports(module: str, nodes: ast.AST | None = None) -> Iterator[str]:
+    """The full name of each module that a module imports, in functions too.
+
+    What is imported from a package is a module of it where there is one of that name, else the
+    package itself.
+    """
+    for node in ast.walk(nodes or tree(module)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            source = _absolute(module, node)
+            for alias in node.names:
+                name = f"{source}.{alias.name}"
+                yield name if name in modules() else source
+
+
+def _absolute(module: str, node: ast.ImportFrom) -> str:
+    """The full name after `from`."""
+    if not node.level:
+        return node.module or ""
+    parts = module.split(".")
+    is_package = modules()[module].name == "__init__.py"
+    kept = len(parts) - node.level + is_package
+    return ".".join([*parts[:kept], *([node.module] if node.module else [])])

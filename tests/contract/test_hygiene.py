@@ -1,0 +1,56 @@
+"""What is tracked by git is clean text, free of lock files."""
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from .source import REPOSITORY, SOURCE
+
+_TEXT = {".md", ".py", ".toml", ".txt", ".xml", ".cfg", ".yml", ""}
+_LOCK_FILES = re.compile(r"(uv|poetry|yarn)\.lock$|pylock.*\.toml$|package-lock\.json$")
+_REGISTRY = re.compile(r"https?://[^ \"]*/(simple|packages)/")
+
+
+def _tracked() -> list[Path]:
+    git = shutil.which("git")
+    if git is None or not (REPOSITORY / ".git").exists():
+        pytest.skip("not a git checkout")
+    listed = subprocess.run(
+        [git, "ls-files", "--cached", "--others", "--exclude-standard", "-z"],
+        cwd=REPOSITORY,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    paths = [REPOSITORY / name for name in listed.split("\0") if name]
+    return [path for path in paths if path.is_file()]
+
+
+def test_files_end_in_one_newline_and_have_no_trailing_blanks() -> None:
+    for path in _tracked():
+        if path.suffix not in _TEXT:
+            continue
+        text = path.read_text(encoding="utf-8")
+        if not text:
+            continue
+        assert text.endswith("\n"), path
+        assert not text.endswith("\n\n"), path
+        assert not re.search(r"[ \t]+$", text, re.MULTILINE), path
+        assert "\r" not in text, path
+
+
+def test_no_lock_file_and_no_address_of_a_registry() -> None:
+    for path in _tracked():
+        assert not _LOCK_FILES.search(path.name), path
+        if path.suffix in _TEXT:
+            assert not _REGISTRY.search(path.read_text(encoding="utf-8")), path
+
+
+def test_the_library_prints_nothing() -> None:
+    # The command line prints; everything else logs to "limberjack" or returns.
+    for path in SOURCE.rglob("*.py"):
+        code = re.sub(r'"""(?:.|\n)*?"""', "", path.read_text(encoding="utf-8"))
+        assert not re.search(r"^\s*print\(", code, re.MULTILINE), path

@@ -1,0 +1,150 @@
+"""The shape of the source: layers, heavy imports, sizes, and what `__all__` says."""
+
+import ast
+import graphlib
+import importlib
+import sys
+
+import pytest
+
+from .source import PACKAGE, imports, is_public, modules, tree
+
+# Imports point down, or stay level. The longest name that a module begins with counts.
+_LAYERS = {
+    "limberjack._compat": 0,
+    "limberjack.utils": 0,
+    "limberjack.rl": 1,
+    "limberjack.mujoco": 2,
+    "limberjack.rl.batch": 3,
+    "limberjack.suite": 4,
+    "limberjack.policies": 5,
+    "limberjack.report": 5,
+    "limberjack.rollout": 5,
+    "limberjack.video": 5,
+    "limberjack.cli": 6,
+    "limberjack.__main__": 6,
+}
+
+_EVERYWHERE = {"dm_env", "mujoco", "numpy"}
+# Everything else that is installed is imported by one module only.
+_ONLY_IN = {
+    "OpenGL": "limberjack.mujoco.gl_backends",
+    "glfw": "limberjack.mujoco.gl_backends",
+    "imageio_ffmpeg": "limberjack.video",
+    "matplotlib": "limberjack.report.curve",
+    "rich": "limberjack.cli",
+    "typer": "limberjack.cli",
+}
+
+_MAX_FILE_LINES = 400
+_MAX_FUNCTION_LINES = 40  # without the docstring
+
+_ALL = sorted(modules())
+_PUBLIC = [module for module in _ALL if is_public(module)]
+_Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def _layer(module: str) -> int | None:
+    prefixes = [name for name in _LAYERS if f"{module}.".startswith(f"{name}.")]
+    return _LAYERS[max(prefixes, key=len)] if prefixes else None
+
+
+def _own_imports(module: str) -> set[str]:
+    """The package's own modules that a module imports; its root, for the version, does not count."""
+    return {name for name in imports(module) if name in modules()} - {PACKAGE, module}
+
+
+def _is_definition(node: ast.stmt) -> bool:
+    return isinstance(node, _Function | ast.ClassDef | ast.Assign | ast.AnnAssign)
+
+
+def _defined_names(node: ast.stmt) -> list[str]:
+    if isinstance(node, _Function | ast.ClassDef):
+        return [node.name]
+    targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+    return [name.id for target in targets if target for name in ast.walk(target)
+            if isinstance(name, ast.Name)]  # fmt: skip
+
+
+@pytest.mark.parametrize("module", [name for name in _ALL if name != PACKAGE])
+def test_imports_point_down(module: str) -> None:
+    layer = _layer(module)
+    assert layer is not None, f"{module} has no layer: give it one in {__file__}"
+    for imported in sorted(_own_imports(module)):
+        below = _layer(imported)
+        assert below is not None, f"{imported} has no layer"
+        assert below <= layer, f"{module} (layer {layer}) imports {imported} (layer {below})"
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    graph = {module: _own_imports(module) for module in _ALL if module != PACKAGE}
+    graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle
+
+
+def test_the_package_itself_imports_nothing() -> None:
+    at_import = [node for node in tree(PACKAGE).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    assert not at_import
+
+
+@pytest.mark.parametrize("module", _ALL)
+def test_what_is_heavy_is_imported_in_one_place(module: str) -> None:
+    for name in imports(module):
+        root = name.partition(".")[0]
+        if root in _EVERYWHERE or root == PACKAGE or root in sys.stdlib_module_names:
+            continue
+        assert root in _ONLY_IN, f"{module} imports {root}: say in {__file__} that it may"
+        assert _ONLY_IN[root] == module, f"{module} imports {root}; only {_ONLY_IN[root]} does"
+
+
+@pytest.mark.parametrize("module", _ALL)
+def test_files_are_short(module: str) -> None:
+    count = len(modules()[module].read_text(encoding="utf-8").splitlines())
+    assert count <= _MAX_FILE_LINES, f"{module} has {count} lines"
+
+
+@pytest.mark.parametrize("module", _ALL)
+def test_functions_are_short(module: str) -> None:
+    for node in ast.walk(tree(module)):
+        if not isinstance(node, _Function):
+            continue
+        first = node.body[0]
+        docstring = ast.get_docstring(node, clean=False)
+        text = 0 if docstring is None else (first.end_lineno or 0) - first.lineno + 1
+        count = (node.end_lineno or 0) - node.lineno + 1 - text
+        assert count <= _MAX_FUNCTION_LINES, f"{module}.{node.name} has {count} lines"
+
+
+@pytest.mark.parametrize("module", _ALL)
+def test_every_module_says_what_it_is(module: str) -> None:
+    assert ast.get_docstring(tree(module)), f"{module} has no docstring"
+
+
+@pytest.mark.parametrize("module", _ALL)
+def test_every_public_function_and_class_has_a_docstring(module: str) -> None:
+    for node in tree(module).body:
+        if isinstance(node, _Function | ast.ClassDef) and not node.name.startswith("_"):
+            assert ast.get_docstring(node), f"{module}.{node.name} has no docstring"
+
+
+@pytest.mark.parametrize("module", _PUBLIC)
+def test_all_names_exist(module: str) -> None:
+    loaded = importlib.import_module(module)
+    names = getattr(loaded, "__all__", [])
+    assert sorted(set(names)) == sorted(names), "a name stands twice"
+    for name in names:
+        assert hasattr(loaded, name), f"{module}.__all__ names {name}, which is not there"
+
+
+@pytest.mark.parametrize("module", _PUBLIC)
+def test_all_has_every_public_definition(module: str) -> None:
+    defined = {
+        name
+        for node in tree(module).body
+        if _is_definition(node)
+        for name in _defined_names(node)
+        if not name.startswith("_")
+    }
+    if not defined:
+        return  # a package that only holds modules need not say so
+    named = set(getattr(importlib.import_module(module), "__all__", ()))
+    assert defined <= named, f"{module}.__all__ lacks {sorted(defined - named)}"

@@ -1,0 +1,259 @@
+"""Frames equal dm_control's pixel for pixel: RGB, depth and segmentation, from every camera."""
+
+import itertools
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from . import models, twins
+from .oracle import BOTH
+from .same import assert_same, assert_same_outcome
+
+pytestmark = [
+    pytest.mark.oracle,
+    pytest.mark.skipif(
+        os.environ.get("MUJOCO_GL") in ("disable", "disabled", "off", "false", "0"),
+        reason="MUJOCO_GL turns rendering off",
+    ),
+]
+
+_SIZE = {"height": 90, "width": 120}
+_KINDS: dict[str, dict[str, bool]] = {
+    "RGB": {},
+    "depth": {"depth": True},
+    "segmentation": {"segmentation": True},
+}
+
+
+@contextmanager
+def _played(domain: str, task: str, steps: int = 15, **kwargs: Any) -> Iterator[twins.Twins]:
+    """An environment in mid-episode, whose renderers are freed in the end."""
+    env = twins.load(domain, task, **kwargs)
+    try:
+        env.reset()
+        env.play(itertools.islice(env.actions("random", 0), steps))
+        yield env
+    finally:
+        env.ours.physics.free()
+        env.theirs.physics.free()
+
+
+@contextmanager
+def _zoo() -> Iterator[list[Any]]:
+    twin = [package("mujoco").Physics.from_xml_string(models.ZOO) for package in BOTH]
+    try:
+        for physics in twin:
+            physics.step(3)
+        yield twin
+    finally:
+        for physics in twin:
+            physics.free()
+
+
+def _assert_same_frames(twin: list[Any], where: str, **kwargs: Any) -> np.ndarray:
+    frames = [physics.render(**kwargs) for physics in twin]
+    assert_same(*frames, f"{where}, render({kwargs})")
+    return frames[1]
+
+
+@pytest.mark.parametrize("kind", _KINDS)
+@pytest.mark.parametrize(("domain", "task"), twins.MODELS)
+def test_frames_from_every_camera_are_the_same(domain: str, task: str, kind: str) -> None:
+    with _played(domain, task) as env:
+        twin = [env.ours.physics, env.theirs.physics]
+        cameras = [-1, *range(twin[1].model.ncam)]
+        cameras += [twin[1].model.id2name(camera, "camera") for camera in cameras[1:]]
+        for camera in cameras:
+            frame = _assert_same_frames(twin, env.where, camera_id=camera, **_SIZE, **_KINDS[kind])
+            assert np.ptp(frame) > 0, f"{env.where}: camera {camera} sees nothing"
+
+
+@pytest.mark.parametrize(("domain", "task"), twins.MODELS[::3])
+def test_frames_of_default_and_odd_sizes_are_the_same(domain: str, task: str) -> None:
+    with _played(domain, task) as env:
+        twin = [env.ours.physics, env.theirs.physics]
+        _assert_same_frames(twin, env.where)
+        for height, width in [(480, 640), (1, 1), (84, 84), (33, 71)]:
+            for kind in _KINDS.values():
+                _assert_same_frames(twin, env.where, height=height, width=width, **kind)
+
+
+@pytest.mark.parametrize(("domain", "task"), twins.MODELS[::3])
+def test_frames_along_an_episode_with_reward_colours_are_the_same(domain: str, task: str) -> None:
+    with _played(domain, task, steps=1, visualize_reward=True) as env:
+        twin = [env.ours.physics, env.theirs.physics]
+        for action in itertools.islice(env.actions("bang-bang", 1), 10):
+            env.step(action)
+            _assert_same_frames(twin, env.where, camera_id=0, **_SIZE)
+        env.reset()
+        _assert_same_frames(twin, env.where, camera_id=0, **_SIZE)
+
+
+_OPTIONS: dict[str, Callable[[Any], dict[str, Any]]] = {
+    "wireframe": lambda mujoco: {"render_flag_overrides": {"wireframe": True}},
+    "no shadow or sky": lambda mujoco: {"render_flag_overrides": {"shadow": 0, "skybox": False}},
+    "flag by its enum": lambda mujoco: {"render_flag_overrides": {_WIREFRAME: True}},
+    "transparent": lambda mujoco: {"scene_option": _transparent(mujoco)},
+    "one overlay": lambda mujoco: {"overlays": [mujoco.TextOverlay("Title", "Body")]},
+    "three overlays": lambda mujoco: {"overlays": _overlays(mujoco)},
+    "a geom more": lambda mujoco: {"scene_callback": _add_box},
+}
+_WIREFRAME = mujoco.mjtRndFlag.mjRND_WIREFRAME
+
+
+def _transparent(package: Any) -> Any:
+    option = package.wrapper.MjvOption()
+    option.flags[mujoco.mjtVisFlag.mjVIS_TRANSPARENT] = True
+    option.flags[mujoco.mjtVisFlag.mjVIS_JOINT] = True
+    option.frame = mujoco.mjtFrame.mjFRAME_GEOM
+    option.sitegroup[:] = 1
+    return option
+
+
+def _overlays(package: Any) -> list[Any]:
+    return [
+        package.TextOverlay(title="1", body="2", style="big", position="bottom right"),
+        package.TextOverlay(title="3", style="shadow", position="top right"),
+        package.TextOverlay(body="a\nb", position="bottom left"),
+    ]
+
+
+def _add_box(physics: Any, scene: Any) -> None:
+    scene.ngeom += 1
+    mujoco.mjv_initGeom(
+        scene.geoms[scene.ngeom - 1],
+        mujoco.mjtGeom.mjGEOM_BOX.value,
+        size=np.full(3, 0.2),
+        pos=np.array([0, 0, 0.8]),
+        mat=np.eye(3).flatten(),
+        rgba=np.array([1, 0, 0, 1], np.float32),
+    )
+
+
+@pytest.mark.parametrize("option", _OPTIONS)
+def test_frames_with_options_are_the_same(option: str) -> None:
+    with _zoo() as twin:
+        plain = _assert_same_frames(twin, "zoo", **_SIZE)
+        frames = [
+            physics.render(**_SIZE, **_OPTIONS[option](package("mujoco")))
+            for package, physics in zip(BOTH, twin, strict=True)
+        ]
+        assert_same(*frames, option)
+        assert not np.array_equal(frames[1], plain), f"{option} changes nothing"
+        # An option holds for one frame.
+        _assert_same_frames(twin, f"after {option}", **_SIZE)
+
+
+def test_segmentation_with_frames_of_reference_is_the_same() -> None:
+    with _zoo() as twin:
+        frames = [
+            physics.render(segmentation=True, scene_option=_transparent(package("mujoco")), **_SIZE)
+            for package, physics in zip(BOTH, twin, strict=True)
+        ]
+        assert_same(*frames, "segmentation")
+
+
+_REFUSED: list[dict[str, Any]] = [
+    {"depth": True, "segmentation": True},
+    {"depth": True, "render_flag_overrides": {"wireframe": True}},
+    {"segmentation": True, "overlays": "TextOverlay"},
+    {"camera_id": -2},
+    {"camera_id": 99},
+    {"camera_id": "no such camera"},
+    {"height": 100_000},
+    {"width": 100_000},
+]
+
+
+@pytest.mark.parametrize("kwargs", _REFUSED)
+def test_what_cannot_be_rendered_is_refused_alike(kwargs: dict[str, Any]) -> None:
+    with _zoo() as twin:
+        calls = []
+        for package, physics in zip(BOTH, twin, strict=True):
+            overlays = [package("mujoco").TextOverlay()]
+            arguments = kwargs | ({"overlays": overlays} if "overlays" in kwargs else {})
+            calls.append(lambda physics=physics, arguments=arguments: physics.render(**arguments))
+        assert assert_same_outcome(*calls, f"render({kwargs})") is not None
+
+
+@pytest.mark.parametrize("camera_id", [-1, 0, "fixed", 1])
+def test_cameras_say_the_same(camera_id: Any) -> None:
+    with _zoo() as twin:
+        cameras = [
+            package("mujoco").Camera(physics, 60, 80, camera_id=camera_id)
+            for package, physics in zip(BOTH, twin, strict=True)
+        ]
+        for kind in _KINDS.values():
+            assert_same(*(camera.render(**kind).copy() for camera in cameras), f"{kind}")
+        for part in ("image", "focal", "rotation", "translation"):
+            assert_same(*(getattr(camera.matrices(), part) for camera in cameras), part)
+        assert_same(*(camera.matrix for camera in cameras), "matrix")
+        for query in ("height", "width"):
+            assert_same(*(getattr(camera, query) for camera in cameras), query)
+        for place in itertools.product((0.1, 0.5, 0.9), repeat=2):
+            ours, theirs = (camera.select(place) for camera in cameras)
+            assert ours._fields == theirs._fields
+            for field, mine, yours in zip(ours._fields, ours, theirs, strict=True):
+                assert_same(mine, yours, f"select({place}).{field}")
+
+
+def test_a_camera_keeps_its_own_options() -> None:
+    with _zoo() as twin:
+        cameras = [
+            package("mujoco").Camera(physics, 60, 80)
+            for package, physics in zip(BOTH, twin, strict=True)
+        ]
+        for camera in cameras:
+            camera.option.flags[mujoco.mjtVisFlag.mjVIS_TRANSPARENT] = True
+            camera.scene.flags[_WIREFRAME] = True
+        assert_same(*(camera.render().copy() for camera in cameras), "options of the camera")
+        _assert_same_frames(twin, "options of one camera are not another's", **_SIZE)
+
+
+def test_a_movable_camera_sees_the_same_from_each_pose() -> None:
+    poses = [([0, 0, 0.5], 2.0, 30, -20), ([0.3, -0.2, 0.1], 4, -100, -60)]
+    with _zoo() as twin:
+        cameras = [
+            package("mujoco").MovableCamera(physics, 60, 80)
+            for package, physics in zip(BOTH, twin, strict=True)
+        ]
+        for pose in (None, *poses):
+            for camera in cameras:
+                if pose is not None:
+                    camera.set_pose(*pose)
+            ours, theirs = (camera.get_pose() for camera in cameras)
+            assert ours._fields == theirs._fields
+            for field, mine, yours in zip(ours._fields, ours, theirs, strict=True):
+                assert_same(mine, yours, f"pose.{field}")
+            assert_same(*(camera.render().copy() for camera in cameras), f"{pose}")
+
+
+def test_frames_after_the_model_was_changed_are_the_same() -> None:
+    with _played("manipulator", "bring_ball") as env:
+        twin = [env.ours.physics, env.theirs.physics]
+        _assert_same_frames(twin, "before", **_SIZE)
+        for physics in twin:
+            physics.named.model.geom_size["ball"] = 0.1
+            physics.named.model.mat_rgba["self"] = [0, 1, 0, 1]
+            physics.named.model.cam_pos[0] += 0.1
+            physics.model.vis.headlight.ambient[:] = 0.9
+            physics.forward()
+        _assert_same_frames(twin, "after", camera_id=0, **_SIZE)
+
+
+def test_frames_of_a_copy_and_after_a_reload_are_the_same() -> None:
+    with _played("stacker", "stack_4") as env:
+        copies = [physics.copy() for physics in (env.ours.physics, env.theirs.physics)]
+        try:
+            _assert_same_frames(copies, "copy", **_SIZE)
+            for physics in copies:
+                physics.reload_from_xml_string(models.ZOO)
+            _assert_same_frames(copies, "reloaded", **_SIZE)
+        finally:
+            for physics in copies:
+                physics.free()
