@@ -25,7 +25,7 @@ def seconds_to_import(package: str) -> dict[str, float]:
 
 
 def opengl_modules() -> list[str]:
-    """Modules of OpenGL there are after Limberjack's import and each task's load, reset and step."""
+    """Modules of OpenGL after Limberjack's import and each task's load, reset and step."""
     suite = importlib.import_module("limberjack.suite")
     for domain, task in suite.ALL_TASKS:
         environment = suite.load(domain, task)

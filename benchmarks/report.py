@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+import importlib
 import importlib.metadata
 import json
 import os
@@ -15,7 +16,16 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-__all__ = ["Bar", "Row", "at_least", "at_most", "print_table", "spread", "write_json"]
+__all__ = [
+    "Bar",
+    "Row",
+    "all_met",
+    "at_least",
+    "at_most",
+    "print_table",
+    "spread",
+    "write_json",
+]
 
 _MEASURED = ("limberjack", "dm_control", "mujoco", "mujoco-core", "dm-env", "numpy")
 _WIDTH = 118  # characters; where the output is no terminal, the table is not folded
@@ -69,6 +79,11 @@ class Row:
         if self.bar is None or self.value is None:
             return None
         return self.bar.is_met_by(self.value)
+
+
+def all_met(rows: Iterable[Row]) -> bool:
+    """Whether no bar is missed; what could not be measured misses none."""
+    return all(row.is_met is not False for row in rows)
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:

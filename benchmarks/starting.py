@@ -121,18 +121,16 @@ def _load_row(domain: str, task: str, num_loads: int) -> Row:
 
 def _one_load(domain: str, task: str) -> dict[str, float]:
     """Seconds of each kind of load; nothing is alive before or after."""
-    load = peers.suite(peers.OURS).load
+    load = _loader(peers.OURS, domain, task)
     seconds = {"compile": _timed(_compiler(domain, task))[0]}
     gc.collect()
-    seconds["load"], environment = _timed(lambda: load(domain, task, {"random": _SEED}))
-    seconds["another"], another = _timed(lambda: load(domain, task, {"random": _SEED}))
+    seconds["load"], environment = _timed(load)
+    seconds["another"], another = _timed(load)
     seconds["reset"], _ = _timed(environment.reset)
     del environment, another
     for package in peers.installed()[1:]:
         gc.collect()
-        load = peers.suite(package).load
-        seconds[package], environment = _timed(lambda: load(domain, task, {"random": _SEED}))
-        del environment
+        seconds[package] = _timed(_loader(package, domain, task))[0]
     gc.collect()
     return seconds
 
@@ -163,10 +161,8 @@ def _first_load_row(domain: str, task: str, num_processes: int) -> Row:
 
 def seconds_of_first(what: str, domain: str, task: str) -> float:
     """Seconds of this process's first load by a package, or of its first compilation."""
-    if what == "compile":
-        return _timed(_compiler(domain, task))[0]
-    load = peers.suite(what).load
-    return _timed(lambda: load(domain, task, {"random": _SEED}))[0]
+    is_compilation = what == "compile"
+    return _timed(_compiler(domain, task) if is_compilation else _loader(what, domain, task))[0]
 
 
 def measure_resets(num_resets: int) -> list[Row]:
@@ -181,9 +177,7 @@ def measure_resets(num_resets: int) -> list[Row]:
 def _reset_row(domain: str, task: str, num_resets: int) -> Row:
     """Starts of a task's episodes."""
     packages = peers.installed()
-    environments = {
-        package: peers.suite(package).load(domain, task, {"random": _SEED}) for package in packages
-    }
+    environments = {package: _loader(package, domain, task)() for package in packages}
     times: dict[str, list[float]] = {package: [] for package in packages}
     for environment in environments.values():  # the first one prepares what later ones use
         environment.reset()
@@ -224,6 +218,12 @@ def _compiler(domain: str, task: str) -> Callable[[], Any]:
     xml, assets = peers.source(domain, task)
     compile_model: Any = mujoco.MjModel.from_xml_string
     return lambda: compile_model(xml, assets)
+
+
+def _loader(package: str, domain: str, task: str) -> Callable[[], Any]:
+    """A function that loads a task with a package."""
+    load = peers.suite(package).load
+    return lambda: load(domain, task, {"random": _SEED})
 
 
 def _timed(function: Callable[[], Any]) -> tuple[float, Any]:

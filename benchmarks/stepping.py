@@ -72,9 +72,7 @@ class _Contest:
         self._data: Any = None
         environment = self._environments[peers.OURS]
         self._spec = environment.action_spec()
-        self._num_substeps = round(
-            environment.control_timestep() / environment.physics.timestep()
-        )
+        self._num_substeps = round(environment.control_timestep() / environment.physics.timestep())
         self._random = np.random.RandomState(_SEED)
         # Seconds per step of each block.
         self._seconds: dict[str, list[float]] = {name: [] for name in (*self._environments, _BARE)}

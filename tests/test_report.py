@@ -36,9 +36,14 @@ def test_a_file_that_is_replaced_appears_whole(tmp_path: Path) -> None:
 def test_a_file_stays_as_it_was_if_writing_fails(tmp_path: Path) -> None:
     path = tmp_path / "name.txt"
     path.write_text("old")
-    with pytest.raises(KeyboardInterrupt), replacing(path) as partial:
-        partial.write_text("ne")
-        raise KeyboardInterrupt
+
+    def write_in_part() -> None:
+        with replacing(path) as partial:
+            partial.write_text("ne")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_in_part()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
@@ -112,7 +117,8 @@ def test_a_plot_is_drawn_without_touching_pyplot(tmp_path: Path) -> None:
     code = (
         "import sys, numpy as np; from pathlib import Path\n"
         "from limberjack import report; from limberjack.rollout import Episode\n"
-        f"report.write_return_plot(Path({str(path)!r}), 'title', [Episode(0, None, np.ones(9))], 1)\n"
+        "episode = Episode(0, None, np.ones(9))\n"
+        f"report.write_return_plot(Path({str(path)!r}), 'title', [episode], 1.0)\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=120)

@@ -1,5 +1,7 @@
 """Films: what is written, how fast it plays, and what happens when it cannot be."""
 
+import re
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -31,12 +33,16 @@ def _film(path: Path, environment: Any) -> Film:
     return Film(path, environment.control_timestep(), height=_HEIGHT, width=_WIDTH)
 
 
-def _read(path: Path) -> tuple[dict[str, Any], np.ndarray]:
-    """What ffmpeg says of a video, and its frames."""
-    reader = imageio_ffmpeg.read_frames(str(path))
-    facts: Any = next(reader)
-    shape = (facts["size"][1], facts["size"][0], 3)
-    return facts, np.array([np.frombuffer(frame, np.uint8).reshape(shape) for frame in reader])
+def _read(path: Path) -> tuple[str, np.ndarray]:
+    """What ffmpeg says of a video's stream, and the frames."""
+    ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+    raw = ["-fps_mode", "passthrough", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(
+        [ffmpeg, "-i", path, *raw], stdin=subprocess.DEVNULL, capture_output=True, check=True
+    )
+    stream = re.search("Stream.* Video: (.*)", done.stderr.decode())
+    assert stream is not None
+    return stream[1], np.frombuffer(done.stdout, np.uint8).reshape(-1, _HEIGHT, _WIDTH, 3)
 
 
 @pytest.mark.parametrize(
@@ -58,10 +64,10 @@ def test_a_film_is_h264_that_browsers_play_in_real_time(tmp_path: Path, environm
     film.finish()
 
     facts, frames = _read(path)
-    assert facts["codec"] == "h264"
-    assert facts["pix_fmt"].startswith("yuv420p")
-    assert facts["size"] == (_WIDTH, _HEIGHT)
-    assert facts["fps"] == 40  # a frame per control step of 0.025 s
+    assert facts.startswith("h264")
+    assert " yuv420p" in facts
+    assert f" {_WIDTH}x{_HEIGHT}" in facts
+    assert " 40 fps" in facts  # a frame per control step of 0.025 s
     assert len(frames) == 41
     # The index stands before the pictures, so that a browser need not load the whole file first.
     content = path.read_bytes()
@@ -93,7 +99,7 @@ def test_short_steps_are_drawn_in_part(tmp_path: Path) -> None:
         pytest.skip(f"no OpenGL here: {error}")
     film.finish()
     facts, frames = _read(path)
-    assert facts["fps"] == 50
+    assert " 50 fps" in facts
     assert len(frames) == 5
 
 
@@ -126,7 +132,7 @@ def test_a_film_that_cannot_be_written_says_so(tmp_path: Path, environment: Any)
 
 
 def test_odd_sizes_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="31x64 pixels: H.264 needs even numbers"):
+    with pytest.raises(ValueError, match=r"31x64 pixels: H\.264 needs even numbers"):
         Film(tmp_path / "video.mp4", 0.02, height=31, width=64)
 
 

@@ -54,8 +54,12 @@ ZOO = """
         <geom size=".05"/>
       </body>
     </body>
-    <body name="ghost" mocap="true" pos="0 1 1"><geom size=".03" contype="0" conaffinity="0"/></body>
-    <body name="shade" mocap="true" pos="0 -1 1"><geom size=".03" contype="0" conaffinity="0"/></body>
+    <body name="ghost" mocap="true" pos="0 1 1">
+      <geom size=".03" contype="0" conaffinity="0"/>
+    </body>
+    <body name="shade" mocap="true" pos="0 -1 1">
+      <geom size=".03" contype="0" conaffinity="0"/>
+    </body>
   </worldbody>
   <contact>
     <exclude name="apart" body1="cart" body2="pendulum"/>
@@ -113,7 +117,9 @@ PENDULUM = """
       <geom name="mass" pos="0 0 -.5" size=".05" mass="1"/>
     </body>
   </worldbody>
-  <actuator><motor name="torque" joint="hinge" gear="3" ctrlrange="-1 1" ctrllimited="true"/></actuator>
+  <actuator>
+    <motor name="torque" joint="hinge" gear="3" ctrlrange="-1 1" ctrllimited="true"/>
+  </actuator>
   <sensor><jointvel name="speed" joint="hinge"/></sensor>
 </mujoco>
 """

@@ -6,7 +6,7 @@ import mujoco
 import pytest
 
 from .oracle import BOTH, ours, theirs
-from .same import assert_same
+from .same import assert_same, assert_same_pair
 
 pytestmark = pytest.mark.oracle
 
@@ -37,8 +37,9 @@ _STRINGS = [name for name in _public(theirs(f"{_MJBINDINGS}.functions")) if name
 
 @pytest.mark.parametrize("name", _ENUMS)
 def test_an_enum_has_the_same_members_of_the_same_values(name: str) -> None:
-    our_enum, their_enum = getattr(ours(f"{_MJBINDINGS}.enums"), name), _ENUMS[name]
-    assert isinstance(our_enum, tuple)
+    our_enum: Any = getattr(ours(f"{_MJBINDINGS}.enums"), name)
+    their_enum = _ENUMS[name]
+    assert issubclass(type(our_enum), tuple)
     added = [field for field in our_enum._fields if field not in their_enum._fields]
     assert [field for field in our_enum._fields if field not in added] == list(their_enum._fields)
     for field, value in their_enum._asdict().items():
@@ -61,7 +62,7 @@ def test_the_constants_that_mujoco_lacks_are_listed_rightly() -> None:
 @pytest.mark.parametrize("name", _STRINGS)
 def test_a_table_of_names_is_the_same(name: str) -> None:
     functions = [package(f"{_MJBINDINGS}.functions") for package in BOTH]
-    assert_same(*(getattr(module, name) for module in functions), name)
+    assert_same_pair((getattr(module, name) for module in functions), name)
 
 
 def test_mjlib_is_the_official_package() -> None:

@@ -1,5 +1,6 @@
 """Frames equal dm_control's pixel for pixel: RGB, depth and segmentation, from every camera."""
 
+import functools
 import itertools
 import os
 from collections.abc import Callable, Iterator
@@ -12,7 +13,7 @@ import pytest
 
 from . import models, twins
 from .oracle import BOTH
-from .same import assert_same, assert_same_outcome
+from .same import assert_same, assert_same_outcome, assert_same_pair
 
 pytestmark = [
     pytest.mark.oracle,
@@ -57,7 +58,7 @@ def _zoo() -> Iterator[list[Any]]:
 
 def _assert_same_frames(twin: list[Any], where: str, **kwargs: Any) -> np.ndarray:
     frames = [physics.render(**kwargs) for physics in twin]
-    assert_same(*frames, f"{where}, render({kwargs})")
+    assert_same_pair(frames, f"{where}, render({kwargs})")
     return frames[1]
 
 
@@ -143,7 +144,7 @@ def test_frames_with_options_are_the_same(option: str) -> None:
             physics.render(**_SIZE, **_OPTIONS[option](package("mujoco")))
             for package, physics in zip(BOTH, twin, strict=True)
         ]
-        assert_same(*frames, option)
+        assert_same_pair(frames, option)
         assert not np.array_equal(frames[1], plain), f"{option} changes nothing"
         # An option holds for one frame.
         _assert_same_frames(twin, f"after {option}", **_SIZE)
@@ -155,7 +156,7 @@ def test_segmentation_with_frames_of_reference_is_the_same() -> None:
             physics.render(segmentation=True, scene_option=_transparent(package("mujoco")), **_SIZE)
             for package, physics in zip(BOTH, twin, strict=True)
         ]
-        assert_same(*frames, "segmentation")
+        assert_same_pair(frames, "segmentation")
 
 
 _REFUSED: list[dict[str, Any]] = [
@@ -177,8 +178,8 @@ def test_what_cannot_be_rendered_is_refused_alike(kwargs: dict[str, Any]) -> Non
         for package, physics in zip(BOTH, twin, strict=True):
             overlays = [package("mujoco").TextOverlay()]
             arguments = kwargs | ({"overlays": overlays} if "overlays" in kwargs else {})
-            calls.append(lambda physics=physics, arguments=arguments: physics.render(**arguments))
-        assert assert_same_outcome(*calls, f"render({kwargs})") is not None
+            calls.append(functools.partial(physics.render, **arguments))
+        assert assert_same_outcome(calls, f"render({kwargs})") is not None
 
 
 @pytest.mark.parametrize("camera_id", [-1, 0, "fixed", 1])
@@ -189,12 +190,12 @@ def test_cameras_say_the_same(camera_id: Any) -> None:
             for package, physics in zip(BOTH, twin, strict=True)
         ]
         for kind in _KINDS.values():
-            assert_same(*(camera.render(**kind).copy() for camera in cameras), f"{kind}")
+            assert_same_pair((camera.render(**kind).copy() for camera in cameras), f"{kind}")
         for part in ("image", "focal", "rotation", "translation"):
-            assert_same(*(getattr(camera.matrices(), part) for camera in cameras), part)
-        assert_same(*(camera.matrix for camera in cameras), "matrix")
+            assert_same_pair((getattr(camera.matrices(), part) for camera in cameras), part)
+        assert_same_pair((camera.matrix for camera in cameras), "matrix")
         for query in ("height", "width"):
-            assert_same(*(getattr(camera, query) for camera in cameras), query)
+            assert_same_pair((getattr(camera, query) for camera in cameras), query)
         for place in itertools.product((0.1, 0.5, 0.9), repeat=2):
             ours, theirs = (camera.select(place) for camera in cameras)
             assert ours._fields == theirs._fields
@@ -211,7 +212,7 @@ def test_a_camera_keeps_its_own_options() -> None:
         for camera in cameras:
             camera.option.flags[mujoco.mjtVisFlag.mjVIS_TRANSPARENT] = True
             camera.scene.flags[_WIREFRAME] = True
-        assert_same(*(camera.render().copy() for camera in cameras), "options of the camera")
+        assert_same_pair((camera.render().copy() for camera in cameras), "options of the camera")
         _assert_same_frames(twin, "options of one camera are not another's", **_SIZE)
 
 
@@ -230,7 +231,7 @@ def test_a_movable_camera_sees_the_same_from_each_pose() -> None:
             assert ours._fields == theirs._fields
             for field, mine, yours in zip(ours._fields, ours, theirs, strict=True):
                 assert_same(mine, yours, f"pose.{field}")
-            assert_same(*(camera.render().copy() for camera in cameras), f"{pose}")
+            assert_same_pair((camera.render().copy() for camera in cameras), f"{pose}")
 
 
 def test_frames_after_the_model_was_changed_are_the_same() -> None:

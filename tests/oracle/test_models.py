@@ -9,7 +9,7 @@ import pytest
 
 from . import twins
 from .oracle import BOTH
-from .same import assert_same
+from .same import assert_same, assert_same_pair
 
 pytestmark = pytest.mark.oracle
 
@@ -71,7 +71,7 @@ def _assert_same_names(ours: Any, theirs: Any, where: str) -> None:
             [model.id2name(index, kind) for index in range(getattr(model, size))]
             for model in (ours, theirs)
         ]
-        assert_same(*names, f"{where}: names of {kind}")
+        assert_same_pair(names, f"{where}: names of {kind}")
     assert ours.name == theirs.name, where
 
 
@@ -85,7 +85,7 @@ def test_the_fields_of_all_parts_of_a_model_are_found() -> None:
 @pytest.mark.parametrize(("domain", "task"), twins.TASKS)
 def test_a_loaded_model_is_the_same(domain: str, task: str) -> None:
     env = twins.load(domain, task)
-    models = env.ours.physics.model, env.theirs.physics.model
+    models: tuple[Any, Any] = env.ours.physics.model, env.theirs.physics.model
     _assert_same_models(models[0].ptr, models[1].ptr, env.where)
     _assert_same_names(*models, env.where)
 
@@ -128,9 +128,11 @@ def test_the_registry_holds_the_same_tasks_of_the_domains_that_are_built(name: s
 @pytest.mark.parametrize("domain", sorted({domain for domain, _ in twins.TASKS}))
 def test_a_domain_lists_and_tags_the_same_tasks(domain: str) -> None:
     registries = [getattr(package("suite"), domain).SUITE for package in BOTH]
-    assert_same(*(list(registry) for registry in registries), f"{domain}: tasks")
-    assert_same(*(registry.tags() for registry in registries), f"{domain}: tags")
+    assert_same_pair((list(registry) for registry in registries), f"{domain}: tasks")
+    assert_same_pair((registry.tags() for registry in registries), f"{domain}: tags")
     for tag in registries[1].tags():
-        assert_same(*(list(registry.tagged(tag)) for registry in registries), f"{domain}: {tag}")
+        assert_same_pair(
+            (list(registry.tagged(tag)) for registry in registries), f"{domain}: {tag}"
+        )
     by_domain = [package("suite").TASKS_BY_DOMAIN[domain] for package in BOTH]
-    assert_same(*by_domain, f"{domain}: TASKS_BY_DOMAIN")
+    assert_same_pair(by_domain, f"{domain}: TASKS_BY_DOMAIN")

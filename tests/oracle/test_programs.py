@@ -9,7 +9,7 @@ import pytest
 
 from . import models, twins
 from .oracle import BOTH
-from .same import assert_same
+from .same import assert_same_pair
 
 pytestmark = pytest.mark.oracle
 
@@ -82,16 +82,16 @@ def test_a_task_with_its_own_specs_is_asked_for_them() -> None:
         env.task.action_spec = lambda physics: "mine"
         env.task.step_spec = lambda physics: "a step"
     for query in ("observation_spec", "action_spec", "step_spec", "control_timestep"):
-        assert_same(*(getattr(env, query)() for env in twin), query)
+        assert_same_pair((getattr(env, query)() for env in twin), query)
 
 
 def test_flattening_is_the_same_for_each_kind_of_mapping() -> None:
     parts = {"b": np.arange(3.0), "a": np.float64(7), "c": np.ones((2, 2))[:, ::-1]}
     for kind in (dict, collections.OrderedDict):
         flat = [package("rl.control").flatten_observation(kind(parts)) for package in BOTH]
-        assert_same(*flat, kind.__name__)
+        assert_same_pair(flat, kind.__name__)
     named = [package("rl.control").flatten_observation(dict(parts), "out") for package in BOTH]
-    assert_same(*named, "another key")
+    assert_same_pair(named, "another key")
     for package in BOTH:
-        with pytest.raises(ValueError):
+        with pytest.raises(ValueError, match="flatten"):
             package("rl.control").flatten_observation([1, 2])

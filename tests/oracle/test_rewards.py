@@ -1,5 +1,6 @@
 """`utils.rewards.tolerance` gives the bits and types that dm_control's gives."""
 
+import functools
 import itertools
 from typing import Any
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from .oracle import BOTH, ours, theirs
-from .same import assert_same, assert_same_outcome
+from .same import assert_same, assert_same_outcome, assert_same_pair
 
 pytestmark = pytest.mark.oracle
 
@@ -39,7 +40,7 @@ def _assert_same_tolerance(x: Any, **kwargs: Any) -> None:
     # dm_control computes both sides of each `where`, which overflow or are NaN for some `x`.
     with np.errstate(all="ignore"):
         values = [package("utils.rewards").tolerance(x, **kwargs) for package in BOTH]
-    assert_same(*values, f"tolerance({x!r}, {kwargs})")
+    assert_same_pair(values, f"tolerance({x!r}, {kwargs})")
 
 
 @every_sigmoid
@@ -115,8 +116,5 @@ def test_the_mean_of_a_vectors_tolerances_is_the_same(sigmoid: str) -> None:
 )
 @pytest.mark.parametrize("x", [0.5, 3, np.array([0.5, 3.0])])
 def test_wrong_arguments_are_refused_alike(x: Any, kwargs: dict[str, Any]) -> None:
-    calls = [
-        lambda tolerance=package("utils.rewards").tolerance: tolerance(x, **kwargs)
-        for package in BOTH
-    ]
-    assert_same_outcome(*calls, f"tolerance({x!r}, {kwargs})")
+    calls = [functools.partial(package("utils.rewards").tolerance, x, **kwargs) for package in BOTH]
+    assert_same_outcome(calls, f"tolerance({x!r}, {kwargs})")

@@ -8,7 +8,7 @@ import pytest
 
 from . import twins
 from .oracle import BOTH
-from .same import assert_same
+from .same import assert_same, assert_same_pair
 
 pytestmark = pytest.mark.oracle
 
@@ -71,7 +71,7 @@ def test_another_number_of_substeps_is_the_same(domain: str, task: str, n_sub_st
         for package, env in zip(BOTH, (loaded.ours, loaded.theirs), strict=True)
     ]
     env = twins.Twins(*envs, where=f"{loaded.where}, {n_sub_steps} substeps")
-    assert_same(*(twin.control_timestep() for twin in envs), f"{env.where}: control_timestep")
+    assert_same_pair((twin.control_timestep() for twin in envs), f"{env.where}: control_timestep")
     env.reset()
     env.play(env.actions("random", seed=2))
     env.step(np.zeros(env.theirs.action_spec().shape))
@@ -109,7 +109,7 @@ def test_a_random_state_is_used_as_it_is(domain: str, task: str) -> None:
     for twin, stream in zip(envs, streams, strict=True):
         assert twin.task.random is stream
     # Not one draw more or less than dm_control's.
-    assert_same(*(stream.random_sample() for stream in streams), f"{env.where}: next draw")
+    assert_same_pair((stream.random_sample() for stream in streams), f"{env.where}: next draw")
 
 
 @every_task

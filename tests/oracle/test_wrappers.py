@@ -1,5 +1,6 @@
 """The wrappers for pixels, scaled actions and noisy actions give what dm_control's give."""
 
+import functools
 import itertools
 import os
 from typing import Any
@@ -9,7 +10,7 @@ import pytest
 
 from . import twins
 from .oracle import BOTH
-from .same import assert_same, assert_same_outcome
+from .same import assert_same_outcome, assert_same_pair
 
 pytestmark = pytest.mark.oracle
 
@@ -50,7 +51,9 @@ def test_noise_is_drawn_from_the_tasks_own_stream(domain: str, task: str, scale:
 
 @some_tasks
 @pytest.mark.parametrize(("minimum", "maximum"), [(-2, 3), (0.0, 1.0), (np.float32(-1), 255)])
-def test_scaled_actions_are_the_same(domain: str, task: str, minimum: float, maximum: float) -> None:
+def test_scaled_actions_are_the_same(
+    domain: str, task: str, minimum: float, maximum: float
+) -> None:
     env = _wrapped(domain, task, "action_scale", minimum=minimum, maximum=maximum)
     _assert_same_specs(env)
     env.reset()
@@ -78,10 +81,10 @@ def test_an_observation_named_twice_is_refused_alike() -> None:
     env = twins.load("humanoid", "stand")
     kwargs = {"pixels_only": False, "observation_key": "velocity"}
     calls = [
-        lambda wrapper=package("suite.wrappers.pixels").Wrapper, one=one: wrapper(one, **kwargs)
+        functools.partial(package("suite.wrappers.pixels").Wrapper, one, **kwargs)
         for package, one in zip(BOTH, (env.ours, env.theirs), strict=True)
     ]
-    assert assert_same_outcome(*calls, "pixels named velocity") is not None
+    assert assert_same_outcome(calls, "pixels named velocity") is not None
 
 
 @some_tasks
@@ -95,5 +98,5 @@ def test_wrappers_of_wrappers_delegate_alike(domain: str, task: str) -> None:
     _assert_same_specs(twice)
     twice.reset()
     twice.play(itertools.islice(twice.actions("bang-bang", 4), 30))
-    assert_same(*(one.control_timestep() for one in envs), "control_timestep")
-    assert_same(*(one.task.random.random_sample() for one in envs), "next draw")
+    assert_same_pair((one.control_timestep() for one in envs), "control_timestep")
+    assert_same_pair((one.task.random.random_sample() for one in envs), "next draw")

@@ -7,24 +7,22 @@
 
 The pixels are dm_control's. Every picture is an array of its own that nothing changes later. A
 camera can be made and moved, and its matrix asked for, where there is no OpenGL: only a picture
-needs that (`gl.py`).
+needs that (`rendering`).
 """
 
-import contextlib
 import operator
 import threading
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
-from limberjack.mujoco import gl
-from limberjack.mujoco.gl import Contexts, RenderingError, contexts
-from limberjack.mujoco.wrapper import MjvCamera, MjvOption, MjvPerturb, MjvScene
-from limberjack.mujoco.wrapper.util import to_binary_string
-from limberjack.utils.suggest import did_you_mean
+from limberjack.mujoco.rendering import Contexts, Job, RenderingError, contexts, submit
+from limberjack.mujoco.rendering.overlays import TextOverlay
+from limberjack.mujoco.rendering.pictures import Style, draw, finished
+from limberjack.mujoco.wrapper import MjvCamera, MjvOption, MjvScene
 
 __all__ = [
     "Camera",
@@ -44,24 +42,9 @@ SceneCallback = Callable[[Any, Any], None]
 
 _EVERYTHING = mujoco.mjtCatBit.mjCAT_ALL.value
 _FREE_CAMERA = -1
-_SEGMENTATION_FLAGS = {
-    mujoco.mjtRndFlag.mjRND_SEGMENT.value: True,
-    mujoco.mjtRndFlag.mjRND_IDCOLOR.value: True,
-}
-_BACKGROUND = -1
-_FONTS = {
-    "normal": mujoco.mjtFont.mjFONT_NORMAL,
-    "shadow": mujoco.mjtFont.mjFONT_SHADOW,
-    "big": mujoco.mjtFont.mjFONT_BIG,
-}
-_POSITIONS = {
-    "top left": mujoco.mjtGridPos.mjGRID_TOPLEFT,
-    "top right": mujoco.mjtGridPos.mjGRID_TOPRIGHT,
-    "bottom left": mujoco.mjtGridPos.mjGRID_BOTTOMLEFT,
-    "bottom right": mujoco.mjtGridPos.mjGRID_BOTTOMRIGHT,
-}
-
-# Scenes for `render`, by model: making one takes longer than filling it.
+# What `render` draws unless told otherwise.
+_DEFAULT_OPTION = MjvOption()
+# Scenes for `render`, by model: making one takes much longer than filling it.
 _spare_scenes: weakref.WeakKeyDictionary[Any, list[MjvScene]] = weakref.WeakKeyDictionary()
 _MOST_SPARE_SCENES = 4
 
@@ -92,40 +75,6 @@ class CameraMatrices(NamedTuple):
     focal: np.ndarray
     rotation: np.ndarray
     translation: np.ndarray
-
-
-class TextOverlay:
-    """A title and text drawn in a corner of a picture."""
-
-    __slots__ = ("body", "position", "style", "title")
-
-    def __init__(
-        self,
-        title: str = "",
-        body: str = "",
-        style: str = "normal",
-        position: str = "top left",
-    ) -> None:
-        """Makes an overlay.
-
-        Args:
-          title: the left column.
-          body: the right column.
-          style: 'normal', 'shadow' or 'big'.
-          position: 'top left', 'top right', 'bottom left' or 'bottom right'.
-
-        Raises:
-          ValueError: an unknown style or position.
-        """
-        self.title = title
-        self.body = body
-        self.style = _one_of("style", style, _FONTS)
-        self.position = _one_of("position", position, _POSITIONS)
-
-    def draw(self, context: Any, rect: mujoco.MjrRect) -> None:
-        """Draws it; called on the rendering thread with a `mujoco.MjrContext`."""
-        title, body = to_binary_string(self.title), to_binary_string(self.body)
-        mujoco.mjr_overlay(self.style, self.position, rect, title, body, context)
 
 
 class Camera:
@@ -165,9 +114,8 @@ class Camera:
         self._render_camera = _view(physics, camera_id)
         self._scene = MjvScene(model=physics.model, max_geom=max_geom)
         self._scene_option = MjvOption()
-        self._perturb = MjvPerturb()
         self._lock = threading.RLock()
-        self._drawing: gl.Job | None = None
+        self._drawing: Job | None = None
 
     @property
     def width(self) -> int:
@@ -231,13 +179,8 @@ class Camera:
             # Ctrl-C ends the wait for a picture, not the drawing of it.
             if self._drawing is not None:
                 self._drawing.wait()
-            _fill(
-                self._scene,
-                self._physics,
-                self._render_camera,
-                scene_option or self._scene_option,
-                self._perturb,
-            )
+            option = scene_option or self._scene_option
+            _fill(self._scene, self._physics, self._render_camera, option)
 
     def render(
         self,
@@ -266,15 +209,15 @@ class Camera:
           ValueError: what cannot be combined, or an unknown flag.
           RenderingError: OpenGL cannot be had.
         """
-        style = _Style.of(overlays, depth, segmentation, render_flag_overrides)
+        style = Style.of(overlays, depth, segmentation, render_flag_overrides)
         with self._lock:
             self.update(scene_option)
             if self._scene_callback:
                 self._scene_callback(self._physics, self._scene)
+            model, size = self._physics.model._model, (self._height, self._width)
             with self._scene.override_flags(style.flags):
-                painting = _Painting(self._physics, self._scene, style, self._height, self._width)
-                self._drawing = painting.job
-                return painting.picture()
+                self._drawing = submit(model, draw, self._scene, style, *size, size=size)
+                return finished(self._drawing.result(), style, model, self._scene)
 
     def select(self, cursor_position: tuple[float, float]) -> Selected:
         """What is seen at a point of the picture.
@@ -284,7 +227,7 @@ class Camera:
         """
         model, data = self._physics.model._model, self._physics.data._data
         position = np.empty(3)
-        geom, flex, skin = np.intc([-1]), np.intc([-1]), np.intc([-1])
+        geom, flex, skin = (np.full(1, -1, np.intc) for _ in range(3))
         with self._lock:
             self.update()
             body = mujoco.mjv_select(
@@ -299,9 +242,10 @@ class Camera:
                 flex,
                 skin,
             )
-        numbers = [None if n == -1 else int(n) for n in (body, geom[0], flex[0], skin[0])]
-        is_nothing = numbers[0] is numbers[1] is numbers[3] is None
-        return Selected(*numbers, None if is_nothing else position)
+        found = (body, geom.item(), flex.item(), skin.item())
+        body, geom, flex, skin = (None if number == -1 else number for number in found)
+        is_nothing = body is geom is skin is None  # As dm_control, which asks for no flex.
+        return Selected(body, geom, flex, skin, None if is_nothing else position)
 
 
 class MovableCamera(Camera):
@@ -356,3 +300,72 @@ def render(
 
     Arguments, result and errors are those of `Camera` and `Camera.render`.
     """
+    size = _checked_size(physics, height, width)
+    view = _view(physics, camera_id)
+    style = Style.of(overlays, depth, segmentation, render_flag_overrides)
+    model = physics.model._model
+    spares = _spare_scenes.setdefault(model, [])
+    # A callback may keep the scene or change it for good.
+    is_kept = scene_callback is None
+    scene = spares.pop() if spares and is_kept else MjvScene(model=physics.model)
+    _fill(scene, physics, view, scene_option or _DEFAULT_OPTION)
+    if scene_callback:
+        scene_callback(physics, scene)
+    with scene.override_flags(style.flags):
+        raw = submit(model, draw, scene, style, *size, size=size).result()
+    picture = finished(raw, style, model, scene)
+    # Not in a `finally`: after Ctrl-C the rendering thread may still be at it.
+    if is_kept and len(spares) < _MOST_SPARE_SCENES:
+        spares.append(scene)
+    return picture
+
+
+def _fill(scene: MjvScene, physics: Any, view: MjvCamera, option: Any) -> None:
+    """Takes the physics' present state into the scene."""
+    model, data = physics.model._model, physics.data._data
+    mujoco.mjv_updateScene(model, data, option, None, view, _EVERYTHING, scene)
+
+
+def _checked_size(physics: Any, height: int, width: int) -> tuple[int, int]:
+    """Height and width as ints, if they fit into the model's off-screen buffer."""
+    limits = physics.model._model.vis.global_
+    sizes = []
+    for name, value, limit in (("height", height, "offheight"), ("width", width, "offwidth")):
+        most = getattr(limits, limit)
+        try:
+            size = operator.index(value)
+        except TypeError:
+            size = 0
+        if size < 1:
+            raise ValueError(
+                f"image {name} is {value!r}; expected a whole number of pixels, from 1 to {most}"
+            )
+        if size > most:
+            raise ValueError(
+                f"image {name} {size} > {most}, the {name} of the model's off-screen buffer. Ask "
+                f'for less, or enlarge it: <visual><global {limit}="{size}"/></visual> in the MJCF'
+            )
+        sizes.append(size)
+    return sizes[0], sizes[1]
+
+
+def _view(physics: Any, camera_id: int | str) -> MjvCamera:
+    """The view of a camera of the model, given by name or number, or of the free camera."""
+    model = physics.model._model
+    if isinstance(camera_id, str):
+        number: int = physics.model.name2id(camera_id, "camera")
+    else:
+        number = operator.index(camera_id)
+    if not _FREE_CAMERA <= number < model.ncam:
+        raise ValueError(
+            f"camera_id is {number}; expected a name, or a number from -1, the free camera, to "
+            f"{model.ncam - 1}: the model has {model.ncam} cameras"
+        )
+    view = MjvCamera()
+    view.fixedcamid = number
+    if number == _FREE_CAMERA:
+        view.type = mujoco.mjtCamera.mjCAMERA_FREE
+        mujoco.mjv_defaultFreeCamera(model, view)
+    else:
+        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+    return view

@@ -131,7 +131,7 @@ class Physics(Rows, _control.Physics):
 
     def free(self) -> None:
         """Frees the simulation; this object must not be used afterwards."""
-        for name in ("_data", "_simulation", "named"):
+        for name in ("_data", "_simulation", "_scratch", "named"):
             vars(self).pop(name, None)
 
     def __getattr__(self, name: str) -> Any:

@@ -2,10 +2,10 @@
 
     from limberjack.mujoco.official import mujoco
 
-`import mujoco` by itself loads the OpenGL backend that the variable MUJOCO_GL names, and fails where
-it names nonsense. Here that waits until somebody asks for `mujoco.GLContext` or makes a
-`mujoco.Renderer`; MUJOCO_GL is read then, by MuJoCo's own code, with the same results and errors. If
-the program imported `mujoco` before, it is left as it is. Environment variables are unchanged.
+`import mujoco` by itself loads the OpenGL backend that the variable MUJOCO_GL names, and fails
+where it names nonsense. Here that waits until somebody asks for `mujoco.GLContext` or makes a
+`mujoco.Renderer`; MUJOCO_GL is read then, by MuJoCo's own code, with the same results and errors.
+A `mujoco` that the program imported before is left as it is. Environment variables are unchanged.
 
 Any module that is imported after this one may write `import mujoco`.
 """

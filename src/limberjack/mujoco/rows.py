@@ -5,13 +5,13 @@ that the quantities of a domain carry through to what they return.
 """
 
 import contextlib
+import zlib
 from collections.abc import Iterator, Sequence
 from typing import Any, Self
 
 import mujoco
 import numpy as np
 
-from limberjack.mujoco import wrapper
 from limberjack.mujoco.simulation import BatchSimulation
 from limberjack.rl import control
 
@@ -66,7 +66,7 @@ class Rows:
 
         The rows' quantities follow with `start_rows`.
         """
-        one, simulation = self._scratch, self._simulation
+        one, simulation = self._scratch, self._living()
         simulation.copy_fields_out(row, one.model)
         with contextlib.suppress(control.PhysicsError):
             one.reset()
@@ -74,16 +74,47 @@ class Rows:
         simulation.copy_fields_in(row, one.model)
         mujoco.mj_getState(one.model._model, one.data._data, simulation.state[row], _STATE)
 
+    def save_rows(self, rows: np.ndarray | None, fields: Sequence[str]) -> dict[str, np.ndarray]:
+        """All that the future of rows depends on; of a single simulation it is one row.
+
+        Args:
+          rows: row numbers; None for all.
+          fields: fields of the model to save with the state.
+        """
+        return self._living().save(rows, fields)
+
+    def load_rows(self, saved: dict[str, np.ndarray], rows: np.ndarray | None) -> None:
+        """Makes rows go on as those that were saved."""
+        self._living().load(saved, rows)
+
+    def origin(self) -> dict[str, Any]:
+        """What must agree for a saved row to be loaded: MuJoCo's version and the model."""
+        model = self._data.model._model
+        sizes = [model.nq, model.nv, model.na, model.nu, model.nbody, model.ngeom]
+        return {
+            "MuJoCo": mujoco.mj_versionString(),
+            "model": self._data.model.name,
+            "model sizes": sizes,
+            "names": zlib.crc32(model.names),
+        }
+
     def start_rows(self, rows: np.ndarray) -> None:
         """Computes every quantity of rows whose episode begins, with actuation disabled."""
-        self._simulation.forward_without_actuation(rows)
+        self._living().forward_without_actuation(rows)
 
     def step_rows(self, rows: np.ndarray | None, nstep: int) -> np.ndarray:
         """Advances rows, all for None, by `nstep` steps; returns which diverged, (num_envs,)."""
-        simulation = self._simulation
+        simulation = self._living()
         before = simulation.warnings.copy()
         if getattr(self, "legacy_step", True):
             simulation.step(nstep, rows)
         else:
             simulation.step_whole(nstep, rows)
         return (simulation.warnings > before).any(axis=-1)
+
+    def _living(self) -> Any:
+        """The simulation; made anew in a forked child, where a batch's threads are not."""
+        if self._simulation.is_orphan:
+            self._simulation.revive()
+            vars(self).pop("named", None)
+        return self._simulation

@@ -4,7 +4,10 @@ A simulation is one `MjData` or a batch of them on all cores, and knows nothing 
 rendering. `limberjack.mujoco.Physics` is what users see of it.
 """
 
+import ctypes
 import logging
+import os
+import weakref
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,6 +23,7 @@ _log = logging.getLogger("limberjack")
 
 _RUNGE_KUTTA = mujoco.mjtIntegrator.mjINT_RK4.value
 _ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 _UP_TO_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
 
 
@@ -30,6 +34,7 @@ class SingleSimulation:
     """
 
     num_envs: int | None = None
+    is_orphan = False  # it has no threads to lose
 
     def __init__(self, data: MjData) -> None:
         self._wrapper = data.model
@@ -84,6 +89,24 @@ class SingleSimulation:
         else:
             mujoco.mj_resetDataKeyframe(self._model(), self._data, keyframe)
 
+    def save(self, rows: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
+        """The state, sensor readings and fields of the model, copied, as one row: (1, ...) each."""
+        model, data = self._model(), self._data
+        state = np.empty(mujoco.mj_stateSize(model, _STATE))
+        mujoco.mj_getState(model, data, state, _STATE)
+        saved = {"state": state, "sensordata": data.sensordata.copy()}
+        saved |= {name: getattr(model, name).copy() for name in fields}
+        return {name: value[None] for name, value in saved.items()}
+
+    def load(self, saved: dict[str, np.ndarray], rows: Any) -> None:
+        """Sets what `save` gave, and recomputes what depends on positions and velocities."""
+        for name, value in saved.items():
+            if name not in ("state", "sensordata"):
+                getattr(self._wrapper.ptr, name)[...] = value[0]
+        mujoco.mj_setState(self._model(), self._data, saved["state"][0], _STATE)
+        mujoco.mj_step1(self._model(), self._data)
+        self._data.sensordata[...] = saved["sensordata"][0]
+
     def data_field(self, name: str) -> tuple[np.ndarray, bool]:
         """A field of the data; it has no axis of simulations."""
         return getattr(self._data, name), False
@@ -115,22 +138,46 @@ class BatchData:
 class BatchSimulation:
     """Many simulations of one model, stepped on a pool of threads.
 
-    `state` holds what a step depends on, (num_envs, nstate), and `warnings` counts MuJoCo's warnings
+    `state` holds what a step depends on, (num_envs, nstate); `warnings` counts MuJoCo's warnings
     by kind, (num_envs, 7), both live. Rows are sorted arrays of row numbers, None for all.
     """
 
     def __init__(
         self, model: MjModel, num_envs: int, num_threads: int, episode_fields: Sequence[str]
     ) -> None:
-        # Persistent, so that a step goes on from the stages that the last one ended with.
-        batch = mujoco.batch.Batch(model._model, num_envs, num_threads, persistent=True)
         self.num_envs: int | None = num_envs
-        self.data = BatchData(model, batch)
+        self.num_threads = num_threads
+        self.data = BatchData(model, None)
+        self._fields = dict.fromkeys(episode_fields)
+        self._make()
+        _alive.add(self)
+
+    def _make(self) -> None:
+        """Makes the official batch, whose threads belong to this process."""
+        # Persistent, so that a step goes on from the stages that the last one ended with.
+        batch: Any = mujoco.batch.Batch(
+            self.data.model._model, self.num_envs or 1, self.num_threads, persistent=True
+        )
+        self.is_orphan = False
+        self.data._data = self._batch = batch
         self.state: np.ndarray = batch.state
         self.warnings: np.ndarray = batch.warning[..., 1]
-        self._batch = batch
-        self._fields = {name: batch.expand(name) for name in episode_fields}
+        self._fields: dict[str, Any] = {name: batch.expand(name) for name in self._fields}
         self._disableflags = batch.expand("opt.disableflags")
+
+    def abandon(self) -> None:
+        """Called in a forked child, where the batch's threads are not: it must not be touched."""
+        self.is_orphan = True
+        # Never freed: its destructor would wait for threads that do not exist here.
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._batch._b))
+
+    def revive(self) -> None:
+        """Makes an orphaned batch anew, in the state that it was in."""
+        fields = tuple(self._fields)
+        saved, warnings = self.save(None, fields), self.warnings.copy()
+        self._make()
+        self.load(saved, None)
+        self.warnings[...] = warnings
 
     def step(self, nstep: int, rows: np.ndarray | None = None) -> None:
         """As `SingleSimulation.step`."""
@@ -149,6 +196,27 @@ class BatchSimulation:
             self._batch.forward(rows)
         finally:
             flags[...] = before
+
+    def save(self, rows: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
+        """As `SingleSimulation.save`, of some rows or of all for None: (n, ...) each."""
+        rows = slice(None) if rows is None else rows
+        saved = {"state": self.state, "sensordata": self._batch.bind("sensordata")}
+        saved |= {name: self._fields[name] for name in fields}
+        return {name: np.array(value[rows]) for name, value in saved.items()}
+
+    def load(self, saved: dict[str, np.ndarray], rows: Any) -> None:
+        """As `SingleSimulation.load`, into some rows or all for None."""
+        index = slice(None) if rows is None else rows
+        for name, value in saved.items():
+            if name not in ("state", "sensordata"):
+                self._fields[name][index] = value
+        self.state[index] = saved["state"]
+        self._batch.forward(rows, _UP_TO_VELOCITY)
+        # The readings that belong to the step before; an output otherwise, so not to be written.
+        sensordata = self._batch.bind("sensordata")
+        sensordata.flags.writeable = True
+        sensordata[index] = saved["sensordata"]
+        sensordata.flags.writeable = False
 
     def data_field(self, name: str) -> tuple[np.ndarray, bool]:
         """A field of the data, one row per simulation."""
@@ -169,6 +237,19 @@ class BatchSimulation:
         """Copies a single simulation's fields to a row."""
         for name, values in self._fields.items():
             values[row] = getattr(model._model, name)
+
+
+# Batches whose threads a fork would leave behind.
+_alive: "weakref.WeakSet[BatchSimulation]" = weakref.WeakSet()
+
+
+def _abandon_all() -> None:
+    for simulation in list(_alive):
+        simulation.abandon()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_abandon_all)
 
 
 def _log_warning(message: str | bytes) -> None:

@@ -16,7 +16,6 @@ where a row's episode has just begun its reward is 0 and its discount 1.
 import collections
 import copy
 import logging
-from collections.abc import Sequence
 from typing import Any
 
 import dm_env
@@ -24,6 +23,9 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl import control
+from limberjack.rl.actions import not_finite
+from limberjack.rl.guards import OneUser, at_least_one
+from limberjack.rl.snapshot import Snapshot
 from limberjack.utils import arrays, cores
 
 __all__ = ["BatchEnvironment"]
@@ -69,12 +71,16 @@ class BatchEnvironment:
         self._n_sub_steps = n_sub_steps
         self._step_limit = step_limit
         self._flat_observation = flat_observation
+        self._episode_fields: tuple[str, ...] = getattr(task, "EPISODE_FIELDS", ())
         self._raises = on_divergence == "raise"
         first_seed = np.random.RandomState().randint(2**31) if seed is None else seed
         self._streams = [np.random.RandomState(first_seed + i) for i in range(self.num_envs)]
         self._step_count = np.zeros(self.num_envs, int)
         self._begins = np.ones(self.num_envs, bool)  # rows whose next step begins an episode
         self.diverged = np.zeros(self.num_envs, bool)
+        # The terms of the last step's reward, (num_envs,) each, by name, where it is made of any.
+        self.reward_terms: dict[str, Any] = {}
+        self._use = OneUser()
         self._action_spec = self._batched(task.action_spec(physics.single))
         self._check_batch_safe()
 
@@ -96,12 +102,12 @@ class BatchEnvironment:
           seed: row i draws its episodes from `RandomState(seed + i)`; None for any seed.
           on_divergence: see the constructor.
         """
-        num_envs = _at_least_one("num_envs", num_envs)
+        num_envs = at_least_one("num_envs", num_envs)
         threads = cores.usable_cores() if num_threads is None else num_threads
         task = copy.copy(env.task)
         physics = env.physics.replicate(
             num_envs,
-            min(_at_least_one("num_threads", threads), num_envs),
+            min(at_least_one("num_threads", threads), num_envs),
             getattr(task, "EPISODE_FIELDS", ()),
         )
         return cls(
@@ -123,8 +129,8 @@ class BatchEnvironment:
           ids: sorted row numbers or a mask of (num_envs,).
         """
         rows = np.arange(self.num_envs) if ids is None else self._rows(ids)
-        self._begin(rows)
-        with arrays.rows_of_a_batch(self.num_envs):
+        with self._use, arrays.rows_of_a_batch(self.num_envs):
+            self._begin(rows)
             observation = self._observe()
         step_type = np.where(self._step_count == 0, _FIRST, _MID)
         return dm_env.TimeStep(
@@ -141,25 +147,89 @@ class BatchEnvironment:
           ValueError, TypeError: the actions do not have the spec's shape, or are not numeric, or
             not finite; nothing has moved.
         """
+        with self._use, arrays.rows_of_a_batch(self.num_envs):
+            begins = self._begins
+            checked = self._checked(actions, begins)
+            # Until the step is complete: whatever interrupts it, the next one begins anew.
+            self._begins = np.ones(self.num_envs, bool)
+            return self._step(checked, begins)
+
+    def _step(self, actions: np.ndarray, begins: np.ndarray) -> dm_env.TimeStep:
         physics, task = self._physics, self._task
-        begins = self._begins.copy()
-        any_begins = begins.any()
+        any_begins = bool(begins.any())
+        task.before_step(actions, physics)
         running = np.flatnonzero(~begins) if any_begins else None
-        task.before_step(self._checked(actions, begins), physics)
-        if running is None or running.size:
-            self.diverged = physics.step_rows(running, self._n_sub_steps)
-            if self.diverged.any():
-                self._report_divergence()
-        else:
-            self.diverged = np.zeros(self.num_envs, bool)
+        self.diverged = physics.step_rows(running, self._n_sub_steps)
+        if self.diverged.any():
+            self._report_divergence()
         if any_begins:
             self._begin(np.flatnonzero(begins))
-        with arrays.rows_of_a_batch(self.num_envs):
-            task.after_step(physics)
-            reward = task.get_reward(physics)
-            observation = self._observe()
-            termination = task.get_termination(physics)
+        task.after_step(physics)
+        reward = self._reward()
+        observation = self._observe()
+        termination = task.get_termination(physics)
         return self._time_step(begins if any_begins else None, reward, termination, observation)
+
+    def snapshot(self, rows: Any = None) -> Snapshot:
+        """All that the future of the batch, or of some rows, depends on."""
+        rows = np.arange(self.num_envs) if rows is None else self._rows(rows)
+        with self._use:
+            return Snapshot(
+                self._origin(),
+                self._physics.save_rows(rows, self._episode_fields),
+                self._step_count[rows],
+                self._begins[rows],
+                [self._streams[row].get_state() for row in rows],
+            )
+
+    def restore(self, snapshot: Snapshot, rows: Any = None) -> None:
+        """Lets the batch, or some rows, go on from a snapshot, bit for bit.
+
+        Args:
+          snapshot: of as many environments as there are rows; of any batch, or a single one.
+          rows: sorted row numbers or a mask.
+
+        Raises:
+          ValueError: it is of another task, model, version or size.
+        """
+        rows = np.arange(self.num_envs) if rows is None else self._rows(rows)
+        snapshot.check(self._origin(), size=len(rows))
+        with self._use:
+            self._begins[rows] = True  # until it is complete
+            self._physics.load_rows(snapshot.physics, rows)
+            for row, stream in zip(rows, snapshot.streams, strict=True):
+                self._streams[row].set_state(stream)
+            self._step_count[rows] = snapshot.step_count
+            self._begins[rows] = snapshot.begins
+
+    def copy_row(self, source: int, target: int) -> None:
+        """Makes row `target` a copy of row `source`, its random stream included."""
+        self.restore(self.snapshot([source]), [target])
+
+    def close(self) -> None:
+        """Frees the batch; closing twice is fine, using it later is an error."""
+        if self._use.what_is_wrong is None:
+            with self._use:
+                self._physics.free()
+            self._use.what_is_wrong = "this batch is closed: make a new one"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What makes an equal batch elsewhere: for pickling, deep copies and spawned processes."""
+        kept = {k: v for k, v in vars(self).items() if k not in ("_physics", "_use")}
+        simulation = self._physics._simulation
+        making = self._physics.single, self.num_envs, simulation.num_threads
+        return {**kept, "making": making, "snapshot": self.snapshot()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        snapshot = state.pop("snapshot")
+        single, num_envs, num_threads = state.pop("making")
+        vars(self).update(state)
+        self._use = OneUser()
+        self._physics = single.replicate(num_envs, num_threads, self._episode_fields)
+        self.restore(snapshot)
+
+    def _origin(self) -> dict[str, Any]:
+        return {"task": type(self._task).__name__, **self._physics.origin()}
 
     def action_spec(self) -> specs.BoundedArray:
         """The spec of the actions of all rows, (num_envs, ...)."""
@@ -232,6 +302,14 @@ class BatchEnvironment:
             step_type[begins] = _FIRST
         return dm_env.TimeStep(step_type, reward, discount, observation)
 
+    def _reward(self) -> Any:
+        """The reward; its terms, if it is made of them, are left in `reward_terms`."""
+        task, physics = self._task, self._physics
+        if not getattr(task.get_reward, "from_terms", False):
+            return task.get_reward(physics)
+        self.reward_terms = task.reward_terms(physics)
+        return task.reward_of(self.reward_terms)
+
     def _observe(self) -> Any:
         """The observation in arrays of its own, that nothing changes later."""
         observation = self._task.get_observation(self._physics)
@@ -256,9 +334,9 @@ class BatchEnvironment:
             )
         if given.dtype.kind not in "fiub":
             raise TypeError(f"actions have dtype {given.dtype}; expected numbers")
-        if given.dtype.kind == "f" and not np.isfinite(given).all():
-            rows = np.flatnonzero(~np.isfinite(given).reshape(self.num_envs, -1).all(axis=-1))
-            rows = rows[~begins[rows]]
+        bad = not_finite(given)
+        if bad is not None:
+            rows = np.flatnonzero(bad.reshape(self.num_envs, -1).any(axis=-1) & ~begins)
             if rows.size:
                 raise ValueError(
                     f"actions are not finite in rows {rows.tolist()}; nothing was stepped"
@@ -310,9 +388,3 @@ class BatchEnvironment:
                     f"{self.num_envs}; expected {expected}: index with `...` and reduce over "
                     "axis -1"
                 )
-
-
-def _at_least_one(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
-        raise ValueError(f"{name} is {value!r}; expected a whole number of at least 1")
-    return int(value)

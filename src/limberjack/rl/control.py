@@ -27,6 +27,9 @@ import dm_env
 import numpy as np
 from dm_env import specs
 
+from limberjack.rl import actions
+from limberjack.rl.snapshot import Snapshot
+
 __all__ = [
     "FLAT_OBSERVATION_KEY",
     "Environment",
@@ -256,6 +259,37 @@ class Environment(dm_env.Environment):
         """Time between two actions, seconds."""
         return self._physics.timestep() * self._n_sub_steps
 
+    def snapshot(self) -> Snapshot:
+        """All that the environment's future depends on; see `limberjack.rl.snapshot`."""
+        self._check_open()
+        return Snapshot(
+            self._origin(),
+            self._physics.save_rows(None, self._episode_fields()),
+            np.array([self._step_count]),
+            np.array([self._reset_next_step]),
+            [self._task.random.get_state()],
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Goes on from a snapshot, bit for bit.
+
+        Raises:
+          ValueError: it is of another task, model or version, or of several environments.
+        """
+        self._check_open()
+        snapshot.check(self._origin(), size=1)
+        self._reset_next_step = True  # until it is complete
+        self._physics.load_rows(snapshot.physics, None)
+        self._task.random.set_state(snapshot.streams[0])
+        self._step_count = int(snapshot.step_count[0])
+        self._reset_next_step = bool(snapshot.begins[0])
+
+    def _origin(self) -> dict[str, Any]:
+        return {"task": type(self._task).__name__, **self._physics.origin()}
+
+    def _episode_fields(self) -> tuple[str, ...]:
+        return getattr(self._task, "EPISODE_FIELDS", ())
+
     def close(self) -> None:
         """Frees what the environment holds; closing twice is fine, stepping later is an error."""
         if not self._closed:
@@ -289,19 +323,7 @@ class Environment(dm_env.Environment):
                     f"action has shape {given.shape}; expected {self._action_shape}, the shape of "
                     "env.action_spec()"
                 )
-        kind = given.dtype.kind
-        if kind == "f":
-            # A dot product is the quickest look; it also overflows for huge finite values.
-            if given.ndim == 1 and math.isfinite(given.dot(given)):
-                return
-            finite = np.isfinite(given)
-            if not finite.all():
-                raise ValueError(
-                    f"action is not finite at index {np.flatnonzero(~finite).tolist()}: {given}; "
-                    "nothing was stepped"
-                )
-        elif kind not in "iub":
-            raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
+        actions.check_numbers(given)
 
 
 def compute_n_steps(

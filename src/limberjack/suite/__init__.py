@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from limberjack.rl import control
+from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import humanoid, manipulator, stacker
 from limberjack.utils.suggest import did_you_mean
 
@@ -27,6 +28,7 @@ __all__ = [
     "TASKS_BY_DOMAIN",
     "build_environment",
     "load",
+    "load_batch",
 ]
 
 _Tasks = tuple[tuple[str, str], ...]
@@ -89,6 +91,40 @@ def load(
     return build_environment(
         domain_name, task_name, task_kwargs, environment_kwargs, visualize_reward
     )
+
+
+def load_batch(
+    domain_name: str,
+    task_name: str,
+    num_envs: int,
+    num_threads: int | None = None,
+    seed: int | None = None,
+    task_kwargs: Mapping[str, Any] | None = None,
+    environment_kwargs: Mapping[str, Any] | None = None,
+    on_divergence: str = "end",
+) -> BatchEnvironment:
+    """Many environments of the suite in lockstep; see `limberjack.rl.batch`.
+
+    Args:
+      domain_name: such as 'humanoid'.
+      task_name: such as 'walk'.
+      num_envs: number of rows.
+      num_threads: threads that step them; by default the cores that this process may use.
+      seed: row i is `load` with `{'random': seed + i}`; None for any seed.
+      task_kwargs: as for `load`, without 'random'.
+      environment_kwargs: as for `load`.
+      on_divergence: 'end' ends the episodes of rows that diverge; 'raise' raises `PhysicsError`.
+
+    Raises:
+      ValueError: there is no such domain or task, or a number is out of range.
+      TypeError: there is no such keyword.
+    """
+    if "random" in (task_kwargs or {}):
+        raise TypeError(
+            "load_batch takes no 'random' in task_kwargs: give seed, one per row follows"
+        )
+    env = load(domain_name, task_name, task_kwargs, environment_kwargs)
+    return BatchEnvironment.from_environment(env, num_envs, num_threads, seed, on_divergence)
 
 
 def build_environment(

@@ -4,6 +4,7 @@ A task keeps its settings and its random stream, and nothing of the running epis
 episode needs lives in the physics. So one task serves one simulation or a batch of them.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,8 @@ __all__ = ["Task"]
 # A start that is rejected this often will never be accepted: the suite's own need a handful.
 _MAX_START_ATTEMPTS = 10_000
 
+_SUCCESS = 0.9  # a term of the goal from which it counts as reached
+
 _COLOURED = ["self", "effector", "target"]  # materials that show the reward
 _DEFAULTS = [f"{name}_default" for name in _COLOURED]
 _HIGHLIGHTS = [f"{name}_highlight" for name in _COLOURED]
@@ -27,6 +30,8 @@ class Task(control.Task):
 
     # Fields of the model that `initialize_episode` sets, which a batch keeps for each row.
     EPISODE_FIELDS: tuple[str, ...] = ()
+    # The terms of the reward that make up the goal; the others say how it is to be reached.
+    GOAL: tuple[str, ...] = ()
 
     def __init__(self, random: np.random.RandomState | int | None = None) -> None:
         """Makes a task.
@@ -72,9 +77,26 @@ class Task(control.Task):
         if self._visualize_reward:
             _show_reward(physics, self.get_reward(physics))
 
+    def get_reward(self, physics: Any) -> Any:
+        """The reward, (...): what its terms add up to."""
+        return self.reward_of(self.reward_terms(physics))
+
+    # So that who wants the terms as well need not have them computed twice.
+    get_reward.from_terms = True  # pyright: ignore[reportFunctionMemberAccess]
+
     def reward_terms(self, physics: Any) -> dict[str, Any]:
-        """The quantities between 0 and 1 that the reward is made of, by name."""
-        return {}
+        """The quantities between 0 and 1 that the reward is made of, (...) each, by name."""
+        raise NotImplementedError(
+            f"{type(self).__name__} defines neither get_reward nor reward_terms and reward_of"
+        )
+
+    def reward_of(self, terms: dict[str, Any]) -> Any:
+        """The reward that the terms make, (...)."""
+        raise NotImplementedError(f"{type(self).__name__} does not define reward_of")
+
+    def is_success(self, terms: dict[str, Any]) -> Any:
+        """Whether the goal is reached now, (...) booleans: all of its terms are nearly 1."""
+        return functools.reduce(np.logical_and, (terms[name] >= _SUCCESS for name in self.GOAL))
 
     def start(self, physics: Any) -> str | None:
         """The kind of start of an episode that has just begun; None if there is one kind only."""

@@ -125,6 +125,8 @@ class Physics(mujoco.Physics):
 class Humanoid(base.Task):
     """Stand, or move at a speed or faster."""
 
+    GOAL = ("standing", "upright", "movement")
+
     def __init__(self, move_speed: float, pure_state: bool, random: Any = None) -> None:
         """Makes the task.
 
@@ -191,8 +193,7 @@ class Humanoid(base.Task):
         )
         return (5 * move + 1) / 6  # standing still keeps a sixth
 
-    def get_reward(self, physics: Any) -> Any:
+    def reward_of(self, terms: dict[str, Any]) -> Any:
         """The product of all terms, between 0 and 1."""
-        terms = self.reward_terms(physics)
         stand_reward = terms["standing"] * terms["upright"]
         return terms["small_control"] * stand_reward * terms["movement"]

@@ -109,6 +109,8 @@ def _environment(
 class Bring(_planar_arm.ArmTask):
     """Bring the prop to the target, which is inside a receptacle if it is to be inserted."""
 
+    GOAL = ("bringing",)
+
     def __init__(
         self, use_peg: bool, insert: bool, fully_observable: bool, random: Any = None
     ) -> None:
@@ -185,9 +187,8 @@ class Bring(_planar_arm.ArmTask):
         tip = is_close(physics.site_distance("target_peg_tip", "peg_tip"))
         return {"grasping": (grasp + pinch) / 2, "bringing": (centre + tip) / 2}
 
-    def get_reward(self, physics: Any) -> Any:
+    def reward_of(self, terms: dict[str, Any]) -> Any:
         """Bringing; for the peg a third of grasping, if that is more."""
-        terms = self.reward_terms(physics)
         if not self._use_peg:
             return terms["bringing"]
         bringing, grasping = terms["bringing"], terms["grasping"] / 3

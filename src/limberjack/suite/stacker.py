@@ -65,6 +65,8 @@ def _environment(
 class Stack(_planar_arm.ArmTask):
     """Put any of the boxes onto the target and take the hand away."""
 
+    GOAL = ("box_is_close", "hand_is_far")
+
     def __init__(self, n_boxes: int, fully_observable: bool, random: Any = None) -> None:
         """Makes the task.
 
@@ -120,7 +122,6 @@ class Stack(_planar_arm.ArmTask):
             "hand_is_far": rewards.tolerance(hand, (_HAND_AWAY, np.inf), margin=_HAND_MARGIN),
         }
 
-    def get_reward(self, physics: Any) -> Any:
+    def reward_of(self, terms: dict[str, Any]) -> Any:
         """Box close and hand away, between 0 and 1."""
-        terms = self.reward_terms(physics)
         return terms["box_is_close"] * terms["hand_is_far"]

@@ -90,9 +90,9 @@ def open_backend_after_fork(before: Backend) -> Backend:
         except _UnavailableError:
             pass
     raise RenderingError(
-        f"this process was forked from one that had drawn with {before.renderer or 'OpenGL'}, which "
-        "does not survive that. Start processes with multiprocessing's 'spawn' or 'forkserver', or "
-        "draw nothing before they are forked"
+        f"this process was forked from one that had drawn with {before.renderer or 'OpenGL'}, "
+        "which does not survive that. Start processes with multiprocessing's 'spawn' or "
+        "'forkserver', or draw nothing before they are forked"
     )
 
 
@@ -112,8 +112,8 @@ def _choice(value: str) -> tuple[str, ...]:
     if value == _GLFW_ALIASES.get(sys.platform):
         return ("glfw",)
     raise RenderingError(
-        f"{_VARIABLE}={value!r} is not a backend for {sys.platform}. Unset it to have one chosen, or "
-        f"set it to one of: {', '.join(names)}, disable"
+        f"{_VARIABLE}={value!r} is not a backend for {sys.platform}. Unset it to have one chosen, "
+        f"or set it to one of: {', '.join(names)}, disable"
     )
 
 
@@ -123,8 +123,8 @@ class _Egl:
     _DEVICE, _SURFACELESS = 0x313F, 0x31DD  # EGL_PLATFORM_DEVICE_EXT, ..._SURFACELESS_MESA
     _OPENGL_API = 0x30A2
     _MOST_DEVICES = 64
-    # Pairs of an attribute and its least value: 8 bits each of red, green, blue, alpha; 24 of depth,
-    # 8 of stencil; RGB, able to draw off-screen, able to do OpenGL. Then EGL_NONE.
+    # Pairs of an attribute and its least value: 8 bits each of red, green, blue and alpha, 24 of
+    # depth, 8 of stencil; RGB, able to draw off-screen, able to do OpenGL. Then EGL_NONE.
     _ATTRIBUTES = (
         *(0x3024, 8, 0x3023, 8, 0x3022, 8, 0x3021, 8, 0x3025, 24, 0x3026, 8),
         *(0x303F, 0x308E, 0x3033, 0x1, 0x3040, 0x8, 0x3038),
@@ -139,7 +139,10 @@ class _Egl:
         "eglMakeCurrent": "upppp",
         "eglDestroyContext": "upp",
     }
-    _QUERY_DEVICES, _GET_DISPLAY = ("eglQueryDevicesEXT", "uipp"), ("eglGetPlatformDisplayEXT", "pupp")
+    _QUERY_DEVICES, _GET_DISPLAY = (
+        ("eglQueryDevicesEXT", "uipp"),
+        ("eglGetPlatformDisplayEXT", "pupp"),
+    )
 
     def __init__(self, surfaceless: bool = False) -> None:
         """Opens the first device that works, or the one that MUJOCO_EGL_DEVICE_ID numbers.
@@ -147,7 +150,9 @@ class _Egl:
         Args:
           surfaceless: open Mesa's renderer without naming a device.
         """
-        _load("libOpenGL.so.0", is_visible=True)  # NVIDIA's driver wants it for use by many threads.
+        _load(
+            "libOpenGL.so.0", is_visible=True
+        )  # NVIDIA's driver wants it for use by many threads.
         self._egl: Any = _load("libEGL.so.1") or _fail("libEGL.so.1 cannot be loaded")
         if _is_visible("OSMesaGetProcAddress") and not _is_visible("eglGetProcAddress"):
             _fail("this process already draws with OSMesa")
@@ -238,9 +243,8 @@ class _OsMesa:
     def __init__(self) -> None:
         if _is_visible("eglGetProcAddress"):
             _fail("this process already draws with EGL")
-        self._mesa: Any = next(filter(None, map(_load, self._LIBRARIES)), None)
-        if self._mesa is None:
-            _fail("libOSMesa cannot be loaded")
+        libraries = filter(None, map(_load, self._LIBRARIES))
+        self._mesa: Any = next(libraries, None) or _fail("libOSMesa cannot be loaded")
         for name, signature in self._SIGNATURES.items():
             _declare(getattr(self._mesa, name), signature)
         self._buffer = (ctypes.c_float * (4 * self._SIDE**2))()

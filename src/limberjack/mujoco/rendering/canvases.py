@@ -90,7 +90,7 @@ class Canvases:
         for key in list(self._canvases):
             self._drop(key)
 
-    def _select(self, canvas: _Canvas) -> None:
+    def _select(self, canvas: "_Canvas") -> None:
         if canvas is not self._selected:
             self._selected = None
             canvas.select()
@@ -104,7 +104,11 @@ class Canvases:
             key = _Private()
             weakref.finalize(model, when_gone, self._drop, key).atexit = False
         if key in self._canvases and not self._canvases[key].has_room(size):
-            self._drop(key)  # The model's buffer was enlarged since.
+            # The model's buffer was enlarged since. What others share stays.
+            if isinstance(key, _Private):
+                self._drop(key)
+            else:
+                key = None
         if key not in self._canvases and not isinstance(key, _Private):
             key = _fingerprint(model)
         self._keys[model] = key
@@ -118,7 +122,7 @@ class Canvases:
             before = self._before_fork
             self.backend = open_backend_after_fork(before) if before else open_backend()
         shared = [key for key in self._canvases if not isinstance(key, _Private)]
-        for oldest in shared[: max(0, len(shared) + 1 - _MOST_CANVASES)]:
+        for oldest in shared[: max(0, len(shared) + 1 - _MOST_SHARED)]:
             self._drop(oldest)
         self._selected = None
         return _Canvas(self.backend, model)
@@ -172,7 +176,7 @@ def _fingerprint(model: Any) -> bytes:
     """
     digest = hashlib.blake2b(digest_size=16)
     planes = model.geom_type == _PLANE
-    fields = {
+    fields: dict[str, Any] = {
         "vis": repr(model.vis),
         "extent": model.stat.extent,
         "plane sizes": model.geom_size[planes],

@@ -3,9 +3,10 @@
     job = submit(model, draw, scene, size=(240, 320))    # draw(mjr_context, scene), over there
     picture = job.result()
 
-It starts with the first picture. Any thread may submit; jobs run one after the other in a thread of
-their own, so that the OpenGL context that is current in the caller's stays so. How OpenGL is reached
-is in `backends.py`, what it keeps for a model in `canvases.py`, what a picture is in `pictures.py`.
+It starts with the first picture. Any thread may submit; jobs run one after the other in a thread
+of their own, so that the OpenGL context that is current in the caller's stays so. How OpenGL is
+reached is in `backends.py`, what it keeps for a model in `canvases.py`, what a picture is in
+`pictures.py`.
 """
 
 import atexit
@@ -131,7 +132,9 @@ class _Process:
         with self._start:
             if self._thread is None:
                 self._watch()
-                inherited = next(filter(None, (t.canvases.backend for t in self._left_behind[::-1])), None)
+                inherited = next(
+                    filter(None, (t.canvases.backend for t in self._left_behind[::-1])), None
+                )
                 thread = _RenderingThread(inherited)
                 thread.start()
                 self._thread = thread
@@ -180,8 +183,8 @@ class _Process:
 
 
 _HUNG = (
-    f"OpenGL gave no picture within {_FORK_PATIENCE:.0f} s in this process, which was forked from one "
-    "that may have used it. Start processes with multiprocessing's 'spawn' or 'forkserver'"
+    f"OpenGL gave no picture within {_FORK_PATIENCE:.0f} s in this process, which was forked from "
+    "one that may have used it. Start processes with multiprocessing's 'spawn' or 'forkserver'"
 )
 
 _process = _Process()
@@ -208,5 +211,3 @@ def submit(
       RenderingError: here or from `Job.result`: OpenGL cannot be had.
     """
     return _process.submit(model, size, is_private, function, *args)
-
-

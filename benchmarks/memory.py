@@ -1,0 +1,186 @@
+"""Whether memory stays flat, and what one more environment of a task takes.
+
+    python benchmarks/memory.py [--steps 1000000] [--loads 5000] [--json FILE]
+
+Each figure comes from a process of its own. `python benchmarks/overhead.py` shows the same rows.
+"""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import fresh
+import peers
+import typer
+from report import Row, all_met, at_most, print_table, write_json
+
+__all__ = [
+    "NUM_LOADS",
+    "NUM_STEPS",
+    "measure",
+    "megabytes_after_loads",
+    "megabytes_after_steps",
+    "megabytes_per_environment",
+]
+
+NUM_STEPS = 1_000_000
+NUM_LOADS = 5_000
+
+# Megabytes by which the process may grow once it is warm. The allocator is worth a megabyte or two;
+# one object kept per load is worth more, and one kept per step, or a single model, much more.
+_FLAT = at_most(4)
+
+_STEPS_PER_EPISODE = 1_000
+_NUM_SAMPLES = 50
+_WARM = 0.1  # share of the work after which memory should not grow
+_NUM_MORE_ENVIRONMENTS = 20
+_TASK_OF_DOMAIN = (("humanoid", "walk"), ("manipulator", "bring_ball"), ("stacker", "stack_2"))
+
+
+def measure(num_steps: int, num_loads: int) -> list[Row]:
+    """All rows.
+
+    Args:
+      num_steps: in all, of all ten tasks in turns.
+      num_loads: load-and-drop cycles in all, of all ten tasks in turns.
+    """
+    return [
+        _growth_row(f"{num_steps:,} steps", "megabytes_after_steps", num_steps),
+        _growth_row(f"{num_loads:,} loads and drops", "megabytes_after_loads", num_loads),
+        *(_environment_row(domain, task) for domain, task in _TASK_OF_DOMAIN),
+    ]
+
+
+def _growth_row(subject: str, function: str, count: int) -> Row:
+    """How much a process grows after it is warm."""
+    series = fresh.call("memory", function, count, variables=peers.WITHOUT_OPENGL)
+    warm = series[int(_WARM * len(series))]
+    growth = None if warm is None else series[-1] - warm
+    return Row(
+        measure="memory grows by",
+        subject=subject,
+        ours=growth,
+        theirs=None,
+        unit="MB",
+        value=growth,
+        value_unit="MB",
+        bar=_FLAT,
+        details={"resident_MB": series, "warm_MB": warm},
+    )
+
+
+def _environment_row(domain: str, task: str) -> Row:
+    """What one more environment takes, for information."""
+    sizes = {
+        package: fresh.call(
+            "memory",
+            "megabytes_per_environment",
+            package,
+            domain,
+            task,
+            variables=peers.WITHOUT_OPENGL,
+        )
+        for package in peers.installed()
+    }
+    ours, theirs = sizes[peers.OURS]["used"], sizes.get(peers.THEIRS, {}).get("used")
+    return Row(
+        measure="one more environment",
+        subject=f"{domain}:{task}",
+        ours=ours,
+        theirs=theirs,
+        unit="MB",
+        value=ours / theirs if ours is not None and theirs else None,
+        details={"megabytes": sizes},
+    )
+
+
+def megabytes_after_steps(num_steps: int) -> list[float | None]:
+    """Resident memory as steps go by: one environment of each task, an episode each in turns."""
+    suite = peers.suite(peers.OURS)
+    environments = [suite.load(*task, {"random": 0}) for task in suite.ALL_TASKS]
+    actions = [environment.action_spec().generate_value() for environment in environments]
+    # Never too few episodes for every task to have its turns.
+    length = max(1, min(_STEPS_PER_EPISODE, num_steps // (2 * len(environments))))
+
+    def play(number: int) -> None:
+        environment = environments[number % len(environments)]
+        environment.reset()
+        for _ in range(length):
+            environment.step(actions[number % len(environments)])
+
+    return _sampled(play, num_steps // length)
+
+
+def megabytes_after_loads(num_loads: int) -> list[float | None]:
+    """Resident memory as environments are loaded, started, stepped and dropped, tasks in turns."""
+    suite = peers.suite(peers.OURS)
+
+    def load(number: int) -> None:
+        environment = suite.load(*suite.ALL_TASKS[number % len(suite.ALL_TASKS)], {"random": 0})
+        environment.reset()
+        environment.step(environment.action_spec().generate_value())
+
+    return _sampled(load, num_loads)
+
+
+def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str, float | None]:
+    """Memory that an environment takes beside one of the same task: loaded, and used."""
+    suite = peers.suite(package)
+
+    def loaded() -> Any:
+        return suite.load(domain, task, {"random": 0})
+
+    def use(environment: Any) -> None:
+        environment.reset()
+        environment.step(environment.action_spec().generate_value())
+
+    first = loaded()
+    use(first)
+    before = _resident_megabytes()
+    more = [loaded() for _ in range(_NUM_MORE_ENVIRONMENTS)]
+    between = _resident_megabytes()
+    for environment in more:
+        use(environment)
+    after = _resident_megabytes()
+    if before is None or between is None or after is None:
+        return {"loaded": None, "used": None}
+    return {"loaded": (between - before) / len(more), "used": (after - before) / len(more)}
+
+
+def _sampled(work: Callable[[int], None], count: int) -> list[float | None]:
+    """Resident memory before the work, and along it."""
+    every = max(1, count // _NUM_SAMPLES)
+    series = [_resident_megabytes()]
+    for number in range(count):
+        work(number)
+        if (number + 1) % every == 0:
+            series.append(_resident_megabytes())
+    return series
+
+
+def _resident_megabytes() -> float | None:
+    """Memory of this process that is in RAM; None where the system does not tell."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    kilobytes = next(line.split()[1] for line in lines if line.startswith("VmRSS:"))
+    return round(int(kilobytes) * 1024 / 1e6, 3)
+
+
+def main(
+    steps: Annotated[int, typer.Option(min=100, help="Steps in all.")] = NUM_STEPS,
+    loads: Annotated[int, typer.Option(min=10, help="Load-and-drop cycles in all.")] = NUM_LOADS,
+    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+) -> None:
+    """Print whether memory stays flat; the exit status is 1 if it does not."""
+    rows = measure(steps, loads)
+    print_table(rows)
+    if json is not None:
+        write_json(json, rows, {"steps": steps, "loads": loads})
+    sys.exit(not all_met(rows))
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,104 @@
+"""Limberjack's speed bars in one table, measured beside dm_control in one run.
+
+    python benchmarks/overhead.py [--quick] [--only SECTION]... [--json FILE]
+
+README.md says what is compared with what. The exit status is 1 if a bar is missed.
+"""
+
+import dataclasses
+import enum
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import memory
+import peers
+import starting
+import stepping
+import typer
+from report import Row, all_met, print_table, write_json
+
+__all__ = ["Effort", "Section", "main"]
+
+
+class Section(enum.StrEnum):
+    """A part of the table."""
+
+    STEP = "step"
+    IMPORT = "import"
+    LOAD = "load"
+    RESET = "reset"
+    MEMORY = "memory"
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+    """How much is measured."""
+
+    episodes: int  # of each task, by each package and by MuJoCo alone
+    steps: int  # of each episode
+    resets: int  # of each task, by each package
+    loads: int  # of each task, by each package
+    processes: int  # for each figure that takes a fresh one
+    memory_steps: int  # in all
+    memory_loads: int  # in all
+
+
+_FULL = Effort(
+    episodes=8,
+    steps=1_000,
+    resets=400,
+    loads=21,
+    processes=15,
+    memory_steps=memory.NUM_STEPS,
+    memory_loads=memory.NUM_LOADS,
+)
+# Shows that the benchmark works; its figures mean nothing.
+_QUICK = Effort(
+    episodes=1, steps=10, resets=3, loads=1, processes=1, memory_steps=200, memory_loads=20
+)
+
+
+def _measure(section: Section, effort: Effort) -> list[Row]:
+    match section:
+        case Section.STEP:
+            return stepping.measure(effort.episodes, effort.steps)
+        case Section.IMPORT:
+            return starting.measure_imports(effort.processes)
+        case Section.LOAD:
+            return starting.measure_loads(effort.loads, effort.processes)
+        case Section.RESET:
+            return starting.measure_resets(effort.resets)
+        case Section.MEMORY:
+            return memory.measure(effort.memory_steps, effort.memory_loads)
+
+
+def main(
+    only: Annotated[
+        list[Section] | None, typer.Option(help="Measure this section; may be given repeatedly.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
+    ] = False,
+    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+) -> None:
+    """Measure Limberjack beside dm_control and print each bar and whether it is met."""
+    effort = _QUICK if quick else _FULL
+    if peers.THEIRS not in peers.installed():
+        typer.echo(
+            "dm_control is not installed (Python 3.13 and newer cannot have it): what is compared "
+            "with it is not measured.",
+            err=True,
+        )
+    rows = []
+    for section in only or list(Section):
+        typer.echo(f"measuring: {section}", err=True)
+        rows += _measure(section, effort)
+    print_table(rows)
+    if json is not None:
+        write_json(json, rows, {"quick": quick, **dataclasses.asdict(effort)})
+    sys.exit(not quick and not all_met(rows))
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,103 @@
+"""What a picture is: a scene drawn and read back, as colours, distances or object numbers.
+
+    style = Style.of(depth=True)
+    with scene.override_flags(style.flags):
+        raw = submit(model, draw, scene, style, 240, 320, size=(240, 320)).result()
+    metres = finished(raw, style, model, scene)
+
+`draw` runs on the rendering thread; all else is for the caller's.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco.wrapper import MjvScene
+
+__all__ = ["Style", "draw", "finished"]
+
+_BACKGROUND = -1
+_NUMBERED = {  # Each object in a colour that is its number in the scene, plus one.
+    mujoco.mjtRndFlag.mjRND_SEGMENT.value: True,
+    mujoco.mjtRndFlag.mjRND_IDCOLOR.value: True,
+}
+
+
+class Style(NamedTuple):
+    """What is drawn of a scene."""
+
+    # Any: texts with dm_control's method `draw`; flags by name or `mujoco.mjtRndFlag`.
+    overlays: tuple[Any, ...]
+    depth: bool
+    segmentation: bool
+    flags: Mapping[Any, bool]
+
+    @classmethod
+    def of(
+        cls,
+        overlays: Iterable[Any] = (),
+        depth: bool = False,
+        segmentation: bool = False,
+        render_flag_overrides: Mapping[Any, bool] | None = None,
+    ) -> "Style":
+        """The style of dm_control's arguments.
+
+        Raises:
+          ValueError: they cannot be combined.
+        """
+        overlays = tuple(overlays)
+        if depth and segmentation:
+            raise ValueError("`depth` and `segmentation` cannot both be true: render twice")
+        if overlays and (depth or segmentation):
+            raise ValueError("`overlays` are drawn in colours only, without depth or segmentation")
+        if render_flag_overrides and (depth or segmentation):
+            raise ValueError(
+                "`render_flag_overrides` are for colours only, without depth or segmentation"
+            )
+        flags = _NUMBERED if segmentation else dict(render_flag_overrides or {})
+        return cls(overlays, depth, segmentation, flags)
+
+
+def draw(
+    context: mujoco.MjrContext, scene: MjvScene, style: Style, height: int, width: int
+) -> np.ndarray:
+    """The pixels or the depth buffer, (height, width, 3) uint8 or float32, lowest row first."""
+    rect = mujoco.MjrRect(0, 0, width, height)
+    mujoco.mjr_render(rect, scene, context)
+    if style.depth:
+        depth = np.empty((height, width), np.float32)
+        mujoco.mjr_readPixels(None, depth, rect, context)
+        return depth
+    for overlay in style.overlays:
+        overlay.draw(context, rect)
+    rgb = np.empty((height, width, 3), np.uint8)
+    mujoco.mjr_readPixels(rgb, None, rect, context)
+    return rgb
+
+
+def finished(raw: np.ndarray, style: Style, model: Any, scene: MjvScene) -> np.ndarray:
+    """The picture, uppermost row first, from what `draw` returned: an array of its own."""
+    if style.depth:
+        raw = _metres(raw, model)
+    elif style.segmentation:
+        return _object_numbers(raw[::-1], scene)
+    return raw[::-1].copy()
+
+
+def _metres(depth: np.ndarray, model: Any) -> np.ndarray:
+    """Distances along the camera's axis, float32, from the depth buffer's 0 to 1."""
+    near = model.vis.map.znear * model.stat.extent
+    far = model.vis.map.zfar * model.stat.extent
+    # The inverse of the perspective division; as dm_control, operation by operation.
+    return near / (1 - depth * (1 - near / far))
+
+
+def _object_numbers(rgb: np.ndarray, scene: MjvScene) -> np.ndarray:
+    """(height, width, 2) int32 of each pixel's object number and type."""
+    number, types = rgb.astype(np.uint32), np.full((scene.ngeom + 1, 2), _BACKGROUND, np.int32)
+    for geom in scene.geoms:
+        if geom.segid != _BACKGROUND:
+            types[geom.segid + 1] = geom.objid, geom.objtype
+    return types[number[..., 0] + (number[..., 1] << 8) + (number[..., 2] << 16)]

@@ -1,0 +1,55 @@
+"""`Snapshot`: all that the future of an environment depends on.
+
+    snapshot = env.snapshot()          # a single environment, or a batch
+    env.restore(snapshot)              # its future is the same, bit for bit
+    batch.restore(row, rows=[3])       # one row into any row
+
+It holds the integration state with the solver's warm start, the model fields that an episode's
+start sets, step counters, pending resets and random streams. It is a plain object that pickles; it
+restores in another process and into a batch with another number of threads. It does not hold the
+task's settings or the model, which must be the same.
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+__all__ = ["Snapshot"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Snapshot:
+    """State of n environments of one task.
+
+    Attributes:
+      origin: task, model and version that it is of, which must agree at restoring.
+      physics: the physics' arrays by name, (n, ...) each.
+      step_count: steps since each episode began, (n,).
+      begins: whether each one's next step begins an episode, (n,).
+      streams: state of each one's `RandomState`.
+    """
+
+    origin: dict[str, Any]
+    physics: dict[str, np.ndarray]
+    step_count: np.ndarray
+    begins: np.ndarray
+    streams: list[Any]
+
+    def __len__(self) -> int:
+        return len(self.streams)
+
+    def check(self, origin: dict[str, Any], size: int) -> None:
+        """Raises ValueError if this is of another task, model or version, or not of `size`."""
+        for what, expected in origin.items():
+            found = self.origin.get(what)
+            if found != expected:
+                raise ValueError(
+                    f"the snapshot is of {what} {found!r}; expected {expected!r}, that of this "
+                    "environment"
+                )
+        if len(self) != size:
+            raise ValueError(
+                f"the snapshot holds {len(self)} environments; expected {size}: restore into as "
+                "many rows"
+            )

@@ -1,0 +1,1 @@
+"""What holds for every task of the suite."""

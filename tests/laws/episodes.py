@@ -1,0 +1,72 @@
+"""Environments and episodes as bits, for the laws and promises: equal bits, equal behaviour."""
+
+import functools
+from typing import Any
+
+import dm_env
+import mujoco
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.rl import control
+
+__all__ = ["DOMAINS", "TASKS", "Task", "actions", "bits", "load", "play", "snapshot"]
+
+Task = tuple[str, str]
+
+TASKS = [pytest.param(task, id=":".join(task)) for task in suite.ALL_TASKS]
+# One task of each domain, with the most that can go wrong in its start.
+DOMAINS = [
+    pytest.param(task, id=":".join(task))
+    for task in (("humanoid", "walk"), ("manipulator", "insert_peg"), ("stacker", "stack_4"))
+]
+
+
+def load(task: Task, seed: int = 0, **environment_kwargs: Any) -> control.Environment:
+    """An environment of the task."""
+    _compiled(task)
+    return suite.load(*task, {"random": seed}, environment_kwargs)
+
+
+@functools.cache
+def _compiled(task: Task) -> Any:
+    """An environment that keeps the task's compiled model in use, so that it is compiled once."""
+    return suite.load(*task)
+
+
+def actions(env: control.Environment, count: int, seed: int = 0) -> np.ndarray:
+    """Random valid actions, (count, nu)."""
+    spec = env.action_spec()
+    stream = np.random.RandomState(seed)
+    return stream.uniform(spec.minimum, spec.maximum, (count, *spec.shape))
+
+
+def bits(value: Any) -> Any:
+    """A time step, or anything in it, in a form that is equal only if all types and bits are."""
+    if isinstance(value, dm_env.TimeStep):
+        return tuple(bits(part) for part in value)
+    if isinstance(value, dict):
+        return [(name, bits(part)) for name, part in value.items()]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.dtype.str, value.shape, value.tobytes()
+    return type(value).__name__, repr(value)
+
+
+def play(env: control.Environment, steps: int, seed: int = 0, reset: bool = True) -> list[Any]:
+    """The bits of an episode's start, unless it goes on with one, and of `steps` random steps."""
+    told = [bits(env.reset())] if reset else []
+    return told + [bits(env.step(action)) for action in actions(env, steps, seed)]
+
+
+def snapshot(env: control.Environment) -> Any:
+    """All that the environment's future depends on, as bits."""
+    physics = env.physics
+    # mjSTATE_INTEGRATION and what the first half of the step in progress has computed.
+    state = physics.get_state(mujoco.mjtState.mjSTATE_INTEGRATION.value)
+    data = physics.data
+    computed = [data.xpos, data.cvel, data.qfrc_bias, data.sensordata, data.warning.number]
+    model = physics.model._model
+    settings = [model.body_pos, model.body_quat, model.mat_rgba, model.opt.disableflags]
+    stream = env.task.random.get_state()
+    return [bits(np.array(part)) for part in (state, *computed, *settings)] + [bits(stream)]

@@ -1,0 +1,80 @@
+"""Rewards of any task: between 0 and 1, and made of their terms."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+
+from .episodes import TASKS, Task, actions, load, play
+
+
+def combined(task: Task, terms: dict[str, Any]) -> Any:
+    """The reward that the documents make of the terms."""
+    if task[0] == "manipulator" and task[1].endswith("peg"):
+        return max(terms["bringing"], terms["grasping"] / 3)
+    return math.prod(terms.values())
+
+
+def set_rewarding_state(env: Any) -> None:
+    """Puts things where the reward is positive."""
+    physics = env.physics
+    with physics.reset_context():
+        env.task.initialize_episode(physics)
+        qpos, model = physics.named.data.qpos, physics.named.model
+        if hasattr(env.task, "_object"):
+            joints = [f"{env.task._object}_{dimension}" for dimension in "xz"]
+            qpos[joints] = model.body_pos[env.task._target, ["x", "z"]] + 0.005
+        elif "box0_x" in physics.named.data.qpos.axes.row.names:
+            qpos[["box0_x", "box0_z"]] = model.body_pos["target", ["x", "z"]] + 0.005
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_rewards_and_terms_are_floats_between_0_and_1(task: Task) -> None:
+    env = load(task)
+    for _ in range(10):
+        env.reset()
+        for action in actions(env, 10):
+            reward = env.step(action).reward
+            assert isinstance(reward, float)
+            assert 0.0 <= reward <= 1.0
+            terms = env.task.reward_terms(env.physics)
+            assert terms
+            for name, term in terms.items():
+                assert isinstance(term, float), name
+                assert 0.0 <= term <= 1.0, name
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_reward_is_what_its_terms_make(task: Task) -> None:
+    env = load(task)
+    largest = 0.0
+    for _ in range(30):
+        set_rewarding_state(env)
+        reward = env.task.get_reward(env.physics)
+        # The factors are multiplied in another order.
+        assert reward == pytest.approx(combined(task, env.task.reward_terms(env.physics)))
+        largest = max(largest, reward)
+    assert largest > 1e-3, "the law was never put to the test"
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_showing_the_reward_colours_materials_and_changes_nothing_else(task: Task) -> None:
+    plain = load(task)
+    shown = suite.load(*task, {"random": 0}, visualize_reward=True)
+    assert play(shown, 20) == play(plain, 20)
+    colours = shown.physics.named.model.mat_rgba
+    reward = 0.6
+    shown.task.get_reward = lambda physics: reward
+    shown.step(np.zeros(shown.action_spec().shape))
+    for name in ("self", "effector", "target"):
+        default, highlight = colours[f"{name}_default"], colours[f"{name}_highlight"]
+        expected = reward**4 * highlight + (1 - reward**4) * default
+        # The blend may be rounded in another order.
+        np.testing.assert_allclose(colours[name], expected, rtol=1e-6)
+        assert not np.array_equal(default, highlight)
+    np.testing.assert_array_equal(
+        plain.physics.named.model.mat_rgba["self"], colours["self_default"]
+    )

@@ -1,0 +1,79 @@
+"""What an episode of any task starts from."""
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.suite import base
+
+from .episodes import TASKS, Task, bits, load
+
+_STARTS = 25
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_starts_have_no_contacts_and_joints_within_their_limits(task: Task) -> None:
+    env = load(task)
+    model = env.physics.model._model
+    limited = np.flatnonzero(model.jnt_limited.ravel())
+    low, high = model.jnt_range[limited].T
+    for _ in range(_STARTS):
+        env.reset()
+        assert env.physics.data.ncon == 0
+        assert env.physics.time() == 0.0
+        assert not env.physics.control().any()
+        positions = env.physics.position()[model.jnt_qposadr[limited]]
+        assert np.all((low <= positions) & (positions <= high))
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_first_observation_is_of_the_state_that_the_episode_starts_from(task: Task) -> None:
+    env = load(task)
+    for _ in range(5):
+        first = env.reset().observation
+        env.physics.after_reset()
+        again = env.task.get_observation(env.physics)
+        assert bits(first) == bits(again)
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_start_is_another_and_its_kind_is_known(task: Task) -> None:
+    env = load(task)
+    domain, name = task
+    kinds = {
+        "humanoid": {None},
+        "manipulator": {"in_hand", "in_target", "uniform"},
+        "stacker": {f"level_{i}" for i in range(int(name[-1]) if domain == "stacker" else 0)},
+    }
+    seen = set()
+    for _ in range(_STARTS):
+        seen.add(str(bits(env.reset().observation)))
+        assert env.task.start(env.physics) in kinds[domain]
+    assert len(seen) == _STARTS
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_start_that_cannot_be_collision_free_is_an_error_naming_task_and_bound(
+    task: Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(base, "_MAX_START_ATTEMPTS", 30)
+    env, twin = load(task), load(task)
+    margins = env.physics.model.geom_margin.copy()
+    env.physics.model.geom_margin[:] = 10.0  # everything touches everything
+    name = type(env.task).__name__
+    with pytest.raises(RuntimeError, match=rf"{name}: none of 30 random starts was free of cont"):
+        env.reset()
+    # Whole again as soon as the model is.
+    env.physics.model.geom_margin[:] = margins
+    env.task._random = np.random.RandomState(4)
+    twin.task._random = np.random.RandomState(4)
+    action = np.zeros(env.action_spec().shape)
+    assert bits(env.step(action)) == bits(twin.step(action))
+    assert bits(env.step(action)) == bits(twin.step(action))
+
+
+def test_the_bound_itself_is_reached_within_seconds() -> None:
+    env = load(("manipulator", "bring_ball"))
+    env.physics.model.geom_margin[:] = 10.0
+    with pytest.raises(RuntimeError, match="none of 10000 random starts"):
+        env.reset()
