@@ -25,7 +25,7 @@ help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' Makefile
 
 demo: $(VENV)/installed-demo  ## Run a task and write its video, plot and numbers to demo/
-	$(BIN)/limberjack run humanoid walk --policy random --out demo
+	$(BIN)/limberjack run humanoid walk --policy random --time-limit 10 --out demo
 	@echo "Open $(CURDIR)/demo to see them."
 
 test: lint  ## Run ruff, pyright and all tests but the slow ones
@@ -59,6 +59,7 @@ check-python:
 		"apt install python3-venv" >&2; exit 1; }
 
 $(MADE): | check-python
+	@echo "Installing into $(VENV); the first time this takes a few minutes."
 	$(PYTHON) -m venv --clear $(VENV)
 	@touch $@
 

@@ -1,4 +1,4 @@
-"""Whether memory stays flat, and what one more environment of a task takes.
+"""Whether memory stays flat, and what an environment takes.
 
     python benchmarks/memory.py [--steps 1000000] [--loads 5000] [--json FILE]
 
@@ -48,7 +48,7 @@ def measure(num_steps: int, num_loads: int) -> list[Row]:
     return [
         _growth_row(f"{num_steps:,} steps", "megabytes_after_steps", num_steps),
         _growth_row(f"{num_loads:,} loads and drops", "megabytes_after_loads", num_loads),
-        *(_environment_row(domain, task) for domain, task in _TASK_OF_DOMAIN),
+        *(row for task in _TASK_OF_DOMAIN for row in _environment_rows(*task)),
     ]
 
 
@@ -70,8 +70,8 @@ def _growth_row(subject: str, function: str, count: int) -> Row:
     )
 
 
-def _environment_row(domain: str, task: str) -> Row:
-    """What one more environment takes, for information."""
+def _environment_rows(domain: str, task: str) -> list[Row]:
+    """What the first environment of a task takes, and one more, for information."""
     sizes = {
         package: fresh.call(
             "memory",
@@ -83,16 +83,21 @@ def _environment_row(domain: str, task: str) -> Row:
         )
         for package in peers.installed()
     }
-    ours, theirs = sizes[peers.OURS]["used"], sizes.get(peers.THEIRS, {}).get("used")
-    return Row(
-        measure="one more environment",
-        subject=f"{domain}:{task}",
-        ours=ours,
-        theirs=theirs,
-        unit="MB",
-        value=ours / theirs if ours is not None and theirs else None,
-        details={"megabytes": sizes},
-    )
+    rows = []
+    for which in ("first", "one more"):
+        ours, theirs = sizes[peers.OURS][which], sizes.get(peers.THEIRS, {}).get(which)
+        rows.append(
+            Row(
+                measure="memory taken by",
+                subject=f"{domain}:{task}, {which}",
+                ours=ours,
+                theirs=theirs,
+                unit="MB",
+                value=ours / theirs if ours is not None and theirs else None,
+                details={"megabytes": sizes},
+            )
+        )
+    return rows
 
 
 def megabytes_after_steps(num_steps: int) -> list[float | None]:
@@ -125,7 +130,7 @@ def megabytes_after_loads(num_loads: int) -> list[float | None]:
 
 
 def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str, float | None]:
-    """Memory that an environment takes beside one of the same task: loaded, and used."""
+    """Memory of the first environment of a task, and of each one more, loaded and then used."""
     suite = peers.suite(package)
 
     def loaded() -> Any:
@@ -135,17 +140,24 @@ def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str,
         environment.reset()
         environment.step(environment.action_spec().generate_value())
 
+    sizes = [_resident_megabytes()]
     first = loaded()
     use(first)
-    before = _resident_megabytes()
+    sizes.append(_resident_megabytes())
     more = [loaded() for _ in range(_NUM_MORE_ENVIRONMENTS)]
-    between = _resident_megabytes()
+    sizes.append(_resident_megabytes())
     for environment in more:
         use(environment)
-    after = _resident_megabytes()
-    if before is None or between is None or after is None:
-        return {"loaded": None, "used": None}
-    return {"loaded": (between - before) / len(more), "used": (after - before) / len(more)}
+    sizes.append(_resident_megabytes())
+    known = [size for size in sizes if size is not None]
+    if len(known) < len(sizes):
+        return dict.fromkeys(("first", "one more, loaded", "one more"))
+    empty, with_first, with_loaded, with_used = known
+    return {
+        "first": with_first - empty,
+        "one more, loaded": (with_loaded - with_first) / len(more),
+        "one more": (with_used - with_first) / len(more),
+    }
 
 
 def _sampled(work: Callable[[int], None], count: int) -> list[float | None]:

@@ -72,10 +72,12 @@ def _call(
     *arguments: str, directory: Path | None = None, **variables: str
 ) -> "subprocess.CompletedProcess[str]":
     """The result of the command as a program, without a terminal."""
+    # Without what CI services set to have colours in their logs.
+    inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
     return subprocess.run(
         [sys.executable, "-m", "limberjack", *arguments],
         cwd=directory,
-        env=os.environ | variables,
+        env=inherited | variables,
         capture_output=True,
         text=True,
         timeout=120,
@@ -131,7 +133,7 @@ def test_run_shows_what_the_episodes_gave() -> None:
         kwargs = {"random": seed, "time_limit": 0.25}
         environment = suite.load("humanoid", "stand", task_kwargs=kwargs)
         total = rollout.run_episode(environment, policies.random, seed).total
-        assert re.search(rf"^ {seed} +{total:.3f} +{_STEPS} *$", result.stdout, re.MULTILINE)
+        assert re.search(rf"^ +{seed} +{total:.3f} +{_STEPS} *$", result.stdout, re.MULTILINE)
     assert "mean" in result.stdout
 
 
@@ -166,10 +168,12 @@ def test_run_writes_result_plot_and_video(tmp_path: Path, drawing: bool) -> None
 
 
 def test_the_time_limit_of_a_result_is_the_tasks_own_if_none_is_given(tmp_path: Path) -> None:
-    result = _invoke("run", "stacker", "stack_2", "--out", str(tmp_path))
-    assert result.exit_code == 0, result.output
-    assert _result(tmp_path)["time_limit"] == 10.0
-    assert _result(tmp_path)["episodes"][0]["length"] == 1000
+    arguments = ["run", "stacker", "stack_2", "--out", "out"]
+    result = _call(*arguments, directory=tmp_path, MUJOCO_GL="disable")  # no film: it takes long
+    assert result.returncode == 0, result.stderr
+    content = _result(tmp_path / "out")
+    assert content["time_limit"] == 10.0
+    assert content["episodes"][0]["length"] == 1000
 
 
 def test_each_episode_can_be_run_again_alone(tmp_path: Path) -> None:
@@ -197,6 +201,30 @@ def test_output_without_a_terminal_is_clean(tmp_path: Path) -> None:
         assert result.stderr == ""
         assert "\x1b" not in result.stdout
         assert "\r" not in result.stdout
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
+def test_files_are_written_though_the_table_cannot_be_printed(tmp_path: Path) -> None:
+    with open("/dev/full", "w") as full:
+        result = subprocess.run(
+            [sys.executable, "-m", "limberjack", *_RUN, "--out", "out"],
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            timeout=120,
+        )
+    assert result.returncode == 1
+    assert len(_result(tmp_path / "out")["episodes"]) == 1
+
+
+def test_a_result_that_cannot_be_written_is_one_line_and_status_1(tmp_path: Path) -> None:
+    (tmp_path / "out" / "result.json").mkdir(parents=True)  # a directory is in its place
+    result = _call(*_RUN, "--out", "out", directory=tmp_path)
+    assert result.returncode == 1
+    assert result.stderr.startswith("limberjack: ")
+    assert "result.json" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert re.search(rf"^ +0 +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
 
 
 def test_the_installed_command_is_the_same(tmp_path: Path) -> None:
@@ -287,7 +315,7 @@ def test_what_cuts_a_run_short_keeps_the_finished_episodes(
     assert result.returncode == status, result.stderr
     assert result.stderr.endswith(message)
     assert "Traceback" not in result.stderr
-    assert re.search(rf"^ 0 +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
+    assert re.search(rf"^ +0 +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
     content = _result(directory / "out")
     assert [episode["seed"] for episode in content["episodes"]] == [0]
     assert content["episodes_asked_for"] == 3

@@ -186,7 +186,7 @@ def test_shimmys_bridge_to_gymnasium_runs_a_task() -> None:
         for mode, shape in (
             ("rgb_array", (60, 80, 3)),
             ("depth_array", (60, 80)),
-            ("multi_camera", (60, 80, 3)),
+            ("multi_camera", (60, 160, 3)),  # two cameras
         ):
             env = DmControlCompatibilityV0(task, mode, {{"height": 60, "width": 80}})
             env.reset()

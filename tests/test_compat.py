@@ -292,8 +292,11 @@ def test_installing_again_comes_before_finders_added_meanwhile() -> None:
         def find_spec(self, name, path=None, target=None):
             assert not name.startswith("dm_control"), name
     sys.meta_path.insert(0, Finder())
+    sys.meta_path.append(Finder())
+    count = len(sys.meta_path)
     limberjack.install_as_dm_control()
     import dm_control.suite
+    assert len(sys.meta_path) == count
     """
     run(program)
 

@@ -1,6 +1,6 @@
 """The documentation is right: its code runs, its tables, links and commands agree with the project.
 
-On every page all ```python blocks are one program, and a comment behind a `print` is what it prints.
+On every page all ```python blocks are one program; a comment behind a `print` is what it prints.
 """
 
 import functools
@@ -15,11 +15,10 @@ from typing import Any
 
 import pytest
 import typer.main
+from programs import run
 
 from limberjack import suite
 from limberjack.cli import app
-
-from . import programs
 
 _REPOSITORY = Path(__file__).parents[1]
 _DOCS = _REPOSITORY / "docs"
@@ -28,12 +27,19 @@ _PAGES = [*sorted(_DOCS.glob("*.md")), _REPOSITORY / "README.md", _REPOSITORY / 
 _FENCE = re.compile(r"^(```+)(\w*)\n(.*?)^\1$", re.MULTILINE | re.DOTALL)
 _PRINTED = re.compile(r"^ *print\(.*\)  # (.*)$", re.MULTILINE)
 _STARTS = 2000
-# 2,000 and 20,000 starts: less than four standard errors of the difference, 0.012 at most.
-_FREQUENCY_TOLERANCE = 0.045
+# The tables were made of 20,000 starts, and the test makes 2,000: four standard errors of the
+# difference, for a share of 0.8 of all starts and for one of 0.6 of those that are not uniform.
+_SHARE_TOLERANCE = 0.038
+_MOVING_TOLERANCE = 0.12
 
 _Row = dict[str, str]
 
-every_page = pytest.mark.parametrize("page", _PAGES, ids=lambda page: page.name)
+
+def _page_name(page: Path) -> str:
+    return str(page.relative_to(_REPOSITORY))
+
+
+every_page = pytest.mark.parametrize("page", _PAGES, ids=_page_name)
 every_task = pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
 
 
@@ -49,14 +55,14 @@ def _program(page: Path) -> str:
     return "\n".join(lines)
 
 
-@every_page
+@pytest.mark.parametrize(
+    "page", [page for page in _PAGES if _program(page).strip()], ids=_page_name
+)
 def test_the_code_of_a_page_runs_and_prints_what_it_says(page: Path) -> None:
     program = _program(page)
-    if not program.strip():
-        pytest.skip("this page has no code")
     if ".render(" in program and os.environ.get("MUJOCO_GL") == "disable":
         pytest.skip("MUJOCO_GL turns rendering off")
-    assert programs.run(program).splitlines() == _PRINTED.findall(program)
+    assert run(program).splitlines() == _PRINTED.findall(program)
 
 
 # Tables.
@@ -233,10 +239,9 @@ def test_the_table_of_starts_has_the_frequencies_that_come(task: str) -> None:
         moving[kind] += bool(env.physics.data.qvel.any())
     (row,) = [row for row in _table("manipulator.md", "task", "in_hand") if row["task"] == task]
     for kind in ("in_hand", "in_target", "uniform"):
-        assert _share(row[kind]) == pytest.approx(kinds[kind] / _STARTS, abs=_FREQUENCY_TOLERANCE)
+        assert _share(row[kind]) == pytest.approx(kinds[kind] / _STARTS, abs=_SHARE_TOLERANCE)
     kept = (moving["in_hand"] + moving["in_target"]) / (kinds["in_hand"] + kinds["in_target"])
-    # About 400 starts of those kinds: four times as uncertain.
-    assert _share(row["moving"]) == pytest.approx(kept, abs=2.5 * _FREQUENCY_TOLERANCE)
+    assert _share(row["moving"]) == pytest.approx(kept, abs=_MOVING_TOLERANCE)
 
 
 def _share(percentage: str) -> float:
@@ -264,8 +269,8 @@ def test_every_relative_link_leads_somewhere(page: Path) -> None:
             continue
         path, _, anchor = link.partition("#")
         target = (page.parent / path).resolve() if path else page
-        assert target.exists(), f"{page.name}: {link}"
-        assert not anchor or anchor in _anchors(target), f"{page.name}: {link}"
+        assert target.exists(), f"{_page_name(page)}: {link}"
+        assert not anchor or anchor in _anchors(target), f"{_page_name(page)}: {link}"
 
 
 def test_every_page_is_in_the_index() -> None:
@@ -287,9 +292,9 @@ def _code(page: Path) -> Iterator[str]:
 def test_every_name_and_path_of_the_project_exists(page: Path) -> None:
     for code in _code(page):
         if re.fullmatch(r"(src|tests|docs|examples)/[\w./-]*", code):
-            assert (_REPOSITORY / code).exists(), f"{page.name}: {code}"
+            assert (_REPOSITORY / code).exists(), f"{_page_name(page)}: {code}"
         elif re.fullmatch(r"limberjack(\.\w+)+", code):
-            assert _found(code), f"{page.name}: {code}"
+            assert _found(code), f"{_page_name(page)}: {code}"
 
 
 def _found(name: str) -> bool:
@@ -309,9 +314,9 @@ def test_every_command_exists(page: Path) -> None:
         program, *arguments = code.split("#")[0].removeprefix("python -m ").split() or [""]
         if program == "make":
             for argument in arguments:
-                assert "=" in argument or argument in targets, f"{page.name}: {code}"
+                assert "=" in argument or argument in targets, f"{_page_name(page)}: {code}"
         elif program == "limberjack" and arguments:
-            _check_call(arguments, f"{page.name}: {code}")
+            _check_call(arguments, f"{_page_name(page)}: {code}")
 
 
 def _check_call(arguments: list[str], where: str) -> None:

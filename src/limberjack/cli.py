@@ -44,6 +44,7 @@ app = typer.Typer(
     name="limberjack",
     help="Control tasks on MuJoCo: humanoid, manipulator and stacker.",
     no_args_is_help=True,
+    rich_markup_mode="markdown",  # joins the lines of a paragraph
     pretty_exceptions_enable=False,
 )
 
@@ -97,14 +98,16 @@ def _list() -> None:
 
 @app.command("run")
 def _run(
-    domain: Annotated[str, typer.Argument(help="Such as humanoid; see `limberjack list`.")],
-    task: Annotated[str, typer.Argument(help="Such as walk.")],
+    domain: Annotated[
+        str, typer.Argument(metavar="DOMAIN", help="Such as humanoid; `limberjack list` has all.")
+    ],
+    task: Annotated[str, typer.Argument(metavar="TASK", help="Such as walk.")],
     episodes: Annotated[int, typer.Option(min=1, help="How many to run.")] = 1,
     seed: Annotated[
         int, typer.Option(min=0, max=_SEEDS - 1, help="Of the first episode; the next has seed+1.")
     ] = 0,
     policy: Annotated[
-        str, typer.Option(metavar="zero|random|MODULE:CALLABLE", help="What acts.")
+        str, typer.Option(metavar="NAME", help="What acts: zero, random or MODULE:CALLABLE.")
     ] = "zero",
     time_limit: Annotated[
         float | None, typer.Option(help="Seconds per episode; the task's own by default.")
@@ -176,18 +179,17 @@ class _Run:
         return None
 
     def report(self, failure: BaseException | None) -> int | None:
-        """Prints and writes what was played; returns the exit status, None for unknown failures."""
+        """Writes and prints what was played; returns the exit status, None for unknown failures."""
         from limberjack.policies import PolicyError
         from limberjack.rl.control import PhysicsError
 
+        unwritten = self._write_files()  # first: printing fails where nobody reads
         _print_episodes(self._episodes)
-        try:
-            self._write_files()
-        except OSError as error:
-            _complain(error)
-            return _FAILED
+        self._print_files()
+        if unwritten is not None:
+            _complain(unwritten)
         if failure is None:
-            return 0
+            return 0 if unwritten is None else _FAILED
         done = f"{len(self._episodes)} of {len(self._seeds)} episodes finished"
         if isinstance(failure, KeyboardInterrupt):
             _complain(f"interrupted: {done}")
@@ -226,9 +228,10 @@ class _Run:
                 recorder.finish_film()
         return episode
 
-    def _write_files(self) -> None:
+    def _write_files(self) -> OSError | None:
+        """Writes what was asked for; returns why it could not."""
         if self._recorder is None:
-            return
+            return None
         domain, task = self._where
         time_limit = self._time_limit
         if time_limit is None and self._step_limit is not None:
@@ -241,7 +244,15 @@ class _Run:
             "control_timestep": self._control_timestep,
             "episodes_asked_for": len(self._seeds),
         }
-        self._recorder.write(run, self._episodes, self._fingerprint)
+        try:
+            self._recorder.write(run, self._episodes, self._fingerprint)
+        except OSError as error:
+            return error
+        return None
+
+    def _print_files(self) -> None:
+        if self._recorder is None:
+            return
         for line in self._recorder.left_out:
             _complain(line)
         for path in self._recorder.written:
@@ -271,7 +282,6 @@ class _Progress:
 
 @contextlib.contextmanager
 def _progress(episodes: int) -> Iterator[_Progress]:
-    console = rich.console.Console(stderr=True)
     columns = (
         "{task.description}",
         rich.progress.BarColumn(),
@@ -279,7 +289,10 @@ def _progress(episodes: int) -> Iterator[_Progress]:
         rich.progress.TimeRemainingColumn(),
     )
     with rich.progress.Progress(
-        *columns, console=console, disable=not console.is_terminal, transient=True
+        *columns,
+        console=rich.console.Console(stderr=True),
+        disable=not sys.stderr.isatty(),
+        transient=True,
     ) as bar:
         yield _Progress(bar, episodes)
 
@@ -318,8 +331,7 @@ def _table(*columns: str) -> rich.table.Table:
 
 
 def _console() -> rich.console.Console:
-    console = rich.console.Console(highlight=False)
-    return console if console.is_terminal else rich.console.Console(width=_PIPE_WIDTH)
+    return rich.console.Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH)
 
 
 @contextlib.contextmanager

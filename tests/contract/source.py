@@ -33,13 +33,13 @@ def is_public(module: str) -> bool:
     return not any(part.startswith("_") for part in module.split("."))
 
 
-def imports(module: str, nodes: ast.AST | None = None) -> Iterator[str]:
-    """The full name of each module that a module imports, in functions too.
+def imports(module: str) -> Iterator[str]:
+    """The full name of each module that a module imports, in functions and by `importlib` too.
 
     What is imported from a package is a module of it where there is one of that name, else the
     package itself.
     """
-    for node in ast.walk(nodes or tree(module)):
+    for node in ast.walk(tree(module)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -47,6 +47,10 @@ def imports(module: str, nodes: ast.AST | None = None) -> Iterator[str]:
             for alias in node.names:
                 name = f"{source}.{alias.name}"
                 yield name if name in modules() else source
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) == "importlib.import_module":
+            name = node.args[0]
+            if isinstance(name, ast.Constant) and isinstance(name.value, str):
+                yield name.value
 
 
 def _absolute(module: str, node: ast.ImportFrom) -> str:

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from limberjack import suite
 from limberjack.suite import base
 
 from .episodes import TASKS, Task, bits, load

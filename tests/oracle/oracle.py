@@ -15,17 +15,26 @@ A test module that imports this one is skipped where dm_control is not installed
 
 import importlib
 import importlib.util
+import os
 from types import ModuleType
 
 import mujoco
 import pytest
 
-__all__ = ["BOTH", "REMOVED_FIELDS", "ours", "theirs"]
+__all__ = ["BOTH", "NO_RENDERING", "REMOVED_FIELDS", "needs_rendering", "ours", "theirs"]
 
 _NOT_INSTALLED = (
     "dm_control is not installed; on Python 3.13 and newer it cannot be, because its dependency "
     "labmaze has no wheel there"
 )
+NO_RENDERING = os.environ.get("MUJOCO_GL", "").lower() in (
+    "disable",
+    "disabled",
+    "off",
+    "false",
+    "0",
+)
+needs_rendering = pytest.mark.skipif(NO_RENDERING, reason="MUJOCO_GL turns rendering off")
 
 
 def ours(name: str) -> ModuleType:

@@ -1,12 +1,15 @@
 """`assert_same`: equal Python types and equal bits, and a message that says where they part."""
 
 import struct
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
-__all__ = ["assert_same", "assert_same_outcome", "assert_same_pair", "first_difference"]
+__all__ = ["assert_same", "assert_same_outcome", "assert_same_pair", "fields"]
+
+# Not part of what a struct holds: where it lies in memory, and dm_control's names for itself.
+_NOT_CONTENT = {"_address", "ptr", "range_", "type_"}
 
 
 def assert_same(ours: Any, theirs: Any, where: str) -> None:
@@ -55,7 +58,7 @@ def _difference(ours: Any, theirs: Any, where: str) -> str:
             (f"{where}.{name}", *both) for name, *both in zip(names, ours, theirs, strict=True)
         ]
     elif isinstance(theirs, np.ndarray):
-        return f"{where}: {first_difference(ours, theirs)}"
+        return f"{where}: {_first_difference(ours, theirs)}"
     else:
         return f"{where}: {ours!r}, dm_control has {theirs!r}"
     return next(
@@ -63,7 +66,7 @@ def _difference(ours: Any, theirs: Any, where: str) -> str:
     )
 
 
-def first_difference(ours: np.ndarray, theirs: np.ndarray) -> str:
+def _first_difference(ours: np.ndarray, theirs: np.ndarray) -> str:
     """Where two arrays first differ in dtype, shape or bits, and in how many places."""
     if ours.dtype != theirs.dtype or ours.shape != theirs.shape:
         return f"{ours.dtype}{ours.shape}, dm_control has {theirs.dtype}{theirs.shape}"
@@ -82,6 +85,21 @@ def assert_same_pair(pair: Iterable[Any], where: str) -> None:
     """`assert_same` of the two: ours, then dm_control's."""
     ours, theirs = pair
     assert_same(ours, theirs, where)
+
+
+def fields(struct: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Name and value of every array, number and text in a MuJoCo struct, and in the structs in it.
+
+    Whatever the installed MuJoCo has is found by `dir`, so a new field is compared too.
+    """
+    for name in dir(struct):
+        if name.startswith("__") or name in _NOT_CONTENT:
+            continue
+        value = getattr(struct, name)
+        if isinstance(value, np.ndarray | bool | int | float | bytes):
+            yield prefix + name, value
+        elif type(value).__module__.startswith("mujoco") and not callable(value):
+            yield from fields(value, f"{prefix}{name}.")
 
 
 def assert_same_outcome(calls: Iterable[Callable[[], Any]], where: str) -> Exception | None:

@@ -25,7 +25,7 @@ _SIGMOIDS = [
 ]
 _ZERO_ALLOWED = {"cosine", "linear", "quadratic"}
 _BOUNDS = [(0.0, 0.0), (-1, 1), (0.9, _INF), (-_INF, 0.3), (0, 0.01), (-_INF, _INF), (2.5, 2.5)]
-_MARGINS = [0, 0.0, 1, 0.02, 0.35, 1.9, 10, 1e6]
+_MARGINS = [0, 0.0, 1, 0.02, 0.35, 1.9, 1e6]
 # Of each sigmoid, 100,000 in all. One value in 1,400 shows a square that is rounded another way.
 _VALUES = 12_500
 
@@ -50,7 +50,7 @@ def test_numbers_and_arrays_of_every_kind_give_the_same(
     sigmoid: str, bounds: tuple[float, float], margin: float
 ) -> None:
     random = np.random.RandomState(0)
-    numbers = [*random.normal(0, 2, 12).tolist(), 0.0, -0.0, 1e-300, 1e200, -1e200, 2.5, 0.01]
+    numbers = [*random.normal(0, 2, 5).tolist(), 0.0, -0.0, 1e-300, 1e200, -1e200, 2.5, 0.01]
     kinds: list[Any] = [0, 1, -3, 10**6, True, np.int64(4), np.int32(-2), np.float32(0.3), _INF]
     kinds += [-_INF, float("nan"), np.float64("nan"), np.bool_(False), np.float64(_INF)]
     for number in numbers:

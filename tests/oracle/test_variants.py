@@ -39,7 +39,7 @@ def _play(env: twins.Twins, kind: str = "random", steps: int = _STEPS) -> None:
 
 @partly_observable
 def test_partly_observable_episodes_are_the_same(domain: str, task: str) -> None:
-    for seed in range(3):
+    for seed in range(2):
         _play(twins.load(domain, task, seed, task_kwargs={"fully_observable": False}))
 
 
@@ -60,13 +60,13 @@ def test_flat_partly_observable_observations_are_the_same(domain: str, task: str
 
 
 @every_task
-@pytest.mark.parametrize("n_sub_steps", [1, 3, 7])
+@pytest.mark.parametrize("n_sub_steps", [1, 7])
 def test_another_number_of_substeps_is_the_same(domain: str, task: str, n_sub_steps: int) -> None:
     # The factories fix the control step, and Environment refuses both: build it around their parts.
     loaded = twins.load(domain, task)
     envs = [
         package("rl.control").Environment(
-            env.physics, env.task, n_sub_steps=n_sub_steps, time_limit=0.5
+            env.physics, env.task, n_sub_steps=n_sub_steps, time_limit=0.2
         )
         for package, env in zip(BOTH, (loaded.ours, loaded.theirs), strict=True)
     ]
@@ -78,7 +78,7 @@ def test_another_number_of_substeps_is_the_same(domain: str, task: str, n_sub_st
 
 
 @every_task
-@pytest.mark.parametrize("time_limit", [0.2, 0.33, 1])
+@pytest.mark.parametrize("time_limit", [0.2, 0.33])
 def test_another_time_limit_ends_the_episode_at_the_same_step(
     domain: str, task: str, time_limit: float
 ) -> None:

@@ -2,24 +2,19 @@
 
 import functools
 import itertools
-import os
 from typing import Any
 
 import numpy as np
 import pytest
 
 from . import twins
-from .oracle import BOTH
+from .oracle import BOTH, needs_rendering
 from .same import assert_same_outcome, assert_same_pair
 
 pytestmark = pytest.mark.oracle
 
 _TASKS = [("humanoid", "stand"), ("manipulator", "insert_ball"), ("stacker", "stack_2")]
 some_tasks = pytest.mark.parametrize(("domain", "task"), _TASKS)
-draws = pytest.mark.skipif(
-    os.environ.get("MUJOCO_GL") in ("disable", "disabled", "off", "false", "0"),
-    reason="MUJOCO_GL turns rendering off",
-)
 
 
 def _wrapped(domain: str, task: str, wrapper: str, **kwargs: Any) -> twins.Twins:
@@ -61,7 +56,7 @@ def test_scaled_actions_are_the_same(
     env.assert_same_physics("data.ctrl")
 
 
-@draws
+@needs_rendering
 @some_tasks
 @pytest.mark.parametrize("pixels_only", [True, False])
 def test_pixel_observations_are_the_same(domain: str, task: str, pixels_only: bool) -> None:
@@ -76,7 +71,7 @@ def test_pixel_observations_are_the_same(domain: str, task: str, pixels_only: bo
             one.physics.free()
 
 
-@draws
+@needs_rendering
 def test_an_observation_named_twice_is_refused_alike() -> None:
     env = twins.load("humanoid", "stand")
     kwargs = {"pixels_only": False, "observation_key": "velocity"}

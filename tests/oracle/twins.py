@@ -65,7 +65,7 @@ class Twins:
             if kind == "zero":
                 yield np.zeros(spec.shape)
             elif kind == "random":
-                yield random.uniform(spec.minimum, spec.maximum)
+                yield random.uniform(spec.minimum, spec.maximum, spec.shape)
             else:
                 signs = np.where(random.uniform(size=spec.shape) < _SWITCH, -signs, signs)
                 yield np.where(signs > 0, spec.maximum, spec.minimum)

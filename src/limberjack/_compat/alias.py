@@ -33,9 +33,7 @@ def install() -> None:
         _refuse_genuine()
         if sys.modules.get(_ALIAS, limberjack) is None:  # somebody blocked its import
             del sys.modules[_ALIAS]
-        _remove_finders()
-        sys.meta_path.insert(0, _alias_finder)
-        sys.meta_path.append(_last_finder)
+        _place_finders()
         if sys.modules.setdefault(_ALIAS, limberjack) is not limberjack:
             # Another thread began to import the genuine one after the look above.
             _remove_finders()
@@ -60,11 +58,26 @@ def _refuse_genuine() -> None:
         )
 
 
+def _place_finders() -> None:
+    """Puts the finders first and last on `sys.meta_path`; at no time is one that was there missing.
+
+    Meanwhile other threads may import.
+    """
+    finders = sys.meta_path
+    if finders[0] is not _alias_finder:
+        finders.insert(0, _alias_finder)
+        if _alias_finder in finders[1:]:
+            del finders[finders.index(_alias_finder, 1)]
+    if finders[-1] is not _last_finder:
+        finders.append(_last_finder)
+        if _last_finder in finders[:-1]:
+            finders.remove(_last_finder)
+
+
 def _remove_finders() -> None:
-    """Takes both finders off `sys.meta_path`, wherever they are."""
+    """Takes both finders off `sys.meta_path`."""
     for finder in (_alias_finder, _last_finder):
-        if finder in sys.meta_path:
-            sys.meta_path.remove(finder)
+        sys.meta_path.remove(finder)
 
 
 class _AliasLoader(Loader):

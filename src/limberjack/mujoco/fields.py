@@ -5,9 +5,24 @@ one per degree of freedom. A field that fits no rule has unnamed axes, so new fi
 here.
 """
 
+import functools
+from collections.abc import Iterable
 from typing import Any
 
-__all__ = ["COLUMN_NAMES", "OBJECTS", "RAGGED", "axes_of"]
+import mujoco.batch
+import numpy as np
+
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = [
+    "COLUMN_NAMES",
+    "OBJECTS",
+    "RAGGED",
+    "axes_of",
+    "check_randomizable",
+    "have_constants",
+    "varying",
+]
 
 # Objects counted by each size, by the spelling used in `MjModel.name_<kind>adr`.
 OBJECTS = {
@@ -147,3 +162,44 @@ def _model_row(field: str, shape: tuple[int, ...], model: Any) -> str | None:
     if size == "nactuator" and not hasattr(model, size):
         size = "nu"
     return size if size is not None and shape and shape[0] == getattr(model, size) else None
+
+
+# Options that a run is built on.
+_FIXED_OPTIONS = ("opt.timestep", "opt.integrator", "opt.disableflags", "opt.enableflags")
+# Integers that are values and no addresses, counts or kinds.
+_VALUES = ("contype", "conaffinity", "condim", "priority")
+
+
+def check_randomizable(name: str) -> None:
+    """Raises ValueError unless simulations of one model may differ in this field of it."""
+    known: Any = mujoco.batch.MODEL_FIELDS
+    if name not in known:
+        raise ValueError(
+            f"MjModel has no field {name!r} to randomise.{did_you_mean(name, sorted(known))} "
+            "Name one as mujoco.MjModel does, or as 'opt.gravity'."
+        )
+    if name in _FIXED_OPTIONS or not (name.startswith("opt.") or _is_value(name)):
+        raise ValueError(f"{name!r} is part of the model's structure, and the same in every row")
+
+
+def have_constants(names: Iterable[str]) -> bool:
+    """Whether constants of the model follow from any of these fields (MuJoCo's mj_setConst)."""
+    inputs = mujoco.MjModel._setconst_inputs
+    return any(name in inputs or name.startswith("opt.") for name in names)
+
+
+def varying() -> list[str]:
+    """Fields of MjModel that simulations of one model may differ in."""
+    known: Any = mujoco.batch.MODEL_FIELDS
+    return [name for name in known if not name.startswith("opt.") and _is_value(name)]
+
+
+def _is_value(name: str) -> bool:
+    """Whether a field of MjModel is of floating point, or an integer that is a value."""
+    field = getattr(_empty_model(), name)
+    return np.issubdtype(field.dtype, np.floating) or name.endswith(_VALUES)
+
+
+@functools.cache
+def _empty_model() -> Any:
+    return mujoco.MjModel.from_xml_string("<mujoco/>")

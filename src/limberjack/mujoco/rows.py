@@ -6,13 +6,14 @@ that the quantities of a domain carry through to what they return.
 
 import contextlib
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Self
 
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.simulation import BatchSimulation
+from limberjack.mujoco import fields
+from limberjack.mujoco.simulation import BatchSimulation, read_field
 from limberjack.rl import control
 
 __all__ = ["Rows"]
@@ -28,6 +29,8 @@ class Rows:
     _simulation: Any
     # A single simulation in which the rows' episodes are begun, one after the other.
     _scratch: Any = None
+    # Whether constants of the model follow from the fields that are randomised.
+    _constants = False
 
     @property
     def num_envs(self) -> int | None:
@@ -67,7 +70,7 @@ class Rows:
         The rows' quantities follow with `start_rows`.
         """
         one, simulation = self._scratch, self._living()
-        simulation.copy_fields_out(row, one.model)
+        simulation.copy_fields_out(row, one._simulation, self._constants)
         with contextlib.suppress(control.PhysicsError):
             one.reset()
         yield one
@@ -85,7 +88,7 @@ class Rows:
 
     def load_rows(self, saved: dict[str, np.ndarray], rows: np.ndarray | None) -> None:
         """Makes rows go on as those that were saved."""
-        self._living().load(saved, rows)
+        self._living().load(saved, rows, self._constants)
 
     def origin(self) -> dict[str, Any]:
         """What must agree for a saved row to be loaded: MuJoCo's version and the model."""
@@ -97,6 +100,33 @@ class Rows:
             "model sizes": sizes,
             "names": zlib.crc32(model.names),
         }
+
+    def nominal_fields(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """The model's present values of fields that are going to be randomised, by name.
+
+        Raises:
+          ValueError: there is no such field, or it is part of the model's structure.
+        """
+        for name in names:
+            fields.check_randomizable(name)
+        self._constants = fields.have_constants(names)
+        return {name: np.array(read_field(self._data.model._model, name)) for name in names}
+
+    def set_fields(self, values: dict[str, np.ndarray], row: int | None = None) -> None:
+        """Sets fields of the model, and the constants that follow from them, for one row."""
+        self._living().set_fields(values, row, self._constants)
+
+    def fields_changed_by(self, start: Callable[[Any], None]) -> list[str]:
+        """Fields of the model that an episode's start changes."""
+        one = self._scratch
+        with contextlib.suppress(control.PhysicsError):
+            one.reset()
+        before = one.model.copy()._model
+        start(one)
+        after = one.model._model
+        return [
+            n for n in fields.varying() if not np.array_equal(getattr(before, n), getattr(after, n))
+        ]
 
     def start_rows(self, rows: np.ndarray) -> None:
         """Computes every quantity of rows whose episode begins, with actuation disabled."""
@@ -115,6 +145,6 @@ class Rows:
     def _living(self) -> Any:
         """The simulation; made anew in a forked child, where a batch's threads are not."""
         if self._simulation.is_orphan:
-            self._simulation.revive()
+            self._simulation.revive(self._constants)
             vars(self).pop("named", None)
         return self._simulation

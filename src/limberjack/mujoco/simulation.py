@@ -6,6 +6,7 @@ rendering. `limberjack.mujoco.Physics` is what users see of it.
 
 import ctypes
 import logging
+import operator
 import os
 import weakref
 from collections.abc import Sequence
@@ -17,13 +18,14 @@ import numpy as np
 
 from limberjack.mujoco.wrapper.core import MjData, MjModel
 
-__all__ = ["BatchSimulation", "SingleSimulation"]
+__all__ = ["BatchSimulation", "SingleSimulation", "read_field"]
 
 _log = logging.getLogger("limberjack")
 
 _RUNGE_KUTTA = mujoco.mjtIntegrator.mjINT_RK4.value
 _ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
+_NOT_FIELDS = ("state", "sensordata")  # what is saved beside the fields of the model
 _UP_TO_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
 
 
@@ -95,17 +97,31 @@ class SingleSimulation:
         state = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, state, _STATE)
         saved = {"state": state, "sensordata": data.sensordata.copy()}
-        saved |= {name: getattr(model, name).copy() for name in fields}
+        saved |= {name: np.array(read_field(model, name)) for name in fields}
         return {name: value[None] for name, value in saved.items()}
 
-    def load(self, saved: dict[str, np.ndarray], rows: Any) -> None:
+    def load(self, saved: dict[str, np.ndarray], rows: Any, constants: bool) -> None:
         """Sets what `save` gave, and recomputes what depends on positions and velocities."""
-        for name, value in saved.items():
-            if name not in ("state", "sensordata"):
-                getattr(self._wrapper.ptr, name)[...] = value[0]
+        fields = {n: value[0] for n, value in saved.items() if n not in _NOT_FIELDS}
+        if fields:
+            self.set_fields(fields, constants=constants)
         mujoco.mj_setState(self._model(), self._data, saved["state"][0], _STATE)
         mujoco.mj_step1(self._model(), self._data)
         self._data.sensordata[...] = saved["sensordata"][0]
+
+    def set_fields(
+        self, values: dict[str, np.ndarray], row: int | None = None, constants: bool = False
+    ) -> None:
+        """Sets fields of the model, and redoes the constants that follow from them if asked to."""
+        model = self._wrapper.ptr
+        for name, value in values.items():
+            field = read_field(model, name)
+            if isinstance(field, np.ndarray):
+                field[...] = value
+            else:
+                setattr(model.opt, name.removeprefix("opt."), value.item())
+        if constants:
+            mujoco.mj_setConst(model, self._data)
 
     def data_field(self, name: str) -> tuple[np.ndarray, bool]:
         """A field of the data; it has no axis of simulations."""
@@ -122,6 +138,11 @@ class SingleSimulation:
             model.opt.disableflags = self._flags_before
             self._flags_before = None
         return model
+
+
+def read_field(model: Any, name: str) -> Any:
+    """A field of a model, or of its options as 'opt.gravity'."""
+    return operator.attrgetter(name)(model)
 
 
 class BatchData:
@@ -171,12 +192,12 @@ class BatchSimulation:
         # Never freed: its destructor would wait for threads that do not exist here.
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._batch._b))
 
-    def revive(self) -> None:
+    def revive(self, constants: bool) -> None:
         """Makes an orphaned batch anew, in the state that it was in."""
         fields = tuple(self._fields)
         saved, warnings = self.save(None, fields), self.warnings.copy()
         self._make()
-        self.load(saved, None)
+        self.load(saved, None, constants)
         self.warnings[...] = warnings
 
     def step(self, nstep: int, rows: np.ndarray | None = None) -> None:
@@ -204,12 +225,14 @@ class BatchSimulation:
         saved |= {name: self._fields[name] for name in fields}
         return {name: np.array(value[rows]) for name, value in saved.items()}
 
-    def load(self, saved: dict[str, np.ndarray], rows: Any) -> None:
+    def load(self, saved: dict[str, np.ndarray], rows: Any, constants: bool) -> None:
         """As `SingleSimulation.load`, into some rows or all for None."""
         index = slice(None) if rows is None else rows
-        for name, value in saved.items():
-            if name not in ("state", "sensordata"):
-                self._fields[name][index] = value
+        fields = {n: value for n, value in saved.items() if n not in _NOT_FIELDS}
+        for name, value in fields.items():
+            self._fields[name][index] = value
+        if constants:
+            self._batch.set_const(rows)
         self.state[index] = saved["state"]
         self._batch.forward(rows, _UP_TO_VELOCITY)
         # The readings that belong to the step before; an output otherwise, so not to be written.
@@ -228,15 +251,23 @@ class BatchSimulation:
             return self._fields[name], True
         return getattr(self.data.model.ptr, name), False
 
-    def copy_fields_out(self, row: int, model: MjModel) -> None:
-        """Copies a row's own fields to a single simulation's model."""
-        for name, values in self._fields.items():
-            getattr(model.ptr, name)[...] = values[row]
+    def set_fields(self, values: dict[str, np.ndarray], row: int, constants: bool) -> None:
+        """As `SingleSimulation.set_fields`, of one row."""
+        for name, value in values.items():
+            self._fields[name][row] = value
+        if constants:
+            self._batch.set_const([row])
+
+    def copy_fields_out(self, row: int, single: "SingleSimulation", constants: bool) -> None:
+        """Copies a row's own fields to a single simulation."""
+        if self._fields:
+            values = {name: field[row] for name, field in self._fields.items()}
+            single.set_fields(values, constants=constants)
 
     def copy_fields_in(self, row: int, model: MjModel) -> None:
         """Copies a single simulation's fields to a row."""
         for name, values in self._fields.items():
-            values[row] = getattr(model._model, name)
+            values[row] = read_field(model._model, name)
 
 
 # Batches whose threads a fork would leave behind.

@@ -39,19 +39,20 @@ def write_return_plot(
     opacity = 1.0 if len(episodes) <= _LEGEND_ENTRIES else 0.4
     for episode in episodes:
         # The reward of a step is earned when the step ends.
-        seconds = control_timestep * np.arange(1, episode.length + 1)
-        label = f"seed {episode.seed}: {episode.total:.4g}"
-        top.plot(seconds, episode.rewards, linewidth=1, alpha=opacity)
-        bottom.plot(seconds, episode.returns, linewidth=1.5, alpha=opacity, label=label)
+        seconds = control_timestep * np.arange(episode.length + 1)
+        label = f"seed {episode.seed}: {episode.total:.3f}"
+        top.plot(seconds[1:], episode.rewards, linewidth=1, alpha=opacity)
+        bottom.plot(seconds, [0.0, *episode.returns], linewidth=1.5, alpha=opacity, label=label)
     top.set_title(title)
     top.set_ylabel("reward")
     top.set_ylim(-0.03, 1.03)  # rewards of the suite lie between 0 and 1
     bottom.set_ylabel("return so far")
+    bottom.set_ylim(-0.03, max(1.03, *(1.03 * episode.total for episode in episodes)))
     bottom.set_xlabel("time [s]")
-    bottom.margins(x=0)
     for axes in (top, bottom):
+        axes.margins(x=0.01)
         axes.grid(alpha=0.3)
     if len(episodes) <= _LEGEND_ENTRIES:
-        bottom.legend(loc="upper left", fontsize="small")
+        bottom.legend(loc="best", fontsize="small")
     with replacing(path) as partial:
         figure.savefig(partial)

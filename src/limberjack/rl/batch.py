@@ -22,9 +22,8 @@ import dm_env
 import numpy as np
 from dm_env import specs
 
-from limberjack.rl import control
-from limberjack.rl.actions import not_finite
-from limberjack.rl.guards import OneUser, at_least_one
+from limberjack.rl import control, guards
+from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils import arrays, cores
 
@@ -47,6 +46,7 @@ class BatchEnvironment:
         seed: int | None = None,
         flat_observation: bool = False,
         on_divergence: str = "end",
+        randomizer: Randomizer | None = None,
     ) -> None:
         """Makes a batch whose first `step` or `reset` begins an episode in every row.
 
@@ -59,6 +59,7 @@ class BatchEnvironment:
           flat_observation: join the observation into one array, under 'observations'.
           on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
             'raise' raises `PhysicsError`.
+          randomizer: draws fields of the model for each episode.
 
         Raises:
           ValueError: the task is not batch-safe, or `on_divergence` is something else.
@@ -71,18 +72,23 @@ class BatchEnvironment:
         self._n_sub_steps = n_sub_steps
         self._step_limit = step_limit
         self._flat_observation = flat_observation
-        self._episode_fields: tuple[str, ...] = getattr(task, "EPISODE_FIELDS", ())
+        self._randomizer = randomizer
+        randomized = randomizer.fields if randomizer is not None else ()
+        self._saved_fields = (*getattr(task, "EPISODE_FIELDS", ()), *randomized)
+        # What was drawn for the rows' episodes, (num_envs, ...) each, by field.
+        self.randomization: dict[str, np.ndarray] = {}
         self._raises = on_divergence == "raise"
         first_seed = np.random.RandomState().randint(2**31) if seed is None else seed
         self._streams = [np.random.RandomState(first_seed + i) for i in range(self.num_envs)]
+        self._draw_streams = [stream_beside(stream) for stream in self._streams]
         self._step_count = np.zeros(self.num_envs, int)
         self._begins = np.ones(self.num_envs, bool)  # rows whose next step begins an episode
         self.diverged = np.zeros(self.num_envs, bool)
         # The terms of the last step's reward, (num_envs,) each, by name, where it is made of any.
         self.reward_terms: dict[str, Any] = {}
-        self._use = OneUser()
-        self._action_spec = self._batched(task.action_spec(physics.single))
-        self._check_batch_safe()
+        self._use = guards.OneUser()
+        self._action_spec = guards.batched_spec(task.action_spec(physics.single), self.num_envs)
+        guards.check_batch_safe(task, physics, self._saved_fields)
 
     @classmethod
     def from_environment(
@@ -102,13 +108,15 @@ class BatchEnvironment:
           seed: row i draws its episodes from `RandomState(seed + i)`; None for any seed.
           on_divergence: see the constructor.
         """
-        num_envs = at_least_one("num_envs", num_envs)
+        num_envs = guards.at_least_one("num_envs", num_envs)
         threads = cores.usable_cores() if num_threads is None else num_threads
         task = copy.copy(env.task)
+        if getattr(task, "visualize_reward", False):
+            task.visualize_reward = False  # the rows have their materials' colours in common
         physics = env.physics.replicate(
             num_envs,
-            min(at_least_one("num_threads", threads), num_envs),
-            getattr(task, "EPISODE_FIELDS", ()),
+            min(guards.at_least_one("num_threads", threads), num_envs),
+            env._saved_fields(),
         )
         return cls(
             physics,
@@ -117,6 +125,7 @@ class BatchEnvironment:
             step_limit=env._step_limit,
             seed=seed,
             flat_observation=env._flat_observation,
+            randomizer=env._randomizer,
             on_divergence=on_divergence,
         )
 
@@ -128,7 +137,7 @@ class BatchEnvironment:
         Args:
           ids: sorted row numbers or a mask of (num_envs,).
         """
-        rows = np.arange(self.num_envs) if ids is None else self._rows(ids)
+        rows = np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             self._begin(rows)
             observation = self._observe()
@@ -149,7 +158,7 @@ class BatchEnvironment:
         """
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             begins = self._begins
-            checked = self._checked(actions, begins)
+            checked = guards.check_actions(actions, self._action_spec.shape, begins)
             # Until the step is complete: whatever interrupts it, the next one begins anew.
             self._begins = np.ones(self.num_envs, bool)
             return self._step(checked, begins)
@@ -172,14 +181,14 @@ class BatchEnvironment:
 
     def snapshot(self, rows: Any = None) -> Snapshot:
         """All that the future of the batch, or of some rows, depends on."""
-        rows = np.arange(self.num_envs) if rows is None else self._rows(rows)
+        rows = np.arange(self.num_envs) if rows is None else guards.as_rows(rows, self.num_envs)
         with self._use:
             return Snapshot(
                 self._origin(),
-                self._physics.save_rows(rows, self._episode_fields),
+                self._physics.save_rows(rows, self._saved_fields),
                 self._step_count[rows],
                 self._begins[rows],
-                [self._streams[row].get_state() for row in rows],
+                [tuple(s.get_state() for s in self._streams_of(row)) for row in rows],
             )
 
     def restore(self, snapshot: Snapshot, rows: Any = None) -> None:
@@ -192,13 +201,17 @@ class BatchEnvironment:
         Raises:
           ValueError: it is of another task, model, version or size.
         """
-        rows = np.arange(self.num_envs) if rows is None else self._rows(rows)
+        rows = np.arange(self.num_envs) if rows is None else guards.as_rows(rows, self.num_envs)
         snapshot.check(self._origin(), size=len(rows))
         with self._use:
             self._begins[rows] = True  # until it is complete
             self._physics.load_rows(snapshot.physics, rows)
-            for row, stream in zip(rows, snapshot.streams, strict=True):
-                self._streams[row].set_state(stream)
+            for row, states in zip(rows, snapshot.streams, strict=True):
+                for stream, state in zip(self._streams_of(row), states, strict=True):
+                    stream.set_state(state)
+            if self._randomizer is not None:
+                fields = self._randomizer.fields
+                self._show_drawn({name: snapshot.physics[name] for name in fields}, rows)
             self._step_count[rows] = snapshot.step_count
             self._begins[rows] = snapshot.begins
 
@@ -224,12 +237,20 @@ class BatchEnvironment:
         snapshot = state.pop("snapshot")
         single, num_envs, num_threads = state.pop("making")
         vars(self).update(state)
-        self._use = OneUser()
-        self._physics = single.replicate(num_envs, num_threads, self._episode_fields)
+        self._use = guards.OneUser()
+        if self._randomizer is not None:
+            single.nominal_fields(self._randomizer.fields)
+        self._physics = single.replicate(num_envs, num_threads, self._saved_fields)
         self.restore(snapshot)
 
     def _origin(self) -> dict[str, Any]:
-        return {"task": type(self._task).__name__, **self._physics.origin()}
+        fields = self._saved_fields
+        return {"task": type(self._task).__name__, "fields": fields, **self._physics.origin()}
+
+    def _streams_of(self, row: int) -> list[np.random.RandomState]:
+        """The random streams of a row: the task's, and the randomisation's if any."""
+        beside = [] if self._randomizer is None else [self._draw_streams[row]]
+        return [self._streams[row], *beside]
 
     def action_spec(self) -> specs.BoundedArray:
         """The spec of the actions of all rows, (num_envs, ...)."""
@@ -267,11 +288,22 @@ class BatchEnvironment:
         physics, task = self._physics, self._task
         for row in rows.tolist():
             task._random = self._streams[row]
+            if self._randomizer is not None:
+                drawn = self._randomizer.draw(self._draw_streams[row])
+                self._show_drawn(drawn, row)
+                physics.set_fields(drawn, row)
             with physics.episode(row) as one:
                 task.initialize_episode(one)
         physics.start_rows(rows)
         self._step_count[rows] = 0
         self._begins[rows] = False
+
+    def _show_drawn(self, drawn: dict[str, np.ndarray], rows: Any) -> None:
+        """Keeps what was drawn where users find it."""
+        for name, values in drawn.items():
+            shape = self.num_envs, *values.shape[np.ndim(rows) :]
+            shown = self.randomization.setdefault(name, np.zeros(shape, values.dtype))
+            shown[rows] = values
 
     def _time_step(
         self, begins: np.ndarray | None, reward: Any, termination: Any, observation: Any
@@ -324,67 +356,9 @@ class BatchEnvironment:
                 observation[name] = value.copy()
         return observation
 
-    def _checked(self, actions: Any, begins: np.ndarray) -> np.ndarray:
-        """The actions as an array, or a clear error."""
-        given = np.asarray(actions)
-        if given.shape != self._action_spec.shape:
-            raise ValueError(
-                f"actions have shape {given.shape}; expected {self._action_spec.shape}: one row "
-                "for each environment"
-            )
-        if given.dtype.kind not in "fiub":
-            raise TypeError(f"actions have dtype {given.dtype}; expected numbers")
-        bad = not_finite(given)
-        if bad is not None:
-            rows = np.flatnonzero(bad.reshape(self.num_envs, -1).any(axis=-1) & ~begins)
-            if rows.size:
-                raise ValueError(
-                    f"actions are not finite in rows {rows.tolist()}; nothing was stepped"
-                )
-        return given
-
     def _report_divergence(self) -> None:
         rows = np.flatnonzero(self.diverged).tolist()
         if self._raises:
             self._begins |= self.diverged
             raise control.PhysicsError(f"the simulations of rows {rows} diverged")
         _log.warning("the simulations of rows %s diverged; their episodes end here", rows)
-
-    def _rows(self, ids: Any) -> np.ndarray:
-        """Sorted, unique row numbers from row numbers or a mask."""
-        rows = np.asarray(ids)
-        if rows.dtype == bool:
-            if rows.shape != (self.num_envs,):
-                raise ValueError(f"the mask has shape {rows.shape}; expected ({self.num_envs},)")
-            return np.flatnonzero(rows)
-        if rows.ndim != 1 or (rows.size and rows.dtype.kind not in "iu"):
-            raise ValueError(f"ids are {ids!r}; expected row numbers or a mask")
-        if rows.size and (rows.min() < 0 or rows.max() >= self.num_envs):
-            raise ValueError(f"ids {ids!r} are not all between 0 and {self.num_envs - 1}")
-        if np.any(np.diff(rows.astype(int)) <= 0):
-            raise ValueError(f"ids {ids!r} are not sorted and unique")
-        return rows.astype(int)
-
-    def _batched(self, spec: Any) -> specs.BoundedArray:
-        """A spec with the leading axis."""
-        shape = (self.num_envs, *spec.shape)
-        minimum, maximum = (np.broadcast_to(b, shape) for b in (spec.minimum, spec.maximum))
-        return specs.BoundedArray(shape, spec.dtype, minimum, maximum, name=spec.name)
-
-    def _check_batch_safe(self) -> None:
-        """Compares the shapes of what the task reads with those of one simulation."""
-        physics, task = self._physics, self._task
-        with arrays.rows_of_a_batch(self.num_envs):
-            batched = {**task.get_observation(physics), "reward": task.get_reward(physics)}
-        one = physics.single
-        single = {**task.get_observation(one), "reward": task.get_reward(one)}
-        name = type(task).__name__
-        for key, value in single.items():
-            expected = (self.num_envs, *np.shape(value))
-            if np.shape(batched[key]) != expected:
-                what = "reward" if key == "reward" else f"observation {key!r}"
-                raise ValueError(
-                    f"{what} of task {name} has shape {np.shape(batched[key])} in a batch of "
-                    f"{self.num_envs}; expected {expected}: index with `...` and reduce over "
-                    "axis -1"
-                )

@@ -15,12 +15,10 @@ reset - a diverged simulation, Ctrl-C, an error in the task - the next step begi
 It does not know MuJoCo: `limberjack.mujoco.Physics` is the physics used by the suite.
 """
 
-import abc
 import collections
-import contextlib
 import math
 import operator
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Mapping, MutableMapping
 from typing import Any
 
 import dm_env
@@ -28,6 +26,8 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl import actions
+from limberjack.rl.contract import Physics, PhysicsError, Task
+from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.snapshot import Snapshot
 
 __all__ = [
@@ -43,93 +43,6 @@ __all__ = [
 FLAT_OBSERVATION_KEY = "observations"
 
 
-class PhysicsError(RuntimeError):
-    """The simulation diverged: its state is no longer meaningful."""
-
-
-class Physics(abc.ABC):
-    """What an `Environment` and a `Task` need of a simulation."""
-
-    # Whether position and velocity dependent quantities are up to date after a step
-    # (https://arxiv.org/abs/2006.12983, page 6).
-    legacy_step: bool = True
-
-    @abc.abstractmethod
-    def step(self, n_sub_steps: int = 1) -> None:
-        """Advances the simulation by `n_sub_steps` time steps."""
-
-    @abc.abstractmethod
-    def time(self) -> float:
-        """Simulated time since the reset, seconds."""
-
-    @abc.abstractmethod
-    def timestep(self) -> float:
-        """Length of one time step, seconds."""
-
-    def set_control(self, control: Any) -> None:
-        """Sets the control signals of the actuators."""
-        raise NotImplementedError(f"{type(self).__name__} does not define set_control")
-
-    @contextlib.contextmanager
-    def reset_context(self) -> Iterator["Physics"]:
-        """Resets on entry; on exit makes every quantity follow the state set within."""
-        # A model whose default state diverges can still be given a good one.
-        with contextlib.suppress(PhysicsError):
-            self.reset()
-        yield self
-        self.after_reset()
-
-    @abc.abstractmethod
-    def reset(self) -> None:
-        """Returns the simulation to its default state."""
-
-    @abc.abstractmethod
-    def after_reset(self) -> None:
-        """Makes every quantity follow the state, without advancing time."""
-
-    def check_divergence(self) -> None:  # noqa: B027 (an optional hook)
-        """Raises `PhysicsError` if the state has diverged. Does nothing by default."""
-
-
-class Task(abc.ABC):
-    """What an episode starts from, what the agent sees, what it is rewarded for."""
-
-    @abc.abstractmethod
-    def initialize_episode(self, physics: Any) -> None:
-        """Sets the state an episode starts from, within `physics.reset_context()`."""
-
-    @abc.abstractmethod
-    def before_step(self, action: Any, physics: Any) -> None:
-        """Applies the action, before the physics is stepped."""
-
-    def after_step(self, physics: Any) -> None:  # noqa: B027 (an optional hook)
-        """Called after the physics is stepped, before anything is read."""
-
-    @abc.abstractmethod
-    def action_spec(self, physics: Any) -> Any:
-        """A `dm_env.specs.BoundedArray` of valid actions, or a nested structure of them."""
-
-    def step_spec(self, physics: Any) -> Any:
-        """A spec of what `step` returns; tasks need not define it."""
-        raise NotImplementedError(f"{type(self).__name__} does not define step_spec")
-
-    @abc.abstractmethod
-    def get_observation(self, physics: Any) -> Any:
-        """The observation: a mapping from names to arrays."""
-
-    @abc.abstractmethod
-    def get_reward(self, physics: Any) -> Any:
-        """The reward of the last step."""
-
-    def get_termination(self, physics: Any) -> float | None:
-        """The final discount if the episode ends here, None if it goes on."""
-        return None
-
-    def observation_spec(self, physics: Any) -> Any:
-        """The spec of the observation; left undefined, it is read off an observation."""
-        raise NotImplementedError(f"{type(self).__name__} does not define observation_spec")
-
-
 class Environment(dm_env.Environment):
     """Episodes of a task on a physics; see the module's docstring."""
 
@@ -142,6 +55,7 @@ class Environment(dm_env.Environment):
         n_sub_steps: int | None = None,
         flat_observation: bool = False,
         legacy_step: bool = True,
+        randomize: Mapping[str, Any] | None = None,
     ) -> None:
         """Makes an environment whose first `step` or `reset` begins an episode.
 
@@ -155,6 +69,8 @@ class Environment(dm_env.Environment):
             if neither is given.
           flat_observation: join the observation into one array, under 'observations'.
           legacy_step: see `Physics.legacy_step`.
+          randomize: fields of the model to draw anew for each episode, by name; see
+            `limberjack.rl.randomize`.
 
         Raises:
           ValueError: both `control_timestep` and `n_sub_steps` are given, or one of the numbers
@@ -184,12 +100,20 @@ class Environment(dm_env.Environment):
         self._reset_next_step = True
         self._closed = False
         self._action_shape: tuple[int, ...] | None = None
+        self._randomizer = Randomizer(randomize, physics) if randomize else None
+        # What was drawn for this episode, by field.
+        self.randomization: dict[str, np.ndarray] = {}
+        # The stream that it was drawn from, with the task's stream that it lies beside.
+        self._draws: tuple[Any, np.random.RandomState] | None = None
 
     def reset(self) -> dm_env.TimeStep:
         """Begins an episode and returns its first `TimeStep`."""
         self._check_open()
         # True until the start is complete: an interrupted one must not be stepped from.
         self._reset_next_step = True
+        if self._randomizer is not None:
+            self.randomization = self._randomizer.draw(self._draw_stream())
+            self._physics.set_fields(self.randomization)
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
         observation = self._observe()
@@ -262,12 +186,15 @@ class Environment(dm_env.Environment):
     def snapshot(self) -> Snapshot:
         """All that the environment's future depends on; see `limberjack.rl.snapshot`."""
         self._check_open()
+        streams = [self._task.random.get_state()]
+        if self._randomizer is not None:
+            streams.append(self._draw_stream().get_state())
         return Snapshot(
             self._origin(),
-            self._physics.save_rows(None, self._episode_fields()),
+            self._physics.save_rows(None, self._saved_fields()),
             np.array([self._step_count]),
             np.array([self._reset_next_step]),
-            [self._task.random.get_state()],
+            [tuple(streams)],
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -280,15 +207,30 @@ class Environment(dm_env.Environment):
         snapshot.check(self._origin(), size=1)
         self._reset_next_step = True  # until it is complete
         self._physics.load_rows(snapshot.physics, None)
-        self._task.random.set_state(snapshot.streams[0])
+        own, *beside = snapshot.streams[0]
+        self._task.random.set_state(own)
+        if self._randomizer is not None:
+            self._draw_stream().set_state(beside[0])
+            saved = snapshot.physics
+            self.randomization = {name: saved[name][0] for name in self._randomizer.fields}
         self._step_count = int(snapshot.step_count[0])
         self._reset_next_step = bool(snapshot.begins[0])
 
     def _origin(self) -> dict[str, Any]:
-        return {"task": type(self._task).__name__, **self._physics.origin()}
+        fields = self._saved_fields()
+        return {"task": type(self._task).__name__, "fields": fields, **self._physics.origin()}
 
-    def _episode_fields(self) -> tuple[str, ...]:
-        return getattr(self._task, "EPISODE_FIELDS", ())
+    def _saved_fields(self) -> tuple[str, ...]:
+        """Fields of the model that an episode has for itself."""
+        randomized = self._randomizer.fields if self._randomizer is not None else ()
+        return (*getattr(self._task, "EPISODE_FIELDS", ()), *randomized)
+
+    def _draw_stream(self) -> np.random.RandomState:
+        """The stream that the model's fields are drawn from, anew where the task's own is."""
+        random = self._task.random
+        if self._draws is None or self._draws[0] is not random:
+            self._draws = random, stream_beside(random)
+        return self._draws[1]
 
     def close(self) -> None:
         """Frees what the environment holds; closing twice is fine, stepping later is an error."""

@@ -1,11 +1,23 @@
 """Checks at the door of a batch."""
 
 import threading
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from dm_env import specs
 
-__all__ = ["OneUser", "at_least_one"]
+from limberjack.rl.actions import not_finite
+from limberjack.utils import arrays
+
+__all__ = [
+    "OneUser",
+    "as_rows",
+    "at_least_one",
+    "batched_spec",
+    "check_actions",
+    "check_batch_safe",
+]
 
 
 class OneUser:
@@ -36,3 +48,88 @@ def at_least_one(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f"{name} is {value!r}; expected a whole number of at least 1")
     return int(value)
+
+
+def as_rows(ids: Any, num_envs: int) -> np.ndarray:
+    """Sorted, unique row numbers from row numbers or a mask of (num_envs,).
+
+    Raises:
+      ValueError: they are something else, or out of range, unsorted or repeated.
+    """
+    rows = np.asarray(ids)
+    if rows.dtype == bool:
+        if rows.shape != (num_envs,):
+            raise ValueError(f"the mask has shape {rows.shape}; expected ({num_envs},)")
+        return np.flatnonzero(rows)
+    if rows.ndim != 1 or (rows.size and rows.dtype.kind not in "iu"):
+        raise ValueError(f"ids are {ids!r}; expected a list of row numbers or a mask")
+    if rows.size and (rows.min() < 0 or rows.max() >= num_envs):
+        raise ValueError(f"ids are {ids!r}; expected numbers from 0 to {num_envs - 1}")
+    rows = rows.astype(int)
+    if np.any(np.diff(rows) <= 0):
+        raise ValueError(f"ids are {ids!r}; expected them sorted and without repeats")
+    return rows
+
+
+def check_actions(actions: Any, shape: tuple[int, ...], begins: np.ndarray) -> np.ndarray:
+    """The actions as an array.
+
+    Args:
+      actions: what came.
+      shape: what is expected, (num_envs, ...).
+      begins: rows that ignore their action, so that it may be anything, (num_envs,).
+
+    Raises:
+      TypeError: they are not numbers.
+      ValueError: they have another shape, or are NaN or infinite in some rows.
+    """
+    given = np.asarray(actions)
+    if given.shape != shape:
+        raise ValueError(
+            f"actions have shape {given.shape}; expected {shape}: one row for each environment"
+        )
+    if given.dtype.kind not in "fiub":
+        raise TypeError(f"actions have dtype {given.dtype}; expected numbers")
+    bad = not_finite(given)
+    if bad is not None:
+        rows = np.flatnonzero(bad.reshape(shape[0], -1).any(axis=-1) & ~begins)
+        if rows.size:
+            raise ValueError(f"actions are not finite in rows {rows.tolist()}; nothing was stepped")
+    return given
+
+
+def batched_spec(spec: Any, num_envs: int) -> specs.BoundedArray:
+    """A bounded spec with a leading axis."""
+    shape = (num_envs, *spec.shape)
+    minimum, maximum = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
+    return specs.BoundedArray(shape, spec.dtype, minimum, maximum, name=spec.name)
+
+
+def check_batch_safe(task: Any, physics: Any, saved_fields: Sequence[str]) -> None:
+    """Compares what a task reads and writes in a batch with what it does in one simulation.
+
+    Raises:
+      ValueError: a quantity lacks the leading axis, or a start sets a field of the model that the
+        task does not declare.
+    """
+    num_envs, name = physics.num_envs, type(task).__name__
+    with arrays.rows_of_a_batch(num_envs):
+        batched = {**task.get_observation(physics), "reward": task.get_reward(physics)}
+    one = physics.single
+    single = {**task.get_observation(one), "reward": task.get_reward(one)}
+    for key, value in single.items():
+        expected = (num_envs, *np.shape(value))
+        if np.shape(batched[key]) != expected:
+            what = "reward" if key == "reward" else f"observation {key!r}"
+            raise ValueError(
+                f"{what} of task {name} has shape {np.shape(batched[key])} in a batch of "
+                f"{num_envs}; expected {expected}: index with `...` and reduce over axis -1"
+            )
+    task._random = np.random.RandomState(0)
+    changed = set(physics.fields_changed_by(task.initialize_episode)) - set(saved_fields)
+    if changed:
+        declared = tuple(sorted({*getattr(task, "EPISODE_FIELDS", ()), *changed}))
+        raise ValueError(
+            f"task {name} sets {', '.join(sorted(changed))} of the model as an episode begins; "
+            f"declare EPISODE_FIELDS = {declared}, so that each row has its own"
+        )

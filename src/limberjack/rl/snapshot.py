@@ -27,7 +27,7 @@ class Snapshot:
       physics: the physics' arrays by name, (n, ...) each.
       step_count: steps since each episode began, (n,).
       begins: whether each one's next step begins an episode, (n,).
-      streams: state of each one's `RandomState`.
+      streams: states of each one's `RandomState`s: the task's, and the randomisation's if any.
     """
 
     origin: dict[str, Any]

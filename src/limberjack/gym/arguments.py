@@ -1,0 +1,120 @@
+"""Checks of what users give to `Env` and `VectorEnv`; nothing has changed when one raises."""
+
+import operator
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = [
+    "RENDER_MODES",
+    "autoreset_mode",
+    "render_mode",
+    "reset_mask",
+    "row_seeds",
+    "seed_of_a_stream",
+    "task_arguments",
+]
+
+RENDER_MODES = ["rgb_array"]
+_MAX_SEED = 2**32 - 1  # of a numpy.random.RandomState
+
+
+def seed_of_a_stream(seed: Any) -> int:
+    """A seed as an int.
+
+    Raises:
+      TypeError: it is no whole number.
+      ValueError: it is not between 0 and 2**32 - 1.
+    """
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        raise TypeError(f"seed is {seed!r}; expected a whole number") from None
+    if not 0 <= number <= _MAX_SEED:
+        raise ValueError(f"seed is {number}; expected a whole number from 0 to 2**32 - 1")
+    return number
+
+
+def row_seeds(seed: Any, num_envs: int) -> list[int | None]:
+    """The seed of each row: `seed + i` for one number, one each for a sequence.
+
+    Raises:
+      TypeError, ValueError: see `seed_of_a_stream`; or there are not `num_envs` of them.
+    """
+    if seed is None:
+        return [None] * num_envs
+    if np.ndim(seed) == 0:
+        first = seed_of_a_stream(seed)
+        seed_of_a_stream(first + num_envs - 1)
+        return list(range(first, first + num_envs))
+    if len(seed) != num_envs:
+        raise ValueError(f"there are {len(seed)} seeds; expected {num_envs}: one for each row")
+    return [None if one is None else seed_of_a_stream(one) for one in seed]
+
+
+def reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarray | None:
+    """A copy of `options["reset_mask"]`; None if there is none.
+
+    Raises:
+      TypeError: it is no array of booleans.
+      ValueError: it is not (num_envs,), or selects no row.
+    """
+    mask = (options or {}).get("reset_mask")
+    if mask is None:
+        return None
+    if not isinstance(mask, np.ndarray) or mask.dtype != bool:
+        raise TypeError(f"reset_mask is {mask!r}; expected an array of booleans")
+    if mask.shape != (num_envs,):
+        raise ValueError(f"reset_mask has shape {mask.shape}; expected ({num_envs},)")
+    if not mask.any():
+        raise ValueError("reset_mask selects no row")
+    return mask.copy()
+
+
+def autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """The mode, also by its value, such as 'SameStep'.
+
+    Raises:
+      ValueError: there is no such mode.
+    """
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        values = [each.value for each in AutoresetMode]
+        raise ValueError(
+            f"autoreset_mode is {mode!r}.{did_you_mean(mode, values)} Choose one of: "
+            f"{', '.join(values)}, or a gymnasium.vector.AutoresetMode."
+        ) from None
+
+
+def render_mode(mode: str | None) -> str | None:
+    """The mode, if there is one of that name.
+
+    Raises:
+      ValueError: there is none.
+    """
+    if mode is not None and mode not in RENDER_MODES:
+        raise ValueError(
+            f"render_mode is {mode!r}; expected None or one of: {', '.join(RENDER_MODES)}"
+        )
+    return mode
+
+
+def task_arguments(
+    task_kwargs: Mapping[str, Any] | None, time_limit: float | None
+) -> dict[str, Any]:
+    """`task_kwargs` with the time limit among them.
+
+    Raises:
+      TypeError: it is given twice.
+    """
+    arguments = dict(task_kwargs or {})
+    if time_limit is None:
+        return arguments
+    if "time_limit" in arguments:
+        raise TypeError("time_limit is given twice: once alone and once in task_kwargs")
+    return {**arguments, "time_limit": time_limit}

@@ -1,0 +1,176 @@
+"""`Env`: one simulation as a `gymnasium.Env`.
+
+    env = load("humanoid", "walk", flat=True, dtype="float32")
+    observation, info = env.reset(seed=0)
+    observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
+
+`reset(seed=s)` begins the episode that dm_control begins with `random=s`; without a seed the
+random stream goes on. The time limit truncates; only the task terminates. It does not reset by
+itself: `VectorEnv` does.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import error
+
+from limberjack import suite
+from limberjack.gym import arguments
+from limberjack.gym.observations import Observations, Part, action_space
+from limberjack.rl import control
+
+__all__ = ["Env", "load"]
+
+
+class Env(gymnasium.Env):
+    """One simulation; see the module's docstring.
+
+    `layout` says where each observation stands in the flat array: `Part`s of name, slice, shape.
+    The info of a step has `reward_terms`, the terms of the reward by name, and `success`, whether
+    the goal is reached now, where the task has them. The info of a reset is empty.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
+        "render_modes": arguments.RENDER_MODES
+    }
+
+    def __init__(
+        self,
+        environment: control.Environment,
+        *,
+        flat: bool = False,
+        dtype: Any = "float64",
+        render_mode: str | None = None,
+        render_kwargs: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Takes over an environment, of the suite or your own.
+
+        Args:
+          environment: it must not be used elsewhere.
+          flat: observations are one array (see `layout`) instead of a dict.
+          dtype: 'float64', or 'float32', of observations and of the action space.
+          render_mode: None or 'rgb_array'.
+          render_kwargs: keyword arguments of `Physics.render`, such as {'camera_id': 'side'}.
+
+        Raises:
+          ValueError: there is no such dtype or render mode.
+        """
+        self._observations = Observations(environment.observation_spec(), flat, dtype)
+        self.layout: tuple[Part, ...] = self._observations.layout
+        self.observation_space = self._observations.space
+        self.action_space = action_space(environment.action_spec(), self._observations.dtype)
+        self.render_mode = arguments.render_mode(render_mode)
+        self.metadata = {**self.metadata, "render_fps": round(1 / environment.control_timestep())}
+        self._render_kwargs = dict(render_kwargs or {})
+        self._environment = environment
+        self._closed = False
+
+    @property
+    def environment(self) -> control.Environment:
+        """The dm_env environment, with its `physics` and `task`."""
+        return self._environment
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begins an episode; returns its first observation and an empty info.
+
+        Args:
+          seed: the episode is the first of `RandomState(seed)`; None lets the stream go on.
+          options: none are known; they are ignored.
+
+        Raises:
+          ValueError: the seed is not between 0 and 2**32 - 1.
+        """
+        self._check_open()
+        if seed is not None:
+            number = arguments.seed_of_a_stream(seed)
+            super().reset(seed=number)
+            self._environment.task._random = np.random.RandomState(number)
+        return self._observations.of_one(self._environment.reset().observation), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Applies the action; returns observation, reward, terminated, truncated, info.
+
+        Raises:
+          ResetNeeded: there is no episode, or it has ended.
+          ValueError, TypeError: the action is not a finite array of the space's shape; nothing has
+            moved.
+          PhysicsError: the simulation diverged; `reset` begins anew.
+        """
+        self._check_open()
+        environment = self._environment
+        if environment._reset_next_step:
+            raise error.ResetNeeded("no episode is running: call reset() before step()")
+        time_step = environment.step(action)
+        is_last = time_step.last()
+        truncated = bool(is_last and environment._step_count >= environment._step_limit)
+        observation = self._observations.of_one(time_step.observation)
+        reward = float(time_step.reward)
+        return observation, reward, is_last and not truncated, truncated, self._info()
+
+    def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """A picture of the present state, (height, width, 3) uint8; None without a render mode."""
+        self._check_open()
+        if self.render_mode is None:
+            return None
+        return self._environment.physics.render(**self._render_kwargs)
+
+    def close(self) -> None:
+        """Frees the simulation; closing twice is fine, using it later is an error."""
+        if not self._closed:
+            self._closed = True
+            self._environment.close()
+
+    def _info(self) -> dict[str, Any]:
+        """What the reward of the last step is made of."""
+        task = self._environment.task
+        if not getattr(task.get_reward, "from_terms", False):
+            return {}
+        terms = task.reward_terms(self._environment.physics)
+        info: dict[str, Any] = {"reward_terms": {name: float(v) for name, v in terms.items()}}
+        if task.GOAL:
+            info["success"] = bool(task.is_success(terms))
+        return info
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise error.ClosedEnvironmentError("this environment is closed: make a new one")
+
+
+def load(
+    domain: str,
+    task: str,
+    *,
+    time_limit: float | None = None,
+    task_kwargs: Mapping[str, Any] | None = None,
+    environment_kwargs: Mapping[str, Any] | None = None,
+    flat: bool = False,
+    dtype: Any = "float64",
+    render_mode: str | None = None,
+    render_kwargs: Mapping[str, Any] | None = None,
+) -> Env:
+    """An environment of the suite: what `gymnasium.make` calls.
+
+    Args:
+      domain: such as 'humanoid'.
+      task: such as 'walk'.
+      time_limit: length of an episode, seconds; None for the task's own.
+      task_kwargs: see `suite.load`.
+      environment_kwargs: see `suite.load`.
+      flat, dtype, render_mode, render_kwargs: see `Env`.
+    """
+    task_kwargs = arguments.task_arguments(task_kwargs, time_limit)
+    return Env(
+        suite.load(domain, task, task_kwargs, environment_kwargs),
+        flat=flat,
+        dtype=dtype,
+        render_mode=render_mode,
+        render_kwargs=render_kwargs,
+    )
+
+
+# So that `gymnasium.make` knows what 'human' and 'rgb_array_list' can be made of.
+load.metadata = Env.metadata  # pyright: ignore[reportFunctionMemberAccess]

@@ -1,0 +1,99 @@
+"""Two halves of a batch: a worker thread for each, and what they return joined.
+
+The threads are those of `concurrent.futures`, which the interpreter joins before it exits, so that
+none is ever stopped in the middle of a step. They start with the first `send`.
+"""
+
+import collections
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+__all__ = ["Workers", "joined"]
+
+
+class Workers:
+    """A thread for each half; each runs one job at a time, received in the order sent."""
+
+    def __init__(self, count: int) -> None:
+        """Makes `count` workers, without starting their threads."""
+        self._count = count
+        self._forget()
+
+    def _forget(self) -> None:
+        self._process = os.getpid()
+        self._threads: dict[int, ThreadPoolExecutor] = {}
+        self._sent: collections.deque[tuple[int, Future]] = collections.deque()
+
+    @property
+    def busy(self) -> list[int]:
+        """The halves that were sent and not received, in that order."""
+        if self._process != os.getpid():  # forked: there are no threads here
+            self._forget()
+        return [half for half, _ in self._sent]
+
+    def check_idle(self) -> None:
+        """Raises RuntimeError if a half was sent and not received."""
+        if self.busy:
+            raise RuntimeError(f"halves {self.busy} were sent: receive them with recv() first")
+
+    def send(self, half: int, job: Callable[..., Any], *given: Any) -> None:
+        """Lets a half's thread call `job(*given)`."""
+        if half in self.busy:
+            raise RuntimeError(f"half {half} was sent already: receive it with recv() first")
+        if half not in self._threads:
+            self._threads[half] = ThreadPoolExecutor(1, f"limberjack-half-{half}")
+        self._sent.append((half, self._threads[half].submit(job, *given)))
+
+    def receive(self) -> tuple[int, Any]:
+        """The half that was sent first, and what its job returned; or raises what it raised.
+
+        Ctrl-C while it waits loses nothing: the next call waits for the same half.
+        """
+        if not self.busy:
+            raise RuntimeError("nothing was sent in this process: call send() before recv()")
+        half, future = self._sent[0]
+        future.exception()  # waits
+        self._sent.popleft()
+        return half, future.result()
+
+    def close(self) -> None:
+        """Waits for what is under way and ends the threads."""
+        if self._process == os.getpid():
+            for thread in self._threads.values():
+                thread.shutdown()
+        self._forget()
+
+    def __getstate__(self) -> dict[str, int]:
+        self.check_idle()
+        return {"count": self._count}
+
+    def __setstate__(self, state: dict[str, int]) -> None:
+        self.__init__(state["count"])
+
+
+def joined(parts: Sequence[Any], sizes: Sequence[int]) -> Any:
+    """Arrays, or equally named dicts of them, one after the other along the first axis.
+
+    Args:
+      parts: one for each half; None where a half has none, which counts as zeros, or for objects
+        as None.
+      sizes: rows of each half.
+    """
+    given = next(part for part in parts if part is not None)
+    if isinstance(given, dict):
+        names = list(dict.fromkeys(name for part in parts if part for name in part))
+        return {name: joined([(part or {}).get(name) for part in parts], sizes) for name in names}
+    filled = [
+        _nothing(given, size) if part is None else part
+        for part, size in zip(parts, sizes, strict=True)
+    ]
+    return np.concatenate(filled)
+
+
+def _nothing(like: np.ndarray, size: int) -> np.ndarray:
+    shape = (size, *like.shape[1:])
+    return np.full(shape, None) if like.dtype == object else np.zeros(shape, like.dtype)

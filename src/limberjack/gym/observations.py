@@ -1,0 +1,123 @@
+"""Observations as Gymnasium wants them: a dict or one flat array, of one number type.
+
+layout = Observations(environment.observation_spec(), flat=True, dtype="float32").layout
+for name, columns, shape in layout:
+    print(name, flat_observation[..., columns].reshape(*leading, *shape))
+"""
+
+import collections
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from dm_env import specs
+from gymnasium import spaces
+
+__all__ = ["Observations", "Part", "action_space", "specs_of_one_row"]
+
+# MuJoCo calls a state beyond this diverged, so no observation lies there.
+_BOUND = mujoco.mjMAXVAL
+
+
+class Part(NamedTuple):
+    """Where an observation stands in the flat array: in `slice`, in row-major order."""
+
+    name: str
+    slice: slice
+    shape: tuple[int, ...]
+
+
+class Observations:
+    """The form in which observations are given: dict or flat, and the number type.
+
+    `layout` has the flat array's parts, in its order, which is also that of the dict; `space` is
+    the space of one simulation's observation.
+    """
+
+    def __init__(self, of_one: Mapping[str, specs.Array], flat: bool, dtype: Any) -> None:
+        """Takes the specs of one simulation's observations.
+
+        Raises:
+          ValueError: `dtype` is neither float64 nor float32.
+        """
+        self.dtype = _float_type(dtype)
+        self.flat = flat
+        self.layout = _layout({name: tuple(spec.shape) for name, spec in of_one.items()})
+        self._size = self.layout[-1].slice.stop if self.layout else 0
+        self.space: Any = self._box((self._size,)) if flat else self._dict_space()
+
+    def of_one(self, observation: Mapping[str, Any]) -> Any:
+        """One simulation's observation, in arrays of its own."""
+        if not self.flat:
+            return {part.name: np.array(observation[part.name], self.dtype) for part in self.layout}
+        joined = np.empty(self._size, self.dtype)
+        for name, where, _ in self.layout:
+            joined[where] = np.ravel(observation[name])
+        return joined
+
+    def buffer(self, num_envs: int) -> np.ndarray | None:
+        """An array for `of_batch` to write to; None where it has no use for one."""
+        return np.empty((num_envs, self._size), self.dtype) if self.flat else None
+
+    def of_batch(self, observation: Mapping[str, Any], buffer: np.ndarray | None) -> Any:
+        """A batch's observation, in arrays of its own or in the buffer.
+
+        Args:
+          observation: arrays of (num_envs, ...) that nobody else uses.
+          buffer: as made by `buffer`.
+        """
+        if buffer is None:
+            # The same type of number is no reason for a copy.
+            return {
+                part.name: observation[part.name].astype(self.dtype, copy=False)
+                for part in self.layout
+            }
+        for name, where, _ in self.layout:
+            buffer[:, where] = observation[name].reshape(len(buffer), -1)
+        return buffer
+
+    def copies_of_rows(self, observation: Any, rows: np.ndarray) -> list[Any]:
+        """The observations of some rows of what `of_batch` gave, each as `of_one` gives it."""
+        if self.flat:
+            return list(observation[rows])
+        kept = {name: values[rows] for name, values in observation.items()}
+        return [{name: values[i, ...] for name, values in kept.items()} for i in range(len(rows))]
+
+    def _dict_space(self) -> spaces.Dict:
+        boxes = [(part.name, self._box(part.shape)) for part in self.layout]
+        return spaces.Dict(collections.OrderedDict(boxes))
+
+    def _box(self, shape: tuple[int, ...]) -> spaces.Box:
+        return spaces.Box(-_BOUND, _BOUND, shape, self.dtype.type)
+
+
+def specs_of_one_row(batched: Mapping[str, specs.Array]) -> dict[str, specs.Array]:
+    """The specs of one simulation's observations, from those of a batch."""
+    return {name: specs.Array(spec.shape[1:], spec.dtype) for name, spec in batched.items()}
+
+
+def action_space(spec: specs.BoundedArray, dtype: np.dtype) -> spaces.Box:
+    """The space of one simulation's actions; its numbers are of the observations' type."""
+    low, high = (np.broadcast_to(b, spec.shape).astype(dtype) for b in (spec.minimum, spec.maximum))
+    return spaces.Box(low, high, spec.shape, dtype.type)
+
+
+def _layout(shapes: Mapping[str, tuple[int, ...]]) -> tuple[Part, ...]:
+    parts, start = [], 0
+    for name, shape in shapes.items():
+        stop = start + math.prod(shape)
+        parts.append(Part(name, slice(start, stop), shape))
+        start = stop
+    return tuple(parts)
+
+
+def _float_type(dtype: Any) -> np.dtype:
+    try:
+        found = np.dtype(dtype)
+    except TypeError:
+        found = np.dtype(object)
+    if dtype is None or found.name not in ("float64", "float32"):
+        raise ValueError(f"dtype is {dtype!r}; expected 'float64' or 'float32'")
+    return found

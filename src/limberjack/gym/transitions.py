@@ -1,0 +1,150 @@
+"""`Transitions`: a `BatchEnvironment` told in Gymnasium's terms, in one of three autoreset modes.
+
+What a row of a step is when the row's episode has ended differs by mode: see docs/batches.md.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import dm_env
+import numpy as np
+from gymnasium import error
+from gymnasium.vector import AutoresetMode
+
+from limberjack.gym.observations import Observations
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.guards import check_actions
+from limberjack.rl.randomize import stream_beside
+
+__all__ = ["Step", "Transitions"]
+
+# Observation, reward, terminated, truncated, info. Any: an array, or a dict of arrays.
+Step = tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+
+_FIRST, _LAST = int(dm_env.StepType.FIRST), int(dm_env.StepType.LAST)
+
+
+class Transitions:
+    """Resets and steps of a batch."""
+
+    def __init__(
+        self, batch: BatchEnvironment, mode: AutoresetMode, observations: Observations, copy: bool
+    ) -> None:
+        """Takes over a batch.
+
+        Args:
+          batch: it must not be used elsewhere at the same time.
+          mode: when a row whose episode has ended begins the next one.
+          observations: how observations are given.
+          copy: give observations in new arrays each time, else in the same one where that is
+            quicker.
+        """
+        self.batch = batch
+        self._mode = mode
+        self._observations = observations
+        self._copies = copy
+        self._buffer = None if copy else observations.buffer(batch.num_envs)
+
+    def reset(self, seeds: Sequence[int | None], mask: np.ndarray | None) -> Any:
+        """Begins an episode in every row or in those of the mask; returns the observation.
+
+        Args:
+          seeds: of each row's random stream, which goes on where it is None.
+          mask: (num_envs,), None for all.
+        """
+        batch = self.batch
+        rows = np.arange(batch.num_envs) if mask is None else np.flatnonzero(mask)
+        for row in rows.tolist():
+            seed = seeds[row]
+            if seed is not None:
+                batch._streams[row] = np.random.RandomState(seed)
+                batch._draw_streams[row] = stream_beside(batch._streams[row])
+        return self._told(batch.reset(None if mask is None else rows).observation)
+
+    def step(self, actions: Any) -> Step:
+        """Steps every row.
+
+        Raises:
+          ResetNeeded: an episode has ended that the mode does not follow by another.
+          ValueError, TypeError, PhysicsError: see `BatchEnvironment.step`.
+        """
+        batch = self.batch
+        self.check_begun()
+        time_step = batch.step(actions)
+        observation = self._told(time_step.observation)
+        step_type = time_step.step_type
+        last = step_type == _LAST
+        truncated = np.zeros(batch.num_envs, bool)
+        any_last = last.any()
+        if any_last:
+            truncated = last & (batch._step_count >= batch._step_limit) & ~batch.diverged
+        if any_last and self._mode is AutoresetMode.SAME_STEP:
+            observation, info = self._begin_anew(last, observation)
+        else:
+            info = self._info(step_type != _FIRST)
+        return observation, time_step.reward, last & ~truncated, truncated, info
+
+    def checked(self, actions: Any) -> np.ndarray:
+        """A copy of the actions, refused now if `step` would refuse them."""
+        self.check_begun()
+        batch = self.batch
+        return np.array(check_actions(actions, batch.action_spec().shape, batch._begins))
+
+    def check_begun(self) -> None:
+        """Raises ResetNeeded if rows wait for a reset that the mode leaves to the user."""
+        if self._mode is AutoresetMode.NEXT_STEP:
+            return
+        waiting = np.flatnonzero(self.batch._begins)
+        if waiting.size:
+            raise error.ResetNeeded(
+                f"no episode is running in rows {waiting.tolist()}: reset them with "
+                "options={'reset_mask': mask}; nothing was stepped"
+            )
+
+    def frames(self, render_kwargs: dict[str, Any]) -> list[np.ndarray]:
+        """A picture of every row's present state, (height, width, 3) uint8 each."""
+        physics = self.batch.physics
+        fields = self.batch._saved_fields
+        pictures = []
+        for row in range(self.batch.num_envs):
+            physics.single.load_rows(physics.save_rows(np.array([row]), fields), None)
+            pictures.append(physics.single.render(**render_kwargs))
+        return pictures
+
+    def _begin_anew(self, last: np.ndarray, observation: Any) -> tuple[Any, dict[str, Any]]:
+        """Begins the next episode of rows; what they ended with goes into the info."""
+        ended = np.flatnonzero(last)
+        final = np.full(len(last), None, object)
+        for row, one in zip(
+            ended, self._observations.copies_of_rows(observation, ended), strict=True
+        ):
+            final[row] = one
+        info = self._info(~last)
+        info |= {"final_obs": final, "_final_obs": last}
+        info |= {"final_info": self._info(last), "_final_info": last}
+        return self._told(self.batch.reset(ended).observation), info
+
+    def _info(self, rows: np.ndarray) -> dict[str, Any]:
+        """What the last step's reward is made of, in some rows, and which diverged.
+
+        Args:
+          rows: mask of the rows that this is said of; the others have zeros.
+        """
+        batch = self.batch
+        info: dict[str, Any] = {"diverged": batch.diverged.copy()}
+        terms = batch.reward_terms
+        if not terms:
+            return info
+        success = batch.task.is_success(terms) if batch.task.GOAL else None
+        rows = rows & ~batch.diverged
+        told = {name: np.where(rows, values, 0.0) for name, values in terms.items()}
+        info |= {"reward_terms": told, "_reward_terms": rows}
+        if success is not None:
+            info |= {"success": success & rows, "_success": rows}
+        return info
+
+    def _told(self, observation: Any) -> Any:
+        if self._copies:
+            buffer = self._observations.buffer(self.batch.num_envs)
+            return self._observations.of_batch(observation, buffer)
+        return self._observations.of_batch(observation, self._buffer)

@@ -1,0 +1,270 @@
+"""`VectorEnv`: a batch of simulations as a `gymnasium.vector.VectorEnv`.
+
+    envs = load_vector("humanoid", "walk", num_envs=256, flat=True, dtype="float32")
+    observations, info = envs.reset(seed=0)
+    observations, rewards, terminated, truncated, info = envs.step(actions)    # (256, 21)
+
+Row i is `Env` with seed `seed + i`, bit for bit. The time limit truncates; only the task and
+divergence terminate. What a row of a step is when its episode ends depends on `autoreset_mode`,
+which docs/batches.md explains with a picture.
+
+With `pipelined=True` the rows are two halves that are stepped in turn, on a thread each, while the
+policy works on the other half's observations:
+
+    observations, info = envs.reset(seed=0)
+    for half, rows in enumerate(envs.halves):
+        envs.send(policy(observations[rows]), half)
+    for step in range(1000):
+        for half in (0, 1):
+            observations, rewards, terminated, truncated, info = envs.recv()  # the half sent first
+            envs.send(policy(observations), half)
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import error
+from gymnasium import vector as gymnasium_vector
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from limberjack import suite
+from limberjack.gym import arguments
+from limberjack.gym.halves import Workers, joined
+from limberjack.gym.observations import Observations, Part, action_space, specs_of_one_row
+from limberjack.gym.transitions import Step, Transitions
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.guards import at_least_one
+
+__all__ = ["VectorEnv", "load_vector"]
+
+
+class VectorEnv(gymnasium_vector.VectorEnv):
+    """A batch, or two halves of one; see the module's docstring.
+
+    `layout` says where each observation stands in the flat array: `Part`s of name, slice, shape.
+    `batches` has the batch or the halves, for snapshots and physics; `halves` the rows of each.
+    The info of a step has `reward_terms`, (num_envs,) by name, and `success`, booleans, where the
+    task has them, and `diverged`; that of a reset is empty.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
+        "render_modes": arguments.RENDER_MODES
+    }
+
+    def __init__(
+        self,
+        *batches: BatchEnvironment,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        flat: bool = False,
+        dtype: Any = "float64",
+        copy: bool = True,
+        render_mode: str | None = None,
+        render_kwargs: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Takes over a batch, or two for pipelining.
+
+        Args:
+          batches: of the suite or your own task; they must not be used elsewhere at the same time.
+          autoreset_mode: when a row whose episode has ended begins the next one.
+          flat: observations are one array (see `layout`) instead of a dict.
+          dtype: 'float64', or 'float32', of observations and of the action space.
+          copy: observations are new arrays each time; False allows that they are overwritten by the
+            next step or reset.
+          render_mode: None or 'rgb_array'.
+          render_kwargs: keyword arguments of `Physics.render`, such as {'camera_id': 'side'}.
+
+        Raises:
+          ValueError: there are not one or two batches, or no such mode or dtype.
+        """
+        if len(batches) not in (1, 2):
+            raise ValueError(f"there are {len(batches)} batches; expected one, or two halves")
+        mode = arguments.autoreset_mode(autoreset_mode)
+        self.render_mode = arguments.render_mode(render_mode)
+        self._render_kwargs = dict(render_kwargs or {})
+        self.batches = batches
+        sizes = [batch.num_envs for batch in batches]
+        self.num_envs = sum(sizes)
+        self.halves = tuple(slice(sum(sizes[:i]), sum(sizes[: i + 1])) for i in range(len(batches)))
+        self._set_spaces(flat, dtype)
+        self._parts = [Transitions(batch, mode, self._observations, copy) for batch in batches]
+        self._workers = Workers(len(batches))
+        self._was_reset = False
+        timestep = batches[0].physics.single.timestep() * batches[0]._n_sub_steps
+        fps = round(1 / timestep)
+        self.metadata = {**self.metadata, "render_fps": fps, "autoreset_mode": mode}
+
+    def _set_spaces(self, flat: bool, dtype: Any) -> None:
+        batch = self.batches[0]
+        self._observations = Observations(specs_of_one_row(batch.observation_spec()), flat, dtype)
+        self.layout: tuple[Part, ...] = self._observations.layout
+        spec = batch.task.action_spec(batch.physics.single)
+        self.single_action_space = action_space(spec, self._observations.dtype)
+        self.single_observation_space = self._observations.space
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+
+    # Gymnasium's own vector environments take sequences of seeds as well.
+    def reset(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begins an episode in every row, or in some; returns the observations and an empty info.
+
+        Args:
+          seed: row i begins the first episode of `RandomState(seed + i)`; or one for each row;
+            where None the stream goes on.
+          options: `{"reset_mask": mask}`, (num_envs,) booleans, resets some rows only; the others
+            are as they were. Anything else is ignored; nothing is changed in it.
+
+        Raises:
+          ValueError, TypeError: a seed or the mask is not as it should be; nothing was reset.
+        """
+        self._check_open()
+        self._workers.check_idle()
+        seeds = arguments.row_seeds(seed, self.num_envs)
+        mask = arguments.reset_mask(options, self.num_envs)
+        if isinstance(seed, int):
+            super().reset(seed=seed)
+        told = []
+        for part, rows in zip(self._parts, self.halves, strict=True):
+            told.append(part.reset(seeds[rows], None if mask is None else mask[rows]))
+        self._was_reset = True
+        return self._joined(told), {}
+
+    def step(self, actions: Any) -> Step:
+        """Steps every row; returns observations, rewards, terminated, truncated, info.
+
+        Raises:
+          ResetNeeded: there was no reset, or an episode has ended and `autoreset_mode` is DISABLED.
+          ValueError, TypeError: the actions are not finite numbers, one row for each environment;
+            nothing was stepped.
+          PhysicsError: a row diverged and `on_divergence` is 'raise'.
+        """
+        self._check_begun()
+        self._workers.check_idle()
+        if len(self._parts) == 1:
+            return self._parts[0].step(actions)
+        if np.shape(actions) != self.action_space.shape:
+            raise ValueError(
+                f"actions have shape {np.shape(actions)}; expected {self.action_space.shape}: one "
+                "row for each environment"
+            )
+        # All of them before anything is stepped.
+        halves = zip(self._parts, self.halves, strict=True)
+        checked = [part.checked(np.asarray(actions)[rows]) for part, rows in halves]
+        steps = [part.step(given) for part, given in zip(self._parts, checked, strict=True)]
+        observation, *flags, info = (self._joined(parts) for parts in zip(*steps, strict=True))
+        return observation, flags[0], flags[1], flags[2], info
+
+    def send(self, actions: Any, half: int) -> None:
+        """Begins to step a half, while the caller goes on; `recv` returns what follows.
+
+        Args:
+          actions: one row for each of the half's; they are copied.
+          half: 0 or 1.
+
+        Raises:
+          RuntimeError: the environment is not pipelined, or the half was not received yet.
+          ValueError: there is no such half.
+          ResetNeeded, ValueError, TypeError: as `step`; nothing was stepped.
+        """
+        self._check_begun()
+        if len(self._parts) != 2:
+            raise RuntimeError("this environment has no halves: make it with pipelined=True")
+        if half not in (0, 1):
+            raise ValueError(f"half is {half!r}; expected 0 or 1")
+        if half in self._workers.busy:
+            raise RuntimeError(f"half {half} was sent already: receive it with recv() first")
+        part = self._parts[half]
+        self._workers.send(half, part.step, part.checked(actions))
+
+    def recv(self) -> Step:
+        """Waits for the half that was sent first; returns what `step` returns, for its rows.
+
+        `info["env_id"]` has the numbers of the rows.
+
+        Raises:
+          RuntimeError: nothing was sent.
+          PhysicsError: as `step`.
+        """
+        self._check_open()
+        half, (*step, info) = self._workers.receive()
+        rows = self.halves[half]
+        return *step, {**info, "env_id": np.arange(rows.start, rows.stop)}
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """A picture of each row's present state, (height, width, 3) uint8; None without a mode."""
+        self._check_open()
+        self._workers.check_idle()
+        if self.render_mode is None:
+            return None
+        return tuple(frame for part in self._parts for frame in part.frames(self._render_kwargs))
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Waits for what is under way and frees the batch; `close` calls it, once."""
+        self._workers.close()
+        for batch in self.batches:
+            batch.close()
+
+    def _joined(self, parts: Sequence[Any]) -> Any:
+        return parts[0] if len(parts) == 1 else joined(parts, [b.num_envs for b in self.batches])
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise error.ClosedEnvironmentError("this environment is closed: make a new one")
+
+    def _check_begun(self) -> None:
+        self._check_open()
+        if not self._was_reset:
+            raise error.ResetNeeded("no episode is running: call reset() before step()")
+
+
+def load_vector(
+    domain: str,
+    task: str,
+    num_envs: int,
+    *,
+    time_limit: float | None = None,
+    task_kwargs: Mapping[str, Any] | None = None,
+    environment_kwargs: Mapping[str, Any] | None = None,
+    num_threads: int | None = None,
+    on_divergence: str = "end",
+    pipelined: bool = False,
+    **kwargs: Any,
+) -> VectorEnv:
+    """A vector environment of the suite: what `gymnasium.make_vec` calls.
+
+    Args:
+      domain: such as 'humanoid'.
+      task: such as 'walk'.
+      num_envs: number of rows.
+      time_limit: length of an episode, seconds; None for the task's own.
+      task_kwargs: see `suite.load_batch`.
+      environment_kwargs: see `suite.load_batch`.
+      num_threads: threads that step the rows; by default the cores that this process may use.
+      on_divergence: see `suite.load_batch`.
+      pipelined: make two halves, for `send` and `recv`.
+      kwargs: autoreset_mode, flat, dtype, copy, render_mode, render_kwargs: see `VectorEnv`.
+    """
+    num_envs = at_least_one("num_envs", num_envs)
+    if pipelined and num_envs == 1:
+        raise ValueError("num_envs is 1; expected at least 2 for two halves")
+    sizes = [num_envs - num_envs // 2, num_envs // 2] if pipelined else [num_envs]
+    arguments_of_task = arguments.task_arguments(task_kwargs, time_limit)
+    batches = [
+        suite.load_batch(
+            domain,
+            task,
+            size,
+            num_threads,
+            task_kwargs=arguments_of_task,
+            environment_kwargs=environment_kwargs,
+            on_divergence=on_divergence,
+        )
+        for size in sizes
+    ]
+    return VectorEnv(*batches, **kwargs)

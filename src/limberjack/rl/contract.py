@@ -1,0 +1,98 @@
+"""What an `Environment` is made of: the contracts of `Physics` and `Task`.
+
+Programs take them from `limberjack.rl.control`.
+"""
+
+import abc
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+__all__ = ["Physics", "PhysicsError", "Task"]
+
+
+class PhysicsError(RuntimeError):
+    """The simulation diverged: its state is no longer meaningful."""
+
+
+class Physics(abc.ABC):
+    """What an `Environment` and a `Task` need of a simulation."""
+
+    # Whether position and velocity dependent quantities are up to date after a step
+    # (https://arxiv.org/abs/2006.12983, page 6).
+    legacy_step: bool = True
+
+    @abc.abstractmethod
+    def step(self, n_sub_steps: int = 1) -> None:
+        """Advances the simulation by `n_sub_steps` time steps."""
+
+    @abc.abstractmethod
+    def time(self) -> float:
+        """Simulated time since the reset, seconds."""
+
+    @abc.abstractmethod
+    def timestep(self) -> float:
+        """Length of one time step, seconds."""
+
+    def set_control(self, control: Any) -> None:
+        """Sets the control signals of the actuators."""
+        raise NotImplementedError(f"{type(self).__name__} does not define set_control")
+
+    @contextlib.contextmanager
+    def reset_context(self) -> Iterator["Physics"]:
+        """Resets on entry; on exit makes every quantity follow the state set within."""
+        # A model whose default state diverges can still be given a good one.
+        with contextlib.suppress(PhysicsError):
+            self.reset()
+        yield self
+        self.after_reset()
+
+    @abc.abstractmethod
+    def reset(self) -> None:
+        """Returns the simulation to its default state."""
+
+    @abc.abstractmethod
+    def after_reset(self) -> None:
+        """Makes every quantity follow the state, without advancing time."""
+
+    def check_divergence(self) -> None:  # noqa: B027 (an optional hook)
+        """Raises `PhysicsError` if the state has diverged. Does nothing by default."""
+
+
+class Task(abc.ABC):
+    """What an episode starts from, what the agent sees, what it is rewarded for."""
+
+    @abc.abstractmethod
+    def initialize_episode(self, physics: Any) -> None:
+        """Sets the state an episode starts from, within `physics.reset_context()`."""
+
+    @abc.abstractmethod
+    def before_step(self, action: Any, physics: Any) -> None:
+        """Applies the action, before the physics is stepped."""
+
+    def after_step(self, physics: Any) -> None:  # noqa: B027 (an optional hook)
+        """Called after the physics is stepped, before anything is read."""
+
+    @abc.abstractmethod
+    def action_spec(self, physics: Any) -> Any:
+        """A `dm_env.specs.BoundedArray` of valid actions, or a nested structure of them."""
+
+    def step_spec(self, physics: Any) -> Any:
+        """A spec of what `step` returns; tasks need not define it."""
+        raise NotImplementedError(f"{type(self).__name__} does not define step_spec")
+
+    @abc.abstractmethod
+    def get_observation(self, physics: Any) -> Any:
+        """The observation: a mapping from names to arrays."""
+
+    @abc.abstractmethod
+    def get_reward(self, physics: Any) -> Any:
+        """The reward of the last step."""
+
+    def get_termination(self, physics: Any) -> float | None:
+        """The final discount if the episode ends here, None if it goes on."""
+        return None
+
+    def observation_spec(self, physics: Any) -> Any:
+        """The spec of the observation; left undefined, it is read off an observation."""
+        raise NotImplementedError(f"{type(self).__name__} does not define observation_spec")

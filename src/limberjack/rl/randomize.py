@@ -1,0 +1,92 @@
+"""Domain randomisation: fields of the model drawn anew at the start of each episode.
+
+    randomize = {"geom_friction": scale(0.7, 1.3), "opt.gravity": shift([-1, 0, 0], [1, 0, 0])}
+    env = suite.load("humanoid", "walk", environment_kwargs={"randomize": randomize})
+    env.reset()
+    env.randomization["geom_friction"]     # what was drawn
+
+A mapping names fields of `mujoco.MjModel` (those of its options as 'opt.gravity') and how each is
+drawn: by `scale`, `shift`, or a function of a `RandomState` and the model's own values that returns
+values of the same shape. The draws come from a stream beside the one that starts are drawn from,
+so the starts stay those without randomisation; a row of a batch draws what the single environment
+with its seed draws.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+__all__ = ["Draw", "Randomizer", "scale", "shift", "stream_beside"]
+
+Draw = Callable[[np.random.RandomState, np.ndarray], Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class scale:  # noqa: N801 (reads as a verb where it is used)
+    """Values times a factor drawn uniformly for each object, such as each geom."""
+
+    lower: float
+    upper: float
+
+    def __call__(self, random: np.random.RandomState, nominal: np.ndarray) -> np.ndarray:
+        # One number for each row, which broadcasts over the row's columns.
+        shape = nominal.shape[:1] + (1,) * (nominal.ndim - 1)
+        return nominal * random.uniform(self.lower, self.upper, shape)
+
+
+@dataclasses.dataclass(frozen=True)
+class shift:  # noqa: N801
+    """Values plus an amount drawn uniformly for each number; the bounds broadcast."""
+
+    lower: Any  # a number or a sequence
+    upper: Any
+
+    def __call__(self, random: np.random.RandomState, nominal: np.ndarray) -> np.ndarray:
+        return nominal + random.uniform(self.lower, self.upper, nominal.shape)
+
+
+def stream_beside(random: np.random.RandomState) -> np.random.RandomState:
+    """A stream that follows from the present state of another, which does not notice."""
+    _, key, position, *_ = random.get_state(legacy=True)
+    return np.random.RandomState(np.append(np.asarray(key, np.uint32), np.uint32(position)))
+
+
+class Randomizer:
+    """A mapping of draws, checked against a model."""
+
+    def __init__(self, mapping: Mapping[str, Draw], physics: Any) -> None:
+        """Takes the model's present values as those that are varied.
+
+        Raises:
+          ValueError: the model has no such field, or it is part of the model's structure.
+          TypeError: a draw is not a function.
+        """
+        for name, draw in mapping.items():
+            if not callable(draw):
+                raise TypeError(
+                    f"randomize[{name!r}] is {draw!r}; expected scale(...), shift(...) or a "
+                    "function of a RandomState and the nominal values"
+                )
+        self.mapping = dict(mapping)
+        self.fields = tuple(self.mapping)
+        self._nominal = physics.nominal_fields(self.fields)
+
+    def draw(self, random: np.random.RandomState) -> dict[str, np.ndarray]:
+        """Values for one episode, by field.
+
+        Raises:
+          ValueError: a draw gave another shape, or something not finite.
+        """
+        drawn = {}
+        for name, draw in self.mapping.items():
+            nominal = self._nominal[name]
+            values = np.asarray(draw(random, nominal.copy()), nominal.dtype)
+            if values.shape != nominal.shape or not np.isfinite(values).all():
+                raise ValueError(
+                    f"randomize[{name!r}] drew an array of shape {values.shape}; expected finite "
+                    f"numbers of shape {nominal.shape}, that of the model's field"
+                )
+            drawn[name] = values
+        return drawn

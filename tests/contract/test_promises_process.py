@@ -1,0 +1,302 @@
+"""What the library does to the process it runs in: nothing. Each test is a Python of its own."""
+
+import os
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+from programs import run
+
+_PLAY_ALL = """
+import numpy as np
+from limberjack import suite
+from limberjack.rl import control
+
+def play(env, steps=3):
+    time_step = env.reset()
+    for _ in range(steps):
+        time_step = env.step(np.zeros(env.action_spec().shape))
+    return time_step
+
+def diverge(env):
+    env.physics.data.qvel[:] = np.nan
+    try:
+        env.step(np.zeros(env.action_spec().shape))
+    except control.PhysicsError as error:
+        return error
+    raise AssertionError("it did not diverge")
+
+def play_all():
+    for task in suite.ALL_TASKS:
+        env = suite.load(*task)
+        env.observation_spec()
+        play(env)
+        env.close()
+"""
+_OPENGL = """
+import sys
+opengl = [name for name in sys.modules if name.split(".")[0] in ("OpenGL", "glfw", "EGL")]
+opengl += [name for name in sys.modules if name in ("mujoco.egl", "mujoco.osmesa", "mujoco.glfw")]
+assert not opengl, opengl
+"""
+_HAS_FORK = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
+_HAS_STATM = pytest.mark.skipif(
+    not os.path.exists("/proc/self/statm"), reason="this system does not tell the memory in use"
+)
+_DRAWS = pytest.mark.skipif(
+    os.environ.get("MUJOCO_GL") == "disable", reason="there is no off-screen OpenGL"
+)
+
+
+def program(*parts: str) -> str:
+    """A program of several texts, each at any indentation."""
+    return "\n".join(textwrap.dedent(part) for part in parts)
+
+
+def test_nothing_is_printed_or_written_and_no_global_state_is_touched(tmp_path: Path) -> None:
+    # Diverging included: MuJoCo alone would write MUJOCO_LOG.TXT.
+    look = """
+    import locale, logging, os, random, signal, sys, threading, warnings
+    import numpy as np
+    os.chdir(sys.argv[1])
+
+    def look():
+        root = logging.getLogger()
+        return {
+            "NumPy's stream": str(np.random.get_state()),
+            "random's stream": random.getstate(),
+            "NumPy's settings": (np.geterr(), np.get_printoptions()),
+            "warning filters": list(warnings.filters),
+            "showwarning": (warnings.showwarning, sys.excepthook, sys.unraisablehook),
+            "signal handlers": [signal.getsignal(number) for number in signal.valid_signals()],
+            "working directory": (os.getcwd(), os.listdir()),
+            "environment": dict(os.environ),
+            "streams": (sys.stdout, sys.stderr),
+            "logging": (root.level, list(root.handlers), logging.lastResort),
+            "threads": threading.enumerate(),
+            "limits": (sys.getrecursionlimit(), sys.getswitchinterval(), sys.gettrace()),
+            "locale": locale.setlocale(locale.LC_ALL),
+        }
+
+    before = look()
+    """
+    compare = """
+    after = look()
+    assert not [name for name in before if after[name] != before[name]], after
+    play_all()
+    for task in suite.ALL_TASKS:
+        env = suite.load(*task)
+        play(env)
+        diverge(env)
+    after = look()
+    assert not [name for name in before if after[name] != before[name]], after
+    """
+    assert run(program(look, _PLAY_ALL, compare), str(tmp_path)) == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_warnings_of_mujoco_reach_the_log_and_only_it() -> None:
+    body = """
+    import io, logging
+    stream = io.StringIO()
+    logging.basicConfig(stream=stream)
+    env = suite.load("humanoid", "walk")
+    play(env)
+    assert not stream.getvalue()
+    diverge(env)
+    assert "WARNING:limberjack:Nan, Inf or huge value" in stream.getvalue(), stream.getvalue()
+    """
+    assert run(program(_PLAY_ALL, body)) == ""
+
+
+@pytest.mark.parametrize("value", ["egl", "osmesa", "glfw", "nonsense", None])
+def test_no_opengl_is_imported_by_import_load_reset_and_step(value: str | None) -> None:
+    choose = f"""
+    import os
+    os.environ.pop("MUJOCO_GL", None)
+    os.environ.update({{"MUJOCO_GL": {value!r}}} if {value!r} else {{}})
+    import limberjack.mujoco
+    """
+    again = f"""
+    play_all()
+    assert os.environ.get("MUJOCO_GL") == {value!r}
+    """
+    assert run(program(choose, _OPENGL, _PLAY_ALL, again, _OPENGL)) == ""
+
+
+@pytest.mark.parametrize(
+    "open_at_exit",
+    {
+        "an environment": "env = suite.load('humanoid', 'walk'); play(env)",
+        "all of them": "envs = [suite.load(*task) for task in suite.ALL_TASKS]; [*map(play, envs)]",
+        "a closed one": "env = suite.load('humanoid', 'walk'); play(env); env.close()",
+        "a diverged one": "env = suite.load('humanoid', 'walk'); play(env); diverge(env)",
+        "an unfinished reset": (
+            "physics = suite.load('humanoid', 'walk').physics; "
+            "context = physics.reset_context(); context.__enter__()"
+        ),
+        "a disabled part": (
+            "physics = suite.load('humanoid', 'walk').physics; "
+            "context = physics.model.disable('gravity'); context.__enter__()"
+        ),
+        "a circle": (
+            "env = suite.load('humanoid', 'walk'); play(env); env.physics.env = env; "
+            "env.task.physics = env.physics"
+        ),
+        "a use at the very end": (
+            "import atexit; env = suite.load('humanoid', 'walk'); play(env); "
+            "atexit.register(env.close); atexit.register(play, env)"
+        ),
+        "copies": (
+            "import copy; env = suite.load('stacker', 'stack_2'); play(env); "
+            "keep = [env.physics.copy(), env.physics.copy(share_model=True), copy.deepcopy(env)]"
+        ),
+    }.items(),
+    ids=lambda item: item[0],
+)
+def test_exit_with_anything_open_is_silent(open_at_exit: tuple[str, str]) -> None:
+    assert run(program(_PLAY_ALL, open_at_exit[1])) == ""
+
+
+def test_exit_while_daemon_threads_step_is_silent() -> None:
+    body = """
+    import threading, time
+
+    def run():
+        env = suite.load("humanoid", "walk")
+        while True:
+            env.step(np.zeros(21))
+
+    for _ in range(4):
+        threading.Thread(target=run, daemon=True).start()
+    time.sleep(0.5)
+    """
+    assert run(program(_PLAY_ALL, body)) == ""
+
+
+@_DRAWS
+def test_exit_after_drawing_is_silent() -> None:
+    body = """
+    envs = [suite.load(*task) for task in (("humanoid", "walk"), ("stacker", "stack_2"))]
+    for env in envs:
+        play(env)
+        assert env.physics.render(24, 32, camera_id=0).shape == (24, 32, 3)
+    envs[0].close()
+    """
+    assert run(program(_PLAY_ALL, body)) == ""
+
+
+@_HAS_FORK
+@pytest.mark.parametrize("task", ["humanoid:walk", "manipulator:insert_peg", "stacker:stack_4"])
+def test_a_forked_child_goes_on_as_its_parent_does_and_exits_well(task: str) -> None:
+    body = """
+    import os, pickle, sys
+    env = suite.load(*sys.argv[1].split(":"))
+    play(env)
+
+    def go_on():
+        steps = [env.step(np.ones(env.action_spec().shape)) for _ in range(3)]
+        steps += [play(env), play(suite.load(*sys.argv[1].split(":"), {"random": 3}))]
+        return pickle.dumps(steps)
+
+    read, write = os.pipe()
+    child = os.fork()
+    if not child:
+        os.write(write, go_on())
+        sys.exit(0)  # as any program ends, with the environment open
+    told = os.read(read, 1 << 20)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    assert told == go_on()
+    """
+    # Python warns of forking beside the threads of NumPy's linear algebra.
+    assert run(program(_PLAY_ALL, body), task, warnings="ignore") == ""
+
+
+@pytest.mark.parametrize("method", ["spawn", "fork", "forkserver"])
+def test_an_environment_can_be_sent_to_a_child(method: str) -> None:
+    body = """
+    import multiprocessing, operator, sys
+    if sys.argv[1] not in multiprocessing.get_all_start_methods():
+        sys.exit(0)
+    env = suite.load("manipulator", "bring_ball", {"random": 1})
+    play(env)
+    with multiprocessing.get_context(sys.argv[1]).Pool(1) as pool:
+        far = pool.apply(operator.methodcaller("reset"), (env,))
+        pool.close()
+        pool.join()
+    near = env.reset()
+    assert far.first()
+    assert str(far) == str(near)
+    for name, value in near.observation.items():
+        assert value.tobytes() == far.observation[name].tobytes(), name
+    """
+    assert run(program(_PLAY_ALL, body), method, warnings="ignore") == ""
+
+
+_MEMORY = """
+import gc
+
+def memory():
+    gc.collect()
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096 / 1e6  # megabytes
+"""
+
+
+@_HAS_STATM
+def test_a_second_environment_costs_little_memory() -> None:
+    body = """
+    for task in suite.ALL_TASKS:
+        first = suite.load(*task)
+        before = memory()
+        others = [suite.load(*task) for _ in range(20)]
+        loaded = (memory() - before) / len(others)
+        assert loaded < 1.0, (task, loaded)
+        if task[0] == "humanoid":
+            for env in others:
+                play(env)
+            played = (memory() - before) / len(others)
+            assert played < 2.0, (task, played)
+    """
+    assert run(program(_MEMORY, _PLAY_ALL, body)) == ""
+
+
+_HOLD = """
+    import sys
+    cycles, steps = map(int, sys.argv[1:])
+
+    def load_and_drop(count):
+        for cycle in range(count):
+            play(suite.load(*suite.ALL_TASKS[cycle % len(suite.ALL_TASKS)]))
+
+    keep = [suite.load(*task) for task in suite.ALL_TASKS]
+    load_and_drop(100)
+    before = memory()
+    load_and_drop(cycles)
+    dropped = memory() - before
+    assert dropped < 8, dropped  # megabytes
+
+    for env in keep:
+        play(env, steps // 50)
+    before = memory()
+    for env in keep:
+        play(env, steps // 10)
+    stepped = memory() - before
+    assert stepped < 8, stepped  # megabytes
+    """
+
+
+@_HAS_STATM
+def test_memory_stays_flat() -> None:
+    assert run(program(_MEMORY, _PLAY_ALL, _HOLD), "300", "5000") == ""
+
+
+@_HAS_STATM
+@pytest.mark.slow
+def test_memory_stays_flat_over_a_million_steps_and_5000_loads() -> None:
+    assert run(program(_MEMORY, _PLAY_ALL, _HOLD), "5000", "1000000") == ""
+
+
+def test_this_interpreter_runs_the_programs() -> None:
+    assert run("import sys; print(sys.executable)").strip() == sys.executable

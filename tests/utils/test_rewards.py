@@ -1,0 +1,165 @@
+"""Tests of limberjack.utils.rewards."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack.utils import arrays, rewards
+
+_SIGMOIDS = [
+    "gaussian",
+    "hyperbolic",
+    "long_tail",
+    "reciprocal",
+    "cosine",
+    "linear",
+    "quadratic",
+    "tanh_squared",
+]
+_REACH_ZERO = ("cosine", "linear", "quadratic")
+_every_sigmoid = pytest.mark.parametrize("sigmoid", _SIGMOIDS)
+
+
+@_every_sigmoid
+@pytest.mark.parametrize("bounds", [(0.0, 0.0), (-1.5, 0.5), (1.4, np.inf), (-np.inf, -0.1)])
+@pytest.mark.parametrize("margin", [0.0, 0.3, 1.0, 5.0])
+def test_it_is_1_inside_and_falls_outside_alike_on_both_sides(
+    sigmoid: str, bounds: tuple[float, float], margin: float
+) -> None:
+    lower, upper = bounds
+    inside = np.clip(np.linspace(-3, 3, 61), lower, upper)
+    values = rewards.tolerance(inside, bounds, margin, sigmoid)
+    np.testing.assert_array_equal(values, np.ones_like(inside))
+    distance = np.linspace(1e-3, 10, 400)
+    sides = []
+    for edge, sign in ((lower, -1), (upper, 1)):
+        if np.isfinite(edge):
+            sides.append(rewards.tolerance(edge + sign * distance, bounds, margin, sigmoid))
+    for values in sides:
+        assert np.all((values >= 0) & (values < 1))
+        # Beyond where it is flat in floating point, never growing.
+        assert np.all(np.diff(values) <= 0)
+        # The distance is rounded differently on either side of its bound.
+        np.testing.assert_allclose(values, sides[0], rtol=0, atol=1e-12)
+    if margin == 0:
+        assert not np.any(sides)
+
+
+@_every_sigmoid
+@pytest.mark.parametrize("value", [0.0, 1e-5, 0.1, 0.5, 0.99])
+@pytest.mark.parametrize("margin", [0.2, 1.0, 7.0])
+def test_at_the_margin_it_has_the_value_asked_for(
+    sigmoid: str, value: float, margin: float
+) -> None:
+    if value == 0 and sigmoid not in _REACH_ZERO:
+        with pytest.raises(ValueError, match="strictly between 0 and 1"):
+            rewards.tolerance(0.0, (0, 0), margin, sigmoid, value)
+        return
+    for x in (-1.0 - margin, 2.0 + margin):
+        got = rewards.tolerance(x, (-1.0, 2.0), margin, sigmoid, value)
+        # The scale that makes it so is itself rounded.
+        assert got == pytest.approx(value, abs=1e-9)
+
+
+@_every_sigmoid
+def test_the_default_at_the_margin_is_a_tenth(sigmoid: str) -> None:
+    assert rewards.tolerance(1.0, margin=1.0, sigmoid=sigmoid) == pytest.approx(0.1)
+
+
+def test_the_gaussian_is_the_default_and_one_by_its_formula() -> None:
+    x = np.linspace(-2, 2, 41)
+    # exp(-x**2 / 2 s**2) through 0.1 at the margin.
+    np.testing.assert_allclose(rewards.tolerance(x, margin=0.5), 0.1 ** ((x / 0.5) ** 2), rtol=1e-12)
+
+
+@_every_sigmoid
+@pytest.mark.parametrize("bounds", [(0.0, 0.0), (0.25, 0.25), (-0.5, 0.5), (1.4, np.inf)])
+@pytest.mark.parametrize("margin", [0.0, 0.35, 1.0])
+def test_a_batch_has_the_bits_of_its_numbers(
+    sigmoid: str, bounds: tuple[float, float], margin: float
+) -> None:
+    stream = np.random.RandomState(1)
+    x = stream.randn(10_000) * 10.0 ** stream.uniform(-3, 1, 10_000)
+    one_by_one = [rewards.tolerance(float(value), bounds, margin, sigmoid) for value in x]
+    with arrays.rows_of_a_batch(len(x)):
+        together = rewards.tolerance(x, bounds, margin, sigmoid)
+    np.testing.assert_array_equal(together, one_by_one)
+
+
+@_every_sigmoid
+@pytest.mark.parametrize("length", [2, 5, 21])
+def test_a_batch_of_vectors_has_the_bits_of_its_vectors(sigmoid: str, length: int) -> None:
+    x = np.random.RandomState(2).randn(5_000, length) * 3
+    one_by_one = [rewards.mean_tolerance(row, margin=1, sigmoid=sigmoid) for row in x]
+    with arrays.rows_of_a_batch(len(x)):
+        together = rewards.mean_tolerance(x, margin=1, sigmoid=sigmoid)
+    np.testing.assert_array_equal(together, one_by_one)
+    # Even where there are as many rows as numbers in a vector.
+    with arrays.rows_of_a_batch(length):
+        square = rewards.mean_tolerance(x[:length], margin=1, sigmoid=sigmoid)
+    np.testing.assert_array_equal(square, one_by_one[:length])
+
+
+def test_the_power_of_a_batch_of_numbers_is_not_that_of_a_vector() -> None:
+    # The reason for `rows_of_a_batch`: libm's pow and x * x differ in the last bit.
+    x = np.random.RandomState(0).randn(100_000)
+    vector = rewards.tolerance(x, margin=1.3, sigmoid="quadratic", value_at_margin=0.2)
+    with arrays.rows_of_a_batch(len(x)):
+        batch = rewards.tolerance(x, margin=1.3, sigmoid="quadratic", value_at_margin=0.2)
+    different = np.count_nonzero(vector != batch)
+    assert different < 0.01 * len(x)
+    np.testing.assert_allclose(vector, batch, rtol=1e-12, atol=1e-15)
+
+
+def test_mean_tolerance_is_the_mean_of_each_elements_tolerance() -> None:
+    x = np.random.RandomState(3).randn(7, 4)
+    expected = rewards.tolerance(x, (-0.1, 0.1), 1.0, "linear").mean(axis=-1)
+    got = rewards.mean_tolerance(x, bounds=(-0.1, 0.1), margin=1.0, sigmoid="linear")
+    np.testing.assert_array_equal(got, expected)
+    assert rewards.mean_tolerance(np.zeros((2, 3, 4)), margin=1).shape == (2, 3)
+
+
+@pytest.mark.parametrize("margin", [0.0, 1.0])
+@pytest.mark.parametrize("x", [0.3, 1, np.float64(2.0), np.float32(-2.0), True])
+def test_a_number_gives_a_float(x: Any, margin: float) -> None:
+    value = rewards.tolerance(x, (0.0, 1.0), margin)
+    assert type(value) is float
+    assert value == rewards.tolerance(np.array([x], float), (0.0, 1.0), margin)[0]
+
+
+@pytest.mark.parametrize("margin", [0.0, 1.0])
+@pytest.mark.parametrize("bounds", [(0.0, 0.0), (0.0, 1.0)])
+def test_an_array_keeps_its_shape_and_is_not_written_to(bounds: Any, margin: float) -> None:
+    for shape in ((), (1,), (3,), (2, 3), (0,)):
+        x = np.full(shape, 0.7)
+        value = rewards.tolerance(x, bounds, margin)
+        assert np.shape(value) == shape
+        assert np.all(x == 0.7)
+        assert not np.shares_memory(value, x)
+
+
+@_every_sigmoid
+def test_infinitely_far_away_it_is_0_and_nan_is_not_1(sigmoid: str) -> None:
+    for x in (np.inf, -np.inf):
+        for value in (x, np.array([x])):
+            assert rewards.tolerance(value, (-1, 1), 1.0, sigmoid) == 0.0
+    assert not rewards.tolerance(float("nan"), (-1, 1), 1.0, sigmoid) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "match"),
+    [
+        ({"bounds": (1, 0)}, "Lower bound must be <= upper bound"),
+        ({"margin": -0.1}, "`margin` must be non-negative"),
+        ({"margin": 1, "sigmoid": "cubic"}, "Unknown sigmoid type 'cubic'"),
+        ({"margin": 1, "value_at_margin": 1}, "strictly between 0 and 1, got 1"),
+        ({"margin": 1, "value_at_margin": -0.5}, "strictly between 0 and 1, got -0.5"),
+        ({"margin": 1, "sigmoid": "linear", "value_at_margin": 1}, "smaller than 1, got 1"),
+        ({"margin": 1, "sigmoid": "linear", "value_at_margin": -1}, "nonnegative"),
+    ],
+)
+def test_bad_arguments_are_refused(kwargs: Any, match: str) -> None:
+    for x in (0.5, np.zeros(3)):
+        with pytest.raises(ValueError, match=match):
+            rewards.tolerance(x, **kwargs)
