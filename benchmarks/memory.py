@@ -5,6 +5,7 @@
 Each figure comes from a process of its own. `python benchmarks/overhead.py` shows the same rows.
 """
 
+import ctypes
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -28,35 +29,36 @@ NUM_STEPS = 1_000_000
 NUM_LOADS = 5_000
 
 # Megabytes by which the process may grow once it is warm. The allocator is worth a megabyte or two;
-# one object kept per load is worth more, and one kept per step, or a single model, much more.
+# a kilobyte kept per load is worth five, one object kept per step fifty, and one model twelve.
 _FLAT = at_most(4)
 
 _STEPS_PER_EPISODE = 1_000
 _NUM_SAMPLES = 50
-_WARM = 0.1  # share of the work after which memory should not grow
+_WARM_UP_ROUNDS = 2  # of all tasks, before the first sample
 _NUM_MORE_ENVIRONMENTS = 20
 _TASK_OF_DOMAIN = (("humanoid", "walk"), ("manipulator", "bring_ball"), ("stacker", "stack_2"))
 
 
-def measure(num_steps: int, num_loads: int) -> list[Row]:
+def measure(num_steps: int, num_loads: int, num_domains: int = len(_TASK_OF_DOMAIN)) -> list[Row]:
     """All rows.
 
     Args:
       num_steps: in all, of all ten tasks in turns.
       num_loads: load-and-drop cycles in all, of all ten tasks in turns.
+      num_domains: of which one task's environments are weighed.
     """
     return [
         _growth_row(f"{num_steps:,} steps", "megabytes_after_steps", num_steps),
         _growth_row(f"{num_loads:,} loads and drops", "megabytes_after_loads", num_loads),
-        *(row for task in _TASK_OF_DOMAIN for row in _environment_rows(*task)),
+        *(row for task in _TASK_OF_DOMAIN[:num_domains] for row in _environment_rows(*task)),
     ]
 
 
 def _growth_row(subject: str, function: str, count: int) -> Row:
     """How much a process grows after it is warm."""
     series = fresh.call("memory", function, count, variables=peers.WITHOUT_OPENGL)
-    warm = series[int(_WARM * len(series))]
-    growth = None if warm is None else series[-1] - warm
+    first, last = series["in_use"][0], series["in_use"][-1]
+    growth = None if first is None or last is None else last - first
     return Row(
         measure="memory grows by",
         subject=subject,
@@ -66,7 +68,7 @@ def _growth_row(subject: str, function: str, count: int) -> Row:
         value=growth,
         value_unit="MB",
         bar=_FLAT,
-        details={"resident_MB": series, "warm_MB": warm},
+        details={"megabytes": series},
     )
 
 
@@ -100,13 +102,12 @@ def _environment_rows(domain: str, task: str) -> list[Row]:
     return rows
 
 
-def megabytes_after_steps(num_steps: int) -> list[float | None]:
-    """Resident memory as steps go by: one environment of each task, an episode each in turns."""
+def megabytes_after_steps(num_steps: int) -> dict[str, list[float | None]]:
+    """Memory as steps go by: one environment of each task, an episode each in turns."""
     suite = peers.suite(peers.OURS)
     environments = [suite.load(*task, {"random": 0}) for task in suite.ALL_TASKS]
     actions = [environment.action_spec().generate_value() for environment in environments]
-    # Never too few episodes for every task to have its turns.
-    length = max(1, min(_STEPS_PER_EPISODE, num_steps // (2 * len(environments))))
+    length = max(1, min(_STEPS_PER_EPISODE, num_steps // len(environments)))
 
     def play(number: int) -> None:
         environment = environments[number % len(environments)]
@@ -114,11 +115,11 @@ def megabytes_after_steps(num_steps: int) -> list[float | None]:
         for _ in range(length):
             environment.step(actions[number % len(environments)])
 
-    return _sampled(play, num_steps // length)
+    return _sampled(play, num_steps // length, _WARM_UP_ROUNDS * len(environments))
 
 
-def megabytes_after_loads(num_loads: int) -> list[float | None]:
-    """Resident memory as environments are loaded, started, stepped and dropped, tasks in turns."""
+def megabytes_after_loads(num_loads: int) -> dict[str, list[float | None]]:
+    """Memory as environments are loaded, started, stepped and dropped, tasks in turns."""
     suite = peers.suite(peers.OURS)
 
     def load(number: int) -> None:
@@ -126,7 +127,7 @@ def megabytes_after_loads(num_loads: int) -> list[float | None]:
         environment.reset()
         environment.step(environment.action_spec().generate_value())
 
-    return _sampled(load, num_loads)
+    return _sampled(load, num_loads, _WARM_UP_ROUNDS * len(suite.ALL_TASKS))
 
 
 def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str, float | None]:
@@ -160,15 +161,33 @@ def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str,
     }
 
 
-def _sampled(work: Callable[[int], None], count: int) -> list[float | None]:
-    """Resident memory before the work, and along it."""
-    every = max(1, count // _NUM_SAMPLES)
-    series = [_resident_megabytes()]
-    for number in range(count):
+def _sampled(
+    work: Callable[[int], None], count: int, num_warm_up: int
+) -> dict[str, list[float | None]]:
+    """Memory along the work, after a warm-up.
+
+    `resident` is what the process holds. Of that the allocator keeps up to some tens of megabytes
+    for later, now more, now less, where models come and go; without them it is `in_use`.
+    """
+    for number in range(num_warm_up):
         work(number)
-        if (number + 1) % every == 0:
-            series.append(_resident_megabytes())
+    every = max(1, count // _NUM_SAMPLES)
+    series: dict[str, list[float | None]] = {"resident": [], "in_use": []}
+    for number in range(count + 1):
+        if number % every == 0 or number == count:
+            series["resident"].append(_resident_megabytes())
+            _return_unused_memory()
+            series["in_use"].append(_resident_megabytes())
+        if number < count:
+            work(number)
     return series
+
+
+def _return_unused_memory() -> None:
+    """Lets the allocator give back what it keeps for later, where it knows how to."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
 
 
 def _resident_megabytes() -> float | None:

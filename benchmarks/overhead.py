@@ -40,6 +40,7 @@ class Effort:
     resets: int  # of each task, by each package
     loads: int  # of each task, by each package
     processes: int  # for each figure that takes a fresh one
+    domains: int  # of which a task is measured in fresh processes
     memory_steps: int  # in all
     memory_loads: int  # in all
 
@@ -50,12 +51,20 @@ _FULL = Effort(
     resets=400,
     loads=21,
     processes=15,
+    domains=3,
     memory_steps=memory.NUM_STEPS,
     memory_loads=memory.NUM_LOADS,
 )
 # Shows that the benchmark works; its figures mean nothing.
 _QUICK = Effort(
-    episodes=1, steps=10, resets=3, loads=1, processes=1, memory_steps=200, memory_loads=20
+    episodes=1,
+    steps=10,
+    resets=2,
+    loads=1,
+    processes=1,
+    domains=1,
+    memory_steps=100,
+    memory_loads=10,
 )
 
 
@@ -66,11 +75,11 @@ def _measure(section: Section, effort: Effort) -> list[Row]:
         case Section.IMPORT:
             return starting.measure_imports(effort.processes)
         case Section.LOAD:
-            return starting.measure_loads(effort.loads, effort.processes)
+            return starting.measure_loads(effort.loads, effort.processes, effort.domains)
         case Section.RESET:
             return starting.measure_resets(effort.resets)
         case Section.MEMORY:
-            return memory.measure(effort.memory_steps, effort.memory_loads)
+            return memory.measure(effort.memory_steps, effort.memory_loads, effort.domains)
 
 
 def main(

@@ -81,15 +81,16 @@ def _opengl_row() -> Row:
     )
 
 
-def measure_loads(num_loads: int, num_processes: int) -> list[Row]:
+def measure_loads(num_loads: int, num_processes: int, num_domains: int) -> list[Row]:
     """Loading a task, beside compiling its model.
 
     Args:
       num_loads: of each task, with no other environment alive.
-      num_processes: for the first load of a process, for each domain.
+      num_processes: for the first load of a process, for each domain and package.
+      num_domains: of which one task's first load is measured.
     """
     rows = [_load_row(domain, task, num_loads) for domain, task in _all_tasks()]
-    return rows + [_first_load_row(*task, num_processes) for task in _TASK_OF_DOMAIN]
+    return rows + [_first_load_row(*task, num_processes) for task in _TASK_OF_DOMAIN[:num_domains]]
 
 
 def _load_row(domain: str, task: str, num_loads: int) -> Row:

@@ -1,6 +1,6 @@
 """MJCF models, small and odd, that hold what the suite's models do not."""
 
-__all__ = ["ODD_JOINTS", "PENDULUM", "RUNGE_KUTTA", "ZOO"]
+__all__ = ["BY_NAME", "ODD_JOINTS", "PENDULUM", "ZOO"]
 
 # A bit of everything: each joint type, activations, mocap bodies, keyframes, both kinds of tendon,
 # user data, elements without names, contacts at the start.
@@ -96,7 +96,7 @@ ZOO = """
 """
 
 # Fourth-order Runge-Kutta: Physics.step takes another path for it.
-RUNGE_KUTTA = ZOO.replace('timestep="0.005"', 'timestep="0.005" integrator="RK4"')
+_RUNGE_KUTTA = ZOO.replace('timestep="0.005"', 'timestep="0.005" integrator="RK4"')
 
 PENDULUM = """
 <mujoco model="pendulum">
@@ -123,6 +123,8 @@ PENDULUM = """
   <sensor><jointvel name="speed" joint="hinge"/></sensor>
 </mujoco>
 """
+
+BY_NAME = {"zoo": ZOO, "Runge-Kutta": _RUNGE_KUTTA, "pendulum": PENDULUM}
 
 # What randomizers treats one by one: each type, limited and not, and joints in one body.
 ODD_JOINTS = {

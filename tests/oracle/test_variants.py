@@ -1,5 +1,6 @@
 """Every way to configure, reset and seed an environment gives what dm_control gives."""
 
+import functools
 import itertools
 from typing import Any
 
@@ -8,7 +9,7 @@ import pytest
 
 from . import twins
 from .oracle import BOTH
-from .same import assert_same, assert_same_pair
+from .same import assert_same, assert_same_outcome, assert_same_pair
 
 pytestmark = pytest.mark.oracle
 
@@ -218,6 +219,41 @@ def test_a_start_after_steps_forgets_them_as_dm_control_does(domain: str, task: 
         _play(env, kind="bang-bang", steps=3)
         env.reset()
         env.assert_same_physics(*_START_FIELDS)
+
+
+_REFUSED: list[tuple[tuple[Any, ...], dict[str, Any]]] = [
+    (("no such domain", "walk"), {}),
+    (("humanoid", "no such task"), {}),
+    (("humanoid",), {}),
+    (("humanoid", "walk"), {"visualize_reward": "yes"}),
+    (("humanoid", "walk"), {"task_kwargs": {"no_such_argument": 1}}),
+    (("humanoid", "walk"), {"task_kwargs": {"fully_observable": False}}),
+    (("humanoid", "walk"), {"task_kwargs": {"random": "a word"}}),
+    (("humanoid", "walk"), {"task_kwargs": {"random": -1}}),
+    (("stacker", "stack_2"), {"environment_kwargs": {"n_sub_steps": 2}}),
+    (("stacker", "stack_2"), {"environment_kwargs": {"control_timestep": 0.02}}),
+    (("stacker", "stack_2"), {"environment_kwargs": {"no_such_argument": 1}}),
+]
+
+
+@pytest.mark.parametrize(("arguments", "kwargs"), _REFUSED)
+def test_what_cannot_be_loaded_is_refused_alike(
+    arguments: tuple[Any, ...], kwargs: dict[str, Any]
+) -> None:
+    calls = [functools.partial(package("suite").load, *arguments, **kwargs) for package in BOTH]
+    assert assert_same_outcome(calls, f"load{arguments}, {kwargs}") is not None
+
+
+@pytest.mark.parametrize("steps", [(0.2, 0.1), (0.111, 0.111), (0.03, 0.005), (0.1, 0.2), (3, 2)])
+def test_the_number_of_substeps_is_the_same(steps: tuple[float, float]) -> None:
+    calls = [functools.partial(package("rl.control").compute_n_steps, *steps) for package in BOTH]
+    assert_same_outcome(calls, f"compute_n_steps{steps}")
+
+
+def test_a_step_spec_that_no_task_has_is_refused_alike() -> None:
+    env = twins.load("humanoid", "walk")
+    error = assert_same_outcome([env.ours.step_spec, env.theirs.step_spec], "step_spec")
+    assert isinstance(error, NotImplementedError)
 
 
 def _assert_same_specs(env: twins.Twins) -> None:

@@ -1,15 +1,17 @@
-"""The same environment in both packages, driven by the same actions and compared at every step."""
+"""The same environment, or the same Physics, in both packages: driven and compared alike."""
 
+import functools
 import operator
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
 
+from . import models
 from .oracle import BOTH, ours
-from .same import assert_same
+from .same import assert_same, assert_same_outcome, assert_same_pair
 
-__all__ = ["ACTIONS", "MODELS", "TASKS", "Twins", "load"]
+__all__ = ["ACTIONS", "MODELS", "TASKS", "TwinPhysics", "Twins", "load", "load_physics"]
 
 TASKS = ours("suite").ALL_TASKS
 # One task for each model: what depends on the model alone is compared once.
@@ -27,6 +29,19 @@ ACTIONS = ["random", "zero", "bang-bang"]
 # Chance per step and actuator that bang-bang control changes its sign: it holds for 10 steps on
 # average, long enough to throw the body about and to press fingers against things.
 _SWITCH = 0.1
+
+_STATE_FIELDS = (
+    "qpos",
+    "qvel",
+    "act",
+    "ctrl",
+    "qacc",
+    "qacc_warmstart",
+    "sensordata",
+    "xpos",
+    "xmat",
+)
+_QUERIES = ("position", "velocity", "control", "activation", "state", "time", "timestep")
 
 
 class Twins:
@@ -90,3 +105,50 @@ def load(domain: str, task: str, seed: int | None = 0, **kwargs: Any) -> Twins:
         for package in BOTH
     ]
     return Twins(*envs, where=f"{domain}:{task}, seed {seed}")
+
+
+class TwinPhysics:
+    """A Physics of each package, told the same things."""
+
+    def __init__(self, ours: Any, theirs: Any, where: str = "") -> None:
+        # `Any`: classes of two packages that share no type.
+        self.both = (ours, theirs)
+        self.where = where
+
+    def do(self, act: Callable[[Any], Any]) -> None:
+        """Both do the same, or both raise an error of one type; then their states are the same."""
+        assert_same_outcome([functools.partial(act, one) for one in self.both], self.where)
+        self.assert_same_state()
+
+    def map(self, act: Callable[[Any], Any]) -> "TwinPhysics":
+        """The twins that `act` makes of these."""
+        return TwinPhysics(*map(act, self.both), where=self.where)
+
+    def assert_same_state(self) -> None:
+        """The whole state, and all that the physics says about it, is the same."""
+        for field in _STATE_FIELDS:
+            assert_same_pair(
+                (getattr(one.data, field) for one in self.both), f"{self.where} {field}"
+            )
+        for query in _QUERIES:
+            assert_same_pair(
+                (getattr(one, query)() for one in self.both), f"{self.where} {query}()"
+            )
+        assert_same_pair((one.data.ncon for one in self.both), f"{self.where} ncon")
+        assert_same_pair((one.data.warning.number for one in self.both), f"{self.where} warnings")
+
+    def play(self, steps: int = 20, nstep: int = 1, seed: int = 0) -> None:
+        """Random controls, the same state after each step."""
+        random = np.random.RandomState(seed)
+        for _ in range(steps):
+            control = random.uniform(-1, 1, self.both[1].model.nu)
+            for physics in self.both:
+                physics.set_control(control)
+                physics.step(nstep)
+            self.assert_same_state()
+
+
+def load_physics(name: str = "zoo") -> TwinPhysics:
+    """The named one of `models.BY_NAME` in both packages."""
+    both = (package("mujoco").Physics.from_xml_string(models.BY_NAME[name]) for package in BOTH)
+    return TwinPhysics(*both, where=name)

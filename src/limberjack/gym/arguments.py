@@ -12,6 +12,7 @@ from limberjack.utils.suggest import did_you_mean
 __all__ = [
     "RENDER_MODES",
     "autoreset_mode",
+    "environment_arguments",
     "render_mode",
     "reset_mask",
     "row_seeds",
@@ -112,9 +113,25 @@ def task_arguments(
     Raises:
       TypeError: it is given twice.
     """
-    arguments = dict(task_kwargs or {})
-    if time_limit is None:
-        return arguments
-    if "time_limit" in arguments:
-        raise TypeError("time_limit is given twice: once alone and once in task_kwargs")
-    return {**arguments, "time_limit": time_limit}
+    return _with("time_limit", time_limit, task_kwargs, "task_kwargs")
+
+
+def environment_arguments(
+    environment_kwargs: Mapping[str, Any] | None, randomize: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """`environment_kwargs` with the randomisation among them.
+
+    Raises:
+      TypeError: it is given twice.
+    """
+    return _with("randomize", randomize, environment_kwargs, "environment_kwargs")
+
+
+def _with(name: str, value: Any, kwargs: Mapping[str, Any] | None, where: str) -> dict[str, Any]:
+    """`kwargs` and one more, unless that is None."""
+    known = dict(kwargs or {})
+    if value is None:
+        return known
+    if name in known:
+        raise TypeError(f"{name} is given twice: once alone and once in {where}")
+    return {**known, name: value}

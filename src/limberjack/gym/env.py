@@ -29,7 +29,8 @@ class Env(gymnasium.Env):
 
     `layout` says where each observation stands in the flat array: `Part`s of name, slice, shape.
     The info of a step has `reward_terms`, the terms of the reward by name, and `success`, whether
-    the goal is reached now, where the task has them. The info of a reset is empty.
+    the goal is reached now, where the task has them. That of a reset has `randomization`, the
+    fields of the model that were drawn, if any are.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
@@ -75,7 +76,7 @@ class Env(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begins an episode; returns its first observation and an empty info.
+        """Begins an episode; returns its first observation and info.
 
         Args:
           seed: the episode is the first of `RandomState(seed)`; None lets the stream go on.
@@ -89,7 +90,10 @@ class Env(gymnasium.Env):
             number = arguments.seed_of_a_stream(seed)
             super().reset(seed=number)
             self._environment.task._random = np.random.RandomState(number)
-        return self._observations.of_one(self._environment.reset().observation), {}
+        observation = self._environment.reset().observation
+        drawn = {name: v.copy() for name, v in self._environment.randomization.items()}
+        info = {"randomization": drawn} if drawn else {}
+        return self._observations.of_one(observation), info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Applies the action; returns observation, reward, terminated, truncated, info.
@@ -147,6 +151,7 @@ def load(
     time_limit: float | None = None,
     task_kwargs: Mapping[str, Any] | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
+    randomize: Mapping[str, Any] | None = None,
     flat: bool = False,
     dtype: Any = "float64",
     render_mode: str | None = None,
@@ -160,11 +165,13 @@ def load(
       time_limit: length of an episode, seconds; None for the task's own.
       task_kwargs: see `suite.load`.
       environment_kwargs: see `suite.load`.
+      randomize: fields of the model to draw anew for each episode; see `limberjack.rl.randomize`.
       flat, dtype, render_mode, render_kwargs: see `Env`.
     """
-    task_kwargs = arguments.task_arguments(task_kwargs, time_limit)
+    of_task = arguments.task_arguments(task_kwargs, time_limit)
+    of_environment = arguments.environment_arguments(environment_kwargs, randomize)
     return Env(
-        suite.load(domain, task, task_kwargs, environment_kwargs),
+        suite.load(domain, task, of_task, of_environment),
         flat=flat,
         dtype=dtype,
         render_mode=render_mode,

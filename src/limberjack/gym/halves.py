@@ -1,11 +1,13 @@
 """Two halves of a batch: a worker thread for each, and what they return joined.
 
 The threads are those of `concurrent.futures`, which the interpreter joins before it exits, so that
-none is ever stopped in the middle of a step. They start with the first `send`.
+none is ever stopped in the middle of a step. They start with the first `send`, and step in turn:
+each half uses all the threads that its batch has.
 """
 
 import collections
 import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
@@ -27,6 +29,7 @@ class Workers:
         self._process = os.getpid()
         self._threads: dict[int, ThreadPoolExecutor] = {}
         self._sent: collections.deque[tuple[int, Future]] = collections.deque()
+        self._turn = threading.Lock()
 
     @property
     def busy(self) -> list[int]:
@@ -46,7 +49,8 @@ class Workers:
             raise RuntimeError(f"half {half} was sent already: receive it with recv() first")
         if half not in self._threads:
             self._threads[half] = ThreadPoolExecutor(1, f"limberjack-half-{half}")
-        self._sent.append((half, self._threads[half].submit(job, *given)))
+        future = self._threads[half].submit(_when_it_is_its_turn, self._turn, job, given)
+        self._sent.append((half, future))
 
     def receive(self) -> tuple[int, Any]:
         """The half that was sent first, and what its job returned; or raises what it raised.
@@ -73,6 +77,11 @@ class Workers:
 
     def __setstate__(self, state: dict[str, int]) -> None:
         self.__init__(state["count"])
+
+
+def _when_it_is_its_turn(turn: threading.Lock, job: Callable[..., Any], given: Any) -> Any:
+    with turn:
+        return job(*given)
 
 
 def joined(parts: Sequence[Any], sizes: Sequence[int]) -> Any:

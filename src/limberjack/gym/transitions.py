@@ -45,21 +45,23 @@ class Transitions:
         self._copies = copy
         self._buffer = None if copy else observations.buffer(batch.num_envs)
 
-    def reset(self, seeds: Sequence[int | None], mask: np.ndarray | None) -> Any:
-        """Begins an episode in every row or in those of the mask; returns the observation.
+    def reset(
+        self, seeds: Sequence[int | None], mask: np.ndarray | None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begins an episode in every row or in those of the mask; returns observation and info.
 
         Args:
           seeds: of each row's random stream, which goes on where it is None.
           mask: (num_envs,), None for all.
         """
         batch = self.batch
-        rows = np.arange(batch.num_envs) if mask is None else np.flatnonzero(mask)
-        for row in rows.tolist():
+        begun = np.ones(batch.num_envs, bool) if mask is None else mask
+        for row in np.flatnonzero(begun).tolist():
             seed = seeds[row]
             if seed is not None:
                 batch._streams[row] = np.random.RandomState(seed)
                 batch._draw_streams[row] = stream_beside(batch._streams[row])
-        return self._told(batch.reset(None if mask is None else rows).observation)
+        return self._told(batch.reset(begun).observation), self._drawn(begun)
 
     def step(self, actions: Any) -> Step:
         """Steps every row.
@@ -81,7 +83,8 @@ class Transitions:
         if any_last and self._mode is AutoresetMode.SAME_STEP:
             observation, info = self._begin_anew(last, observation)
         else:
-            info = self._info(step_type != _FIRST)
+            first = step_type == _FIRST
+            info = self._info(~first) | self._drawn(first)
         return observation, time_step.reward, last & ~truncated, truncated, info
 
     def checked(self, actions: Any) -> np.ndarray:
@@ -122,7 +125,16 @@ class Transitions:
         info = self._info(~last)
         info |= {"final_obs": final, "_final_obs": last}
         info |= {"final_info": self._info(last), "_final_info": last}
-        return self._told(self.batch.reset(ended).observation), info
+        observation = self._told(self.batch.reset(ended).observation)
+        return observation, info | self._drawn(last)
+
+    def _drawn(self, begun: np.ndarray) -> dict[str, Any]:
+        """What was drawn for the episodes that rows have begun."""
+        drawn = self.batch.randomization
+        if not drawn or not begun.any():
+            return {}
+        told = {name: values.copy() for name, values in drawn.items()}
+        return {"randomization": told, "_randomization": begun.copy()}
 
     def _info(self, rows: np.ndarray) -> dict[str, Any]:
         """What the last step's reward is made of, in some rows, and which diverged.

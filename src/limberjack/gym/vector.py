@@ -46,7 +46,9 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     `layout` says where each observation stands in the flat array: `Part`s of name, slice, shape.
     `batches` has the batch or the halves, for snapshots and physics; `halves` the rows of each.
     The info of a step has `reward_terms`, (num_envs,) by name, and `success`, booleans, where the
-    task has them, and `diverged`; that of a reset is empty.
+    task has them, and `diverged`. Where episodes begin, in a reset or a step, it has
+    `randomization`, the fields of the model that were drawn, if any are. `_reward_terms`,
+    `_success` and `_randomization` are masks of the rows that they are said of.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
@@ -112,7 +114,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         seed: int | Sequence[int | None] | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
-        """Begins an episode in every row, or in some; returns the observations and an empty info.
+        """Begins an episode in every row, or in some; returns the observations and info.
 
         Args:
           seed: row i begins the first episode of `RandomState(seed + i)`; or one for each row;
@@ -129,11 +131,13 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         mask = arguments.reset_mask(options, self.num_envs)
         if isinstance(seed, int):
             super().reset(seed=seed)
-        told = []
-        for part, rows in zip(self._parts, self.halves, strict=True):
-            told.append(part.reset(seeds[rows], None if mask is None else mask[rows]))
+        told = [
+            part.reset(seeds[rows], None if mask is None else mask[rows])
+            for part, rows in zip(self._parts, self.halves, strict=True)
+        ]
         self._was_reset = True
-        return self._joined(told), {}
+        observations, infos = zip(*told, strict=True)
+        return self._joined(observations), self._joined(infos)
 
     def step(self, actions: Any) -> Step:
         """Steps every row; returns observations, rewards, terminated, truncated, info.
@@ -231,6 +235,7 @@ def load_vector(
     time_limit: float | None = None,
     task_kwargs: Mapping[str, Any] | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
+    randomize: Mapping[str, Any] | None = None,
     num_threads: int | None = None,
     on_divergence: str = "end",
     pipelined: bool = False,
@@ -245,6 +250,7 @@ def load_vector(
       time_limit: length of an episode, seconds; None for the task's own.
       task_kwargs: see `suite.load_batch`.
       environment_kwargs: see `suite.load_batch`.
+      randomize: fields of the model to draw anew for each episode; see `limberjack.rl.randomize`.
       num_threads: threads that step the rows; by default the cores that this process may use.
       on_divergence: see `suite.load_batch`.
       pipelined: make two halves, for `send` and `recv`.
@@ -254,15 +260,16 @@ def load_vector(
     if pipelined and num_envs == 1:
         raise ValueError("num_envs is 1; expected at least 2 for two halves")
     sizes = [num_envs - num_envs // 2, num_envs // 2] if pipelined else [num_envs]
-    arguments_of_task = arguments.task_arguments(task_kwargs, time_limit)
+    of_task = arguments.task_arguments(task_kwargs, time_limit)
+    of_environment = arguments.environment_arguments(environment_kwargs, randomize)
     batches = [
         suite.load_batch(
             domain,
             task,
             size,
             num_threads,
-            task_kwargs=arguments_of_task,
-            environment_kwargs=environment_kwargs,
+            task_kwargs=of_task,
+            environment_kwargs=of_environment,
             on_divergence=on_divergence,
         )
         for size in sizes

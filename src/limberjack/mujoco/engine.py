@@ -14,7 +14,6 @@ A domain subclasses it with the quantities its tasks measure. The class does not
 import collections
 import contextlib
 import functools
-import logging
 import weakref
 from collections.abc import Callable, Iterator
 from typing import Any, Self
@@ -29,6 +28,7 @@ from limberjack.mujoco.rows import Rows
 from limberjack.mujoco.simulation import SingleSimulation
 from limberjack.mujoco.wrapper.core import SharedModel
 from limberjack.rl import control as _control
+from limberjack.utils.log import log
 
 __all__ = [
     "Camera",
@@ -41,8 +41,6 @@ __all__ = [
 ]
 
 NamedIndexStructs = collections.namedtuple("NamedIndexStructs", ["model", "data"])
-
-_log = logging.getLogger("limberjack")
 
 # Compiled models in use, by their source: the environments of a process share one.
 _models: "weakref.WeakValueDictionary[Any, SharedModel]" = weakref.WeakValueDictionary()
@@ -127,7 +125,7 @@ class Physics(Rows, _control.Physics):
         try:
             self.after_reset()
         except _control.PhysicsError as error:
-            _log.warning("%s", error)
+            log.warning("%s", error)
 
     def free(self) -> None:
         """Frees the simulation; this object must not be used afterwards."""
@@ -198,6 +196,8 @@ class Physics(Rows, _control.Physics):
         Raises:
           ValueError: there is no such keyframe.
         """
+        if keyframe_id is not None and not self.model.nkey:
+            raise ValueError(f"keyframe_id is {keyframe_id}, but the model has no keyframes")
         if keyframe_id is not None and not 0 <= keyframe_id < self.model.nkey:
             raise ValueError(
                 f"`keyframe_id` must be between 0 and {self.model.nkey - 1} inclusive, got: "
@@ -240,7 +240,7 @@ class Physics(Rows, _control.Physics):
             message = f"Physics state is invalid. Warning(s) raised: {', '.join(names)}"
             if self._warnings_cause_exception:
                 raise _control.PhysicsError(message)
-            _log.warning(message)
+            log.warning(message)
 
     def enable_profiling(self) -> None:
         """Lets MuJoCo time its stages."""

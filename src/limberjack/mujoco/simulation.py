@@ -5,7 +5,6 @@ rendering. `limberjack.mujoco.Physics` is what users see of it.
 """
 
 import ctypes
-import logging
 import operator
 import os
 import weakref
@@ -17,10 +16,9 @@ import mujoco.batch
 import numpy as np
 
 from limberjack.mujoco.wrapper.core import MjData, MjModel
+from limberjack.utils.log import log
 
 __all__ = ["BatchSimulation", "SingleSimulation", "read_field"]
-
-_log = logging.getLogger("limberjack")
 
 _RUNGE_KUTTA = mujoco.mjtIntegrator.mjINT_RK4.value
 _ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
@@ -285,7 +283,7 @@ if hasattr(os, "register_at_fork"):
 
 def _log_warning(message: str | bytes) -> None:
     """Takes MuJoCo's warnings to Python's logging."""
-    _log.warning("%s", message.decode() if isinstance(message, bytes) else message)
+    log.warning("%s", message.decode() if isinstance(message, bytes) else message)
 
 
 # Without a handler MuJoCo prints its warnings and writes MUJOCO_LOG.TXT in the working directory.

@@ -15,7 +15,6 @@ where a row's episode has just begun its reward is 0 and its discount 1.
 
 import collections
 import copy
-import logging
 from typing import Any
 
 import dm_env
@@ -26,10 +25,9 @@ from limberjack.rl import control, guards
 from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils import arrays, cores
+from limberjack.utils.log import log
 
 __all__ = ["BatchEnvironment"]
-
-_log = logging.getLogger("limberjack")
 
 _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
 
@@ -361,4 +359,4 @@ class BatchEnvironment:
         if self._raises:
             self._begins |= self.diverged
             raise control.PhysicsError(f"the simulations of rows {rows} diverged")
-        _log.warning("the simulations of rows %s diverged; their episodes end here", rows)
+        log.warning("the simulations of rows %s diverged; their episodes end here", rows)

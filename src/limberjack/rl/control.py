@@ -17,6 +17,7 @@ It does not know MuJoCo: `limberjack.mujoco.Physics` is the physics used by the 
 
 import collections
 import math
+import numbers
 import operator
 from collections.abc import Mapping, MutableMapping
 from typing import Any
@@ -81,8 +82,8 @@ class Environment(dm_env.Environment):
                 f"Both n_sub_steps ({n_sub_steps}) and control_timestep ({control_timestep}) were "
                 "supplied: give one; tasks of the suite set control_timestep themselves."
             )
-        if not time_limit > 0:  # also NaN
-            raise ValueError(f"time_limit is {time_limit}; expected a positive number of seconds")
+        if not isinstance(time_limit, numbers.Real) or not time_limit > 0:  # also NaN
+            raise ValueError(f"time_limit is {time_limit!r}; expected a positive number of seconds")
         self._task = task
         self._physics = physics
         self._flat_observation = flat_observation
@@ -329,6 +330,6 @@ def _positive_count(n_sub_steps: Any) -> int:
         count = operator.index(n_sub_steps)
     except TypeError:
         count = 0
-    if count < 1:
+    if count < 1 or isinstance(n_sub_steps, bool):
         raise ValueError(f"n_sub_steps is {n_sub_steps!r}; expected a whole number of at least 1")
     return count

@@ -145,7 +145,7 @@ def build_environment(
         kwargs["environment_kwargs"] = dict(environment_kwargs)
     where = f"{domain_name}:{task_name}"
     _check_keywords(where, kwargs, tasks[task_name])
-    _check_keywords(where, kwargs.get("environment_kwargs") or {}, control.Environment)
+    _check_environment_keywords(where, kwargs.get("environment_kwargs") or {})
     environment = tasks[task_name](**kwargs)
     environment.task.visualize_reward = visualize_reward
     return environment
@@ -156,6 +156,18 @@ def _check_choice(name: str, choices: Iterable[str], message: str) -> None:
         raise ValueError(
             f"{message}{did_you_mean(name, choices)} Choose one of: {', '.join(sorted(choices))}."
         )
+
+
+def _check_environment_keywords(where: str, given: Mapping[str, Any]) -> None:
+    """Raises if the environment does not take a keyword, or the task sets it itself."""
+    if "time_limit" in given:
+        raise TypeError(f"{where}: time_limit is an argument of the task; give it in task_kwargs")
+    if "control_timestep" in given and "n_sub_steps" not in given:
+        raise TypeError(
+            f"{where} sets control_timestep itself; for another one make a "
+            "control.Environment(env.physics, env.task, control_timestep=...)"
+        )
+    _check_keywords(where, given, control.Environment)
 
 
 def _check_keywords(where: str, given: Mapping[str, Any], factory: Any) -> None:

@@ -40,7 +40,13 @@ class Task(control.Task):
           random: the stream that episodes are drawn from, or its seed; None seeds it anew.
         """
         if not isinstance(random, np.random.RandomState):
-            random = np.random.RandomState(random)
+            try:
+                random = np.random.RandomState(random)
+            except (TypeError, ValueError) as error:
+                raise type(error)(
+                    f"random is {random!r}; expected a numpy.random.RandomState, a seed from 0 to "
+                    "2**32 - 1, or None"
+                ) from error
         self._random = random
         self._visualize_reward = False
 

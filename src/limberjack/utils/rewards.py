@@ -20,7 +20,6 @@ from limberjack.utils import arrays
 __all__ = ["mean_tolerance", "tolerance"]
 
 _DEFAULT_VALUE_AT_MARGIN = 0.1
-_ZERO = np.zeros(())  # an array, which NumPy need not convert at each use
 
 # A float, a NumPy scalar or an array: the arithmetic below is written once for all three.
 _Number = Any
@@ -103,7 +102,7 @@ def _square(x: _Number) -> _Number:
 def _at_least_zero(x: _Number) -> _Number:
     """`x` where it is positive, else 0; also for NaN, as dm_control's comparisons have it."""
     if isinstance(x, np.ndarray):
-        return np.fmax(x, _ZERO)
+        return np.fmax(x, 0.0)
     return x if x > 0 else 0.0
 
 

@@ -18,7 +18,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-__all__ = ["Backend", "RenderingError", "open_backend", "open_backend_after_fork"]
+__all__ = ["Backend", "RenderingError", "open_backend"]
 
 _VARIABLE = "MUJOCO_GL"
 _DEVICE_VARIABLE = "MUJOCO_EGL_DEVICE_ID"
@@ -28,7 +28,13 @@ _AUTOMATIC = ("", "enable", "enabled", "on", "true", "1")
 _GLFW_ALIASES = {"linux": "glx", "win32": "wgl"}
 
 _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
+_MESA_LIBRARIES = ("libEGL_mesa", "libgallium", "swrast_dri")
 _GL_RENDERER = 0x1F01
+
+_NOT_AFTER_FORK = (
+    "this process was forked from one that had drawn with {!r}, which does not survive that. Start "
+    "processes with multiprocessing's 'spawn' or 'forkserver', or draw nothing before forking them"
+)
 
 
 class RenderingError(RuntimeError):
@@ -58,14 +64,27 @@ class _UnavailableError(Exception):
     """A backend does not work here, and why."""
 
 
-def open_backend() -> Backend:
+def open_backend(is_forked: bool = False, inherited: Backend | None = None) -> Backend:
     """The backend that MUJOCO_GL names; without it, the first of the platform's that works.
 
+    Args:
+      is_forked: this process was forked from another. What a driver kept in memory came along, but
+        not its threads: to use it again hangs. Mesa can be opened afresh, by another way in.
+      inherited: what that process had drawn with.
+
     Raises:
-      RenderingError: MUJOCO_GL is unknown or switches rendering off, or nothing works.
+      RenderingError: MUJOCO_GL is unknown or switches rendering off, nothing works, or what was
+        inherited cannot be opened again.
     """
+    names = _choice(os.environ.get(_VARIABLE, "").lower().strip())
+    if inherited is not None or (is_forked and "egl" in names and _is_mesa_loaded()):
+        try:
+            return _open_afresh(inherited)
+        except _UnavailableError:
+            if inherited is not None:
+                raise RenderingError(_NOT_AFTER_FORK.format(inherited.renderer)) from None
     failures = []
-    for name in _choice(os.environ.get(_VARIABLE, "").lower().strip()):
+    for name in names:
         opener, remedy = _BACKENDS[name]
         try:
             return opener()
@@ -74,26 +93,19 @@ def open_backend() -> Backend:
     raise RenderingError(f"no OpenGL could be had to draw with. Tried:{''.join(failures)}")
 
 
-def open_backend_after_fork(before: Backend) -> Backend:
-    """A backend for a process that was forked from one that had drawn with `before`.
+def _open_afresh(inherited: Backend | None) -> Backend:
+    """Mesa's software renderer, by a way that the process that this was forked from did not use."""
+    if inherited is not None:
+        is_software = any(name in inherited.renderer for name in _SOFTWARE_RENDERERS)
+        if not isinstance(inherited, _Egl) or inherited.is_surfaceless or not is_software:
+            _fail("not Mesa's, or opened afresh once already")
+    return _Egl(surfaceless=True)
 
-    What the driver keeps in memory came along, but its threads did not: to use it again hangs.
-    Mesa's software renderer can be opened a second time, by another way in.
 
-    Raises:
-      RenderingError: the renderer is another, or this was done once already.
-    """
-    is_software = any(name in before.renderer for name in _SOFTWARE_RENDERERS)
-    if isinstance(before, _Egl) and is_software and not before.is_surfaceless:
-        try:
-            return _Egl(surfaceless=True)
-        except _UnavailableError:
-            pass
-    raise RenderingError(
-        f"this process was forked from one that had drawn with {before.renderer or 'OpenGL'}, "
-        "which does not survive that. Start processes with multiprocessing's 'spawn' or "
-        "'forkserver', or draw nothing before they are forked"
-    )
+def _is_mesa_loaded() -> bool:
+    """Whether somebody has drawn with Mesa, here or before the fork."""
+    with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:
+        return any(library in line for line in maps for library in _MESA_LIBRARIES)
 
 
 def _choice(value: str) -> tuple[str, ...]:

@@ -18,12 +18,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.rendering.backends import (
-    Backend,
-    RenderingError,
-    open_backend,
-    open_backend_after_fork,
-)
+from limberjack.mujoco.rendering.backends import Backend, RenderingError, open_backend
 
 __all__ = ["Canvases"]
 
@@ -40,14 +35,11 @@ _MOST_SHARED = 8
 class Canvases:
     """The canvases of the models drawn lately, and the backend that they come from."""
 
-    def __init__(self, before_fork: Backend | None = None) -> None:
-        """Opens nothing yet.
-
-        Args:
-          before_fork: what the process that this one was forked from had drawn with.
-        """
+    def __init__(self, is_forked: bool = False, inherited: Backend | None = None) -> None:
+        """Opens nothing yet; arguments are those of `open_backend`."""
         self.backend: Backend | None = None
-        self._before_fork = before_fork
+        self._is_forked = is_forked
+        self._inherited = inherited
         # Least recently used first.
         self._canvases: collections.OrderedDict[Any, _Canvas] = collections.OrderedDict()
         self._keys: weakref.WeakKeyDictionary[Any, Any] = weakref.WeakKeyDictionary()
@@ -119,8 +111,7 @@ class Canvases:
 
     def _new_canvas(self, model: Any) -> "_Canvas":
         if self.backend is None:
-            before = self._before_fork
-            self.backend = open_backend_after_fork(before) if before else open_backend()
+            self.backend = open_backend(self._is_forked, self._inherited)
         shared = [key for key in self._canvases if not isinstance(key, _Private)]
         for oldest in shared[: max(0, len(shared) + 1 - _MOST_SHARED)]:
             self._drop(oldest)

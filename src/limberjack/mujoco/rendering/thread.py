@@ -10,6 +10,8 @@ reached is in `backends.py`, what it keeps for a model in `canvases.py`, what a 
 """
 
 import atexit
+import contextlib
+import ctypes
 import os
 import queue
 import threading
@@ -35,8 +37,9 @@ class Job:
         self._call: tuple[Callable[..., Any], tuple] | None = (function, args)
         self._value: Any = None
         self._error: BaseException | None = None
-        self._running = threading.Lock()
-        self._running.acquire()
+        self._is_done = False
+        self._under_way = threading.Lock()
+        self._under_way.acquire()
 
     def run(self) -> None:
         """Makes the call, once, and keeps what comes of it."""
@@ -48,14 +51,15 @@ class Job:
             self._error = error
         finally:
             self._call = None
-            self._running.release()
+            self._is_done = True
+            self._under_way.release()
 
     def wait(self, timeout: float = -1) -> bool:
         """Whether the call has ended, after waiting for it; Ctrl-C interrupts the wait only."""
-        if not self._running.acquire(timeout=timeout):
-            return False
-        self._running.release()
-        return True
+        # The flag, because Ctrl-C can come between the next two lines and leave the lock acquired.
+        if not self._is_done and self._under_way.acquire(timeout=timeout):
+            self._under_way.release()
+        return self._is_done
 
     def result(self) -> Any:
         """What the call returned or raised."""
@@ -72,12 +76,12 @@ class Job:
 class _RenderingThread(threading.Thread):
     """Does jobs, one after the other, until it is given None."""
 
-    def __init__(self, before_fork: Backend | None) -> None:
+    def __init__(self, canvases: Canvases) -> None:
         # A daemon, because Python waits for all others before it tells anybody that it exits.
         super().__init__(name="limberjack-rendering", daemon=True)
         self.jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-        self.busy = threading.Lock()
-        self.canvases = Canvases(before_fork)
+        self.busy = threading.RLock()
+        self.canvases = canvases
 
     def run(self) -> None:
         while (job := self.jobs.get()) is not None:
@@ -105,9 +109,8 @@ class _Process:
         self._is_watched = False
         self._is_exiting = False
         self._hung: _RenderingThread | None = None
-        # Threads of the processes that this one was forked from. Kept, because what they hold must
-        # not be freed in whatever OpenGL context is current here.
-        self._left_behind: list[_RenderingThread] = []
+        # What the process that this one was forked from had drawn with.
+        self._inherited: Backend | None = None
         self._at_fork = threading.local()
 
     def submit(self, model: Any, size: tuple[int, int], is_private: bool, *call: Any) -> Job:
@@ -115,7 +118,7 @@ class _Process:
         thread = self._thread or self._started_thread()
         if thread is self._hung:
             raise RenderingError(_HUNG)
-        may_hang = thread.canvases.backend is None and os.getpid() != self._first_pid
+        may_hang = self._is_forked() and thread.canvases.backend is None
         function, *args = call
         when_gone = thread.put if is_private else None
         job = thread.put(thread.canvases.draw, model, size, when_gone, function, args)
@@ -132,10 +135,7 @@ class _Process:
         with self._start:
             if self._thread is None:
                 self._watch()
-                inherited = next(
-                    filter(None, (t.canvases.backend for t in self._left_behind[::-1])), None
-                )
-                thread = _RenderingThread(inherited)
+                thread = _RenderingThread(Canvases(self._is_forked(), self._inherited))
                 thread.start()
                 self._thread = thread
             return self._thread
@@ -145,6 +145,8 @@ class _Process:
         if self._is_watched:
             return
         self._is_watched = True
+        if self._is_forked():
+            _leave_out_exit_handlers()
         atexit.register(self._exit)
         if hasattr(os, "register_at_fork"):
             os.register_at_fork(
@@ -163,23 +165,42 @@ class _Process:
             thread.join(0 if thread is self._hung else _LONGEST_JOB)
 
     def _before_fork(self) -> None:
-        """Lets the frame under way be finished: the child could not finish it."""
-        thread, self._at_fork.busy = self._thread, None
-        if thread is None or thread is threading.current_thread():
-            return
-        if thread.busy.acquire(timeout=_LONGEST_JOB):
-            self._at_fork.busy = thread.busy
+        """Lets the picture under way be finished: the child could not finish it."""
+        self._at_fork.busy = None
+        if self._thread is not None:
+            self._at_fork.busy = self._thread.busy
+            self._at_fork.busy.acquire(timeout=_LONGEST_JOB)
 
     def _after_fork(self) -> None:
         if self._at_fork.busy is not None:
-            self._at_fork.busy.release()
+            # It was not acquired, after Ctrl-C or because a picture takes too long.
+            with contextlib.suppress(RuntimeError):
+                self._at_fork.busy.release()
 
     def _after_fork_in_child(self) -> None:
         # No other thread lives on here, whatever locks it held.
         self._start = threading.Lock()
-        if self._thread is not None:
-            self._left_behind.append(self._thread)
-            self._thread = None
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            # Kept for ever: nothing may be freed in whatever OpenGL context is current here.
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(thread))
+            self._inherited = thread.canvases.backend or self._inherited
+            _leave_out_exit_handlers()
+
+    def _is_forked(self) -> bool:
+        return os.getpid() != self._first_pid
+
+
+def _leave_out_exit_handlers() -> None:
+    """Ends this process without what libraries do last; in C, after all that Python does.
+
+    Mesa would wait there for the threads of the process that this one was forked from, and for ever
+    if other threads have taken their places in memory.
+    """
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "on_exit"):  # GNU's. Called last first, with the status.
+        libc.on_exit(libc._exit, None)
+        libc.on_exit(libc.fcloseall, None)
 
 
 _HUNG = (

@@ -204,7 +204,7 @@ class MjModel:
           *flags: names ('gravity', 'contact', ...) or `mujoco.mjtDisableBit` values.
 
         Raises:
-          ValueError: an unknown name.
+          ValueError: an unknown name or value.
         """
         bits = 0
         for flag in flags:
@@ -268,13 +268,14 @@ class MjData:
     def __dir__(self) -> list[str]:
         return sorted(set(object.__dir__(self)) | set(dir(self._data)))
 
-    def __getstate__(self) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    def __getstate__(self) -> tuple[mujoco.MjModel | None, mujoco.MjData]:
         # The official data carries the model it was made of, which may not be ours any more.
-        return self._model._model, self._data
+        model = self._model._model
+        return None if model is self._data.model else model, self._data
 
-    def __setstate__(self, state: tuple[mujoco.MjModel, mujoco.MjData]) -> None:
+    def __setstate__(self, state: tuple[mujoco.MjModel | None, mujoco.MjData]) -> None:
         model, data = state
-        object.__setattr__(self, "_model", MjModel(model))
+        object.__setattr__(self, "_model", MjModel(data.model if model is None else model))
         object.__setattr__(self, "_data", data)
 
     def __copy__(self) -> "MjData":
@@ -377,7 +378,7 @@ def _object_type(object_type: str | int) -> int:
 def _disable_bit(flag: str | int) -> int:
     """The bit of a disable flag, given by name or number."""
     if not isinstance(flag, str):
-        return int(flag)
+        return mujoco.mjtDisableBit(int(flag)).value
     bits = {
         name.removeprefix("mjDSBL_").lower(): bit.value
         for name, bit in mujoco.mjtDisableBit.__members__.items()

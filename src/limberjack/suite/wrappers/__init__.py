@@ -1,0 +1,1 @@
+"""Wrappers of environments: pictures as observations, scaled actions, noisy actions."""

@@ -1,0 +1,98 @@
+"""An environment that observes pictures of itself.
+
+    env = pixels.Wrapper(env, render_kwargs={"height": 84, "width": 84, "camera_id": 0})
+    env.reset().observation["pixels"]    # (84, 84, 3) uint8
+
+Needs OpenGL. Frames are not stacked, nor is their order of axes changed.
+"""
+
+import collections
+from collections.abc import Mapping, MutableMapping
+from typing import Any
+
+import dm_env
+from dm_env import specs
+from numpy.typing import ArrayLike
+
+from limberjack.suite.wrappers import _delegating
+
+__all__ = ["STATE_KEY", "Wrapper"]
+
+# What an observation that is a single array is called beside the pixels.
+STATE_KEY = "state"
+
+
+class Wrapper(_delegating.Wrapper):
+    """Adds a picture to each observation, or puts it in its place; the rest stays as it is."""
+
+    def __init__(
+        self,
+        env: dm_env.Environment,
+        pixels_only: bool = True,
+        render_kwargs: Mapping[str, Any] | None = None,
+        observation_key: str = "pixels",
+    ) -> None:
+        """Wraps `env`, which must have a `physics`, and draws it once for the spec.
+
+        Args:
+          env: the environment to wrap; its observations are arrays or dicts of arrays.
+          pixels_only: observe the picture alone.
+          render_kwargs: arguments for `physics.render`: size, camera, `depth`, `segmentation`, ...
+          observation_key: name of the picture among the observations.
+
+        Raises:
+          ValueError: the observations are of another kind, or one of that name is there already.
+          RenderingError: OpenGL cannot be had.
+        """
+        super().__init__(env)
+        spec: Any = env.observation_spec()
+        self._is_dict = isinstance(spec, MutableMapping)
+        if not self._is_dict and not isinstance(spec, specs.Array):
+            raise ValueError(
+                f"env.observation_spec() is a {type(spec).__name__}; expected a dict of array specs "
+                "or one array spec"
+            )
+        taken = list(spec) if self._is_dict else [STATE_KEY]
+        if not pixels_only and observation_key in taken:
+            raise ValueError(
+                f"observation_key {observation_key!r} is taken; expected none of: "
+                f"{', '.join(map(repr, taken))}"
+            )
+        self._pixels_only = pixels_only
+        self._render_kwargs = dict(render_kwargs or {})
+        self._observation_key = observation_key
+        picture = self._picture()
+        self._observation_spec = self._with(
+            spec, specs.Array(picture.shape, picture.dtype, name=observation_key)
+        )
+
+    def reset(self) -> dm_env.TimeStep:
+        """The first time step of a new episode, with its picture."""
+        return self._seen(self._env.reset())
+
+    def step(self, action: ArrayLike) -> dm_env.TimeStep:
+        """Steps the wrapped environment and draws it."""
+        return self._seen(self._env.step(action))
+
+    def observation_spec(self) -> MutableMapping[str, Any]:
+        """The wrapped environment's observation spec, unless left out, and the picture's."""
+        return self._observation_spec
+
+    def _seen(self, time_step: dm_env.TimeStep) -> dm_env.TimeStep:
+        observation = self._with(time_step.observation, self._picture())
+        return time_step._replace(observation=observation)
+
+    # Any: the environment's physics, of which only `render` is used.
+    def _picture(self) -> Any:
+        return self._env.physics.render(**self._render_kwargs)
+
+    def _with(self, state: Any, picture: Any) -> MutableMapping[str, Any]:
+        """Observations, or their specs, together with the picture or its spec."""
+        if self._pixels_only:
+            both = collections.OrderedDict()
+        elif self._is_dict:
+            both = type(state)(state)
+        else:
+            both = collections.OrderedDict({STATE_KEY: state})
+        both[self._observation_key] = picture
+        return both

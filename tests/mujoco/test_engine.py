@@ -1,0 +1,393 @@
+"""Tests of limberjack.mujoco.engine: a Physics by itself."""
+
+import logging
+import pickle
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from limberjack.mujoco import Physics, action_spec, engine, wrapper
+from limberjack.rl import control
+
+_PENDULUM = """
+<mujoco model="pendulum">
+  <option timestep="0.01"/>
+  <worldbody>
+    <body name="pole">
+      <joint name="hinge" axis="0 1 0"/>
+      <geom name="pole" type="capsule" fromto="0 0 0 0 0 -1" size=".05" mass="1"/>
+    </body>
+    <body name="puck" pos="1 0 0">
+      <joint name="slide" type="slide" axis="1 0 0" limited="true" range="-1 1"/>
+      <geom name="puck" size=".1"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="torque" joint="hinge" ctrllimited="true" ctrlrange="-2 3"/>
+    <general name="filtered" joint="slide" dyntype="filter" dynprm="0.1"/>
+  </actuator>
+  <sensor>
+    <actuatorfrc name="torque" actuator="torque"/>
+    <jointpos name="angle" joint="hinge"/>
+  </sensor>
+  <keyframe>
+    <key name="aside" qpos="0.7 0.1" qvel="1 2"/>
+    <key name="down"/>
+  </keyframe>
+</mujoco>
+"""
+_INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION.value
+
+
+@pytest.fixture
+def physics() -> Physics:
+    return Physics.from_xml_string(_PENDULUM)
+
+
+def swing(physics: Physics, steps: int) -> list[bytes]:
+    """The states of a swing."""
+    states = []
+    for step in range(steps):
+        physics.set_control([np.sin(step), 0.5])
+        physics.step()
+        states.append(physics.get_state(_INTEGRATION).tobytes())
+    return states
+
+
+def test_every_constructor_makes_the_same_simulation(tmp_path: Path) -> None:
+    xml_path, binary_path = tmp_path / "pendulum.xml", tmp_path / "pendulum.mjb"
+    xml_path.write_text(_PENDULUM)
+    physics = Physics.from_xml_string(_PENDULUM.encode())
+    physics.model.save_binary(str(binary_path))
+    made = [
+        Physics.from_xml_path(str(xml_path)),
+        Physics.from_binary_path(str(binary_path)),
+        Physics.from_byte_string(physics.model.to_bytes()),
+        Physics.from_byte_string(binary_path.read_bytes()),
+        Physics.from_model(wrapper.MjModel.from_xml_string(_PENDULUM)),
+        Physics.from_shared_xml(_PENDULUM, {}),
+        Physics(wrapper.MjData(physics.model.copy())),
+    ]
+    expected = swing(physics, 20)
+    for other in made:
+        assert swing(other, 20) == expected
+
+
+def test_assets_are_found_by_name() -> None:
+    xml = "<mujoco><include file='./parts/body.xml'/></mujoco>"
+    part = "<mujoco><worldbody><body name='included'/></worldbody></mujoco>"
+    for assets in ({"./parts/body.xml": part.encode()}, {"parts/body.xml": part.encode()}):
+        physics = Physics.from_xml_string(xml, assets)
+        assert physics.model.name2id("included", "body") == 1
+    physics.reload_from_xml_string(_PENDULUM)
+    assert physics.model.name == "pendulum"
+    physics.reload_from_xml_string(xml, assets)
+    assert physics.model.nbody == 2
+
+
+def test_models_of_one_source_are_shared_and_of_another_are_not() -> None:
+    first, second = (Physics.from_shared_xml(_PENDULUM, {}) for _ in range(2))
+    other = Physics.from_shared_xml(_PENDULUM, {"a.xml": b"<mujoco/>"})
+    alone = Physics.from_xml_string(_PENDULUM)
+    assert first.model._model is second.model._model
+    assert first.model._model is not other.model._model
+    assert first.model._model is not alone.model._model
+
+
+def test_reloading_takes_the_new_model_and_its_names(physics: Physics, tmp_path: Path) -> None:
+    assert physics.named.data.qpos["hinge"] == [0.0]
+    path = tmp_path / "other.xml"
+    path.write_text(_PENDULUM.replace("hinge", "axle"))
+    physics.reload_from_xml_path(str(path))
+    physics.named.data.qpos["axle"] = 0.5
+    assert physics.data.qpos[0] == 0.5
+    with pytest.raises(KeyError, match="hinge"):
+        physics.named.data.qpos["hinge"]
+    fresh = Physics.from_xml_path(str(path))
+    physics.reset()
+    assert swing(physics, 5) == swing(fresh, 5)
+
+
+@pytest.mark.parametrize("nstep", [1, 2, 5])
+@pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "RK4"])
+def test_a_step_is_mujocos_and_positions_are_up_to_date_after_it(
+    integrator: str, nstep: int
+) -> None:
+    xml = _PENDULUM.replace("<option", f"<option integrator='{integrator}'")
+    physics = Physics.from_xml_string(xml)
+    model = mujoco.MjModel.from_xml_string(xml)
+    data = mujoco.MjData(model)
+    for step in range(10):
+        data.ctrl[:] = [np.cos(step), 1.0]
+        mujoco.mj_step(model, data, nstep)
+        physics.set_control([np.cos(step), 1.0])
+        physics.step(nstep)
+        np.testing.assert_array_equal(physics.get_state(_INTEGRATION), _state(model, data))
+        up_to_date = mujoco.MjData(model)
+        up_to_date.qpos[:], up_to_date.qvel[:] = data.qpos, data.qvel
+        mujoco.mj_forward(model, up_to_date)
+        np.testing.assert_array_equal(physics.data.xpos, up_to_date.xpos)
+        np.testing.assert_array_equal(physics.data.cvel, up_to_date.cvel)
+        assert physics.named.data.sensordata["angle"] == physics.data.qpos[0]
+    assert physics.time() == pytest.approx(10 * nstep * 0.01)
+
+
+def test_without_legacy_step_positions_are_those_before_the_last_sub_step(physics: Physics) -> None:
+    model = mujoco.MjModel.from_xml_string(_PENDULUM)
+    data = mujoco.MjData(model)
+    physics.legacy_step = False
+    physics.set_control([1.0, 1.0])
+    physics.step(3)
+    data.ctrl[:] = 1.0
+    mujoco.mj_step(model, data, 3)
+    np.testing.assert_array_equal(physics.get_state(_INTEGRATION), _state(model, data))
+    np.testing.assert_array_equal(physics.data.xpos, data.xpos)
+    before = physics.data.xmat.copy()
+    physics.forward()
+    assert not np.array_equal(physics.data.xmat, before)
+
+
+def _state(model: Any, data: Any) -> np.ndarray:
+    state = np.empty(mujoco.mj_stateSize(model, _INTEGRATION))
+    mujoco.mj_getState(model, data, state, _INTEGRATION)
+    return state
+
+
+def test_a_reset_context_begins_at_the_default_and_makes_quantities_follow(
+    physics: Physics,
+) -> None:
+    swing(physics, 5)
+    with physics.reset_context() as same:
+        assert same is physics
+        assert not physics.data.qpos.any()
+        assert physics.time() == 0.0
+        physics.named.data.qpos["slide"] = 0.5
+        assert physics.named.data.xpos["puck", "x"] == 1.0
+    assert physics.named.data.xpos["puck", "x"] == 1.5
+
+
+def test_an_error_in_a_reset_context_is_passed_on(physics: Physics) -> None:
+    with pytest.raises(ZeroDivisionError), physics.reset_context():
+        raise ZeroDivisionError
+
+
+def test_after_a_reset_controls_have_no_effect_and_actuation_is_enabled(physics: Physics) -> None:
+    with physics.reset_context():
+        physics.set_control([2.0, 1.0])
+    assert not physics.data.actuator_force.any()
+    assert physics.named.data.sensordata["torque"] == 0.0
+    assert physics.model.opt.disableflags == 0
+    physics.forward()
+    assert physics.data.actuator_force[0] == 2.0
+    physics.step()
+    assert physics.velocity()[0] != 0.0
+
+
+def test_a_reset_returns_to_a_keyframe(physics: Physics) -> None:
+    physics.reset(0)
+    np.testing.assert_array_equal(physics.position(), [0.7, 0.1])
+    np.testing.assert_array_equal(physics.velocity(), [1.0, 2.0])
+    assert physics.named.data.xpos["puck", "x"] == 1.1
+    physics.reset(keyframe_id=1)
+    assert not physics.position().any()
+
+
+@pytest.mark.parametrize("keyframe", [-1, 2, 99])
+def test_a_keyframe_that_is_not_there_is_refused(physics: Physics, keyframe: int) -> None:
+    physics.reset(0)
+    match = f"must be between 0 and 1 inclusive, got: {keyframe}"
+    with pytest.raises(ValueError, match=match):
+        physics.reset(keyframe)
+    np.testing.assert_array_equal(physics.position(), [0.7, 0.1])
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "warning"),
+    [
+        ("qpos", np.nan, "mjWARN_BADQPOS"),
+        ("qpos", 1e15, "mjWARN_BADQPOS"),
+        ("qvel", np.inf, "mjWARN_BADQ"),
+        ("ctrl", np.nan, "mjWARN_BADCTRL"),
+        ("qfrc_applied", np.nan, "mjWARN_BADQACC"),
+    ],
+)
+@pytest.mark.parametrize("legacy_step", [True, False])
+def test_a_diverged_simulation_raises_naming_the_warning(
+    physics: Physics, field: str, value: float, warning: str, legacy_step: bool
+) -> None:
+    physics.legacy_step = legacy_step
+    getattr(physics.data, field)[0] = value
+    with pytest.raises(control.PhysicsError, match=warning):
+        physics.step(2)
+    physics.reset()
+    physics.step()
+
+
+def test_divergence_is_raised_by_whoever_notices_it(physics: Physics) -> None:
+    physics.data.ctrl[0] = np.nan
+    with pytest.raises(control.PhysicsError, match="mjWARN_BADCTRL"):
+        physics.forward()
+    with pytest.raises(control.PhysicsError), physics.check_invalid_state():
+        mujoco.mj_step(physics.model.ptr, physics.data.ptr)
+    with physics.check_invalid_state():
+        pass
+
+
+def test_suppressed_divergence_is_logged_and_only_within_the_context(
+    physics: Physics, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING, "limberjack"):
+        with physics.suppress_physics_errors():
+            physics.data.ctrl[0] = np.nan
+            physics.step()
+        messages = [record.getMessage() for record in caplog.records]
+        assert "Physics state is invalid. Warning(s) raised: mjWARN_BADCTRL" in messages
+    with pytest.raises(ZeroDivisionError), physics.suppress_physics_errors():
+        raise ZeroDivisionError
+    with pytest.raises(control.PhysicsError):
+        physics.step()
+
+
+def test_a_model_whose_default_state_is_invalid_is_made_logged_and_given_a_good_one(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    boxes = [f"<body pos='{i} 0 0'><freejoint/><geom type='box' size='.3 .3 .3'/></body>"
+             for i in range(6)]  # fmt: skip
+    xml = f"""
+    <mujoco>
+      <size memory="8K"/>
+      <worldbody><geom type="plane" size="1 1 1"/>{"".join(boxes)}</worldbody>
+    </mujoco>
+    """
+    with caplog.at_level(logging.WARNING, "limberjack"):
+        physics = Physics.from_xml_string(xml)  # where there is no room for so many contacts
+    assert "mjWARN_CONTACTFULL" in caplog.text
+    with pytest.raises(control.PhysicsError, match="mjWARN_CONTACTFULL"):
+        physics.reset()
+    with physics.reset_context():
+        physics.data.qpos[2::7] = 5.0
+    assert physics.data.ncon == 0
+    physics.step()
+
+
+def test_the_state_is_positions_velocities_and_activations(physics: Physics) -> None:
+    swing(physics, 4)
+    state = physics.get_state()
+    parts = [physics.position(), physics.velocity(), physics.activation()]
+    np.testing.assert_array_equal(state, np.concatenate(parts))
+    np.testing.assert_array_equal(physics.state(), state)
+    assert [part.size for part in parts] == [2, 2, 1]
+    np.testing.assert_array_equal(physics.control(), [np.sin(3), 0.5])
+
+
+@pytest.mark.parametrize(
+    "sig",
+    [None, _INTEGRATION, mujoco.mjtState.mjSTATE_INTEGRATION, mujoco.mjtState.mjSTATE_QVEL.value],
+)
+def test_a_state_that_is_set_is_the_one_that_is_got(physics: Physics, sig: Any) -> None:
+    swing(physics, 4)
+    state = physics.get_state(sig)
+    swing(physics, 3)
+    assert not np.array_equal(physics.get_state(sig), state)
+    physics.set_state(list(state), sig)
+    np.testing.assert_array_equal(physics.get_state(sig), state)
+
+
+def test_the_whole_state_replays_exactly(physics: Physics) -> None:
+    swing(physics, 7)
+    state = physics.get_state(_INTEGRATION)
+    expected = swing(physics, 20)
+    physics.set_state(state, _INTEGRATION)
+    physics.forward()
+    assert swing(physics, 20) == expected
+
+
+@pytest.mark.parametrize("way", ["copy", "pickle"])
+def test_a_copy_goes_on_alike(physics: Physics, way: str) -> None:
+    swing(physics, 7)
+    other = physics.copy() if way == "copy" else pickle.loads(pickle.dumps(physics))
+    assert other.model.name == "pendulum"
+    assert other.named.data.qpos["hinge"] == physics.named.data.qpos["hinge"]
+    assert swing(other, 10) == swing(physics, 10)
+    with pytest.raises(control.PhysicsError):
+        (other.set_control(np.nan), other.step())
+
+
+def test_a_subclass_stays_itself(physics: Physics) -> None:
+    class Pendulum(Physics):
+        def __init__(self, *args: Any) -> None:
+            super().__init__(*args)
+            self.own = "attribute"
+
+        def angle(self) -> float:
+            return self.named.data.qpos["hinge"][0]
+
+    pendulum = Pendulum.from_xml_string(_PENDULUM)
+    assert pendulum.own == "attribute"
+    assert pendulum.angle() == 0.0
+    assert type(pendulum.copy()) is Pendulum
+    with pytest.raises(AttributeError, match="'Pendulum' object has no attribute 'angel'"):
+        pendulum.angel  # noqa: B018
+
+
+def test_an_unknown_attribute_is_no_closed_physics(physics: Physics) -> None:
+    with pytest.raises(AttributeError, match="nothing"):
+        physics.nothing  # noqa: B018
+    assert not hasattr(physics, "nothing")
+
+
+def test_only_wrapped_data_makes_a_physics(physics: Physics) -> None:
+    for bad in (physics.data.ptr, physics.model, None, _PENDULUM):
+        with pytest.raises(TypeError, match=r"Expected wrapper\.MjData"):
+            Physics(bad)
+
+
+def test_an_action_spec_has_the_bounds_of_limited_actuators_and_mujocos_maximum(
+    physics: Physics,
+) -> None:
+    spec = action_spec(physics)
+    assert spec.shape == (2,)
+    assert spec.dtype == float
+    np.testing.assert_array_equal(spec.minimum, [-2.0, -mujoco.mjMAXVAL])
+    np.testing.assert_array_equal(spec.maximum, [3.0, mujoco.mjMAXVAL])
+
+
+def test_controls_are_set_and_told(physics: Physics) -> None:
+    physics.set_control(1.5)
+    np.testing.assert_array_equal(physics.control(), [1.5, 1.5])
+    with pytest.raises(ValueError, match="broadcast"):
+        physics.set_control(np.zeros(3))
+
+
+def test_profiling_times_mujocos_stages(physics: Physics) -> None:
+    before = mujoco.get_mjcb_time()
+    try:
+        physics.enable_profiling()
+        physics.step(3)
+        assert physics.data.timer[mujoco.mjtTimer.mjTIMER_STEP].number > 0
+        assert physics.data.timer[mujoco.mjtTimer.mjTIMER_STEP].duration > 0
+    finally:
+        mujoco.set_mjcb_time(before)
+
+
+def test_the_numbers_of_the_model_are_read_live(physics: Physics) -> None:
+    assert physics.timestep() == 0.01
+    physics.model.opt.timestep = 0.002
+    assert physics.timestep() == 0.002
+    physics.step(5)
+    assert physics.time() == pytest.approx(0.01)
+
+
+def test_named_is_made_once_and_follows_the_simulation(physics: Physics) -> None:
+    named = physics.named
+    assert named is physics.named
+    assert isinstance(named, engine.NamedIndexStructs)
+    swing(physics, 3)
+    np.testing.assert_array_equal(named.data.qpos["hinge"], physics.data.qpos[:1])
+    named.data.qpos["hinge"] = 0.25
+    named.model.geom_size["puck", 0] = 0.75
+    assert physics.data.qpos[0] == 0.25
+    assert physics.model.geom_size[1, 0] == 0.75

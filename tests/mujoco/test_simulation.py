@@ -1,0 +1,134 @@
+"""Tests of limberjack.mujoco.simulation: one simulation."""
+
+import logging
+
+import mujoco
+import numpy as np
+import pytest
+
+from limberjack.mujoco import wrapper
+from limberjack.mujoco.simulation import SingleSimulation
+from limberjack.mujoco.wrapper.core import SharedModel
+
+_XML = """
+<mujoco>
+  <option{}/>
+  <worldbody>
+    <body><joint name="hinge" axis="0 1 0"/><geom size=".1" pos=".5 0 0"/></body>
+  </worldbody>
+  <actuator><motor joint="hinge"/></actuator>
+</mujoco>
+"""
+_GRAVITY = mujoco.mjtDisableBit.mjDSBL_GRAVITY.value
+_ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
+
+
+def made(shared: bool, option: str = "") -> tuple[SingleSimulation, wrapper.MjData]:
+    model = mujoco.MjModel.from_xml_string(_XML.format(option))
+    data = wrapper.MjData(wrapper.MjModel(SharedModel(model) if shared else model))
+    return SingleSimulation(data), data
+
+
+both_kinds = pytest.mark.parametrize("shared", [False, True], ids=["own", "shared"])
+
+
+@both_kinds
+@pytest.mark.parametrize("option", ["", " integrator='RK4'", " integrator='implicit'"])
+def test_its_steps_are_mujocos(shared: bool, option: str) -> None:
+    simulation, data = made(shared, option)
+    model = data.model._model
+    theirs = mujoco.MjData(model)
+    simulation.forward()
+    for nstep in (1, 2, 7):
+        data.ctrl[:] = theirs.ctrl[:] = 0.3 * nstep
+        simulation.step(nstep)
+        mujoco.mj_step(model, theirs, nstep)
+        assert (data.qpos[0], data.qvel[0], data.time) == (
+            theirs.qpos[0],
+            theirs.qvel[0],
+            theirs.time,
+        )
+    simulation.step_whole(3)
+    mujoco.mj_step(model, theirs, 3)
+    assert (data.qpos[0], data.qvel[0]) == (theirs.qpos[0], theirs.qvel[0])
+
+
+@both_kinds
+def test_a_forward_pass_without_actuation_has_none_and_leaves_it_enabled(shared: bool) -> None:
+    simulation, data = made(shared)
+    data.ctrl[:] = 2.0
+    simulation.forward_without_actuation()
+    assert data.actuator_force[0] == 0.0
+    assert data.qacc[0] != 0.0  # gravity acts
+    assert data.model._model.opt.disableflags == 0
+    simulation.forward()
+    assert data.actuator_force[0] == 2.0
+
+
+@both_kinds
+def test_what_the_user_disabled_stays_disabled(shared: bool) -> None:
+    simulation, data = made(shared)
+    data.model.opt.disableflags = _GRAVITY
+    simulation.forward_without_actuation()
+    assert data.qacc[0] == 0.0
+    assert data.model._model.opt.disableflags == _GRAVITY
+
+
+def test_an_error_in_the_forward_pass_leaves_actuation_enabled(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    simulation, data = made(shared=False)
+
+    def fail(*_: object) -> None:
+        assert data.model._model.opt.disableflags == _ACTUATION
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(mujoco, "mj_forward", fail)
+        with pytest.raises(KeyboardInterrupt):
+            simulation.forward_without_actuation()
+    assert data.model._model.opt.disableflags == 0
+    data.ctrl[:] = 2.0
+    simulation.forward()
+    assert data.actuator_force[0] == 2.0
+
+
+def test_a_shared_model_is_read_and_never_copied_by_running() -> None:
+    simulation, data = made(shared=True)
+    model = data.model._model
+    simulation.reset()
+    simulation.forward_without_actuation()
+    simulation.step(3)
+    simulation.step_whole(1)
+    simulation.forward()
+    assert data.model._model is model
+    assert data.model._shared is not None
+
+
+def test_it_follows_a_model_that_became_its_own() -> None:
+    simulation, data = made(shared=True)
+    simulation.forward_without_actuation()
+    data.model.opt.gravity[:] = 0.0
+    simulation.forward_without_actuation()
+    assert data.qacc[0] == 0.0
+    simulation.step(2)
+    assert data.qvel[0] == 0.0
+
+
+def test_warnings_are_counted_live_and_cleared_by_a_reset() -> None:
+    simulation, data = made(shared=True)
+    assert simulation.warnings.shape == (len(mujoco.mjtWarning.__members__) - 1,)
+    data.ctrl[:] = np.nan
+    simulation.step(2)
+    assert simulation.warnings[mujoco.mjtWarning.mjWARN_BADCTRL.value] > 0
+    simulation.reset()
+    assert not simulation.warnings.any()
+
+
+def test_mujocos_warnings_are_logged(caplog: pytest.LogCaptureFixture) -> None:
+    simulation, data = made(shared=False)
+    data.qvel[:] = np.nan
+    with caplog.at_level(logging.WARNING, "limberjack"):
+        simulation.step(2)
+    assert any("simulation is unstable" in record.getMessage() for record in caplog.records)
+    assert {record.name for record in caplog.records} == {"limberjack"}

@@ -1,0 +1,149 @@
+"""Tests of limberjack.suite.base: a task of a user's own."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import mujoco
+from limberjack.rl import control
+from limberjack.suite import base, common
+
+_XML = """
+<mujoco>
+  <include file="./common/visual.xml"/>
+  <include file="./common/skybox.xml"/>
+  <include file="./common/materials.xml"/>
+  <worldbody>
+    <body name="cart">
+      <joint name="slide" type="slide" axis="1 0 0" limited="true" range="-2 2"/>
+      <geom name="cart" size=".1" material="self"/>
+    </body>
+  </worldbody>
+  <actuator><motor joint="slide" ctrllimited="true" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+_MATERIALS = ("self", "effector", "target")
+
+
+class Stay(base.Task):
+    """Stay in the middle."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        physics.named.data.qpos["slide"] = self.random.uniform(-1, 1)
+        super().initialize_episode(physics)
+
+    def get_observation(self, physics: Any) -> dict:
+        return {"position": physics.position()}
+
+    def get_reward(self, physics: Any) -> float:
+        return float(np.exp(-abs(physics.position()[0])))
+
+
+def make(random: Any = None) -> control.Environment:
+    physics = mujoco.Physics.from_xml_string(_XML, common.ASSETS)
+    return control.Environment(physics, Stay(random), time_limit=0.02)
+
+
+def test_a_task_of_ones_own_runs() -> None:
+    env = make(random=0)
+    first = env.reset()
+    assert first.observation["position"] == np.random.RandomState(0).uniform(-1, 1)
+    steps = [env.step([0.5]) for _ in range(10)]
+    assert [step.last() for step in steps] == [False] * 9 + [True]
+    assert steps[-1].reward == np.exp(-abs(steps[-1].observation["position"][0]))
+    np.testing.assert_array_equal(env.physics.control(), [0.5])
+
+
+def test_random_is_a_stream_a_seed_or_anything() -> None:
+    stream = np.random.RandomState(5)
+    assert Stay(stream).random is stream
+    assert Stay(7).random.uniform() == np.random.RandomState(7).uniform()
+    before = np.random.get_state()[1].tolist()  # pyright: ignore[reportArgumentType, reportCallIssue, reportIndexIssue]
+    assert Stay().random.uniform() != Stay(None).random.uniform()
+    after = np.random.get_state()[1].tolist()  # pyright: ignore[reportArgumentType, reportCallIssue, reportIndexIssue]
+    assert before == after
+
+
+def test_the_action_spec_is_the_actuators() -> None:
+    spec = make().action_spec()
+    assert (spec.shape, spec.minimum.tolist(), spec.maximum.tolist()) == ((1,), [-1.0], [1.0])
+
+
+def test_a_wrapped_action_is_looked_into() -> None:
+    env = make()
+    env.reset()
+    env.task.before_step(SimpleNamespace(continuous_actions=[0.25]), env.physics)
+    np.testing.assert_array_equal(env.physics.control(), [0.25])
+
+
+@pytest.mark.parametrize("value", [1, 0, None, "yes", np.bool_(True)])
+def test_visualize_reward_is_a_boolean(value: Any) -> None:
+    task = Stay()
+    with pytest.raises(ValueError, match="Expected a boolean, got"):
+        task.visualize_reward = value
+    assert task.visualize_reward is False
+
+
+@pytest.mark.parametrize(("reward", "blend"), [(0.0, 0.0), (1.0, 1.0), (0.5, 0.0625), (7.0, 1.0)])
+def test_the_reward_is_shown_at_the_start_and_after_each_step(reward: float, blend: float) -> None:
+    env = make(random=0)
+    env.task.get_reward = lambda physics: reward
+    colours = env.physics.named.model.mat_rgba
+    plain = [colours[name].copy() for name in _MATERIALS]
+    env.reset()
+    assert np.array_equal([colours[name] for name in _MATERIALS], plain)
+    env.task.visualize_reward = True
+    for move in (env.reset, lambda: env.step([0.0])):
+        colours[list(_MATERIALS)] = 0.0
+        move()
+        for name in _MATERIALS:
+            highlight, default = colours[f"{name}_highlight"], colours[f"{name}_default"]
+            # Colours are of single precision.
+            expected = blend * highlight + (1 - blend) * default
+            np.testing.assert_allclose(colours[name], expected, atol=1e-6)
+
+
+def test_a_start_is_drawn_until_nothing_touches() -> None:
+    env = make()
+    physics, drawn = env.physics, []
+    contacts = iter([3, 1, 0])
+    counted = SimpleNamespace(ncon=0)
+
+    def draw() -> None:
+        drawn.append(len(drawn))
+        counted.ncon = next(contacts)
+
+    told = SimpleNamespace(after_reset=lambda: drawn.append("after_reset"), data=counted)
+    env.task.draw_collision_free_start(told, draw)
+    assert drawn == [0, "after_reset", 2, "after_reset", 4, "after_reset"]
+    assert physics.data.ncon == 0
+
+
+def test_what_a_task_does_not_define_it_names() -> None:
+    class Nothing(base.Task):
+        def get_observation(self, physics: Any) -> dict:
+            return {}
+
+    with pytest.raises(NotImplementedError, match="Nothing"):
+        Nothing().get_reward(make().physics)
+    assert Nothing().start(make().physics) is None
+
+
+def test_success_is_all_terms_of_the_goal_nearly_1() -> None:
+    class Two(Stay):
+        GOAL = ("near", "high")
+
+    for near, high, expected in ((1.0, 0.95, True), (1.0, 0.5, False), (0.5, 1.0, False)):
+        assert Two().is_success({"near": near, "high": high, "small_control": 0.0}) == expected
+
+
+def test_the_shared_files_are_read_by_the_names_they_are_included_by() -> None:
+    names = ["./common/materials.xml", "./common/skybox.xml", "./common/visual.xml"]
+    assert sorted(common.ASSETS) == names
+    for name in names:
+        assert common.ASSETS[name] == common.read_model(name)
+    assert common.read_model("humanoid.xml").startswith(b"<mujoco")
+    with pytest.raises(FileNotFoundError, match=r"walker\.xml"):
+        common.read_model("walker.xml")
