@@ -16,7 +16,7 @@ IMPORTED = {
     "dm_control.mujoco.index": [],
     "dm_control.mujoco.math": [],
     "dm_control.mujoco.wrapper": ["MjModel", "MjData", "MjvOption", "mjbindings"],
-    "dm_control.mujoco.wrapper.core": ["MjModel", "MjvOption"],
+    "dm_control.mujoco.wrapper.core": ["MjModel", "MjData"],
     "dm_control.mujoco.wrapper.mjbindings": ["enums", "constants", "functions", "mjlib"],
     "dm_control.mujoco.wrapper.mjbindings.constants": [],
     "dm_control.mujoco.wrapper.mjbindings.enums": ["mjtObj"],

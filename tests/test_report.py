@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from limberjack import report, suite
-from limberjack.report.files import replacing
 from limberjack.rollout import Episode
 
 _EPISODES = [Episode(4, None, np.array([0.25, 0.5])), Episode(5, "in_hand", np.array([1.0]))]
@@ -22,30 +21,6 @@ print(report.fingerprint(suite.load("manipulator", "insert_peg").physics.model._
 
 def _fingerprint(domain: str, task: str) -> str:
     return report.fingerprint(suite.load(domain, task).physics.model._model)
-
-
-def test_a_file_that_is_replaced_appears_whole(tmp_path: Path) -> None:
-    path = tmp_path / "name.txt"
-    with replacing(path) as partial:
-        partial.write_text("new")
-        assert not path.exists()
-    assert path.read_text() == "new"
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_file_stays_as_it_was_if_writing_fails(tmp_path: Path) -> None:
-    path = tmp_path / "name.txt"
-    path.write_text("old")
-
-    def write_in_part() -> None:
-        with replacing(path) as partial:
-            partial.write_text("ne")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_in_part()
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_result_lists_episodes_versions_and_fingerprint(tmp_path: Path) -> None:

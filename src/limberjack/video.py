@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.report.files import partial_path
+from limberjack.utils.files import partial_path
 
 __all__ = ["Film", "frame_stride"]
 

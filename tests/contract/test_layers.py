@@ -3,6 +3,7 @@
 import ast
 import graphlib
 import importlib
+import subprocess
 import sys
 
 import pytest
@@ -80,6 +81,19 @@ def test_imports_point_down(module: str) -> None:
 def test_no_modules_import_each_other_in_a_circle() -> None:
     graph = {module: _own_imports(module) for module in _ALL if module != PACKAGE}
     graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle
+
+
+def test_every_module_can_be_the_first_one_imported() -> None:
+    code = f"""
+import importlib, sys
+for name in {_PUBLIC!r}:
+    if not name.endswith("__main__"):
+        for loaded in [m for m in sys.modules if m.partition(".")[0] == {PACKAGE!r}]:
+            del sys.modules[loaded]
+        importlib.import_module(name)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_package_itself_imports_nothing() -> None:

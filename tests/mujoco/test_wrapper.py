@@ -399,9 +399,7 @@ def test_the_timer_is_switched_on_and_off() -> None:
         mujoco.set_mjcb_time(before)
 
 
-def test_a_c_function_is_a_callback(
-    model: wrapper.MjModel, data: wrapper.MjData
-) -> None:
+def test_a_c_function_is_a_callback(model: wrapper.MjModel, data: wrapper.MjData) -> None:
     calls = []
     kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
     function = kind(lambda m, d: calls.append("C"))

@@ -47,9 +47,14 @@ def theirs(name: str) -> ModuleType:
     return importlib.import_module(f"dm_control.{name}")
 
 
-def _delete_removed_fields() -> list[str]:
-    """The names deleted from dm_control's size table: MuJoCo's structs no longer have them."""
+def _load_on_this_mujoco() -> list[str]:
+    """Makes dm_control loadable; the names that it had to delete from its size tables."""
+    # dm_control takes MuJoCo's warnings for itself. They stay Limberjack's, whose own tests look
+    # for them in this process.
+    ours("mujoco")
+    warnings_go_to = mujoco.get_mju_user_warning()
     tables = theirs("mujoco.wrapper.mjbindings.sizes").array_sizes
+    mujoco.set_mju_user_warning(warnings_go_to)
     removed = []
     for struct, fields in (("mjmodel", mujoco.MjModel), ("mjdata", mujoco.MjData)):
         for name in [name for name in tables[struct] if not hasattr(fields, name)]:
@@ -58,8 +63,7 @@ def _delete_removed_fields() -> list[str]:
     return removed
 
 
-# Limberjack first: it imports MuJoCo without OpenGL, which dm_control then finds imported.
 BOTH = (ours, theirs)
 if importlib.util.find_spec("dm_control") is None:
     pytest.skip(_NOT_INSTALLED, allow_module_level=True)
-REMOVED_FIELDS = _delete_removed_fields()
+REMOVED_FIELDS = _load_on_this_mujoco()

@@ -263,7 +263,14 @@ def test_a_physics_that_defines_no_control_says_so() -> None:
 
 @pytest.mark.parametrize(
     ("control_timestep", "physics_timestep", "expected"),
-    [(0.2, 0.1, 2), (0.1, 0.1, 1), (0.03, 0.01, 3), (0.025, 0.005, 5), (1.0, 1e-4, 10_000), (3, 1, 3)],
+    [
+        (0.2, 0.1, 2),
+        (0.1, 0.1, 1),
+        (0.03, 0.01, 3),
+        (0.025, 0.005, 5),
+        (1.0, 1e-4, 10_000),
+        (3, 1, 3),
+    ],
 )
 def test_a_control_step_is_a_whole_number_of_physics_steps(
     control_timestep: float, physics_timestep: float, expected: int

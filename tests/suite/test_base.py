@@ -144,6 +144,6 @@ def test_the_shared_files_are_read_by_the_names_they_are_included_by() -> None:
     assert sorted(common.ASSETS) == names
     for name in names:
         assert common.ASSETS[name] == common.read_model(name)
-    assert common.read_model("humanoid.xml").startswith(b"<mujoco")
+    assert b"<mujoco" in common.read_model("humanoid.xml")
     with pytest.raises(FileNotFoundError, match=r"walker\.xml"):
         common.read_model("walker.xml")

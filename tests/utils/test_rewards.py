@@ -70,7 +70,9 @@ def test_the_default_at_the_margin_is_a_tenth(sigmoid: str) -> None:
 def test_the_gaussian_is_the_default_and_one_by_its_formula() -> None:
     x = np.linspace(-2, 2, 41)
     # exp(-x**2 / 2 s**2) through 0.1 at the margin.
-    np.testing.assert_allclose(rewards.tolerance(x, margin=0.5), 0.1 ** ((x / 0.5) ** 2), rtol=1e-12)
+    np.testing.assert_allclose(
+        rewards.tolerance(x, margin=0.5), 0.1 ** ((x / 0.5) ** 2), rtol=1e-12
+    )
 
 
 @_every_sigmoid

@@ -242,7 +242,7 @@ class Camera:
                 flex,
                 skin,
             )
-        found = (body, geom.item(), flex.item(), skin.item())
+        found = (body, geom[0], flex[0], skin[0])
         body, geom, flex, skin = (None if number == -1 else number for number in found)
         is_nothing = body is geom is skin is None  # As dm_control, which asks for no flex.
         return Selected(body, geom, flex, skin, None if is_nothing else position)

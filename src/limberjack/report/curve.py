@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from limberjack.report.files import replacing
+from limberjack.utils.files import replacing
 from limberjack.rollout import Episode
 
 __all__ = ["write_return_plot"]

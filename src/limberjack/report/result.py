@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 import limberjack
-from limberjack.report.files import replacing
+from limberjack.utils.files import replacing
 from limberjack.rollout import Episode
 
 __all__ = ["fingerprint", "versions", "write_result"]

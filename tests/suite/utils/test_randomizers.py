@@ -9,7 +9,9 @@ import pytest
 from limberjack.mujoco import Physics
 from limberjack.suite.utils import randomizers
 
-_ONE_JOINT = "<mujoco><worldbody><body><joint name='it' {}/><geom size='1'/></body></worldbody></mujoco>"
+_ONE_JOINT = (
+    "<mujoco><worldbody><body><joint name='it' {}/><geom size='1'/></body></worldbody></mujoco>"
+)
 _MIXED = """
 <mujoco>
   <worldbody>

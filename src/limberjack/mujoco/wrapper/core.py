@@ -268,15 +268,17 @@ class MjData:
     def __dir__(self) -> list[str]:
         return sorted(set(object.__dir__(self)) | set(dir(self._data)))
 
-    def __getstate__(self) -> tuple[mujoco.MjModel | None, mujoco.MjData]:
-        # The official data carries the model it was made of, which may not be ours any more.
+    def __getstate__(self) -> mujoco.MjData:
         model = self._model._model
-        return None if model is self._data.model else model, self._data
+        if model is self._data.model:
+            return self._data
+        # The official data carries the model it was made of, which is not ours any more.
+        data = mujoco.MjData(model)
+        mujoco.mj_copyData(data, model, self._data)
+        return data
 
-    def __setstate__(self, state: tuple[mujoco.MjModel | None, mujoco.MjData]) -> None:
-        model, data = state
-        object.__setattr__(self, "_model", MjModel(data.model if model is None else model))
-        object.__setattr__(self, "_data", data)
+    def __setstate__(self, state: mujoco.MjData) -> None:
+        self.__init__(state)
 
     def __copy__(self) -> "MjData":
         return self._make_copy(share_model=True)

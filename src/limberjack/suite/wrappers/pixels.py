@@ -49,10 +49,10 @@ class Wrapper(_delegating.Wrapper):
         self._is_dict = isinstance(spec, MutableMapping)
         if not self._is_dict and not isinstance(spec, specs.Array):
             raise ValueError(
-                f"env.observation_spec() is a {type(spec).__name__}; expected a dict of array specs "
-                "or one array spec"
+                f"env.observation_spec() is a {type(spec).__name__}; expected a dict of array "
+                "specs or one array spec"
             )
-        taken = list(spec) if self._is_dict else [STATE_KEY]
+        taken = [STATE_KEY] if isinstance(spec, specs.Array) else list(spec)
         if not pixels_only and observation_key in taken:
             raise ValueError(
                 f"observation_key {observation_key!r} is taken; expected none of: "

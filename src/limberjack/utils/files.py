@@ -1,4 +1,10 @@
-"""`replacing`: a file appears whole or not at all."""
+"""`replacing`: a file appears whole or not at all.
+
+    with replacing(Path("result.json")) as partial:
+        partial.write_text(text)
+
+It guards against failures and interrupts, not against a loss of power: nothing is flushed to disk.
+"""
 
 import contextlib
 import os
