@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
@@ -49,7 +49,8 @@ def watched(call: Callable[[], Any], visit: Visit) -> None:
 def places(call: Callable[[], Any]) -> list[int]:
     """Where to interrupt: counts of instructions.
 
-    The first and the last time that each line runs, and where state is kept each instruction.
+    The first time that each line runs; where state is kept, the first and the last time that each
+    instruction does.
     """
     first: dict[Any, int] = {}
     last: dict[Any, int] = {}
@@ -58,9 +59,11 @@ def places(call: Callable[[], Any]) -> list[int]:
     def visit(frame: FrameType) -> None:
         nonlocal count
         name = os.path.basename(frame.f_code.co_filename)
-        place = (frame.f_code, frame.f_lasti if name in _KEEPS_STATE else frame.f_lineno)
-        first.setdefault(place, count)
-        last[place] = count
+        if name in _KEEPS_STATE:
+            last[frame.f_code, frame.f_lasti] = count
+            first.setdefault((frame.f_code, frame.f_lasti), count)
+        else:
+            first.setdefault((frame.f_code, frame.f_lineno), count)
         count += 1
 
     watched(call, visit)
@@ -80,17 +83,18 @@ def interrupted(call: Callable[[], Any], place: int) -> None:
         watched(call, visit)
 
 
-# Environments whose model is shared or, once the user has edited it, their own.
+# With a model that is shared, becomes its own at the first start, and is edited by the user.
 _CASES = [
-    *(pytest.param(*case.values, False, id=f"{case.id}-shared") for case in DOMAINS),
-    pytest.param(("humanoid", "walk"), True, id="humanoid:walk-own"),
+    pytest.param(("humanoid", "walk"), False, id="humanoid:walk"),
+    pytest.param(("manipulator", "insert_peg"), False, id="manipulator:insert_peg"),
+    pytest.param(("humanoid", "stand"), True, id="humanoid:stand-edited"),
 ]
 
 
-def under_way(task: Task, is_own: bool) -> Any:
-    """An environment in the middle of an episode, its model shared or its own."""
+def under_way(task: Task, is_edited: bool) -> Any:
+    """An environment in the middle of an episode, its model edited or not."""
     env = load(task, seed=1)
-    if is_own:
+    if is_edited:
         env.physics.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_SPRING.value
     play(env, 2)
     env.task._random = np.random.RandomState(9)
@@ -103,42 +107,42 @@ def replayed(env: Any) -> Any:
     return [*play(env, 3), env.physics.model._model.opt.disableflags]
 
 
-@pytest.mark.parametrize(("task", "is_own"), _CASES)
+@pytest.mark.parametrize(("task", "is_edited"), _CASES)
 def test_a_reset_interrupted_anywhere_is_undone_done_or_made_again(
-    task: Task, is_own: bool
+    task: Task, is_edited: bool
 ) -> None:
-    env = under_way(task, is_own)
+    env = under_way(task, is_edited)
     action = actions(env, 1)[0]
     undone, begun = bits(env.step(action)), bits(env.reset())
     done = bits(env.step(action))
     expected = replayed(env)
-    where = places(under_way(task, is_own).reset)
+    where = places(under_way(task, is_edited).reset)
     assert len(where) > 200
     outcomes = []
     for place in where:
-        env = under_way(task, is_own)
+        env = under_way(task, is_edited)
         interrupted(env.reset, place)
         env.task._random = np.random.RandomState(9)
         outcomes.append(bits(env.step(action)))
         assert outcomes[-1] in (undone, done, begun), place
         assert replayed(env) == expected, place
-    assert outcomes.count(begun) > 0.9 * len(outcomes)
+    assert outcomes.count(begun) > 0.8 * len(outcomes)
 
 
-@pytest.mark.parametrize(("task", "is_own"), _CASES)
+@pytest.mark.parametrize(("task", "is_edited"), _CASES)
 def test_a_step_interrupted_anywhere_is_undone_done_or_ends_the_episode(
-    task: Task, is_own: bool
+    task: Task, is_edited: bool
 ) -> None:
-    env = under_way(task, is_own)
+    env = under_way(task, is_edited)
     action = actions(env, 1)[0]
     undone, done, begun = bits(env.step(action)), bits(env.step(action)), bits(env.reset())
     expected = replayed(env)
-    env = under_way(task, is_own)
+    env = under_way(task, is_edited)
     where = places(lambda: env.step(action))
     assert len(where) > 150
     outcomes = []
     for place in where:
-        env = under_way(task, is_own)
+        env = under_way(task, is_edited)
         interrupted(lambda env=env: env.step(action), place)
         outcomes.append(bits(env.step(action)))
         assert outcomes[-1] in (undone, done, begun), place
@@ -160,7 +164,7 @@ def test_a_load_interrupted_anywhere_can_be_made_again(task: Task) -> None:
 def test_a_first_load_interrupted_anywhere_can_be_made_again() -> None:
     def compile_and_begin() -> None:
         engine._models.clear()
-        suite.load("stacker", "stack_2").reset()
+        suite.load("stacker", "stack_2", {"random": 0}).reset()
 
     expected = replayed(load(("stacker", "stack_2")))
     where = places(compile_and_begin)
@@ -169,37 +173,36 @@ def test_a_first_load_interrupted_anywhere_can_be_made_again() -> None:
         assert replayed(suite.load("stacker", "stack_2")) == expected, place
 
 
-@pytest.fixture
-def ctrl_c_soon() -> Iterator[None]:
-    """A tenth of a second later KeyboardInterrupt is raised, wherever the program is then."""
-    if not hasattr(signal, "setitimer"):
-        pytest.skip("there are no timers here")
+def interrupted_soon(call: Callable[[], Any]) -> float:
+    """Calls again and again, with Ctrl-C a tenth of a second later; returns the seconds it took."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
+    def go_on() -> None:
+        signal.setitimer(signal.ITIMER_REAL, 0.1)
+        while True:
+            call()
+
     before = signal.signal(signal.SIGALRM, interrupt)
-    signal.setitimer(signal.ITIMER_REAL, 0.1)
-    yield
-    signal.setitimer(signal.ITIMER_REAL, 0)
-    signal.signal(signal.SIGALRM, before)
+    start = time.monotonic()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            go_on()
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    return time.monotonic() - start
 
 
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="there are no timers here")
 @pytest.mark.parametrize("what", ["steps", "resets", "a start that cannot be"])
-def test_ctrl_c_is_answered_within_a_second(what: str, ctrl_c_soon: None) -> None:
+def test_ctrl_c_is_answered_within_a_second(what: str) -> None:
     env = load(("stacker", "stack_4"))
     margins = env.physics.model.geom_margin.copy()
     if what == "a start that cannot be":
         env.physics.model.geom_margin[:] = 10.0
     action = np.zeros(5)
-
-    def go_on() -> None:
-        while True:
-            env.step(action) if what == "steps" else env.reset()
-
-    start = time.monotonic()
-    with pytest.raises(KeyboardInterrupt):
-        go_on()
-    assert time.monotonic() - start < 1.0
+    seconds = interrupted_soon(lambda: env.step(action) if what == "steps" else env.reset())
+    assert seconds < 1.0
     env.physics.model.geom_margin[:] = margins
     assert replayed(env) == replayed(load(("stacker", "stack_4")))

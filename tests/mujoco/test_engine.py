@@ -292,7 +292,7 @@ def test_a_state_that_is_set_is_the_one_that_is_got(physics: Physics, sig: Any) 
     state = physics.get_state(sig)
     swing(physics, 3)
     assert not np.array_equal(physics.get_state(sig), state)
-    physics.set_state(list(state), sig)
+    physics.set_state(state.tolist(), sig)
     np.testing.assert_array_equal(physics.get_state(sig), state)
 
 
@@ -342,7 +342,7 @@ def test_an_unknown_attribute_is_no_closed_physics(physics: Physics) -> None:
 def test_only_wrapped_data_makes_a_physics(physics: Physics) -> None:
     for bad in (physics.data.ptr, physics.model, None, _PENDULUM):
         with pytest.raises(TypeError, match=r"Expected wrapper\.MjData"):
-            Physics(bad)
+            Physics(bad)  # pyright: ignore[reportArgumentType]
 
 
 def test_an_action_spec_has_the_bounds_of_limited_actuators_and_mujocos_maximum(

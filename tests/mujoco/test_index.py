@@ -289,7 +289,7 @@ def test_repr_shows_each_row_with_its_name(physics: Physics) -> None:
     assert lines[1].split() == ["x", "y", "z"]
     assert len(lines) == 2 + physics.model.nbody
     assert lines[2 + 4].split()[:2] == ["4", "buoy"]
-    assert "2" in lines[2 + 4] and "3" in lines[2 + 4]
+    assert "2" in lines[2 + 4].split("buoy")[1]
     assert lines[-1].split()[0] == "6"
     labels = [line.split()[1] for line in repr(named(physics, "qpos")).splitlines()[1:]]
     assert labels == ["float"] * 7 + ["swivel"] * 4 + ["yaw", "rope"]

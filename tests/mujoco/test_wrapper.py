@@ -162,7 +162,7 @@ def test_what_has_no_name_has_an_empty_one(model: wrapper.MjModel) -> None:
 def test_unknown_names_and_kinds_are_refused_with_suggestions(model: wrapper.MjModel) -> None:
     with pytest.raises(wrapper.Error, match=r"'body'.*'bal'.*Did you mean 'ball'\? Names: world"):
         model.name2id("bal", "body")
-    with pytest.raises(wrapper.Error, match="'camera'.*'side'.*Names: none"):
+    with pytest.raises(wrapper.Error, match=r"'camera'.*'side'.*Names: none"):
         model.name2id("side", "camera")
     for use in (model.name2id, lambda name, kind: model.id2name(0, kind)):
         with pytest.raises(wrapper.Error, match="'bodi' is not a valid object type"):
@@ -187,7 +187,7 @@ def test_parts_are_disabled_within_the_context(model: wrapper.MjModel, flags: An
 
 
 def test_an_unknown_flag_is_refused_and_nothing_disabled(model: wrapper.MjModel) -> None:
-    with pytest.raises(ValueError, match="'gravty' is not a valid flag name.*gravity"):
+    with pytest.raises(ValueError, match=r"'gravty' is not a valid flag name.*gravity"):
         model.disable("contact", "gravty").__enter__()
     assert model.opt.disableflags == 0
 
@@ -383,7 +383,7 @@ def test_rendering_flags_hold_within_their_context(model: wrapper.MjModel) -> No
     for nothing in (None, {}):
         with scene.override_flags(nothing):
             np.testing.assert_array_equal(scene.flags, before)
-    with pytest.raises(ValueError, match="'wirefram' is not a rendering flag.*wireframe"):
+    with pytest.raises(ValueError, match=r"'wirefram' is not a rendering flag.*wireframe"):
         scene.override_flags({"shadow": False, "wirefram": True}).__enter__()
     np.testing.assert_array_equal(scene.flags, before)
 

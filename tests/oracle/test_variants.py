@@ -14,6 +14,7 @@ from .same import assert_same, assert_same_outcome, assert_same_pair
 pytestmark = pytest.mark.oracle
 
 every_task = pytest.mark.parametrize(("domain", "task"), twins.TASKS)
+every_model = pytest.mark.parametrize(("domain", "task"), twins.MODELS)
 partly_observable = pytest.mark.parametrize(
     ("domain", "task"), [task for task in twins.TASKS if task[0] != "humanoid"]
 )
@@ -113,7 +114,7 @@ def test_a_random_state_is_used_as_it_is(domain: str, task: str) -> None:
     assert_same_pair((stream.random_sample() for stream in streams), f"{env.where}: next draw")
 
 
-@every_task
+@every_model
 def test_a_random_state_assigned_to_the_task_is_used_at_the_next_reset(
     domain: str, task: str
 ) -> None:
@@ -127,7 +128,7 @@ def test_a_random_state_assigned_to_the_task_is_used_at_the_next_reset(
     _play(env, steps=10)
 
 
-@every_task
+@every_model
 def test_stepping_without_up_to_date_fields_is_the_same(domain: str, task: str) -> None:
     env = twins.load(domain, task, environment_kwargs={"legacy_step": False})
     _play(env)
@@ -144,7 +145,7 @@ def test_reward_colours_are_the_same_after_each_step(domain: str, task: str) -> 
             env.assert_same_physics("model.mat_rgba")
 
 
-@every_task
+@every_model
 def test_colours_of_a_full_reward_are_the_same(domain: str, task: str) -> None:
     env = twins.load(domain, task, visualize_reward=True)
     env.reset()
@@ -155,7 +156,7 @@ def test_colours_of_a_full_reward_are_the_same(domain: str, task: str) -> None:
         env.assert_same_physics("model.mat_rgba")
 
 
-@every_task
+@every_model
 def test_a_reset_in_mid_episode_begins_the_same_episode(domain: str, task: str) -> None:
     env = twins.load(domain, task)
     for steps in (0, 1, 7, 30):
@@ -163,7 +164,7 @@ def test_a_reset_in_mid_episode_begins_the_same_episode(domain: str, task: str) 
         env.assert_same_physics(*_START_FIELDS)
 
 
-@every_task
+@every_model
 def test_a_step_before_a_reset_and_after_the_last_step_begins_an_episode(
     domain: str, task: str
 ) -> None:
@@ -183,7 +184,7 @@ def test_specs_are_the_same(domain: str, task: str) -> None:
     _assert_same_specs(env)
 
 
-@every_task
+@every_model
 def test_actions_of_every_kind_that_dm_control_takes_act_the_same(domain: str, task: str) -> None:
     env = twins.load(domain, task)
     env.reset()
@@ -211,7 +212,7 @@ def test_many_starts_are_the_same(domain: str, task: str) -> None:
         env.assert_same_physics(*_START_FIELDS)
 
 
-@every_task
+@every_model
 def test_a_start_after_steps_forgets_them_as_dm_control_does(domain: str, task: str) -> None:
     env = twins.load(domain, task, seed=42)
     for start in range(20):

@@ -235,7 +235,7 @@ def test_actions_in_a_structure_are_left_to_the_task() -> None:
 
 
 def test_a_wrapped_action_is_looked_into() -> None:
-    Wrapped = collections.namedtuple("Wrapped", ["continuous_actions"])  # noqa: N806
+    Wrapped = collections.namedtuple("Wrapped", ["continuous_actions"])
     env = make()
     env.reset()
     env.task.before_step = lambda action, physics: physics.set_control(action.continuous_actions)

@@ -10,7 +10,8 @@ from limberjack import suite
 from limberjack.suite import manipulator
 
 _TASKS = ["bring_ball", "bring_peg", "insert_ball", "insert_peg"]
-_ARM = "arm_root arm_shoulder arm_elbow arm_wrist finger fingertip thumb thumbtip".split()
+_ARM = ["arm_root", "arm_shoulder", "arm_elbow", "arm_wrist"]
+_ARM += ["finger", "fingertip", "thumb", "thumbtip"]
 _EPISODES = 700
 _OFF_PLANE = 0.001  # metres; the target is drawn in front of the plane
 every_task = pytest.mark.parametrize("task", _TASKS)

@@ -76,17 +76,17 @@ def test_any_box_at_the_target_counts_once_the_hand_is_away(n_boxes: int) -> Non
     boxes = [[f"box{i}_x", f"box{i}_z"] for i in range(n_boxes)]
     for nearest in boxes:
         for box in boxes:
-            qpos[box] = target + [5.0, 0.0]
+            qpos[box] = target + np.array([5.0, 0.0])
         for distance in (0.0, size, 3 * size):
-            qpos[nearest] = target + [distance, 0.0]
+            qpos[nearest] = target + np.array([distance, 0.0])
             physics.forward()
             expected = 0.1 ** ((np.hypot(distance, _OFF_PLANE) / size) ** 2)
             close = env.task.reward_terms(physics)["box_is_close"]
             assert close == pytest.approx(expected, abs=1e-9)
     grasp = physics.named.data.site_xpos["grasp", ["x", "z"]].copy()
     for distance in (0.2, 0.1, 0.095, 0.09, 0.0):
-        model.body_pos["target", ["x", "z"]] = grasp + [distance, 0.0]
-        qpos[boxes[-1]] = grasp + [distance, 0.0]
+        model.body_pos["target", ["x", "z"]] = grasp + np.array([distance, 0.0])
+        qpos[boxes[-1]] = grasp + np.array([distance, 0.0])
         physics.forward()
         apart = np.hypot(distance, _OFF_PLANE)
         far = 1.0 if apart >= 0.1 else 0.1 ** (((0.1 - apart) / 0.01) ** 2)

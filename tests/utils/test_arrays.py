@@ -70,7 +70,7 @@ def test_minimum_of_takes_the_smallest_of_each_row(stream: np.random.RandomState
     smallest = arrays.minimum_of(iter(values))
     np.testing.assert_array_equal(smallest, values.min(axis=0))
     assert arrays.minimum_of(values[:, 0]) == min(values[:, 0])
-    assert np.isnan(arrays.minimum_of([np.float64(1.0), np.float64(np.nan)]))
+    assert np.isnan(arrays.minimum_of([np.array(1.0), np.array(np.nan)]))
 
 
 def test_one_value_per_row_is_only_known_within_its_batch() -> None:

@@ -84,7 +84,8 @@ class Transitions:
             observation, info = self._begin_anew(last, observation)
         else:
             first = step_type == _FIRST
-            info = self._info(~first) | self._drawn(first)
+            info = self._terms(~first) | self._drawn(first)
+        info["diverged"] = batch.diverged.copy()
         return observation, time_step.reward, last & ~truncated, truncated, info
 
     def checked(self, actions: Any) -> np.ndarray:
@@ -122,9 +123,9 @@ class Transitions:
             ended, self._observations.copies_of_rows(observation, ended), strict=True
         ):
             final[row] = one
-        info = self._info(~last)
+        info = self._terms(~last)
         info |= {"final_obs": final, "_final_obs": last}
-        info |= {"final_info": self._info(last), "_final_info": last}
+        info |= {"final_info": self._terms(last), "_final_info": last}
         observation = self._told(self.batch.reset(ended).observation)
         return observation, info | self._drawn(last)
 
@@ -136,23 +137,21 @@ class Transitions:
         told = {name: values.copy() for name, values in drawn.items()}
         return {"randomization": told, "_randomization": begun.copy()}
 
-    def _info(self, rows: np.ndarray) -> dict[str, Any]:
-        """What the last step's reward is made of, in some rows, and which diverged.
+    def _terms(self, rows: np.ndarray) -> dict[str, Any]:
+        """What the last step's reward is made of in some rows.
 
         Args:
           rows: mask of the rows that this is said of; the others have zeros.
         """
         batch = self.batch
-        info: dict[str, Any] = {"diverged": batch.diverged.copy()}
         terms = batch.reward_terms
         if not terms:
-            return info
-        success = batch.task.is_success(terms) if batch.task.GOAL else None
+            return {}
         rows = rows & ~batch.diverged
         told = {name: np.where(rows, values, 0.0) for name, values in terms.items()}
-        info |= {"reward_terms": told, "_reward_terms": rows}
-        if success is not None:
-            info |= {"success": success & rows, "_success": rows}
+        info: dict[str, Any] = {"reward_terms": told, "_reward_terms": rows}
+        if batch.task.GOAL:
+            info |= {"success": batch.task.is_success(terms) & rows, "_success": rows}
         return info
 
     def _told(self, observation: Any) -> Any:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from limberjack.utils.files import replacing
 from limberjack.rollout import Episode
+from limberjack.utils.files import replacing
 
 __all__ = ["write_return_plot"]
 

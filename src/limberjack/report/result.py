@@ -13,12 +13,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 
 import limberjack
-from limberjack.utils.files import replacing
+from limberjack.mujoco.official import mujoco
 from limberjack.rollout import Episode
+from limberjack.utils.files import replacing
 
 __all__ = ["fingerprint", "versions", "write_result"]
 

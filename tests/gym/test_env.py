@@ -1,0 +1,320 @@
+"""`Env`: one simulation as Gymnasium sees it."""
+
+import copy
+import os
+import pickle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gym_episodes import TASKS, assert_same, falling_env
+from gymnasium import error
+from gymnasium.utils.env_checker import check_env
+from programs import run
+
+from limberjack import gym, suite
+from limberjack.rl import control
+
+_NO_OPENGL = os.environ.get("MUJOCO_GL") == "disable"
+
+
+def _env(task: tuple[str, str] = ("humanoid", "walk"), **kwargs: Any) -> gym.Env:
+    return gym.load(*task, **kwargs)
+
+
+# What Gymnasium asks for.
+
+
+@pytest.mark.parametrize(("domain", "task"), TASKS)
+@pytest.mark.parametrize("kwargs", [{}, {"flat": True, "dtype": "float32"}], ids=["dict", "flat"])
+def test_gymnasiums_checker_has_nothing_to_say(
+    domain: str, task: str, kwargs: dict[str, Any]
+) -> None:
+    env = gymnasium.make(f"limberjack/{domain}-{task}-v0", **kwargs)
+    check_env(env.unwrapped, skip_render_check=_NO_OPENGL)  # warnings are errors
+    env.close()
+
+
+def test_it_runs_within_gymnasiums_wrappers() -> None:
+    env: Any = gymnasium.make("limberjack/stacker-stack_2-v0", time_limit=0.05)
+    env = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.wrappers.FlattenObservation(env))
+    env.reset(seed=0)
+    total, truncated = 0.0, False
+    while not truncated:
+        _, reward, _, truncated, info = env.step(env.action_space.sample())
+        total += reward
+    assert info["episode"]["l"] == 5
+    # It keeps its sum in float32.
+    assert info["episode"]["r"] == pytest.approx(total, abs=1e-6)
+
+
+# Seeds, and that the numbers are dm_control's.
+
+
+@pytest.mark.parametrize(("domain", "task"), TASKS)
+def test_a_seed_begins_the_episode_of_random_and_then_the_stream_goes_on(
+    domain: str, task: str
+) -> None:
+    env = gym.load(domain, task, time_limit=0.1)
+    single = suite.load(domain, task, {"random": 7, "time_limit": 0.1})
+    actions = np.random.RandomState(0)
+    for seed in (7, None, None):
+        time_step = single.reset()
+        observation, info = env.reset(seed=seed)
+        assert info == {}
+        while True:
+            assert_same(dict(observation), _as_arrays(time_step.observation))
+            if time_step.last():
+                break
+            action = actions.uniform(env.action_space.low, env.action_space.high)
+            time_step = single.step(action)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            assert reward == time_step.reward
+            assert (terminated, truncated) == (False, time_step.last())
+
+
+def test_the_same_seed_begins_the_same_episode_whatever_came_before() -> None:
+    env = _env(flat=True)
+    first, _ = env.reset(seed=3)
+    for _ in range(5):
+        env.step(env.action_space.sample())
+    np.testing.assert_array_equal(env.reset(seed=3)[0], first)
+    assert not np.array_equal(env.reset()[0], first)
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32])
+def test_a_seed_out_of_range_is_refused(seed: int) -> None:
+    with pytest.raises(ValueError, match=rf"seed is {seed}; expected .* from 0 to 2\*\*32 - 1"):
+        _env().reset(seed=seed)
+
+
+def test_a_seed_that_is_no_whole_number_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"seed is 1\.5"):
+        _env().reset(seed=1.5)  # pyright: ignore[reportArgumentType]
+
+
+# Ends of episodes.
+
+
+def test_the_time_limit_truncates_and_the_task_terminates() -> None:
+    ends = set()
+    env = falling_env()
+    for seed in range(8):
+        env.reset(seed=seed)
+        steps = 0
+        while True:
+            _, _, terminated, truncated, _ = env.step(np.zeros(21))
+            steps += 1
+            if terminated or truncated:
+                break
+        assert terminated != truncated
+        assert truncated == (steps == 16)
+        ends.add(terminated)
+    assert ends == {False, True}
+
+
+def test_a_step_without_an_episode_is_refused() -> None:
+    env = _env(time_limit=0.025)
+    with pytest.raises(error.ResetNeeded, match="call reset"):
+        env.step(np.zeros(21))
+    env.reset(seed=0)
+    assert env.step(np.zeros(21))[3]
+    with pytest.raises(error.ResetNeeded, match="call reset"):
+        env.step(np.zeros(21))
+
+
+def test_divergence_raises_and_a_reset_begins_anew() -> None:
+    env = _env()
+    env.reset(seed=0)
+    env.environment.physics.data.qpos[0] = np.nan
+    with pytest.raises(control.PhysicsError):
+        env.step(np.zeros(21))
+    with pytest.raises(error.ResetNeeded):
+        env.step(np.zeros(21))
+    assert_same(env.reset(seed=0), _env().reset(seed=0))
+
+
+@pytest.mark.parametrize("bad", [np.zeros(20), np.full(21, np.nan), np.zeros((1, 21))])
+def test_a_refused_action_changes_nothing(bad: np.ndarray) -> None:
+    env, twin = _env(), _env()
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    with pytest.raises(ValueError, match="action"):
+        env.step(bad)
+    assert_same(env.step(np.ones(21)), twin.step(np.ones(21)))
+
+
+# Observations.
+
+
+@pytest.mark.parametrize(("domain", "task"), TASKS)
+def test_the_layout_says_where_each_observation_stands(domain: str, task: str) -> None:
+    flat = gym.load(domain, task, flat=True)
+    parts = gym.load(domain, task)
+    array, _ = flat.reset(seed=0)
+    observation, _ = parts.reset(seed=0)
+    assert flat.layout == parts.layout
+    assert list(observation) == [part.name for part in flat.layout] == list(parts.observation_space)
+    for name, where, shape in flat.layout:
+        assert_same(array[where].reshape(shape), observation[name])
+    assert flat.layout[-1].slice.stop == array.size
+
+
+def test_the_flat_order_is_that_of_a_flat_dm_env_observation() -> None:
+    single = suite.load("stacker", "stack_4", {"random": 0}, {"flat_observation": True})
+    expected = single.reset().observation["observations"]
+    assert_same(gym.load("stacker", "stack_4", flat=True).reset(seed=0)[0], expected)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_float32_is_the_float64_observation_rounded(flat: bool) -> None:
+    doubles, floats = _env(flat=flat), _env(flat=flat, dtype=np.float32)
+    action = np.full(21, 0.5)
+    for one, other in zip(
+        (doubles.reset(seed=0)[0], doubles.step(action)[0]),
+        (floats.reset(seed=0)[0], floats.step(action)[0]),
+        strict=True,
+    ):
+        rounded = one.astype("f4") if flat else {k: v.astype("f4") for k, v in one.items()}
+        assert_same(rounded, other)
+    assert floats.action_space.dtype == np.float32
+
+
+@pytest.mark.parametrize("dtype", ["float16", int, "nonsense", None])
+def test_other_number_types_are_refused(dtype: Any) -> None:
+    with pytest.raises(ValueError, match="expected 'float64' or 'float32'"):
+        _env(dtype=dtype)
+
+
+# Info.
+
+
+def test_the_info_has_the_terms_of_the_reward_and_success() -> None:
+    env = _env(("humanoid", "stand"))
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(np.ones(21))
+    assert set(info) == {"reward_terms", "success"}
+    assert np.prod(list(info["reward_terms"].values())) == pytest.approx(reward, rel=1e-12)
+    assert info["success"] is False
+
+
+def test_a_ball_that_starts_at_the_target_is_a_success() -> None:
+    env = _env(("manipulator", "bring_ball"))
+    for seed in range(100):
+        env.reset(seed=seed)
+        if env.environment.task.start(env.environment.physics) == "in_target":
+            break
+    assert env.step(np.zeros(5))[4]["success"] is True
+
+
+def test_the_info_of_a_task_without_terms_is_empty() -> None:
+    class Plain(suite.humanoid.Humanoid):
+        def get_reward(self, physics: Any) -> Any:
+            return physics.head_height()
+
+    physics = suite.humanoid.Physics.from_shared_xml(*suite.humanoid.get_model_and_assets())
+    env = gym.Env(control.Environment(physics, Plain(0, False), time_limit=1))
+    env.reset(seed=0)
+    assert env.step(np.zeros(21))[4] == {}
+
+
+def test_what_was_randomised_is_in_the_info_of_a_reset() -> None:
+    from limberjack.rl.randomize import scale
+
+    env = _env(randomize={"geom_friction": scale(0.5, 2.0)})
+    _, info = env.reset(seed=0)
+    drawn = info["randomization"]["geom_friction"]
+    np.testing.assert_array_equal(drawn, env.environment.physics.model.geom_friction)
+    assert not np.array_equal(env.reset()[1]["randomization"]["geom_friction"], drawn)
+
+
+# Pictures, closing, copies.
+
+
+@pytest.mark.skipif(_NO_OPENGL, reason="MUJOCO_GL turns rendering off")
+def test_a_picture_is_that_of_the_physics() -> None:
+    env = _env(render_mode="rgb_array", render_kwargs={"height": 24, "width": 32, "camera_id": 0})
+    env.reset(seed=0)
+    picture = env.render()
+    expected = env.environment.physics.render(24, 32, camera_id=0)
+    np.testing.assert_array_equal(picture, expected)
+    assert env.metadata["render_fps"] == 40
+
+
+def test_there_is_no_picture_without_a_render_mode() -> None:
+    env = _env()
+    env.reset(seed=0)
+    assert env.render() is None
+
+
+def test_an_unknown_render_mode_is_refused() -> None:
+    with pytest.raises(ValueError, match="render_mode is 'human'; expected None or one of"):
+        _env(render_mode="human")
+
+
+def test_closing_twice_is_fine_and_later_use_says_closed() -> None:
+    env = _env()
+    env.reset(seed=0)
+    env.close()
+    env.close()
+    for use in (env.reset, env.render, lambda: env.step(np.zeros(21))):
+        with pytest.raises(error.ClosedEnvironmentError, match="closed"):
+            use()
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_as_the_original_does(copied: Any) -> None:
+    env = _env()
+    env.reset(seed=0)
+    env.step(np.ones(21))
+    twin = copied(env)
+    for _ in range(3):
+        assert_same(env.step(np.ones(21)), twin.step(np.ones(21)))
+    assert_same(env.reset(), twin.reset())
+
+
+def test_a_time_limit_given_twice_is_refused() -> None:
+    with pytest.raises(TypeError, match="time_limit is given twice"):
+        _env(time_limit=1, task_kwargs={"time_limit": 2})
+
+
+# Processes.
+
+
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_gymnasiums_processes_give_what_one_process_gives(context: str) -> None:
+    # The batch is there so that a fork takes its threads along.
+    program = f"""
+        import functools
+        import gymnasium
+        import numpy as np
+        from limberjack import gym
+
+        if __name__ == "__main__":
+            batch = gym.load_vector("humanoid", "walk", 4, num_threads=2)
+            batch.reset(seed=0)
+            batch.step(np.zeros((4, 21)))
+            makers = [functools.partial(gym.load, "humanoid", "walk", time_limit=0.1)] * 2
+            here = gymnasium.vector.SyncVectorEnv(makers)
+            there = gymnasium.vector.AsyncVectorEnv(makers, context={context!r})
+            here.action_space.seed(0)
+            results = [[envs.reset(seed=5)[0]] for envs in (here, there)]
+            for _ in range(6):
+                actions = here.action_space.sample()
+                for envs, told in zip((here, there), results, strict=True):
+                    observation, *rest, info = envs.step(actions)
+                    told += [observation, *rest]
+            for one, other in zip(*results, strict=True):
+                one, other = (x if isinstance(x, dict) else {{"": x}} for x in (one, other))
+                for name in one:
+                    np.testing.assert_array_equal(one[name], other[name])
+            there.close()
+            print("same")
+        """
+    # Newer Pythons warn of any fork of a process with threads.
+    assert run(program, warnings="ignore") == "same\n"
+
+
+def _as_arrays(observation: Any) -> dict[str, np.ndarray]:
+    return {name: np.asarray(value) for name, value in observation.items()}

@@ -1,0 +1,528 @@
+"""`VectorEnv`: rows equal `Env` bit for bit, in each autoreset mode."""
+
+import copy
+import logging
+import os
+import pickle
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gym_episodes import MODES, TASKS, assert_same, falling_env, falling_envs, told_alike
+from gymnasium import error
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import vector as wrappers
+
+from limberjack import gym
+from limberjack.rl import control
+
+_NO_OPENGL = os.environ.get("MUJOCO_GL") == "disable"
+_WALK = ("humanoid", "walk")
+
+
+def _envs(num_envs: int = 3, task: tuple[str, str] = _WALK, **kwargs: Any) -> gym.VectorEnv:
+    return gym.load_vector(*task, num_envs, num_threads=2, **kwargs)
+
+
+def _assert_lockstep(envs: Any, reference: Any, steps: int, mode: AutoresetMode) -> None:
+    """Steps both with the same actions; where rows must be reset by hand it does that."""
+    told, expected = wrappers.DictInfoToList(envs), wrappers.DictInfoToList(reference)
+
+    def compare(one: Any, other: Any, where: str) -> None:
+        (*values, infos), (*others, expected_infos) = one, other
+        assert_same(values, others, where)
+        assert_same(told_alike(infos), expected_infos, where)
+
+    compare(told.reset(seed=3), expected.reset(seed=3), "reset")
+    actions = np.random.RandomState(0)
+    low, high = envs.action_space.low, envs.action_space.high
+    for step in range(steps):
+        action = actions.uniform(low, high) * (step % 3 == 0)
+        result = told.step(action)
+        compare(result, expected.step(action), f"step {step}")
+        ended = result[2] | result[3]
+        if mode is AutoresetMode.DISABLED and ended.any():
+            compare(
+                told.reset(options={"reset_mask": ended}),
+                expected.reset(options={"reset_mask": ended.copy()}),
+                f"reset after step {step}",
+            )
+
+
+# Laws.
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize(("domain", "task"), TASKS)
+def test_rows_equal_single_environments(domain: str, task: str, mode: AutoresetMode) -> None:
+    makers = [lambda: gym.load(domain, task, time_limit=0.1)] * 3
+    envs = _envs(3, (domain, task), time_limit=0.1, autoreset_mode=mode)
+    reference = SyncVectorEnv(makers, autoreset_mode=mode)
+    assert envs.observation_space == reference.observation_space
+    assert envs.action_space == reference.action_space
+    assert envs.single_observation_space == reference.single_observation_space
+    assert envs.single_action_space == reference.single_action_space
+    assert envs.metadata == reference.metadata
+    _assert_lockstep(envs, reference, 33, mode)
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("num_envs", [1, 2, 7])
+@pytest.mark.parametrize("flat", [False, True], ids=["dict", "flat"])
+def test_rows_that_end_at_different_times_equal_single_environments(
+    num_envs: int, mode: AutoresetMode, flat: bool
+) -> None:
+    envs = falling_envs(num_envs, flat=flat, dtype="float32", autoreset_mode=mode)
+    makers = [lambda: falling_env(flat=flat, dtype="float32")] * num_envs
+    _assert_lockstep(envs, SyncVectorEnv(makers, autoreset_mode=mode), 60, mode)
+
+
+def test_the_modes_have_the_same_transitions() -> None:
+    def transitions(mode: AutoresetMode) -> list[list[Any]]:
+        """Of each row: (observation, action, reward, next observation, terminated, truncated)."""
+        envs = falling_envs(4, flat=True, autoreset_mode=mode)
+        seen: list[list[Any]] = [[] for _ in range(4)]
+        observation, _ = envs.reset(seed=0)
+        begins = np.zeros(4, bool)
+        counts = np.zeros(4, int)
+        for _ in range(60):
+            # A policy of the row and how far it is, so that all modes are given the same.
+            action = np.sin(np.arange(4)[:, None] + counts[:, None] + np.arange(21))
+            after, reward, terminated, truncated, info = envs.step(action)
+            ended = terminated | truncated
+            for row in np.flatnonzero(~begins):
+                at_the_end = mode is AutoresetMode.SAME_STEP and ended[row]
+                final = info["final_obs"][row] if at_the_end else after[row]
+                parts = observation[row], action[row], reward[row], final
+                seen[row].append((*parts, terminated[row], truncated[row]))
+                counts[row] += 1
+            begins = ended & (mode is AutoresetMode.NEXT_STEP)
+            if mode is AutoresetMode.DISABLED and ended.any():
+                after, _ = envs.reset(options={"reset_mask": ended})
+            observation = after
+        return seen
+
+    seen = {mode: transitions(mode) for mode in AutoresetMode}
+    for row in range(4):
+        shortest = min(len(rows[row]) for rows in seen.values())
+        assert shortest > 45  # three episodes
+        for rows in seen.values():
+            assert_same(rows[row][:shortest], seen[AutoresetMode.NEXT_STEP][row][:shortest])
+
+
+def test_both_kinds_of_ends_occur_in_these_tests() -> None:
+    envs = falling_envs(7)
+    envs.reset(seed=0)
+    flags = [envs.step(np.zeros((7, 21)))[2:4] for _ in range(18)]
+    terminated, truncated = (np.array(kind) for kind in zip(*flags, strict=True))
+    assert terminated.any()
+    assert truncated.any()
+    assert not (terminated & truncated).any()
+
+
+def test_threads_make_no_difference() -> None:
+    results = []
+    for threads in (1, 2, 4):
+        envs = falling_envs(7, num_threads=threads, flat=True)
+        envs.reset(seed=0)
+        results.append([envs.step(np.full((7, 21), 0.3)) for _ in range(30)])
+    assert_same(results[0], results[1])
+    assert_same(results[0], results[2])
+
+
+# Resets.
+
+
+def test_a_sequence_of_seeds_gives_one_to_each_row_and_none_lets_it_go_on() -> None:
+    envs = _envs(3, flat=True)
+    env = gym.load(*_WALK, flat=True)
+    observation, _ = envs.reset(seed=[5, None, np.int64(9)])
+    assert_same(observation[0], env.reset(seed=5)[0])
+    assert_same(observation[2], env.reset(seed=9)[0])
+    again, _ = envs.reset(seed=(5, None, None))
+    assert_same(again[0], observation[0])
+    assert not np.array_equal(again[1], observation[1])
+    assert_same(again[2], env.reset()[0])
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_mask_resets_its_rows_and_leaves_the_others_alone(mode: AutoresetMode) -> None:
+    envs, twin = _envs(3, autoreset_mode=mode), _envs(3, autoreset_mode=mode)
+    single = gym.load(*_WALK)
+    for each in (envs, twin):
+        each.reset(seed=0)
+    before, *_ = envs.step(np.ones((3, 21)))
+    twin.step(np.ones((3, 21)))
+    told, _ = envs.reset(seed=20, options={"reset_mask": np.array([False, True, False])})
+    begun, _ = single.reset(seed=21)
+    for name, values in told.items():
+        assert_same(values[[0, 2]], before[name][[0, 2]])
+        assert_same(values[1], begun[name])
+    one, other = envs.step(np.ones((3, 21))), twin.step(np.ones((3, 21)))
+    for name, values in one[0].items():
+        assert_same(values[[0, 2]], other[0][name][[0, 2]])
+    assert_same(one[1][1], np.float64(single.step(np.ones(21))[1]))
+
+
+def test_the_callers_options_and_mask_stay_as_they_were() -> None:
+    mask = np.array([True, False, False])
+    options = {"reset_mask": mask, "other": 1}
+    envs = _envs(3, autoreset_mode="SameStep")
+    envs.reset(seed=0)
+    envs.reset(options=options)
+    assert options == {"reset_mask": mask, "other": 1}
+    assert mask.tolist() == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("mask", "kind", "message"),
+    [
+        ([True, False, False], TypeError, "expected an array of booleans"),
+        (np.array([1, 0, 0]), TypeError, "expected an array of booleans"),
+        (np.array([True]), ValueError, r"shape \(1,\); expected \(3,\)"),
+        (np.zeros(3, bool), ValueError, "selects no row"),
+    ],
+)
+def test_a_bad_mask_is_refused_and_nothing_is_reset(
+    mask: Any, kind: type[Exception], message: str
+) -> None:
+    envs, twin = _envs(3), _envs(3)
+    for each in (envs, twin):
+        each.reset(seed=0)
+    with pytest.raises(kind, match=message):
+        envs.reset(seed=1, options={"reset_mask": mask})
+    assert_same(envs.reset(), twin.reset())
+
+
+@pytest.mark.parametrize(
+    ("seed", "kind", "message"),
+    [
+        (-1, ValueError, "seed is -1"),
+        (2**32 - 2, ValueError, "seed is 4294967296"),
+        ([1, 2], ValueError, "there are 2 seeds; expected 3"),
+        ([1, 2, 3.5], TypeError, r"seed is 3\.5"),
+        (0.5, TypeError, r"seed is 0\.5"),
+    ],
+)
+def test_a_bad_seed_is_refused_and_nothing_is_reset(
+    seed: Any, kind: type[Exception], message: str
+) -> None:
+    envs, twin = _envs(3), _envs(3)
+    for each in (envs, twin):
+        each.reset(seed=0)
+    with pytest.raises(kind, match=message):
+        envs.reset(seed=seed)
+    assert_same(envs.reset(), twin.reset())
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_step_before_the_first_reset_is_refused(mode: AutoresetMode) -> None:
+    with pytest.raises(error.ResetNeeded, match="call reset"):
+        _envs(2, autoreset_mode=mode).step(np.zeros((2, 21)))
+
+
+def test_a_row_that_ended_must_be_reset_where_autoreset_is_disabled() -> None:
+    envs = _envs(2, time_limit=0.025, autoreset_mode="Disabled", flat=True)
+    envs.reset(seed=0)
+    last, *_ = envs.step(np.zeros((2, 21)))
+    with pytest.raises(error.ResetNeeded, match=r"rows \[0, 1\].*nothing was stepped"):
+        envs.step(np.zeros((2, 21)))
+    told, _ = envs.reset(options={"reset_mask": np.array([True, False])})
+    assert_same(told[1], last[1])
+    with pytest.raises(error.ResetNeeded, match=r"rows \[1\]"):
+        envs.step(np.zeros((2, 21)))
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize(
+    ("actions", "kind", "message"),
+    [
+        (np.zeros((2, 21)), ValueError, r"shape \(2, 21\); expected \(3, 21\)"),
+        (np.zeros(21), ValueError, r"shape \(21,\); expected \(3, 21\)"),
+        (0.0, ValueError, r"shape \(\); expected \(3, 21\)"),
+        (np.full((3, 21), "a"), TypeError, "expected numbers"),
+        (np.diag([0, np.nan, np.inf]) @ np.ones((3, 21)), ValueError, r"rows \[0, 1, 2\]|not fin"),
+    ],
+)
+def test_refused_actions_change_nothing(
+    actions: Any, kind: type[Exception], message: str
+) -> None:
+    envs, twin = _envs(3), _envs(3)
+    for each in (envs, twin):
+        each.reset(seed=0)
+    with pytest.raises(kind, match=message):
+        envs.step(actions)
+    assert_same(envs.step(np.ones((3, 21))), twin.step(np.ones((3, 21))))
+
+
+def test_actions_that_are_not_finite_are_refused_naming_their_rows() -> None:
+    envs = _envs(3)
+    envs.reset(seed=0)
+    actions = np.zeros((3, 21))
+    actions[1, 4], actions[2, 0] = np.nan, np.inf
+    with pytest.raises(ValueError, match=r"rows \[1, 2\]; nothing was stepped"):
+        envs.step(actions)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"num_envs": 0}, "num_envs is 0"),
+        ({"num_envs": -1}, "num_envs is -1"),
+        ({"num_threads": -1}, "num_threads is -1"),
+        ({"num_threads": 0}, "num_threads is 0"),
+        ({"autoreset_mode": "SameSte"}, "Did you mean 'SameStep'"),
+        ({"on_divergence": "ignore"}, "expected 'end' or 'raise'"),
+        ({"dtype": "int32"}, "expected 'float64' or 'float32'"),
+        ({"render_mode": "human"}, "expected None or one of"),
+        ({"time_limit": 0}, "time_limit is 0"),
+        ({"num_envs": 1, "pipelined": True}, "expected at least 2"),
+    ],
+)
+def test_a_bad_argument_is_refused_by_its_name(kwargs: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        gym.load_vector(*_WALK, **{"num_envs": 2, **kwargs})
+
+
+def test_a_seed_in_task_kwargs_is_refused() -> None:
+    with pytest.raises(TypeError, match="seed"):
+        _envs(task_kwargs={"random": 0})
+
+
+# Observations.
+
+
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize("mode", MODES)
+def test_what_was_returned_never_changes(flat: bool, mode: AutoresetMode) -> None:
+    envs = _envs(2, flat=flat, time_limit=0.05, autoreset_mode=mode)
+    envs.reset(seed=0)
+    results = []
+    for _ in range(2):
+        result = envs.step(np.zeros((2, 21)))
+        results.append((result, copy.deepcopy(result)))
+    if mode is AutoresetMode.DISABLED:
+        envs.reset(options={"reset_mask": np.ones(2, bool)})
+    for _ in range(2):
+        envs.step(np.ones((2, 21)))
+    for result, as_it_was in results:
+        for one, other in zip(result[:4], as_it_was[:4], strict=True):
+            assert_same(one, other)
+        for name in ("final_obs", "reward_terms", "success"):
+            if name in result[4] and name != "final_obs":
+                assert_same(result[4][name], as_it_was[4][name])
+            elif name in result[4]:
+                assert_same(list(result[4][name]), list(as_it_was[4][name]))
+
+
+def test_without_copies_the_flat_array_is_one_and_its_values_are_the_same() -> None:
+    reused = _envs(3, flat=True, copy=False, autoreset_mode="SameStep", time_limit=0.05)
+    fresh = _envs(3, flat=True, autoreset_mode="SameStep", time_limit=0.05)
+    buffer, _ = reused.reset(seed=0)
+    assert_same(buffer, fresh.reset(seed=0)[0])
+    for _ in range(5):
+        one, other = reused.step(np.ones((3, 21))), fresh.step(np.ones((3, 21)))
+        assert one[0] is buffer
+        assert_same(one[0], other[0])
+        if "final_obs" in one[4]:
+            assert_same(list(one[4]["final_obs"]), list(other[4]["final_obs"]))
+
+
+@pytest.mark.parametrize(("domain", "task"), TASKS)
+def test_the_layout_says_where_each_observation_stands(domain: str, task: str) -> None:
+    flat, parts = _envs(2, (domain, task), flat=True), _envs(2, (domain, task))
+    array, _ = flat.reset(seed=0)
+    observation, _ = parts.reset(seed=0)
+    assert flat.layout == parts.layout == gym.load(domain, task).layout
+    for name, where, shape in flat.layout:
+        assert_same(array[:, where].reshape(2, *shape), observation[name])
+
+
+# Info.
+
+
+def test_the_info_has_the_terms_of_the_reward_and_success_of_each_row() -> None:
+    envs = _envs(4, ("humanoid", "stand"))
+    envs.reset(seed=0)
+    _, rewards, _, _, info = envs.step(np.ones((4, 21)))
+    product = np.prod(list(info["reward_terms"].values()), axis=0)
+    np.testing.assert_allclose(product, rewards, rtol=1e-12)  # another order of factors
+    assert info["success"].shape == (4,)
+    assert info["success"].dtype == bool
+    assert not info["diverged"].any()
+
+
+def test_a_row_whose_episode_begins_has_no_terms() -> None:
+    envs = _envs(2, time_limit=0.025)
+    envs.reset(seed=0)
+    envs.step(np.ones((2, 21)))
+    _, rewards, _, _, info = envs.step(np.ones((2, 21)))
+    assert rewards.tolist() == [0, 0]
+    assert not info["_reward_terms"].any()
+    assert not info["_success"].any()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_what_was_randomised_is_told_where_an_episode_begins(mode: AutoresetMode) -> None:
+    from limberjack.rl.randomize import scale
+
+    randomize = {"body_mass": scale(0.5, 2.0)}
+    envs = falling_envs(1, autoreset_mode=mode)  # another task, not randomised
+    assert "randomization" not in envs.reset(seed=0)[1]
+    envs = _envs(3, randomize=randomize, time_limit=0.05, autoreset_mode=mode)
+    makers = [lambda: gym.load(*_WALK, randomize=randomize, time_limit=0.05)] * 3
+    _assert_lockstep(envs, SyncVectorEnv(makers, autoreset_mode=mode), 7, mode)
+
+
+# Divergence.
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_row_that_diverges_terminates_alone(
+    mode: AutoresetMode, caplog: pytest.LogCaptureFixture
+) -> None:
+    envs, twin = (_envs(3, flat=True, autoreset_mode=mode) for _ in range(2))
+    for each in (envs, twin):
+        each.reset(seed=0)
+    envs.batches[0].physics.data.qpos[1, 2] = np.nan
+    with caplog.at_level(logging.CRITICAL, "limberjack"):
+        observation, rewards, terminated, truncated, info = envs.step(np.zeros((3, 21)))
+    expected = twin.step(np.zeros((3, 21)))
+    assert terminated.tolist() == info["diverged"].tolist() == [False, True, False]
+    assert not truncated.any()
+    assert rewards[1] == 0
+    assert np.isfinite(observation).all()
+    assert_same(observation[[0, 2]], expected[0][[0, 2]])
+    assert_same(rewards[[0, 2]], expected[1][[0, 2]])
+    assert ("final_obs" in info) == (mode is AutoresetMode.SAME_STEP)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_divergence_raises_if_asked_to(mode: AutoresetMode) -> None:
+    envs = _envs(3, on_divergence="raise", autoreset_mode=mode)
+    envs.reset(seed=0)
+    envs.batches[0].physics.data.qpos[1, 2] = np.nan
+    with pytest.raises(control.PhysicsError, match=r"rows \[1\]"):
+        envs.step(np.zeros((3, 21)))
+    envs.reset(seed=0)
+    envs.step(np.zeros((3, 21)))
+
+
+# Wrappers of Gymnasium.
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_gymnasiums_statistics_are_those_of_single_environments(mode: AutoresetMode) -> None:
+    def stream(envs: Any) -> list[Any]:
+        recorded = wrappers.RecordEpisodeStatistics(envs)
+        recorded.reset(seed=0)
+        told = []
+        for _ in range(36):
+            _, _, terminated, truncated, info = recorded.step(np.zeros((3, 21)))
+            if "episode" in info:
+                told.append((info["episode"]["r"], info["episode"]["l"], info["_episode"]))
+            ended = terminated | truncated
+            if mode is AutoresetMode.DISABLED and ended.any():
+                recorded.reset(options={"reset_mask": ended})
+        return told
+
+    makers = [falling_env] * 3
+    expected = SyncVectorEnv(makers, autoreset_mode=mode)
+    ours = stream(falling_envs(3, autoreset_mode=mode))
+    assert ours
+    if mode is not AutoresetMode.DISABLED:  # where SyncVectorEnv hides the mask from the wrapper
+        assert_same(ours, stream(expected))
+
+
+def test_gymnasiums_other_wrappers_run() -> None:
+    envs: Any = _envs(2, time_limit=0.1)
+    envs = wrappers.NormalizeObservation(wrappers.FlattenObservation(envs))
+    envs = wrappers.ClipAction(wrappers.NormalizeReward(envs))
+    envs.reset(seed=0)
+    for _ in range(9):
+        observation, *_ = envs.step(envs.action_space.sample())
+    assert observation.shape == (2, 67)
+
+
+# Pictures, closing, copies, snapshots.
+
+
+@pytest.mark.skipif(_NO_OPENGL, reason="MUJOCO_GL turns rendering off")
+@pytest.mark.parametrize("sizes", [(3,), (2, 1)], ids=["batch", "halves"])
+def test_pictures_of_rows_are_those_of_single_environments_and_change_nothing(
+    sizes: tuple[int, ...],
+) -> None:
+    kwargs: Any = {"height": 24, "width": 32, "camera_id": "side"}
+    envs = falling_envs(*sizes, render_mode="rgb_array", render_kwargs=kwargs)
+    twin = falling_envs(*sizes)
+    env = falling_env(render_mode="rgb_array", render_kwargs=kwargs)
+    for each in (envs, twin):
+        each.reset(seed=4)
+        each.step(np.ones((3, 21)))
+    pictures = envs.render()
+    assert pictures is not None
+    for row in range(3):
+        env.reset(seed=4 + row)
+        env.step(np.ones(21))
+        np.testing.assert_array_equal(pictures[row], env.render())
+    for _ in range(20):
+        assert_same(envs.step(np.zeros((3, 21))), twin.step(np.zeros((3, 21))))
+
+
+def test_there_are_no_pictures_without_a_render_mode() -> None:
+    envs = _envs(2)
+    envs.reset(seed=0)
+    assert envs.render() is None
+
+
+@pytest.mark.parametrize("pipelined", [False, True])
+def test_closing_twice_is_fine_and_later_use_says_closed(pipelined: bool) -> None:
+    envs = _envs(2, pipelined=pipelined)
+    envs.reset(seed=0)
+    envs.close()
+    envs.close()
+    uses = (envs.reset, envs.render, envs.recv, lambda: envs.step(np.zeros((2, 21))))
+    for use in (*uses, lambda: envs.send(np.zeros((1, 21)), 0)):
+        with pytest.raises(error.ClosedEnvironmentError, match="closed"):
+            use()
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda envs: pickle.loads(pickle.dumps(envs))])
+@pytest.mark.parametrize("pipelined", [False, True])
+def test_a_copy_goes_on_as_the_original_does(copied: Any, pipelined: bool) -> None:
+    envs = _envs(3, pipelined=pipelined, time_limit=0.1, flat=True)
+    envs.reset(seed=0)
+    envs.step(np.ones((3, 21)))
+    twin = copied(envs)
+    for _ in range(6):
+        assert_same(envs.step(np.ones((3, 21))), twin.step(np.ones((3, 21))))
+
+
+def test_a_snapshot_of_the_batch_lets_it_go_on_from_there() -> None:
+    envs = falling_envs(3, autoreset_mode="SameStep", flat=True)
+    envs.reset(seed=0)
+    envs.step(np.ones((3, 21)))
+    (batch,) = envs.batches
+    snapshot = batch.snapshot()
+    once = [envs.step(np.zeros((3, 21))) for _ in range(20)]
+    batch.restore(snapshot)
+    again = [envs.step(np.zeros((3, 21))) for _ in range(20)]
+    for one, other in zip(once, again, strict=True):
+        assert_same(one[:4], other[:4])
+
+
+def test_a_user_s_batch_that_is_of_no_size_is_refused() -> None:
+    with pytest.raises(ValueError, match="there are 0 batches"):
+        gym.VectorEnv()
+
+
+def test_make_vec_and_gymnasiums_own_vector_environments_agree() -> None:
+    name = "limberjack/stacker-stack_4-v0"
+    ours = gymnasium.make_vec(name, num_envs=2, num_threads=1)
+    theirs = gymnasium.make_vec(name, num_envs=2, vectorization_mode="sync")
+    assert_same(ours.reset(seed=0)[0], theirs.reset(seed=0)[0])
+    for envs in (ours, theirs):
+        envs.close()

@@ -1,0 +1,137 @@
+"""Row i of any batch is the single environment with seed + i, bit for bit, for every task."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.rl.batch import BatchEnvironment
+
+_SEED = 11
+_STEPS_OF_AN_EPISODE = 25
+
+
+def _short(domain: str) -> dict[str, float]:
+    """A time limit that lets rows go through several episodes."""
+    control_timestep = 0.025 if domain == "humanoid" else 0.01
+    return {"time_limit": _STEPS_OF_AN_EPISODE * control_timestep}
+
+
+def _assert_row(row: int, batched: Any, single: Any, where: str) -> None:
+    assert batched.step_type[row] == int(single.step_type), where
+    if not single.first():
+        assert batched.reward[row] == single.reward, where
+        assert batched.discount[row] == single.discount, where
+    assert list(batched.observation) == list(single.observation)
+    for name, value in single.observation.items():
+        np.testing.assert_array_equal(batched.observation[name][row], value, f"{where} {name}")
+        assert batched.observation[name].dtype == value.dtype
+
+
+def _play(task: tuple[str, str], batch: BatchEnvironment, singles: list[Any], steps: int) -> None:
+    """Plays three episodes and more, with one row reset by itself, and compares every row."""
+    actions = np.random.RandomState(0).uniform(-1, 1, (steps, *batch.action_spec().shape))
+    batched, told = batch.reset(), [env.reset() for env in singles]
+    for step, action in enumerate(actions):
+        for row, single in enumerate(told):
+            _assert_row(row, batched, single, f"{task} row {row} step {step}")
+        if step == 10:  # from here on the rows' episodes end at different times
+            batched = batch.reset([0])
+            told[0] = singles[0].reset()
+            for name, value in told[0].observation.items():
+                np.testing.assert_array_equal(batched.observation[name][0], value)
+        batched = batch.step(action)
+        told = [env.step(a) for env, a in zip(singles, action, strict=True)]
+
+
+@pytest.mark.parametrize(("num_envs", "num_threads"), [(1, 1), (2, 4), (7, 2)])
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_a_row_is_the_single_environment(
+    task: tuple[str, str], num_envs: int, num_threads: int
+) -> None:
+    kwargs = _short(task[0])
+    batch = suite.load_batch(*task, num_envs, num_threads, _SEED, task_kwargs=kwargs)
+    singles = [suite.load(*task, {"random": _SEED + i, **kwargs}) for i in range(num_envs)]
+    _play(task, batch, singles, 3 * _STEPS_OF_AN_EPISODE + 10)
+
+
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_64_rows_on_any_number_of_threads_are_the_same(task: tuple[str, str]) -> None:
+    kwargs = _short(task[0])
+    batches = [
+        suite.load_batch(*task, 64, num_threads, _SEED, task_kwargs=kwargs)
+        for num_threads in (1, 2, 4)
+    ]
+    for batch in batches:
+        batch.reset()
+    shape = batches[0].action_spec().shape
+    for action in np.random.RandomState(0).uniform(-1, 1, (2 * _STEPS_OF_AN_EPISODE, *shape)):
+        first, *others = [batch.step(action) for batch in batches]
+        for other in others:
+            np.testing.assert_array_equal(first.reward, other.reward)
+            for name, value in first.observation.items():
+                np.testing.assert_array_equal(value, other.observation[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_64_rows_are_64_single_environments(task: tuple[str, str]) -> None:
+    kwargs = _short(task[0])
+    batch = suite.load_batch(*task, 64, 4, _SEED, task_kwargs=kwargs)
+    singles = [suite.load(*task, {"random": _SEED + i, **kwargs}) for i in range(64)]
+    _play(task, batch, singles, 3 * _STEPS_OF_AN_EPISODE + 10)
+
+
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_variants_reach_the_rows(task: tuple[str, str]) -> None:
+    kwargs = _short(task[0])
+    if task[0] != "humanoid":
+        kwargs["fully_observable"] = False
+    environment = {"flat_observation": True, "legacy_step": False}
+    batch = suite.load_batch(*task, 3, 2, _SEED, kwargs, environment)
+    singles = [suite.load(*task, {"random": _SEED + i, **kwargs}, environment) for i in range(3)]
+    _play(task, batch, singles, 40)
+
+
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_what_a_batch_returns_never_changes_later(task: tuple[str, str]) -> None:
+    batch = suite.load_batch(*task, 3, 1, _SEED)
+    first = batch.reset()
+    action = np.full(batch.action_spec().shape, 0.5)
+    before = {name: value.copy() for name, value in first.observation.items()}
+    second = batch.step(action)
+    kept = (second.reward.copy(), second.step_type.copy(), second.discount.copy())
+    third = batch.step(-action)
+    for name, value in first.observation.items():
+        np.testing.assert_array_equal(value, before[name])
+        assert not np.may_share_memory(value, third.observation[name])
+    for old, array in zip(kept, (second.reward, second.step_type, second.discount), strict=True):
+        np.testing.assert_array_equal(old, array)
+
+
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_specs_describe_what_comes(task: tuple[str, str]) -> None:
+    batch = suite.load_batch(*task, 5, 1, _SEED)
+    single = suite.load(*task)
+    batch.reset()
+    time_step = batch.step(batch.action_spec().generate_value())
+    specs = batch.observation_spec()
+    assert list(specs) == list(single.observation_spec())
+    for name, spec in specs.items():
+        spec.validate(time_step.observation[name])
+        assert spec.shape == (5, *single.observation_spec()[name].shape)
+    batch.reward_spec().validate(time_step.reward)
+    batch.discount_spec().validate(time_step.discount)
+    assert batch.action_spec().shape == (5, *single.action_spec().shape)
+
+
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_the_terms_of_the_reward_are_there_for_each_row(task: tuple[str, str]) -> None:
+    batch = suite.load_batch(*task, 4, 1, _SEED)
+    batch.reset()
+    time_step = batch.step(np.zeros(batch.action_spec().shape))
+    for name, value in batch.reward_terms.items():
+        assert value.shape == (4,), name
+    np.testing.assert_array_equal(batch.task.reward_of(batch.reward_terms), time_step.reward)
+    assert batch.task.is_success(batch.reward_terms).shape == (4,)

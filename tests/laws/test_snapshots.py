@@ -1,0 +1,115 @@
+"""A snapshot restored has the future that it was taken before, bit for bit, for every task."""
+
+import copy
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.rl.randomize import scale
+
+_TASKS = pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+_RANDOMIZE = {"body_mass": scale(0.8, 1.2), "geom_friction": scale(0.5, 1.5)}
+
+
+def _short(domain: str) -> dict[str, float]:
+    return {"time_limit": 20 * (0.025 if domain == "humanoid" else 0.01)}
+
+
+def _actions(env: Any, steps: int) -> np.ndarray:
+    return np.random.RandomState(1).uniform(-1, 1, (steps, *env.action_spec().shape))
+
+
+def _assert_same(one: Any, other: Any) -> None:
+    np.testing.assert_array_equal(one.step_type, other.step_type)
+    np.testing.assert_array_equal(one.reward, other.reward)
+    for name, value in one.observation.items():
+        np.testing.assert_array_equal(value, other.observation[name], name)
+
+
+@pytest.mark.parametrize("steps_before", [0, 1, 13, 20])
+@_TASKS
+def test_a_single_environment_goes_on_from_a_snapshot(
+    task: tuple[str, str], steps_before: int
+) -> None:
+    env = suite.load(*task, {"random": 1, **_short(task[0])})
+    env.reset()
+    actions = _actions(env, steps_before + 45)
+    for action in actions[:steps_before]:
+        env.step(action)
+    seen = env.task.get_observation(env.physics)
+    snapshot = pickle.loads(pickle.dumps(env.snapshot()))
+    future = [env.step(action) for action in actions[steps_before:]]
+    other = suite.load(*task, {"random": 99, **_short(task[0])})
+    other.reset()
+    other.step(actions[0])
+    for twin in (env, other):
+        twin.restore(snapshot)
+        for name, value in seen.items():
+            np.testing.assert_array_equal(twin.task.get_observation(twin.physics)[name], value)
+        for action, expected in zip(actions[steps_before:], future, strict=True):
+            _assert_same(twin.step(action), expected)
+
+
+@_TASKS
+def test_copies_and_pickles_of_a_batch_have_its_future(task: tuple[str, str]) -> None:
+    randomize = {"randomize": _RANDOMIZE}
+    batch = suite.load_batch(*task, 4, 2, 3, _short(task[0]), randomize)
+    batch.reset()
+    actions = _actions(batch, 60)
+    for action in actions[:9]:
+        batch.step(action)
+    batch.reset([2])
+    other_threads = suite.load_batch(*task, 4, 1, 70, _short(task[0]), randomize)
+    other_threads.restore(batch.snapshot())
+    twins = [copy.deepcopy(batch), pickle.loads(pickle.dumps(batch)), other_threads]
+    for action in actions[9:]:
+        expected = batch.step(action)
+        for twin in twins:
+            _assert_same(twin.step(action), expected)
+
+
+@_TASKS
+def test_one_row_goes_into_any_row_of_any_batch(task: tuple[str, str]) -> None:
+    single = suite.load(*task, {"random": 5, **_short(task[0])})
+    single.reset()
+    actions = _actions(single, 60)
+    for action in actions[:7]:
+        single.step(action)
+    batch = suite.load_batch(*task, 5, 2, 40, task_kwargs=_short(task[0]))
+    batch.reset()
+    batch.step(np.stack([actions[0]] * 5))
+    batch.restore(single.snapshot(), [3])
+    batch.copy_row(3, 1)
+    for action in actions[7:]:
+        expected = single.step(action)
+        time_step = batch.step(np.stack([action] * 5))
+        for row in (1, 3):
+            assert time_step.step_type[row] == int(expected.step_type)
+            for name, value in expected.observation.items():
+                np.testing.assert_array_equal(time_step.observation[name][row], value)
+    twin = suite.load(*task, {"random": 0, **_short(task[0])})
+    twin.restore(batch.snapshot([1]))
+    _assert_same(twin.step(actions[0]), single.step(actions[0]))
+
+
+def test_a_snapshot_of_something_else_is_refused_and_nothing_changes() -> None:
+    env = suite.load("humanoid", "walk", {"random": 0})
+    env.reset()
+    twin = copy.deepcopy(env)
+    batch = suite.load_batch("humanoid", "walk", 2, 1, 0)
+    batch.reset()
+    other_task = suite.load("stacker", "stack_2", {"random": 0})
+    other_task.reset()
+    for snapshot, what in [
+        (other_task.snapshot(), "task 'Stack'"),
+        (batch.snapshot(), "holds 2 environments; expected 1"),
+    ]:
+        with pytest.raises(ValueError, match=what):
+            env.restore(snapshot)
+    with pytest.raises(ValueError, match="holds 1 environments; expected 2"):
+        batch.restore(env.snapshot())
+    action = np.zeros(env.action_spec().shape)
+    _assert_same(env.step(action), twin.step(action))

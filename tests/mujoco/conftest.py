@@ -1,0 +1,48 @@
+"""Scripts in processes of their own, and dm_control to compare with."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+_LONGEST = 120  # seconds; a script takes far less, so that one that takes longer hangs
+
+
+@pytest.fixture
+def run_script() -> Callable[..., str]:
+    """Runs a script in a new process, with environment variables; returns what it printed.
+
+    It fails unless the process ends with status 0 and nothing on the error stream. Warnings are
+    errors there, but for Python's that a process with threads was forked. A variable that is None is
+    unset.
+    """
+
+    def run(script: str, **variables: str | None) -> str:
+        changes = {"MUJOCO_GL": "egl" if sys.platform == "linux" else None} | variables
+        environment = {k: v for k, v in os.environ.items() if k not in changes}
+        environment |= {k: v for k, v in changes.items() if v is not None}
+        flags = ["-W", "error", "-W", "ignore:This process:DeprecationWarning"]
+        done = subprocess.run(
+            [sys.executable, *flags, "-c", script],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=_LONGEST,
+            check=False,
+        )
+        assert (done.returncode, done.stderr) == (0, ""), done.stdout
+        return done.stdout
+
+    return run
+
+
+@pytest.fixture
+def theirs() -> Callable[[str], ModuleType]:
+    """`theirs("mujoco")` is dm_control's module; skips where dm_control is not installed."""
+    # Any: the module is found on pytest's path alone.
+    oracle: Any = pytest.importorskip("oracle.oracle")
+    return oracle.theirs

@@ -1,0 +1,275 @@
+"""BatchEnvironment: its checks, divergence, user's tasks, and life in other processes."""
+
+import collections
+import logging
+import os
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import mujoco, suite
+from limberjack.rl import control
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.suite import base
+from limberjack.utils import cores, rewards
+
+_POLE = """
+<mujoco model="pole">
+  <option timestep="0.01"/>
+  <worldbody>
+    <body name="pole" pos="0 0 1">
+      <joint name="hinge" axis="0 1 0" damping="0.1"/>
+      <geom name="pole" type="capsule" size="0.03" fromto="0 0 0 0 0 0.5"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="torque" joint="hinge" ctrllimited="true" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+
+
+class _Pole(base.Task):
+    """Holds a pole up; batch-safe."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        physics.named.data.qpos["hinge"] = self.random.uniform(-1, 1)
+
+    def get_observation(self, physics: Any) -> collections.OrderedDict:
+        height = physics.named.data.xmat["pole", "zz"]
+        return collections.OrderedDict(angle=physics.position(), height=np.asarray(height))
+
+    def get_reward(self, physics: Any) -> Any:
+        height = physics.named.data.xmat["pole", "zz"]
+        return rewards.tolerance(height, (0.9, 1), margin=1, sigmoid="quadratic")
+
+    def get_termination(self, physics: Any) -> Any:
+        fallen = physics.named.data.xmat["pole", "zz"] < -0.9
+        if np.ndim(fallen):
+            return np.where(fallen, 0.0, np.nan)
+        return 0.0 if fallen else None
+
+
+class _Flawed(_Pole):
+    def get_observation(self, physics: Any) -> collections.OrderedDict:
+        return collections.OrderedDict(pos=physics.named.data.xpos["pole"].reshape(-1)[:3])
+
+
+class _Mover(_Pole):
+    def initialize_episode(self, physics: Any) -> None:
+        physics.named.model.body_pos["pole", "z"] = self.random.uniform(1, 2)
+
+
+def _pole(task_class: type[base.Task] = _Pole, seed: int = 0) -> control.Environment:
+    physics = mujoco.Physics.from_xml_string(_POLE)
+    return control.Environment(physics, task_class(seed), time_limit=0.5)
+
+
+def _walkers(num_envs: int = 4, **kwargs: Any) -> BatchEnvironment:
+    batch = suite.load_batch("humanoid", "walk", num_envs, 2, 0, **kwargs)
+    batch.reset()
+    return batch
+
+
+def _assert_goes_on_like(batch: BatchEnvironment, twin: BatchEnvironment) -> None:
+    action = np.full(batch.action_spec().shape, 0.3)
+    ours, theirs = batch.step(action), twin.step(action)
+    np.testing.assert_array_equal(ours.reward, theirs.reward)
+    for name, value in ours.observation.items():
+        np.testing.assert_array_equal(value, theirs.observation[name])
+
+
+def test_a_users_batch_safe_task_is_its_single_environment_in_each_row() -> None:
+    batch = BatchEnvironment.from_environment(_pole(), 6, 2, seed=3)
+    singles = [_pole(seed=3 + i) for i in range(6)]
+    batched, told = batch.reset(), [env.reset() for env in singles]
+    lengths = []
+    for step in range(200):
+        actions = np.random.RandomState(step).uniform(-1, 1, (6, 1))
+        batched, told = (
+            batch.step(actions),
+            [e.step(a) for e, a in zip(singles, actions, strict=True)],
+        )
+        for row, single in enumerate(told):
+            assert batched.step_type[row] == int(single.step_type)
+            np.testing.assert_array_equal(
+                batched.observation["angle"][row], single.observation["angle"]
+            )
+            if not single.first():
+                assert batched.reward[row] == single.reward
+                assert batched.discount[row] == single.discount
+            if single.last():
+                lengths.append((single.discount, row))
+    assert {discount for discount, _ in lengths} == {0.0, 1.0}  # both ends are reached
+
+
+def test_a_task_that_is_not_batch_safe_is_told_what_and_how() -> None:
+    with pytest.raises(
+        ValueError, match=r"observation 'pos' of task _Flawed has shape \(3,\) in a"
+    ):
+        BatchEnvironment.from_environment(_pole(_Flawed), 8, 1)
+
+
+def test_a_task_that_sets_an_undeclared_field_of_the_model_is_told_to_declare_it() -> None:
+    with pytest.raises(
+        ValueError, match=r"_Mover sets body_pos .* EPISODE_FIELDS = \('body_pos',\)"
+    ):
+        BatchEnvironment.from_environment(_pole(_Mover), 2, 1)
+
+
+@pytest.mark.parametrize(
+    ("actions", "error", "message"),
+    [
+        (np.zeros((3, 21)), ValueError, r"shape \(3, 21\); expected \(4, 21\)"),
+        (np.zeros(21), ValueError, r"shape \(21,\); expected \(4, 21\)"),
+        (0.0, ValueError, "shape"),
+        (np.full((4, 21), "a"), TypeError, "expected numbers"),
+        (np.full((4, 21), None), TypeError, "expected numbers"),
+        (np.where(np.arange(84).reshape(4, 21) == 30, np.nan, 0), ValueError, r"rows \[1\]"),
+        (np.where(np.arange(84).reshape(4, 21) >= 70, np.inf, 0), ValueError, r"rows \[3\]"),
+    ],
+)
+def test_bad_actions_are_refused_and_nothing_moves(actions: Any, error: Any, message: str) -> None:
+    batch, twin = _walkers(), _walkers()
+    with pytest.raises(error, match=message):
+        batch.step(actions)
+    _assert_goes_on_like(batch, twin)
+
+
+@pytest.mark.parametrize(
+    "ids", [[1, 0], [0, 0], [4], [-1], [[0]], [0.5], ["a"], np.ones(3, bool), 1]
+)
+def test_bad_ids_are_refused_and_nothing_moves(ids: Any) -> None:
+    batch, twin = _walkers(), _walkers()
+    for call in (batch.reset, batch.snapshot):
+        with pytest.raises(ValueError, match=r"ids|mask"):
+            call(ids)
+    _assert_goes_on_like(batch, twin)
+
+
+def test_a_row_that_begins_ignores_its_action() -> None:
+    batch = _walkers(task_kwargs={"time_limit": 0.05})
+    zero = np.zeros(batch.action_spec().shape)
+    batch.step(zero)
+    assert (batch.step(zero).step_type == 2).all()
+    assert (batch.step(zero * np.nan).step_type == 0).all()
+
+
+@pytest.mark.parametrize("kwargs", [{"num_envs": 0}, {"num_envs": 2.0}, {"num_envs": True}])
+def test_bad_sizes_are_refused(kwargs: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="num_envs is"):
+        BatchEnvironment.from_environment(_pole(), **kwargs)
+    with pytest.raises(ValueError, match="num_threads is -1"):
+        BatchEnvironment.from_environment(_pole(), 2, -1)
+    with pytest.raises(ValueError, match="on_divergence is 'maybe'"):
+        BatchEnvironment.from_environment(_pole(), 2, 1, on_divergence="maybe")
+    with pytest.raises(TypeError, match="give seed"):
+        suite.load_batch("humanoid", "walk", 2, task_kwargs={"random": 0})
+
+
+def test_a_diverging_row_ends_and_is_flagged_and_the_others_do_not_notice(
+    caplog: pytest.LogCaptureFixture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    batch, twin = _walkers(), _walkers()
+    batch.physics.data.qvel[2] = 1e12
+    action = np.full(batch.action_spec().shape, 0.3)
+    with caplog.at_level(logging.WARNING, "limberjack"):
+        ours, theirs = batch.step(action), twin.step(action)
+    assert "rows [2] diverged" in caplog.text
+    assert batch.diverged.tolist() == [False, False, True, False]
+    assert ours.step_type.tolist() == [1, 1, 2, 1]
+    assert ours.reward[2] == ours.discount[2] == 0
+    others = [0, 1, 3]
+    for _ in range(3):
+        np.testing.assert_array_equal(ours.reward[others], theirs.reward[others])
+        for name, value in ours.observation.items():
+            np.testing.assert_array_equal(value[others], theirs.observation[name][others])
+        ours, theirs = batch.step(action), twin.step(action)
+    assert not batch.diverged.any()
+    assert ours.step_type[2] == 1  # an episode of its own again
+    assert not list(tmp_path.iterdir())  # no MUJOCO_LOG.TXT
+
+
+def test_divergence_can_be_raised_naming_the_rows() -> None:
+    batch = _walkers(on_divergence="raise")
+    batch.physics.data.qvel[1] = 1e12
+    zero = np.zeros(batch.action_spec().shape)
+    with pytest.raises(control.PhysicsError, match=r"rows \[1\] diverged"):
+        batch.step(zero)
+    assert (batch.step(zero).step_type == 0).all()
+
+
+def test_a_batch_is_closed_once_and_says_so() -> None:
+    batch = _walkers()
+    batch.close()
+    batch.close()
+    for call in (batch.reset, batch.snapshot, lambda: batch.step(0)):
+        with pytest.raises(RuntimeError, match="closed"):
+            call()
+
+
+def test_use_from_two_threads_at_once_is_refused() -> None:
+    batch = _walkers(256)
+    action = np.zeros(batch.action_spec().shape)
+    errors: list[BaseException] = []
+
+    def step() -> None:
+        try:
+            for _ in range(20):
+                batch.step(action)
+        except RuntimeError as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=step) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert errors
+    assert all("two threads at once" in str(error) for error in errors)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+def test_a_forked_child_goes_on_exactly_and_exits_with_status_0(tmp_path: Path) -> None:
+    batch = suite.load_batch("manipulator", "insert_peg", 6, 2, 0)
+    batch.reset()
+    actions = np.random.RandomState(0).uniform(-1, 1, (20, *batch.action_spec().shape))
+    batch.step(actions[0])
+    untouched = _walkers()  # only dropped there
+    pid = os.fork()
+    if pid == 0:
+        status = 1
+        try:
+            rewards_there = np.stack([batch.step(a).observation["arm_vel"] for a in actions])
+            np.save(tmp_path / "there.npy", rewards_there)
+            del untouched
+            status = 0
+        finally:
+            os._exit(status)
+    here = np.stack([batch.step(a).observation["arm_vel"] for a in actions])
+    assert os.waitpid(pid, 0)[1] == 0
+    np.testing.assert_array_equal(np.load(tmp_path / "there.npy"), here)
+
+
+def test_an_interrupted_step_lets_every_row_begin_anew() -> None:
+    batch = _walkers()
+
+    def interrupt(physics: Any) -> None:
+        raise KeyboardInterrupt
+
+    zero = np.zeros(batch.action_spec().shape)
+    batch.task.after_step = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        batch.step(zero)
+    del batch.task.after_step
+    assert (batch.step(zero).step_type == 0).all()
+    assert (batch.step(zero).step_type == 1).all()
+
+
+def test_threads_are_by_default_the_cores_that_may_be_used() -> None:
+    assert 1 <= cores.usable_cores() <= (os.cpu_count() or 1)
+    batch = suite.load_batch("stacker", "stack_2", 64)
+    assert batch.physics._simulation.num_threads == min(64, cores.usable_cores())
