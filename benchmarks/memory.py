@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import fresh
 import peers
 import typer
-from report import Row, all_met, at_most, print_table, write_json
+from report import Row, all_met, at_most, print_table, summary, write_json
 
 __all__ = [
     "NUM_LOADS",
@@ -185,9 +185,10 @@ def _sampled(
 
 def _return_unused_memory() -> None:
     """Lets the allocator give back what it keeps for later, where it knows how to."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:
-        trim(0)
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # not in every C library
+        if trim is not None:
+            trim(0)
 
 
 def _resident_megabytes() -> float | None:
@@ -208,6 +209,7 @@ def main(
     """Print whether memory stays flat; the exit status is 1 if it does not."""
     rows = measure(steps, loads)
     print_table(rows)
+    typer.echo(summary(rows))
     if json is not None:
         write_json(json, rows, {"steps": steps, "loads": loads})
     sys.exit(not all_met(rows))

@@ -16,7 +16,7 @@ import peers
 import starting
 import stepping
 import typer
-from report import Row, all_met, print_table, write_json
+from report import Row, all_met, print_table, summary, write_json
 
 __all__ = ["Effort", "Section", "main"]
 
@@ -104,6 +104,7 @@ def main(
         typer.echo(f"measuring: {section}", err=True)
         rows += _measure(section, effort)
     print_table(rows)
+    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
     if json is not None:
         write_json(json, rows, {"quick": quick, **dataclasses.asdict(effort)})
     sys.exit(not quick and not all_met(rows))

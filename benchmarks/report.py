@@ -24,6 +24,7 @@ __all__ = [
     "at_most",
     "print_table",
     "spread",
+    "summary",
     "write_json",
 ]
 
@@ -121,6 +122,15 @@ def print_table(rows: Iterable[Row]) -> None:
         )
         measure = row.measure
     console.print(table)
+
+
+def summary(rows: Iterable[Row]) -> str:
+    """How many bars are met, and which are not."""
+    with_bar = [row for row in rows if row.bar is not None]
+    lines = [f"{sum(row.is_met is True for row in with_bar)} of {len(with_bar)} bars met"]
+    lines += [f"missed: {row.measure}, {row.subject}" for row in with_bar if row.is_met is False]
+    unmeasured = sum(row.is_met is None for row in with_bar)
+    return "\n".join([*lines, f"{unmeasured} not measured"] if unmeasured else lines)
 
 
 def write_json(path: Path, rows: Iterable[Row], settings: Mapping[str, Any]) -> None:

@@ -1,7 +1,8 @@
-"""The command `limberjack`: list the tasks, run one and watch it.
+"""The command `limberjack`: list the tasks, run one and watch it, measure how fast one steps.
 
     limberjack list
     limberjack run humanoid walk --policy random --episodes 3 --out demo
+    limberjack bench humanoid walk --num-envs 256
 
 Tables go to standard output; the progress bar, notes and errors go to standard error. The exit
 status is 0, 1 if a run failed, 2 for a mistake on the command line, 130 after Ctrl-C.
@@ -134,6 +135,38 @@ def _run(
         assert failure is not None
         raise failure
     raise typer.Exit(status)
+
+
+@app.command("bench")
+def _bench(
+    domain: Annotated[str, typer.Argument(metavar="DOMAIN", help="Such as humanoid.")],
+    task: Annotated[str, typer.Argument(metavar="TASK", help="Such as walk.")],
+    num_envs: Annotated[int, typer.Option(min=1, help="Rows of the batch.")] = 256,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="The most to try; by default the usable cores.")
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="For each of the two comparisons, about.")] = 3.0,
+) -> None:
+    """Measure how fast a batch of a task steps on this machine, and with how many threads.
+
+    What is compared does the same random actions in turns: MuJoCo alone (`physics`), a
+    BatchEnvironment (`batch`) and a Gymnasium VectorEnv, flat and float32 (`vector`).
+    """
+    with _misuse_reported():
+        from limberjack import bench
+
+        result = bench.measure(domain, task, num_envs, threads, seconds)
+    table = _table("what", "threads>", "steps/s>", "of physics>", "of 1 thread>")
+    for speed in result.speeds:
+        rate = f"{speed.steps_per_second:,.0f}"
+        table.add_row(speed.what, str(speed.num_threads), rate, f"{speed.ratio:.2f}", "")
+    table.add_section()
+    for speed in result.sweep:
+        rate = f"{speed.steps_per_second:,.0f}"
+        table.add_row(speed.what, str(speed.num_threads), rate, "", f"{speed.ratio:.2f}")
+    _console().print(table)
+    best = result.recommended_threads
+    typer.echo(f"Recommended for {num_envs} rows: num_threads={best}")
 
 
 class _Run:

@@ -18,6 +18,8 @@ _LAYERS = {
     "limberjack.mujoco": 2,
     "limberjack.rl.batch": 3,
     "limberjack.suite": 4,
+    "limberjack._gymnasium_plugin": 5,
+    "limberjack.bench": 5,
     "limberjack.gym": 5,
     "limberjack.policies": 5,
     "limberjack.report": 5,

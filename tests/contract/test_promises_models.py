@@ -120,17 +120,6 @@ def test_an_edited_model_is_the_environments_own(task: Task, edit: Callable[[Any
     assert play(load(task), 3) == expected
 
 
-def test_the_model_of_the_official_data_is_not_shared_either() -> None:
-    env = load(("humanoid", "walk"))
-    model = env.physics.data.ptr.model
-    before = model.opt.timestep
-    model.opt.timestep = _TIMESTEP
-    try:
-        assert load(("humanoid", "walk")).physics.timestep() == before
-    finally:
-        model.opt.timestep = before
-
-
 @pytest.mark.parametrize("task", DOMAINS)
 def test_an_edit_has_its_effect_on_the_edited_simulation(task: Task) -> None:
     env, twin = load(task), load(task)

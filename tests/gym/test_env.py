@@ -40,7 +40,7 @@ def test_it_runs_within_gymnasiums_wrappers() -> None:
     env: Any = gymnasium.make("limberjack/stacker-stack_2-v0", time_limit=0.05)
     env = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.wrappers.FlattenObservation(env))
     env.reset(seed=0)
-    total, truncated = 0.0, False
+    total, truncated, info = 0.0, False, {}
     while not truncated:
         _, reward, _, truncated, info = env.step(env.action_space.sample())
         total += reward
@@ -56,7 +56,7 @@ def test_it_runs_within_gymnasiums_wrappers() -> None:
 def test_a_seed_begins_the_episode_of_random_and_then_the_stream_goes_on(
     domain: str, task: str
 ) -> None:
-    env = gym.load(domain, task, time_limit=0.1)
+    env: Any = gym.load(domain, task, time_limit=0.1)
     single = suite.load(domain, task, {"random": 7, "time_limit": 0.1})
     actions = np.random.RandomState(0)
     for seed in (7, None, None):
@@ -151,7 +151,7 @@ def test_a_refused_action_changes_nothing(bad: np.ndarray) -> None:
 @pytest.mark.parametrize(("domain", "task"), TASKS)
 def test_the_layout_says_where_each_observation_stands(domain: str, task: str) -> None:
     flat = gym.load(domain, task, flat=True)
-    parts = gym.load(domain, task)
+    parts: Any = gym.load(domain, task)
     array, _ = flat.reset(seed=0)
     observation, _ = parts.reset(seed=0)
     assert flat.layout == parts.layout

@@ -1,14 +1,19 @@
 """Ids, and what registering them costs."""
 
 import pickle
+import tomllib
+from pathlib import Path
 
 import gymnasium
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from programs import run
 
 import limberjack.gym
 from limberjack import gym, suite
 
+_SOURCE = Path(limberjack.gym.__file__).parents[2]
+_PTH = _SOURCE / "limberjack-gymnasium.pth"
 _IDS = [f"limberjack/{domain}-{task}-v0" for domain, task in suite.ALL_TASKS]
 
 
@@ -72,7 +77,7 @@ def test_both_take_the_arguments_of_the_suite() -> None:
 def test_a_spec_can_be_stored_and_made_again() -> None:
     spec = gymnasium.make(_IDS[0], flat=True, dtype="float32").spec
     assert spec is not None
-    stored = gymnasium.envs.registration.EnvSpec.from_json(spec.to_json())
+    stored = EnvSpec.from_json(spec.to_json())
     assert gymnasium.make(stored).observation_space == spec.make().observation_space
     assert pickle.loads(pickle.dumps(spec)) == spec
 
@@ -107,3 +112,48 @@ def test_registering_again_changes_nothing() -> None:
 def test_an_unknown_name_of_the_module_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'Enf'"):
         _ = gym.Enf  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_where_it_is_installed_an_id_needs_no_import() -> None:
+    # What Python does at its start with the file that the wheel puts beside the package.
+    printed = run(
+        f"""
+        import site
+        import sys
+        before = list(sys.meta_path)
+        site.addsitedir({str(_PTH.parent)!r})
+        assert len(sys.meta_path) == len(before) + 1
+        assert not {{"gymnasium", "numpy", "limberjack.gym"}} & set(sys.modules)
+        import gymnasium
+        assert sys.meta_path == before
+        assert "exec_module" not in vars(gymnasium.__spec__.loader)
+        assert not {{"mujoco", "dm_env"}} & set(sys.modules)
+        name = "limberjack/humanoid-walk-v0"
+        env = gymnasium.make(name)
+        envs = gymnasium.make_vec(name, num_envs=2, vectorization_mode="vector_entry_point")
+        print(env.spec.id, envs.num_envs)
+        """
+    )
+    assert printed == "limberjack/humanoid-walk-v0 2\n"
+
+
+def test_the_wheel_puts_that_file_beside_the_package() -> None:
+    project = tomllib.loads((_SOURCE.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    assert included == {f"src/{_PTH.name}": _PTH.name}
+
+
+def test_a_program_without_gymnasium_does_not_notice_that_file() -> None:
+    run(
+        f"""
+        import site
+        import sys
+        sys.modules["gymnasium"] = None  # not installed
+        site.addsitedir({str(_PTH.parent)!r})
+        try:
+            import gymnasium
+        except ModuleNotFoundError:
+            pass
+        import json
+        """
+    )

@@ -1,6 +1,7 @@
 """`VectorEnv`: rows equal `Env` bit for bit, in each autoreset mode."""
 
 import copy
+import gc
 import logging
 import os
 import pickle
@@ -14,7 +15,7 @@ from gymnasium import error
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
-from limberjack import gym
+from limberjack import gym, suite
 from limberjack.rl import control
 
 _NO_OPENGL = os.environ.get("MUJOCO_GL") == "disable"
@@ -247,9 +248,7 @@ def test_a_row_that_ended_must_be_reset_where_autoreset_is_disabled() -> None:
         (np.diag([0, np.nan, np.inf]) @ np.ones((3, 21)), ValueError, r"rows \[0, 1, 2\]|not fin"),
     ],
 )
-def test_refused_actions_change_nothing(
-    actions: Any, kind: type[Exception], message: str
-) -> None:
+def test_refused_actions_change_nothing(actions: Any, kind: type[Exception], message: str) -> None:
     envs, twin = _envs(3), _envs(3)
     for each in (envs, twin):
         each.reset(seed=0)
@@ -348,7 +347,8 @@ def test_the_info_has_the_terms_of_the_reward_and_success_of_each_row() -> None:
     envs = _envs(4, ("humanoid", "stand"))
     envs.reset(seed=0)
     _, rewards, _, _, info = envs.step(np.ones((4, 21)))
-    product = np.prod(list(info["reward_terms"].values()), axis=0)
+    terms = info["reward_terms"]
+    product = np.prod([terms[name] for name in terms if name[0] != "_"], axis=0)
     np.testing.assert_allclose(product, rewards, rtol=1e-12)  # another order of factors
     assert info["success"].shape == (4,)
     assert info["success"].dtype == bool
@@ -441,7 +441,7 @@ def test_gymnasiums_other_wrappers_run() -> None:
     envs: Any = _envs(2, time_limit=0.1)
     envs = wrappers.NormalizeObservation(wrappers.FlattenObservation(envs))
     envs = wrappers.ClipAction(wrappers.NormalizeReward(envs))
-    envs.reset(seed=0)
+    observation, _ = envs.reset(seed=0)
     for _ in range(9):
         observation, *_ = envs.step(envs.action_space.sample())
     assert observation.shape == (2, 67)
@@ -514,9 +514,17 @@ def test_a_snapshot_of_the_batch_lets_it_go_on_from_there() -> None:
         assert_same(one[:4], other[:4])
 
 
-def test_a_user_s_batch_that_is_of_no_size_is_refused() -> None:
-    with pytest.raises(ValueError, match="there are 0 batches"):
+def test_there_are_one_or_two_batches() -> None:
+    with pytest.raises(ValueError, match="there are 0 batches; expected one, or two halves"):
         gym.VectorEnv()
+
+
+def test_one_that_could_not_be_made_leaves_its_batch_open() -> None:
+    batch = suite.load_batch(*_WALK, 2, 1)
+    with pytest.raises(ValueError, match="dtype"):
+        gym.VectorEnv(batch, dtype="int8")
+    gc.collect()
+    batch.reset()
 
 
 def test_make_vec_and_gymnasiums_own_vector_environments_agree() -> None:

@@ -11,7 +11,7 @@ from dm_env import specs, test_utils
 
 from limberjack import suite
 
-from .episodes import TASKS, Task, actions, bits, load, play
+from .episodes import TASKS, Task, actions, bits, load, play, snapshot
 
 _CONTROL_STEPS = 1000  # of every task's episode
 _CONTRACT = [name for name in dir(test_utils.EnvironmentTestMixin) if name.startswith("test_")]
@@ -93,6 +93,21 @@ def test_every_observation_is_as_its_spec_says_and_finite(task: Task) -> None:
             spec[name].validate(value)
             assert spec[name].dtype == float
             assert np.isfinite(value).all(), name
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_asking_changes_nothing(task: Task) -> None:
+    env, twin = load(task), load(task)
+    for begin in (lambda env: None, lambda env: play(env, 2)):
+        begin(env), begin(twin)
+        before = snapshot(env)
+        for ask in (env.action_spec, env.observation_spec, env.reward_spec, env.discount_spec):
+            assert ask() == ask()
+        env.control_timestep(), env.physics.timestep(), env.physics.time()
+        env.task.start(env.physics), env.task.reward_terms(env.physics)
+        env.task.get_observation(env.physics), env.task.get_reward(env.physics)
+        assert snapshot(env) == before
+        assert play(env, 3, reset=False) == play(twin, 3, reset=False)
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -17,12 +17,13 @@ def run_script() -> Callable[..., str]:
     """Runs a script in a new process, with environment variables; returns what it printed.
 
     It fails unless the process ends with status 0 and nothing on the error stream. Warnings are
-    errors there, but for Python's that a process with threads was forked. A variable that is None is
-    unset.
+    errors there, but for Python's that a process with threads was forked. None unsets a variable.
     """
 
     def run(script: str, **variables: str | None) -> str:
-        changes = {"MUJOCO_GL": "egl" if sys.platform == "linux" else None} | variables
+        backend = "egl" if sys.platform == "linux" else None
+        # dm_control sets the second for PyOpenGL, in this process.
+        changes = {"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} | variables
         environment = {k: v for k, v in os.environ.items() if k not in changes}
         environment |= {k: v for k, v in changes.items() if v is not None}
         flags = ["-W", "error", "-W", "ignore:This process:DeprecationWarning"]

@@ -13,7 +13,7 @@ def loaded():
     with open("/proc/self/maps") as maps:
         return sorted(set(modules + re.findall(r"lib(?:GL|EGL|OSMesa|OpenGL)[^/ ]*", maps.read())))
 """
-_MODEL = '"<mujoco><worldbody><geom size=\'1\'/></worldbody></mujoco>"'
+_MODEL = "\"<mujoco><worldbody><geom size='1'/></worldbody></mujoco>\""
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
 

@@ -107,12 +107,17 @@ def _names(axis: Any) -> list[str]:
 @every_model
 @both_structs
 def test_the_axes_of_every_field_have_the_same_names(name: str, struct: str) -> None:
+    differences = []
     for field, ours, theirs in _indexers(name, struct):
-        assert _names(ours.axes.row) == _names(theirs.axes.row), f"{name}: rows of {field}"
-        our_columns, their_columns = ours.axes.col, theirs.axes.col
-        assert (our_columns is None) == (their_columns is None), f"{name}: columns of {field}"
-        assert _names(our_columns) == _names(their_columns), f"{name}: columns of {field}"
         assert ours.axes._fields == theirs.axes._fields
+        for side, our_axis, their_axis in zip(
+            ("rows", "columns"), ours.axes, theirs.axes, strict=True
+        ):
+            assert (our_axis is None) == (their_axis is None), f"{name}: {struct}.{field}, {side}"
+            if _names(our_axis) != _names(their_axis):
+                names = f"{_names(our_axis)}, dm_control has {_names(their_axis)}"
+                differences.append(f"{name}: {struct}.{field}, {side}: {names}")
+    assert not differences, "\n".join(differences)
 
 
 @every_model
@@ -175,6 +180,21 @@ def _value_for(indexer: Any, key: Any) -> Any:
     except (IndexError, KeyError, ValueError):
         return 0.5
     return np.random.RandomState(found.size).uniform(0.1, 1, found.shape)
+
+
+@pytest.mark.parametrize("name", ["humanoid:walk", "manipulator:insert_peg", "zoo"])
+def test_keys_used_before_read_what_is_there_now(name: str) -> None:
+    twin = _twin_physics(name)
+    fields = ("qpos", "qvel", "xpos", "xmat", "geom_xpos", "site_xpos", "sensordata", "ctrl")
+    for _ in range(3):
+        for physics in twin:
+            physics.data.ctrl[:] += 0.1
+            physics.step(3)
+        for field in fields:
+            ours, theirs = (getattr(physics.named.data, field) for physics in twin)
+            for key in _keys(theirs):
+                calls = [functools.partial(operator.getitem, one, key) for one in (ours, theirs)]
+                assert_same_outcome(calls, f"{name}: {field}[{key!r}]")
 
 
 @both_structs

@@ -31,6 +31,8 @@ def test_it_is_1_inside_and_falls_outside_alike_on_both_sides(
     inside = np.clip(np.linspace(-3, 3, 61), lower, upper)
     values = rewards.tolerance(inside, bounds, margin, sigmoid)
     np.testing.assert_array_equal(values, np.ones_like(inside))
+    numbers = [rewards.tolerance(float(x), bounds, margin, sigmoid) for x in inside]
+    assert numbers == [1.0] * len(inside)
     distance = np.linspace(1e-3, 10, 400)
     sides = []
     for edge, sign in ((lower, -1), (upper, 1)):

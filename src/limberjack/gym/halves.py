@@ -72,7 +72,6 @@ class Workers:
         self._forget()
 
     def __getstate__(self) -> dict[str, int]:
-        self.check_idle()
         return {"count": self._count}
 
     def __setstate__(self, state: dict[str, int]) -> None:

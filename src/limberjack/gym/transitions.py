@@ -85,7 +85,7 @@ class Transitions:
         else:
             first = step_type == _FIRST
             info = self._terms(~first) | self._drawn(first)
-        info["diverged"] = batch.diverged.copy()
+        info |= {"diverged": batch.diverged.copy(), "_diverged": np.ones(batch.num_envs, bool)}
         return observation, time_step.reward, last & ~truncated, truncated, info
 
     def checked(self, actions: Any) -> np.ndarray:
@@ -134,7 +134,7 @@ class Transitions:
         drawn = self.batch.randomization
         if not drawn or not begun.any():
             return {}
-        told = {name: values.copy() for name, values in drawn.items()}
+        told = _with_masks({name: values.copy() for name, values in drawn.items()}, begun)
         return {"randomization": told, "_randomization": begun.copy()}
 
     def _terms(self, rows: np.ndarray) -> dict[str, Any]:
@@ -148,7 +148,7 @@ class Transitions:
         if not terms:
             return {}
         rows = rows & ~batch.diverged
-        told = {name: np.where(rows, values, 0.0) for name, values in terms.items()}
+        told = _with_masks({n: np.where(rows, values, 0.0) for n, values in terms.items()}, rows)
         info: dict[str, Any] = {"reward_terms": told, "_reward_terms": rows}
         if batch.task.GOAL:
             info |= {"success": batch.task.is_success(terms) & rows, "_success": rows}
@@ -159,3 +159,8 @@ class Transitions:
             buffer = self._observations.buffer(self.batch.num_envs)
             return self._observations.of_batch(observation, buffer)
         return self._observations.of_batch(observation, self._buffer)
+
+
+def _with_masks(values: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
+    """The values and, as Gymnasium has it, the mask of rows that each is said of, as '_name'."""
+    return {**values, **{f"_{name}": rows.copy() for name in values}}

@@ -21,7 +21,7 @@ policy works on the other half's observations:
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, SupportsIndex
 
 import numpy as np
 from gymnasium import error
@@ -47,13 +47,14 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     `batches` has the batch or the halves, for snapshots and physics; `halves` the rows of each.
     The info of a step has `reward_terms`, (num_envs,) by name, and `success`, booleans, where the
     task has them, and `diverged`. Where episodes begin, in a reset or a step, it has
-    `randomization`, the fields of the model that were drawn, if any are. `_reward_terms`,
-    `_success` and `_randomization` are masks of the rows that they are said of.
+    `randomization`, the fields of the model that were drawn, if any are. Beside
+    each entry is a mask of the rows that it is said of, `_success` and so on, as Gymnasium has it.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
         "render_modes": arguments.RENDER_MODES
     }
+    closed = True  # until it is made: Gymnasium closes what is not, even if making it failed
 
     def __init__(
         self,
@@ -96,6 +97,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         timestep = batches[0].physics.single.timestep() * batches[0]._n_sub_steps
         fps = round(1 / timestep)
         self.metadata = {**self.metadata, "render_fps": fps, "autoreset_mode": mode}
+        self.closed = False
 
     def _set_spaces(self, flat: bool, dtype: Any) -> None:
         batch = self.batches[0]
@@ -111,7 +113,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     def reset(  # pyright: ignore[reportIncompatibleMethodOverride]
         self,
         *,
-        seed: int | Sequence[int | None] | None = None,
+        seed: SupportsIndex | Sequence[SupportsIndex | None] | None = None,
         options: Mapping[str, Any] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """Begins an episode in every row, or in some; returns the observations and info.
@@ -129,8 +131,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._workers.check_idle()
         seeds = arguments.row_seeds(seed, self.num_envs)
         mask = arguments.reset_mask(options, self.num_envs)
-        if isinstance(seed, int):
-            super().reset(seed=seed)
+        if isinstance(seed, int | np.integer):
+            super().reset(seed=seeds[0])
         told = [
             part.reset(seeds[rows], None if mask is None else mask[rows])
             for part, rows in zip(self._parts, self.halves, strict=True)
@@ -213,6 +215,10 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._workers.close()
         for batch in self.batches:
             batch.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        self._workers.check_idle()
+        return vars(self)
 
     def _joined(self, parts: Sequence[Any]) -> Any:
         return parts[0] if len(parts) == 1 else joined(parts, [b.num_envs for b in self.batches])

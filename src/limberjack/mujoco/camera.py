@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 # Any in these signatures: a physics is `engine.Physics`, which is built on this module.
-SceneCallback = Callable[[Any, Any], None]
+_SceneCallback = Callable[[Any, Any], None]
 
 _EVERYTHING = mujoco.mjtCatBit.mjCAT_ALL.value
 _FREE_CAMERA = -1
@@ -90,7 +90,7 @@ class Camera:
         width: int = 320,
         camera_id: int | str = _FREE_CAMERA,
         max_geom: int | None = None,
-        scene_callback: SceneCallback | None = None,
+        scene_callback: _SceneCallback | None = None,
     ) -> None:
         """Makes a camera; does not need OpenGL.
 
@@ -257,7 +257,7 @@ class MovableCamera(Camera):
         height: int = 240,
         width: int = 320,
         max_geom: int | None = None,
-        scene_callback: SceneCallback | None = None,
+        scene_callback: _SceneCallback | None = None,
     ) -> None:
         """Makes a camera where the model's free camera is; arguments are those of `Camera`."""
         super().__init__(physics, height, width, _FREE_CAMERA, max_geom, scene_callback)
@@ -294,7 +294,7 @@ def render(
     segmentation: bool = False,
     scene_option: Any = None,
     render_flag_overrides: Mapping[Any, bool] | None = None,
-    scene_callback: SceneCallback | None = None,
+    scene_callback: _SceneCallback | None = None,
 ) -> np.ndarray:
     """A picture, as by a new `Camera`; what it needs is kept for the next one.
 
@@ -305,9 +305,12 @@ def render(
     style = Style.of(overlays, depth, segmentation, render_flag_overrides)
     model = physics.model._model
     spares = _spare_scenes.setdefault(model, [])
-    # A callback may keep the scene or change it for good.
-    is_kept = scene_callback is None
-    scene = spares.pop() if spares and is_kept else MjvScene(model=physics.model)
+    # A callback may keep the scene or change it for good. Flexible bodies and skins that an option
+    # hides would stay in it.
+    is_reusable = scene_callback is None and (
+        scene_option is None or not (model.nflex or model.nskin)
+    )
+    scene = _renewed(spares.pop()) if spares and is_reusable else MjvScene(model=physics.model)
     _fill(scene, physics, view, scene_option or _DEFAULT_OPTION)
     if scene_callback:
         scene_callback(physics, scene)
@@ -315,7 +318,7 @@ def render(
         raw = submit(model, draw, scene, style, *size, size=size).result()
     picture = finished(raw, style, model, scene)
     # Not in a `finally`: after Ctrl-C the rendering thread may still be at it.
-    if is_kept and len(spares) < _MOST_SPARE_SCENES:
+    if is_reusable and len(spares) < _MOST_SPARE_SCENES:
         spares.append(scene)
     return picture
 
@@ -324,6 +327,14 @@ def _fill(scene: MjvScene, physics: Any, view: MjvCamera, option: Any) -> None:
     """Takes the physics' present state into the scene."""
     model, data = physics.model._model, physics.data._data
     mujoco.mjv_updateScene(model, data, option, None, view, _EVERYTHING, scene)
+
+
+def _renewed(scene: MjvScene) -> MjvScene:
+    """The scene as if it had never been filled."""
+    # MuJoCo centres infinite planes, and with them their textures, where the camera was before.
+    for eye in scene.camera:
+        eye.pos[:] = 0.0
+    return scene
 
 
 def _checked_size(physics: Any, height: int, width: int) -> tuple[int, int]:

@@ -23,7 +23,15 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.mujoco import camera, index, wrapper
-from limberjack.mujoco.camera import Camera, CameraMatrices, MovableCamera, TextOverlay
+from limberjack.mujoco.camera import (
+    Camera,
+    CameraMatrices,
+    Contexts,
+    MovableCamera,
+    Pose,
+    Selected,
+    TextOverlay,
+)
 from limberjack.mujoco.rows import Rows
 from limberjack.mujoco.simulation import SingleSimulation
 from limberjack.mujoco.wrapper.core import SharedModel
@@ -33,9 +41,12 @@ from limberjack.utils.log import log
 __all__ = [
     "Camera",
     "CameraMatrices",
+    "Contexts",
     "MovableCamera",
     "NamedIndexStructs",
     "Physics",
+    "Pose",
+    "Selected",
     "TextOverlay",
     "action_spec",
 ]
@@ -173,13 +184,12 @@ class Physics(Rows, _control.Physics):
           PhysicsError: the simulation diverged.
         """
         simulation = self._simulation
-        before = simulation.warnings.tobytes()
+        earlier = simulation.set_warnings_aside()
         if self.legacy_step:
             simulation.step(nstep)
         else:
             simulation.step_whole(nstep)
-        if simulation.warnings.tobytes() != before:
-            self._report_warnings(before)
+        self._check_warnings(earlier)
 
     def forward(self) -> None:
         """Recomputes every quantity from the state and the controls.
@@ -214,10 +224,9 @@ class Physics(Rows, _control.Physics):
     @contextlib.contextmanager
     def check_invalid_state(self) -> Iterator[None]:
         """Raises `PhysicsError` at exit if MuJoCo warned within the context."""
-        before = self._simulation.warnings.tobytes()
+        earlier = self._simulation.set_warnings_aside()
         yield
-        if self._simulation.warnings.tobytes() != before:
-            self._report_warnings(before)
+        self._check_warnings(earlier)
 
     @contextlib.contextmanager
     def suppress_physics_errors(self) -> Iterator[None]:
@@ -229,14 +238,12 @@ class Physics(Rows, _control.Physics):
         finally:
             self._warnings_cause_exception = before
 
-    def _report_warnings(self, before: bytes) -> None:
-        """Raises or logs, naming the kinds of warnings that became more."""
-        warnings = self._simulation.warnings
-        new = warnings > np.frombuffer(before, warnings.dtype)
-        if new.any():
-            names = [
-                n for n, is_new in zip(mujoco.mjtWarning.__members__, new, strict=False) if is_new
-            ]
+    def _check_warnings(self, earlier: np.ndarray | None) -> None:
+        """Raises or logs, naming their kinds, if there are warnings besides the earlier ones."""
+        new = self._simulation.new_warnings(earlier)
+        if new is not None:
+            kinds = zip(mujoco.mjtWarning.__members__, new, strict=False)
+            names = [name for name, is_new in kinds if is_new]
             message = f"Physics state is invalid. Warning(s) raised: {', '.join(names)}"
             if self._warnings_cause_exception:
                 raise _control.PhysicsError(message)

@@ -15,6 +15,7 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+from limberjack.mujoco.leaving import Busy, begin, watch
 from limberjack.mujoco.wrapper.core import MjData, MjModel
 from limberjack.utils.log import log
 
@@ -27,7 +28,7 @@ _NOT_FIELDS = ("state", "sensordata")  # what is saved beside the fields of the 
 _UP_TO_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
 
 
-class SingleSimulation:
+class SingleSimulation(Busy):
     """One simulation.
 
     `warnings` counts MuJoCo's warnings by kind, (7,) ints, live.
@@ -40,8 +41,31 @@ class SingleSimulation:
         self._wrapper = data.model
         self._data: Any = data._data
         self.warnings: np.ndarray = self._data.warning.number
+        self._no_warnings = bytes(self.warnings.nbytes)
         # The flags to put back if Ctrl-C came while actuation was disabled.
         self._flags_before: int | None = None
+        watch(self)
+
+    def set_warnings_aside(self) -> np.ndarray | None:
+        """Clears the counters of warnings; returns what they were, None for none.
+
+        A simulation that diverges is reset by MuJoCo, counters included, so that one that has
+        counted before would show the same number.
+        """
+        if self.warnings.tobytes() == self._no_warnings:
+            return None
+        earlier = self.warnings.copy()
+        self.warnings[...] = 0
+        return earlier
+
+    def new_warnings(self, earlier: np.ndarray | None) -> np.ndarray | None:
+        """Which kinds of warnings came since they were set aside, (7,); None for none."""
+        new = None
+        if self.warnings.tobytes() != self._no_warnings:
+            new = self.warnings > 0
+        if earlier is not None:
+            self.warnings += earlier
+        return new
 
     def step(self, nstep: int) -> None:
         """Advances by `nstep` steps; positions and velocities are up to date afterwards.
@@ -50,6 +74,7 @@ class SingleSimulation:
         so that everything that depends on positions and velocities belongs to the new state.
         """
         model, data = self._model(), self._data
+        begin(self)
         if model.opt.integrator == _RUNGE_KUTTA:  # has no halves
             mujoco.mj_step(model, data, nstep)
         else:
@@ -57,21 +82,28 @@ class SingleSimulation:
             if nstep > 1:
                 mujoco.mj_step(model, data, nstep - 1)
         mujoco.mj_step1(model, data)
+        self.is_busy = False
 
     def step_whole(self, nstep: int) -> None:
         """Advances by `nstep` whole steps; quantities belong to the state before the last one."""
+        begin(self)
         mujoco.mj_step(self._model(), self._data, nstep)
+        self.is_busy = False
 
     def forward(self) -> None:
         """Recomputes every quantity from the state and the controls."""
+        begin(self)
         mujoco.mj_forward(self._model(), self._data)
+        self.is_busy = False
 
     def forward_without_actuation(self) -> None:
         """Recomputes every quantity as if there were no actuators."""
         model = self._model()
         shared = self._wrapper._shared
+        begin(self)
         if shared is not None:
             mujoco.mj_forward(shared.passive, self._data)
+            self.is_busy = False
             return
         opt = model.opt
         self._flags_before = opt.disableflags
@@ -81,6 +113,7 @@ class SingleSimulation:
         finally:
             opt.disableflags = self._flags_before
         self._flags_before = None
+        self.is_busy = False
 
     def reset(self, keyframe: int | None = None) -> None:
         """Returns to the model's default state or to a keyframe, without a forward pass."""
@@ -143,7 +176,7 @@ def read_field(model: Any, name: str) -> Any:
     return operator.attrgetter(name)(model)
 
 
-class BatchData:
+class _BatchData:
     """The fields of a batch's simulations, `data.qpos` (num_envs, nq) and so on, live."""
 
     def __init__(self, model: MjModel, batch: Any) -> None:
@@ -154,7 +187,7 @@ class BatchData:
         return getattr(self._data, name)
 
 
-class BatchSimulation:
+class BatchSimulation(Busy):
     """Many simulations of one model, stepped on a pool of threads.
 
     `state` holds what a step depends on, (num_envs, nstate); `warnings` counts MuJoCo's warnings
@@ -166,10 +199,11 @@ class BatchSimulation:
     ) -> None:
         self.num_envs: int | None = num_envs
         self.num_threads = num_threads
-        self.data = BatchData(model, None)
+        self.data = _BatchData(model, None)
         self._fields = dict.fromkeys(episode_fields)
         self._make()
         _alive.add(self)
+        watch(self)
 
     def _make(self) -> None:
         """Makes the official batch, whose threads belong to this process."""
@@ -193,18 +227,21 @@ class BatchSimulation:
     def revive(self, constants: bool) -> None:
         """Makes an orphaned batch anew, in the state that it was in."""
         fields = tuple(self._fields)
-        saved, warnings = self.save(None, fields), self.warnings.copy()
+        saved = self.save(None, fields)
         self._make()
         self.load(saved, None, constants)
-        self.warnings[...] = warnings
 
     def step(self, nstep: int, rows: np.ndarray | None = None) -> None:
         """As `SingleSimulation.step`."""
+        begin(self)
         self._batch.step(rows, nstep, _UP_TO_VELOCITY)
+        self.is_busy = False
 
     def step_whole(self, nstep: int, rows: np.ndarray | None = None) -> None:
         """As `SingleSimulation.step_whole`."""
+        begin(self)
         self._batch.step(rows, nstep)
+        self.is_busy = False
 
     def forward_without_actuation(self, rows: np.ndarray | None = None) -> None:
         """As `SingleSimulation.forward_without_actuation`."""
@@ -212,9 +249,11 @@ class BatchSimulation:
         before = flags.copy()
         try:
             flags |= _ACTUATION
+            begin(self)
             self._batch.forward(rows)
         finally:
             flags[...] = before
+            self.is_busy = False
 
     def save(self, rows: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
         """As `SingleSimulation.save`, of some rows or of all for None: (n, ...) each."""

@@ -1,8 +1,24 @@
 """Refusing actions before anything moves."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
-__all__ = ["check_numbers", "not_finite"]
+__all__ = ["as_array", "check_numbers", "not_finite"]
+
+
+def as_array(action: Any, spec: Callable[[], Any]) -> np.ndarray:
+    """The action, or the actions of many environments, as an array.
+
+    Raises:
+      ValueError: its rows have different lengths, so that it cannot have the spec's shape.
+    """
+    try:
+        return np.asarray(action)
+    except ValueError as error:
+        expected = getattr(spec(), "shape", "nested")
+        raise ValueError(f"action is {action!r}; expected {expected} numbers") from error
 
 
 def check_numbers(given: np.ndarray) -> None:

@@ -47,6 +47,13 @@ FLAT_OBSERVATION_KEY = "observations"
 class Environment(dm_env.Environment):
     """Episodes of a task on a physics; see the module's docstring."""
 
+    # In the class, because programs subclass it without calling `__init__`.
+    _closed = False
+    _action_shape: tuple[int, ...] | None = None
+    _randomizer: Randomizer | None = None
+    # The stream that the model's fields are drawn from, with the task's that it lies beside.
+    _draws: tuple[Any, np.random.RandomState] | None = None
+
     def __init__(
         self,
         physics: Any,
@@ -99,13 +106,10 @@ class Environment(dm_env.Environment):
         physics.legacy_step = legacy_step
         self._step_count = 0
         self._reset_next_step = True
-        self._closed = False
-        self._action_shape: tuple[int, ...] | None = None
-        self._randomizer = Randomizer(randomize, physics) if randomize else None
+        if randomize:
+            self._randomizer = Randomizer(randomize, physics)
         # What was drawn for this episode, by field.
         self.randomization: dict[str, np.ndarray] = {}
-        # The stream that it was drawn from, with the task's stream that it lies beside.
-        self._draws: tuple[Any, np.random.RandomState] | None = None
 
     def reset(self) -> dm_env.TimeStep:
         """Begins an episode and returns its first `TimeStep`."""
@@ -165,10 +169,7 @@ class Environment(dm_env.Environment):
             return self._task.observation_spec(self._physics)
         except NotImplementedError:
             observation = self._observe()
-        return collections.OrderedDict(
-            (name, specs.Array(value.shape, value.dtype, name=name))
-            for name, value in observation.items()
-        )
+        return _spec_from_observation(observation)
 
     @property
     def physics(self) -> Any:
@@ -255,7 +256,8 @@ class Environment(dm_env.Environment):
 
         Where the spec is a nested structure the task must check.
         """
-        given = np.asarray(getattr(action, "continuous_actions", action))
+        action = getattr(action, "continuous_actions", action)
+        given = actions.as_array(action, self.action_spec)
         if given.shape != self._action_shape:
             spec = self._task.action_spec(self._physics)
             self._action_shape = spec.shape if isinstance(spec, specs.Array) else None
@@ -282,6 +284,8 @@ def compute_n_steps(
     Raises:
       ValueError: the control step is shorter than the physics step, or no multiple of it.
     """
+    if not isinstance(control_timestep, numbers.Real):
+        raise TypeError(f"control_timestep is {control_timestep!r}; expected a number of seconds")
     if not control_timestep >= physics_timestep:  # also NaN
         raise ValueError(
             f"Control timestep ({control_timestep}) cannot be smaller than physics timestep "
@@ -322,6 +326,14 @@ def flatten_observation(
     # The same type of mapping, whatever it is: its constructor takes pairs.
     make: Any = type(observation)
     return make([(output_key, flat)])
+
+
+def _spec_from_observation(observation: Mapping[str, Any]) -> collections.OrderedDict:
+    """Shapes and dtypes of an observation, by name."""
+    return collections.OrderedDict(
+        (name, specs.Array(value.shape, value.dtype, name=name))
+        for name, value in observation.items()
+    )
 
 
 def _positive_count(n_sub_steps: Any) -> int:

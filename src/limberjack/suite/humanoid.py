@@ -27,7 +27,7 @@ __all__ = [
     "walk",
 ]
 
-_TIME_LIMIT = 25  # seconds
+_DEFAULT_TIME_LIMIT = 25  # seconds
 _CONTROL_TIMESTEP = 0.025  # seconds
 
 _STAND_HEIGHT = 1.4  # metres; head height at which standing is fully rewarded
@@ -36,6 +36,8 @@ _RUN_SPEED = 10  # metres per second; the same for running
 
 _ROOT_POSITIONS = 7  # numbers in qpos for the free root: a position and a quaternion
 _LIMBS = ["left_hand", "left_foot", "right_hand", "right_foot"]
+
+_Kwargs = dict[str, Any] | None
 
 SUITE = containers.TaggedTasks()
 
@@ -47,7 +49,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def stand(
-    time_limit: float = _TIME_LIMIT, random: Any = None, environment_kwargs: dict | None = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Any = None, environment_kwargs: _Kwargs = None
 ) -> control.Environment:
     """Stand up and stand still."""
     return _environment(0, False, time_limit, random, environment_kwargs)
@@ -55,7 +57,7 @@ def stand(
 
 @SUITE.add("benchmarking")
 def walk(
-    time_limit: float = _TIME_LIMIT, random: Any = None, environment_kwargs: dict | None = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Any = None, environment_kwargs: _Kwargs = None
 ) -> control.Environment:
     """Walk in any direction at 1 m/s or more."""
     return _environment(_WALK_SPEED, False, time_limit, random, environment_kwargs)
@@ -63,7 +65,7 @@ def walk(
 
 @SUITE.add("benchmarking")
 def run(
-    time_limit: float = _TIME_LIMIT, random: Any = None, environment_kwargs: dict | None = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Any = None, environment_kwargs: _Kwargs = None
 ) -> control.Environment:
     """Run in any direction, up to 10 m/s."""
     return _environment(_RUN_SPEED, False, time_limit, random, environment_kwargs)
@@ -71,14 +73,14 @@ def run(
 
 @SUITE.add()
 def run_pure_state(
-    time_limit: float = _TIME_LIMIT, random: Any = None, environment_kwargs: dict | None = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Any = None, environment_kwargs: _Kwargs = None
 ) -> control.Environment:
     """Run, seeing only generalised positions and velocities."""
     return _environment(_RUN_SPEED, True, time_limit, random, environment_kwargs)
 
 
 def _environment(
-    move_speed: float, pure_state: bool, time_limit: float, random: Any, kwargs: dict | None
+    move_speed: float, pure_state: bool, time_limit: float, random: Any, kwargs: _Kwargs
 ) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets())
     task = Humanoid(move_speed=move_speed, pure_state=pure_state, random=random)

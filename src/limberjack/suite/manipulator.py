@@ -11,6 +11,8 @@ import numpy as np
 
 from limberjack.rl import control
 from limberjack.suite import _planar_arm
+from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
+from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics, is_close
 from limberjack.utils import containers
 
@@ -48,7 +50,7 @@ def make_model(use_peg: bool, insert: bool) -> tuple[bytes, dict[str, bytes]]:
 @SUITE.add("benchmarking", "hard")
 def bring_ball(
     fully_observable: bool = True,
-    time_limit: float = _planar_arm.TIME_LIMIT,
+    time_limit: float = _TIME_LIMIT,
     random: Any = None,
     environment_kwargs: dict | None = None,
 ) -> control.Environment:
@@ -59,7 +61,7 @@ def bring_ball(
 @SUITE.add("hard")
 def bring_peg(
     fully_observable: bool = True,
-    time_limit: float = _planar_arm.TIME_LIMIT,
+    time_limit: float = _TIME_LIMIT,
     random: Any = None,
     environment_kwargs: dict | None = None,
 ) -> control.Environment:
@@ -70,7 +72,7 @@ def bring_peg(
 @SUITE.add("hard")
 def insert_ball(
     fully_observable: bool = True,
-    time_limit: float = _planar_arm.TIME_LIMIT,
+    time_limit: float = _TIME_LIMIT,
     random: Any = None,
     environment_kwargs: dict | None = None,
 ) -> control.Environment:
@@ -81,7 +83,7 @@ def insert_ball(
 @SUITE.add("hard")
 def insert_peg(
     fully_observable: bool = True,
-    time_limit: float = _planar_arm.TIME_LIMIT,
+    time_limit: float = _TIME_LIMIT,
     random: Any = None,
     environment_kwargs: dict | None = None,
 ) -> control.Environment:
@@ -101,7 +103,7 @@ def _environment(
         Physics.from_shared_xml(*make_model(use_peg, insert)),
         Bring(use_peg, insert, fully_observable, random),
         time_limit=time_limit,
-        control_timestep=_planar_arm.CONTROL_TIMESTEP,
+        control_timestep=_CONTROL_TIMESTEP,
         **kwargs or {},
     )
 

@@ -10,6 +10,8 @@ import numpy as np
 
 from limberjack.rl import control
 from limberjack.suite import _planar_arm
+from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
+from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics
 from limberjack.utils import arrays, containers, rewards
 
@@ -31,7 +33,7 @@ def make_model(n_boxes: int) -> tuple[bytes, dict[str, bytes]]:
 @SUITE.add("hard")
 def stack_2(
     fully_observable: bool = True,
-    time_limit: float = _planar_arm.TIME_LIMIT,
+    time_limit: float = _TIME_LIMIT,
     random: Any = None,
     environment_kwargs: dict | None = None,
 ) -> control.Environment:
@@ -42,7 +44,7 @@ def stack_2(
 @SUITE.add("hard")
 def stack_4(
     fully_observable: bool = True,
-    time_limit: float = _planar_arm.TIME_LIMIT,
+    time_limit: float = _TIME_LIMIT,
     random: Any = None,
     environment_kwargs: dict | None = None,
 ) -> control.Environment:
@@ -57,7 +59,7 @@ def _environment(
         Physics.from_shared_xml(*make_model(n_boxes)),
         Stack(n_boxes, fully_observable, random),
         time_limit=time_limit,
-        control_timestep=_planar_arm.CONTROL_TIMESTEP,
+        control_timestep=_CONTROL_TIMESTEP,
         **kwargs or {},
     )
 

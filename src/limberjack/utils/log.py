@@ -1,6 +1,6 @@
 """The package's logger: silent unless the program sets up logging.
 
-    logging.basicConfig()       # shows MuJoCo's warnings and diverged rows of a batch
+logging.basicConfig()       # shows MuJoCo's warnings and diverged rows of a batch
 """
 
 import logging

@@ -96,8 +96,11 @@ def _metres(depth: np.ndarray, model: Any) -> np.ndarray:
 
 def _object_numbers(rgb: np.ndarray, scene: MjvScene) -> np.ndarray:
     """(height, width, 2) int32 of each pixel's object number and type."""
-    number, types = rgb.astype(np.uint32), np.full((scene.ngeom + 1, 2), _BACKGROUND, np.int32)
+    pairs = np.full((scene.ngeom + 1, 2), _BACKGROUND, np.int32)
     for geom in scene.geoms:
-        if geom.segid != _BACKGROUND:
-            types[geom.segid + 1] = geom.objid, geom.objtype
-    return types[number[..., 0] + (number[..., 1] << 8) + (number[..., 2] << 16)]
+        if 0 <= geom.segid < scene.ngeom:
+            pairs[geom.segid + 1] = geom.objid, geom.objtype
+    codes = rgb.astype(np.uint32)
+    codes = codes[..., 0] + (codes[..., 1] << 8) + (codes[..., 2] << 16)
+    codes[codes > scene.ngeom] = 0  # A geom that a callback added without a number.
+    return pairs[codes]

@@ -5,11 +5,17 @@ from limberjack.mujoco.wrapper.core import (
     Error,
     MjData,
     MjModel,
+    MjvCamera,
+    MjvFigure,
+    MjvOption,
+    MjvPerturb,
+    MjvScene,
     callback_context,
     enable_timer,
+    get_schema,
+    save_last_parsed_model_to_xml,
     set_callback,
 )
-from limberjack.mujoco.wrapper.visual import MjvCamera, MjvFigure, MjvOption, MjvPerturb, MjvScene
 
 __all__ = [
     "Error",
@@ -22,6 +28,8 @@ __all__ = [
     "MjvScene",
     "callback_context",
     "enable_timer",
+    "get_schema",
     "mjbindings",
+    "save_last_parsed_model_to_xml",
     "set_callback",
 ]

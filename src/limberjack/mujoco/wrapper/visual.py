@@ -10,7 +10,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.wrapper.core import MjModel
+from limberjack.mujoco.wrapper.model import MjModel
 
 __all__ = ["MjvCamera", "MjvFigure", "MjvOption", "MjvPerturb", "MjvScene"]
 

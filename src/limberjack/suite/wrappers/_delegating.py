@@ -61,7 +61,10 @@ def checked_action(action: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
       TypeError: it is not numeric.
       ValueError: it has another shape, or is not finite.
     """
-    given = np.asarray(action)
+    try:
+        given = np.asarray(action)
+    except ValueError as error:  # its rows differ in length
+        raise ValueError(f"action is no array of shape {shape}: {error}") from None
     if given.dtype.kind not in "fiub":
         raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
     if shape and given.shape != shape:

@@ -1,0 +1,262 @@
+"""What batches cost and gain beside the steps: resets, threads, memory, pipelining."""
+
+import os
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import fresh
+import numpy as np
+import peers
+from report import Row, at_least, at_most, spread
+
+from limberjack import bench, suite
+from limberjack.gym.vector import load_vector
+
+__all__ = [
+    "free_cores",
+    "measure_memory",
+    "measure_pipelining",
+    "measure_resets",
+    "measure_threads",
+    "megabytes_with",
+]
+
+_RESETS = at_most(2)  # per cent of an episode
+_OF_EACH_THREAD = 0.9  # of the speed of one thread
+_MEMORY = at_most(0.3)  # megabytes for one more row of the humanoid
+_PIPELINING = at_least(1.6)  # times the plain loop
+
+_STEPS_PER_EPISODE = 1_000
+_NUM_ENVS = 256
+_SEED = 0
+_MEASURED_TASK = ("humanoid", "walk")
+_STEPS_BEFORE_WEIGHING = 30  # the humanoid falls, and contacts take memory
+
+_Task = tuple[str, str]
+
+
+def free_cores(seconds: float = 1.0) -> int:
+    """Cores that nobody uses at present, at least 1; on other systems than Linux, all."""
+    before = _idle_seconds()
+    if before is None:
+        return os.cpu_count() or 1
+    time.sleep(seconds)
+    after = _idle_seconds()
+    assert after is not None
+    return max(1, round((after - before) / seconds))
+
+
+def _idle_seconds() -> float | None:
+    """Seconds that the processor's cores have been idle, in all."""
+    try:
+        with open("/proc/stat", encoding="ascii") as file:
+            return int(file.readline().split()[4]) / os.sysconf("SC_CLK_TCK")
+    except OSError:
+        return None
+
+
+def measure_resets(
+    tasks: Sequence[_Task], num_threads: int, num_resets: int, seconds: float
+) -> list[Row]:
+    """Starts of all rows at once, beside the steps of an episode.
+
+    Args:
+      tasks: domain and name of each.
+      num_threads: that step; starts are drawn one after the other.
+      num_resets: of all rows.
+      seconds: for the steps of each task.
+    """
+    rows = []
+    for domain, task in tasks:
+        with bench.Contest(domain, task, _NUM_ENVS, num_threads) as contest:
+            players = {"batch": contest.batch, "vector": contest.vector}
+            taken = bench.take_turns(players, contest.actions, seconds)
+            resets = [_seconds_of(contest.environment.reset) for _ in range(num_resets)]
+            for _ in range(num_resets):  # so that both are in the same state at the end
+                contest.vector_env.reset()
+        episode = _STEPS_PER_EPISODE * statistics.median(taken["batch"])
+        rows.append(
+            Row(
+                measure="reset of all / episode",
+                subject=f"{domain}:{task}, N={_NUM_ENVS}",
+                ours=1e3 * statistics.median(resets),
+                theirs=1e3 * episode,
+                unit="ms",
+                value=100 * statistics.median(resets) / episode,
+                value_unit="%",
+                bar=_RESETS,
+                details={"num_threads": num_threads},
+            )
+        )
+    return rows
+
+
+def measure_threads(tasks: Sequence[_Task], most: int, seconds: float) -> list[Row]:
+    """One thread and more, beside what MuJoCo alone gains from them.
+
+    Args:
+      tasks: domain and name of each.
+      most: threads, the cores that are free.
+      seconds: for each task and number of threads.
+    """
+    counts = sorted({*(2**i for i in range(most.bit_length())), most} - {1})
+    return [_threads_row(*task, count, seconds) for task in tasks for count in counts]
+
+
+def _threads_row(domain: str, task: str, count: int, seconds: float) -> Row:
+    with (
+        bench.Contest(domain, task, _NUM_ENVS, 1) as one,
+        bench.Contest(domain, task, _NUM_ENVS, count) as more,
+    ):
+        players = {
+            "alone, 1": one.physics,
+            "alone": more.physics,
+            "batch, 1": one.batch,
+            "batch": more.batch,
+            "vector, 1": one.vector,
+            "vector": more.vector,
+        }
+        taken = bench.take_turns(players, one.actions, seconds)
+    gains = {
+        name: [a / b for a, b in zip(taken[f"{name}, 1"], taken[name], strict=True)]
+        for name in ("alone", "batch", "vector")
+    }
+    return Row(
+        measure=f"{count} threads / 1",
+        subject=f"{domain}:{task}, N={_NUM_ENVS}",
+        ours=_NUM_ENVS / statistics.median(taken["vector"]),
+        theirs=_NUM_ENVS / statistics.median(taken["vector, 1"]),
+        unit="/s",
+        value=statistics.median(gains["vector"]),
+        bar=at_least(_OF_EACH_THREAD * count),
+        details={name: spread(values) for name, values in gains.items()},
+    )
+
+
+def measure_memory(num_envs: int) -> list[Row]:
+    """Memory of one more row, from processes with `num_envs` rows and with half as many."""
+    sizes = {
+        count: fresh.call("batch_costs", "megabytes_with", count, variables=peers.WITHOUT_OPENGL)
+        for count in (num_envs // 2, num_envs)
+    }
+    few, many = sizes.values()
+    value = None if few is None or many is None else (many - few) / (num_envs - num_envs // 2)
+    domain, task = _MEASURED_TASK
+    return [
+        Row(
+            measure="memory of one more row",
+            subject=f"{domain}:{task}, N={num_envs}",
+            ours=value,
+            theirs=None,
+            unit="MB",
+            value=value,
+            value_unit="MB",
+            bar=_MEMORY,
+            details={"megabytes": {str(count): size for count, size in sizes.items()}},
+        )
+    ]
+
+
+def megabytes_with(num_envs: int) -> float | None:
+    """Memory of this process with a batch of the humanoid that has been stepped."""
+    environment = suite.load_batch(*_MEASURED_TASK, num_envs, num_threads=2, seed=_SEED)
+    environment.reset()
+    random = np.random.RandomState(_SEED)
+    for _ in range(_STEPS_BEFORE_WEIGHING):
+        environment.step(random.uniform(-1, 1, environment.action_spec().shape))
+    return _resident_megabytes()
+
+
+def _resident_megabytes() -> float | None:
+    """Memory of this process that is in RAM; None where the system does not tell."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except OSError:
+        return None
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def measure_pipelining(
+    tasks: Sequence[_Task], num_threads: int, num_steps: int, num_rounds: int
+) -> list[Row]:
+    """Two halves in turn against a plain loop, with a policy that waits as for a GPU.
+
+    Args:
+      tasks: domain and name of each.
+      num_threads: that step.
+      num_steps: of each loop.
+      num_rounds: of both loops.
+    """
+    return [_pipelining_row(*task, num_threads, num_steps, num_rounds) for task in tasks]
+
+
+def _pipelining_row(
+    domain: str, task: str, num_threads: int, num_steps: int, num_rounds: int
+) -> Row:
+    plain, halves = (
+        load_vector(
+            domain,
+            task,
+            _NUM_ENVS,
+            num_threads=num_threads,
+            flat=True,
+            dtype="float32",
+            pipelined=pipelined,
+        )
+        for pipelined in (False, True)
+    )
+    shape = _NUM_ENVS, *plain.batches[0].action_spec().shape[1:]
+    actions = np.random.RandomState(_SEED).uniform(-1, 1, (num_steps, *shape))
+    seconds: dict[str, list[float]] = {"plain": [], "halves": []}
+    waits = []
+    for number in range(num_rounds):
+        plain.reset(seed=number)
+        # The policy waits for all rows as long as their steps take, as the machine is at present.
+        wait = _seconds_of(_plain_loop, plain, actions, 0.0) / num_steps
+        for name, loop, env in (("plain", _plain_loop, plain), ("halves", _two_halves, halves)):
+            env.reset(seed=number)
+            seconds[name].append(_seconds_of(loop, env, actions, wait))
+        waits.append(wait)
+    plain.close()
+    halves.close()
+    ratios = [a / b for a, b in zip(seconds["plain"], seconds["halves"], strict=True)]
+    return Row(
+        measure="two halves / plain loop",
+        subject=f"{domain}:{task}, N={_NUM_ENVS}",
+        ours=num_steps * _NUM_ENVS / statistics.median(seconds["halves"]),
+        theirs=num_steps * _NUM_ENVS / statistics.median(seconds["plain"]),
+        unit="/s",
+        value=statistics.median(ratios),
+        bar=_PIPELINING,
+        details={"ratio": spread(ratios), "policy_waits_ms": 1e3 * statistics.median(waits)},
+    )
+
+
+def _plain_loop(env: Any, actions: np.ndarray, wait: float) -> None:
+    for action in actions:
+        if wait:
+            time.sleep(wait)
+        env.step(action)
+
+
+def _two_halves(env: Any, actions: np.ndarray, wait: float) -> None:
+    """As many steps of as many rows, and the policy waits as long."""
+    for half, rows in enumerate(env.halves):
+        time.sleep(wait / 2)
+        env.send(actions[0][rows], half)
+    for action in actions[1:]:
+        for half, rows in enumerate(env.halves):
+            env.recv()
+            time.sleep(wait / 2)
+            env.send(action[rows], half)
+    for _ in env.halves:
+        env.recv()
+
+
+def _seconds_of(function: Callable[..., Any], *arguments: Any) -> float:
+    start = time.perf_counter()
+    function(*arguments)
+    return time.perf_counter() - start

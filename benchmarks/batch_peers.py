@@ -1,0 +1,102 @@
+"""Other packages' batches, each installed in a virtual environment of its own.
+
+    folder = batch_peers.install("envpool", Path("peers"))
+    with batch_peers.Peer("envpool", folder, "humanoid", "walk", 64, num_threads=2) as peer:
+        seconds = peer.play(actions)     # (steps, num_envs, nu)
+
+A peer runs in a process of its own (`batch_worker.py`), which does nothing between the commands.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import venv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+__all__ = ["ASYNC", "ENVPOOL", "Peer", "install"]
+
+ENVPOOL, ASYNC = "envpool", "async"
+
+# What pip is asked for: the newest that installs.
+_REQUIREMENTS = {ENVPOOL: ["envpool"], ASYNC: ["gymnasium", "shimmy[dm-control]", "packaging"]}
+_HERE = Path(__file__).resolve().parent
+
+
+def install(peer: str, root: Path) -> Path | None:
+    """The folder of a peer's virtual environment, made if it is not there; None if pip fails."""
+    folder = root / f"{peer}-python-{sys.version_info[0]}.{sys.version_info[1]}"
+    complete = folder / "complete"
+    if complete.exists():
+        return folder
+    print(f"installing: {' '.join(_REQUIREMENTS[peer])}", file=sys.stderr)
+    venv.create(folder, clear=True, with_pip=True)
+    pip = [str(_python(folder)), "-m", "pip", "install", "-qq", "--disable-pip-version-check"]
+    done = subprocess.run([*pip, "--upgrade", *_REQUIREMENTS[peer]], check=False)
+    if done.returncode:
+        return None
+    complete.touch()
+    return folder
+
+
+def _python(folder: Path) -> Path:
+    windows = folder / "Scripts" / "python.exe"
+    return windows if windows.exists() else folder / "bin" / "python"
+
+
+class Peer:
+    """A peer's environments of one task; at the start of an episode."""
+
+    def __init__(
+        self, peer: str, folder: Path, domain: str, task: str, num_envs: int, num_threads: int
+    ) -> None:
+        """Starts the process and makes the environments.
+
+        Raises:
+          RuntimeError: the process ended; what it wrote to standard error says why.
+        """
+        self.num_envs = num_envs
+        self._process = subprocess.Popen(
+            [str(_python(folder)), str(_HERE / "batch_worker.py")],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            # Without this process' path: the peer is not to find our packages.
+            env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
+        )
+        described = self._ask(
+            {
+                "do": "make",
+                "peer": peer,
+                "domain": domain,
+                "task": task,
+                "num_envs": num_envs,
+                "num_threads": num_threads,
+            }
+        )
+        self.name: str = described["peer"]
+        self.mujoco: str = described["mujoco"]
+
+    def play(self, actions: np.ndarray) -> float:
+        """Seconds that steps with the actions took, (steps, num_envs or more, nu)."""
+        given = np.ascontiguousarray(actions[:, : self.num_envs], float)
+        return self._ask({"do": "play", "shape": given.shape}, given.tobytes())["seconds"]
+
+    def _ask(self, command: dict[str, Any], data: bytes = b"") -> dict[str, Any]:
+        commands, answers = self._process.stdin, self._process.stdout
+        assert commands is not None
+        assert answers is not None
+        commands.write(json.dumps(command).encode() + b"\n" + data)
+        commands.flush()
+        answer = answers.readline()
+        if not answer:
+            raise RuntimeError(f"a peer's process has ended with status {self._process.wait()}")
+        return json.loads(answer)
+
+    def __enter__(self) -> "Peer":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._process.communicate()  # closes its input, at which it ends

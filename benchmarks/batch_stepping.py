@@ -1,0 +1,213 @@
+"""Steps per second of batches: ours, MuJoCo's alone, EnvPool's and Gymnasium's processes.
+
+In one cell, a task with so many rows, all that is compared does the same number of steps with the
+same actions in turns, a block of steps each; see `limberjack.bench`. Ours and MuJoCo alone must
+come to the same states; EnvPool, which draws other starts, only does the same number of steps.
+"""
+
+import contextlib
+import os
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import batch_peers
+import numpy as np
+from report import Bar, Row, at_least, spread
+
+from limberjack import bench
+
+__all__ = ["SIZES", "Cells", "measure_processes"]
+
+SIZES = (64, 256, 1024)
+
+# Over MuJoCo's own `Batch.step`, by number of rows.
+_BATCH = {64: at_least(0.90), 256: at_least(0.94), 1024: at_least(0.95)}
+_VECTOR = {64: at_least(0.88), 256: at_least(0.92), 1024: at_least(0.94)}
+_ENVPOOL = at_least(1.2)  # on each task
+_ENVPOOL_ON_AVERAGE = at_least(1.35)  # the geometric mean of the tasks
+_PROCESSES = at_least(4)
+
+_NUM_ENVS_BESIDE_PROCESSES = 256
+# Their blocks, of one simulation per process, are lengthened to be worth timing.
+_BLOCKS_OF_PROCESSES = 16
+
+_Task = tuple[str, str]
+_Cell = tuple[str, str, int]
+_Times = dict[str, list[float]]
+
+_PHYSICS, _PERSISTENT, _BATCHED, _OURS = "physics", "persistent_physics", "batch", "vector"
+_THEIRS = "peer"
+
+
+class Cells:
+    """All tasks and sizes; what is measured more than once is pooled."""
+
+    def __init__(
+        self, tasks: Sequence[_Task], sizes: Sequence[int], num_threads: int, peer: Path | None
+    ) -> None:
+        """Measures nothing yet.
+
+        Args:
+          tasks: domain and name of each.
+          sizes: numbers of rows, of `SIZES`.
+          num_threads: of everything that is compared.
+          peer: EnvPool's folder; None leaves it out.
+        """
+        self.all: list[_Cell] = [(*task, size) for size in sizes for task in tasks]
+        self._num_threads = num_threads
+        self._peer = peer
+        self._taken: dict[_Cell, _Times] = {}
+        self._loads: dict[_Cell, list[float]] = {}
+        self.versions: dict[str, str] = {}
+
+    def measure(self, cell: _Cell, seconds: float, min_rounds: int, warm_up_steps: int) -> None:
+        """Measures a cell, once more if it was measured before."""
+        domain, task, num_envs = cell
+        with contextlib.ExitStack() as stack:
+            contest = stack.enter_context(bench.Contest(domain, task, num_envs, self._num_threads))
+            names = (_PHYSICS, _PERSISTENT, _BATCHED, _OURS)
+            players: dict[str, bench.Player] = {name: getattr(contest, name) for name in names}
+            if self._peer is not None:
+                peer = stack.enter_context(
+                    batch_peers.Peer(
+                        batch_peers.ENVPOOL, self._peer, *cell, num_threads=self._num_threads
+                    )
+                )
+                self.versions |= {peer.name: f"MuJoCo {peer.mujoco}"}
+                players[_THEIRS] = peer.play
+            taken = bench.take_turns(players, contest.actions, seconds, min_rounds, warm_up_steps)
+        pooled = self._taken.setdefault(cell, {})
+        for name, times in taken.items():
+            pooled.setdefault(name, []).extend(times)
+        self._loads.setdefault(cell, []).append(os.getloadavg()[0])
+
+    def doubtful(self) -> list[_Cell]:
+        """The cells in which a bar was missed: to be measured again, on another minute's load."""
+        rows = {(row.measure, row.subject): row for row in self.rows()}
+        missed = {key[1] for key, row in rows.items() if row.is_met is False}
+        return [cell for cell in self._taken if _subject(cell) in missed]
+
+    def rows(self) -> list[Row]:
+        """Rows for what was measured so far."""
+        rows = [self._row("batch / MuJoCo alone", c, _BATCHED, _PHYSICS, _BATCH) for c in self.all]
+        rows += [self._row("vector / MuJoCo alone", c, _OURS, _PHYSICS, _VECTOR) for c in self.all]
+        if self._peer is None:
+            return [row for row in rows if row is not None]
+        measure = "vector / EnvPool"
+        for size in dict.fromkeys(cell[2] for cell in self.all):
+            cells = [cell for cell in self.all if cell[2] == size]
+            of_size = [self._row(measure, c, _OURS, _THEIRS, {size: _ENVPOOL}) for c in cells]
+            known = [row for row in of_size if row is not None]
+            rows += known
+            if known:
+                rows.append(_mean_row(measure, f"geometric mean, N={size}", known))
+        return [row for row in rows if row is not None]
+
+    def _row(
+        self, measure: str, cell: _Cell, ours: str, theirs: str, bars: dict[int, Bar]
+    ) -> Row | None:
+        taken = self._taken.get(cell)
+        if taken is None:
+            return None
+        num_envs = cell[2]
+        ratios = _ratios(taken[theirs], taken[ours])
+        details: dict[str, Any] = {"ratio": spread(ratios), "load_average": self._loads[cell]}
+        if theirs == _PHYSICS:
+            details["ratio_to_persistent"] = spread(_ratios(taken[_PERSISTENT], taken[ours]))
+            added = [a - b for a, b in zip(taken[ours], taken[theirs], strict=True)]
+            details["added_us"] = 1e6 * statistics.median(added)
+        return Row(
+            measure=measure,
+            subject=_subject(cell),
+            ours=num_envs / statistics.median(taken[ours]),
+            theirs=num_envs / statistics.median(taken[theirs]),
+            unit="/s",
+            value=statistics.median(ratios),
+            bar=bars.get(num_envs),
+            details=details,
+        )
+
+
+def measure_processes(
+    tasks: Sequence[_Task],
+    num_threads: int,
+    folder: Path,
+    seconds: float,
+    min_rounds: int,
+    versions: dict[str, str],
+) -> list[Row]:
+    """Our vector environment beside a process per core with one simulation of dm_control each.
+
+    Args:
+      tasks: domain and name of each.
+      num_threads: ours, and as many processes.
+      folder: where the peer is installed.
+      seconds: for each task.
+      min_rounds: for each task, at least.
+      versions: what was compared is added here.
+    """
+    rows = []
+    for domain, task in tasks:
+        num_envs = _NUM_ENVS_BESIDE_PROCESSES
+        with (
+            bench.Contest(domain, task, num_envs, num_threads) as contest,
+            batch_peers.Peer(
+                batch_peers.ASYNC, folder, domain, task, num_threads, num_threads
+            ) as peer,
+        ):
+            versions[peer.name] = f"MuJoCo {peer.mujoco}"
+
+            def play(actions: np.ndarray, peer: batch_peers.Peer = peer) -> float:
+                longer = np.concatenate([actions] * _BLOCKS_OF_PROCESSES)
+                return peer.play(longer) / _BLOCKS_OF_PROCESSES
+
+            # The batch only for the check that what is timed does the same steps.
+            players = {_BATCHED: contest.batch, _OURS: contest.vector, _THEIRS: play}
+            taken = bench.take_turns(players, contest.actions, seconds, min_rounds)
+        times = {
+            _OURS: [t / num_envs for t in taken[_OURS]],
+            _THEIRS: [t / num_threads for t in taken[_THEIRS]],
+        }
+        rows.append(_processes_row(f"{domain}:{task}", times, num_threads))
+    return [*rows, _mean_row(rows[0].measure, "geometric mean", rows, None)]
+
+
+def _processes_row(subject: str, seconds: _Times, num_processes: int) -> Row:
+    """Args: seconds: per step of one simulation."""
+    ratios = _ratios(seconds[_THEIRS], seconds[_OURS])
+    return Row(
+        measure="vector / AsyncVectorEnv",
+        subject=f"{subject}, {num_processes} processes",
+        ours=1 / statistics.median(seconds[_OURS]),
+        theirs=1 / statistics.median(seconds[_THEIRS]),
+        unit="/s",
+        value=statistics.median(ratios),
+        bar=_PROCESSES,
+        details={"ratio": spread(ratios), "our_num_envs": _NUM_ENVS_BESIDE_PROCESSES},
+    )
+
+
+def _mean_row(
+    measure: str, subject: str, rows: Sequence[Row], bar: Bar | None = _ENVPOOL_ON_AVERAGE
+) -> Row:
+    values = [row.value for row in rows if row.value is not None]
+    return Row(
+        measure=measure,
+        subject=subject,
+        ours=None,
+        theirs=None,
+        unit="/s",
+        value=statistics.geometric_mean(values),
+        bar=bar,
+    )
+
+
+def _ratios(theirs: Sequence[float], ours: Sequence[float]) -> list[float]:
+    """How many times as fast ours is, in each round."""
+    return [b / a for a, b in zip(ours, theirs, strict=True)]
+
+
+def _subject(cell: _Cell) -> str:
+    return f"{cell[0]}:{cell[1]}, N={cell[2]}"

@@ -1,0 +1,140 @@
+"""`MjData` as dm_control's programs know it, around the official one.
+
+    mujoco.mj_forward(physics.model.ptr, physics.data.ptr)
+    physics.data.contact_force(0)
+    physics.data.qpos                  # any field of the official struct
+
+Fields are looked up when they are asked for; nothing here lists them.
+"""
+
+import copy
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco.wrapper.model import MjModel, object_type_number
+
+__all__ = ["MjData"]
+
+
+class MjData:
+    """A simulation's state and results; other fields are those of `mujoco.MjData`."""
+
+    # Any: the official struct's fields, which are not listed here.
+    _data: Any
+    _model: MjModel
+
+    def __init__(self, model_or_data: "MjModel | mujoco.MjData") -> None:
+        if isinstance(model_or_data, MjModel):
+            model, data = model_or_data, mujoco.MjData(model_or_data._model)
+        elif isinstance(model_or_data, mujoco.MjData):
+            model, data = MjModel(model_or_data.model), model_or_data
+        else:
+            raise TypeError(
+                f"Expected wrapper.MjModel or mujoco.MjData, got {type(model_or_data).__name__}"
+            )
+        object.__setattr__(self, "_model", model)
+        object.__setattr__(self, "_data", data)
+
+    @property
+    def ptr(self) -> mujoco.MjData:
+        """The official `mujoco.MjData`."""
+        return self._data
+
+    @property
+    def model(self) -> MjModel:
+        """The model that this data belongs to."""
+        return self._model
+
+    @property
+    def contact(self) -> Any:
+        """The contacts found at the last forward pass."""
+        return self._data.contact[: self._data.ncon]
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "_data":
+            raise AttributeError(name)
+        return getattr(self._data, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        setattr(self._data, name, value)
+
+    def __dir__(self) -> list[str]:
+        return sorted(set(object.__dir__(self)) | set(dir(self._data)))
+
+    def __getstate__(self) -> mujoco.MjData:
+        model = self._model._model
+        if model is self._data.model:
+            return self._data
+        # The official data carries the model it was made of, which is not ours any more.
+        data = mujoco.MjData(model)
+        mujoco.mj_copyData(data, model, self._data)
+        return data
+
+    def __setstate__(self, state: mujoco.MjData) -> None:
+        self.__init__(state)
+
+    def __copy__(self) -> "MjData":
+        return self._make_copy(share_model=True)
+
+    def __deepcopy__(self, memo: dict) -> "MjData":
+        return self._make_copy(share_model=False)
+
+    def _make_copy(self, share_model: bool) -> "MjData":
+        """A copy of the data, with the same model or a copy of it."""
+        new = object.__new__(type(self))
+        model = self._model if share_model else self._model.copy()
+        object.__setattr__(new, "_model", model)
+        object.__setattr__(new, "_data", copy.copy(self._data))
+        return new
+
+    def copy(self) -> "MjData":
+        """A copy of the data with the same model."""
+        return self.__copy__()
+
+    def free(self) -> None:
+        """Drops the official data; this object must not be used afterwards."""
+        object.__setattr__(self, "_data", None)
+
+    def object_velocity(
+        self, object_id: int | str, object_type: str | int, local_frame: bool = False
+    ) -> np.ndarray:
+        """Velocity of an object, (2, 3): linear in m/s, then angular in rad/s.
+
+        Args:
+          object_id: number or name.
+          object_type: 'body', 'geom', ... or a `mujoco.mjtObj`.
+          local_frame: in the object's frame instead of the world's.
+
+        Raises:
+          Error: no such type or name.
+        """
+        kind = object_type_number(object_type)
+        if isinstance(object_id, str):
+            object_id = self._model.name2id(object_id, kind)
+        velocity = np.empty(6)
+        mujoco.mj_objectVelocity(
+            self._model._model, self._data, kind, object_id, velocity, local_frame
+        )
+        return velocity.reshape(2, 3)[::-1]
+
+    def contact_force(self, contact_id: int) -> np.ndarray:
+        """Force and torque of a contact in its frame, (2, 3): normal first, N and N m.
+
+        Raises:
+          ValueError: there is no contact of that number.
+        """
+        if not 0 <= contact_id < self._data.ncon:
+            raise ValueError(
+                f"`contact_id` must be between 0 and {self._data.ncon - 1} (inclusive), got: "
+                f"{contact_id}."
+            )
+        model, data = self._model._model, self._data
+        # The part of a step's second half that contact forces depend on.
+        mujoco.mj_fwdActuation(model, data)
+        mujoco.mj_fwdAcceleration(model, data)
+        mujoco.mj_fwdConstraint(model, data)
+        wrench = np.empty(6)
+        mujoco.mj_contactForce(model, data, contact_id, wrench)
+        return wrench.reshape(2, 3)

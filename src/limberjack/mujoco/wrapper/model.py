@@ -1,0 +1,266 @@
+"""`MjModel` as dm_control's programs know it, around the official one.
+
+    physics.model.name2id("torso", "body")
+    physics.model.opt.timestep         # any field of the official struct
+
+Fields are looked up when they are asked for; nothing here lists them, so a new MuJoCo's fields
+are simply there. A compiled model may be shared by many simulations of the process: the first
+access through which somebody could change it gives this `MjModel` a copy of its own. Code inside
+the package that only reads uses `model._model` and leaves it shared.
+"""
+
+import contextlib
+import copy
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco.wrapper import util
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["Error", "MjModel", "SharedModel", "object_type_number", "save_last_parsed_model_to_xml"]
+
+# What cannot be changed in place and so may be handed out of a shared model.
+_IMMUTABLE = (int, float, str, bytes)
+
+# The model that MuJoCo can still write as XML.
+_last_compiled: dict[str, Any] = {}
+
+
+class Error(ValueError):
+    """A name or type that the model does not have."""
+
+
+class SharedModel:
+    """A compiled model that several simulations use and none may change."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self._passive: mujoco.MjModel | None = None
+
+    @property
+    def passive(self) -> mujoco.MjModel:
+        """The model with actuation disabled, for the forward pass after a reset."""
+        # A second model, because switching the flag of a shared one would reach other threads.
+        if self._passive is None:
+            passive = copy.copy(self.model)
+            passive.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
+            self._passive = passive
+        return self._passive
+
+
+class MjModel:
+    """A compiled model; fields not defined here are those of `mujoco.MjModel`."""
+
+    # Any: the official struct's fields, which are not listed here.
+    _model: Any
+    _shared: SharedModel | None  # while it is shared
+    _origin: SharedModel | None  # kept for those who share it still
+
+    def __init__(self, model_ptr: "mujoco.MjModel | SharedModel") -> None:
+        shared = model_ptr if isinstance(model_ptr, SharedModel) else None
+        object.__setattr__(self, "_shared", shared)
+        object.__setattr__(self, "_origin", shared)
+        object.__setattr__(self, "_model", model_ptr if shared is None else shared.model)
+
+    @property
+    def ptr(self) -> mujoco.MjModel:
+        """The official `mujoco.MjModel`, this wrapper's own."""
+        if self._shared is not None:
+            self.make_own()
+        return self._model
+
+    def make_own(self) -> None:
+        """Takes a copy of a shared model, so that changes reach no other simulation."""
+        if self._shared is not None:
+            object.__setattr__(self, "_model", copy.copy(self._shared.model))
+            object.__setattr__(self, "_shared", None)
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "_model":  # a half-made object, as in copying: do not look it up for ever
+            raise AttributeError(name)
+        value = getattr(self._model, name)
+        if self._shared is None or isinstance(value, _IMMUTABLE):
+            return value
+        return getattr(self.ptr, name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        setattr(self.ptr, name, value)
+
+    def __dir__(self) -> list[str]:
+        return sorted(set(object.__dir__(self)) | set(dir(self._model)))
+
+    def __getstate__(self) -> mujoco.MjModel:
+        return self._model
+
+    def __setstate__(self, state: mujoco.MjModel) -> None:
+        self.__init__(state)
+
+    def __copy__(self) -> "MjModel":
+        return type(self)(self._shared or copy.copy(self._model))
+
+    def copy(self) -> "MjModel":
+        """A model whose changes do not reach this one."""
+        return self.__copy__()
+
+    def __deepcopy__(self, memo: dict) -> "MjModel":
+        return self.__copy__()
+
+    @classmethod
+    def from_xml_string(cls, xml_string: str | bytes, assets: dict | None = None) -> "MjModel":
+        """Compiles MJCF or URDF text.
+
+        Args:
+          xml_string: the model's XML.
+          assets: contents of the files that it names, by name.
+
+        Raises:
+          ValueError: MuJoCo's message on what is wrong with the model.
+        """
+        text = util.to_native_string(xml_string)
+        model = mujoco.MjModel.from_xml_string(text, assets or {})
+        _last_compiled["model"] = model
+        return cls(model)
+
+    @classmethod
+    def from_byte_string(cls, byte_string: bytes) -> "MjModel":
+        """Reads a model in binary form, as made by `to_bytes`."""
+        name = "model.mjb"
+        return cls(mujoco.MjModel.from_binary_path(name, {name: byte_string}))
+
+    @classmethod
+    def from_xml_path(cls, xml_path: str) -> "MjModel":
+        """Compiles an MJCF or URDF file."""
+        model = mujoco.MjModel.from_xml_path(str(xml_path))
+        _last_compiled["model"] = model
+        return cls(model)
+
+    @classmethod
+    def from_binary_path(cls, binary_path: str) -> "MjModel":
+        """Reads a file in binary form, as made by `save_binary`."""
+        return cls(mujoco.MjModel.from_binary_path(str(binary_path)))
+
+    def save_binary(self, binary_path: str) -> None:
+        """Writes the model to a file in MuJoCo's binary form."""
+        mujoco.mj_saveModel(self._model, str(binary_path), None)
+
+    def to_bytes(self) -> bytes:
+        """The model in MuJoCo's binary form."""
+        buffer = np.zeros(mujoco.mj_sizeModel(self._model), np.uint8)
+        mujoco.mj_saveModel(self._model, None, buffer)
+        return buffer.tobytes()
+
+    def free(self) -> None:
+        """Drops the official model; this object must not be used afterwards."""
+        object.__setattr__(self, "_shared", None)
+        object.__setattr__(self, "_model", None)
+
+    def name2id(self, name: str, object_type: str | int) -> int:
+        """Number of the object called `name`.
+
+        Args:
+          name: the object's name.
+          object_type: 'body', 'geom', ... or a `mujoco.mjtObj`.
+
+        Raises:
+          Error: no such type or no object of that name.
+        """
+        kind = object_type_number(object_type)
+        index = mujoco.mj_name2id(self._model, kind, name)
+        if index == -1:
+            names = self._names(kind)
+            word = mujoco.mju_type2Str(kind)
+            raise Error(
+                f"Object of type {word!r} with name {name!r} does not exist."
+                f"{did_you_mean(name, names)} Names: {', '.join(names) or 'none'}."
+            )
+        return index
+
+    def id2name(self, object_id: int, object_type: str | int) -> str:
+        """Name of an object; empty if it has none or does not exist.
+
+        Raises:
+          Error: no such type.
+        """
+        return mujoco.mj_id2name(self._model, object_type_number(object_type), object_id) or ""
+
+    def _names(self, kind: int) -> list[str]:
+        """Names of the objects of a type, in their order."""
+        names: list[str] = []
+        while (name := mujoco.mj_id2name(self._model, kind, len(names))) is not None:
+            names.append(name)
+        return [name for name in names if name]
+
+    @contextlib.contextmanager
+    def disable(self, *flags: str | int) -> Iterator[None]:
+        """Disables parts of the simulation within the context.
+
+        Args:
+          *flags: names ('gravity', 'contact', ...) or `mujoco.mjtDisableBit` values.
+
+        Raises:
+          ValueError: an unknown name or value.
+        """
+        bits = 0
+        for flag in flags:
+            bits |= _disable_bit(flag)
+        opt = self.ptr.opt
+        before = opt.disableflags
+        try:
+            opt.disableflags = before | bits
+            yield
+        finally:
+            opt.disableflags = before
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return self._model.names.split(b"\0", 1)[0].decode()
+
+
+def save_last_parsed_model_to_xml(xml_path: str, check_model: MjModel | None = None) -> None:
+    """Writes the model that was compiled last to an MJCF file.
+
+    MuJoCo prints fewer digits than it keeps: compiled again, many fields differ in the last bits.
+
+    Args:
+      xml_path: the file to write.
+      check_model: a model that must be the one compiled last.
+
+    Raises:
+      ValueError: another model was compiled since.
+    """
+    last = _last_compiled.get("model")
+    if last is None or (check_model is not None and check_model._model is not last):
+        raise ValueError(
+            "Only the model that was most recently loaded from an XML file or string can be saved "
+            "to an XML file."
+        )
+    mujoco.mj_saveLastXML(str(xml_path), last)
+
+
+def object_type_number(object_type: str | int) -> int:
+    """An object type's number from its name or number."""
+    if not isinstance(object_type, str):
+        return int(object_type)
+    kind = int(mujoco.mju_str2Type(object_type))
+    if not kind:
+        raise Error(f"{object_type!r} is not a valid object type name, such as 'body' or 'geom'.")
+    return kind
+
+
+def _disable_bit(flag: str | int) -> int:
+    """The bit of a disable flag, given by name or number."""
+    if not isinstance(flag, str):
+        return mujoco.mjtDisableBit(int(flag)).value
+    bits = {
+        name.removeprefix("mjDSBL_").lower(): bit.value
+        for name, bit in mujoco.mjtDisableBit.__members__.items()
+        if name.startswith("mjDSBL_")
+    }
+    if flag not in bits:
+        valid = ", ".join(bits)
+        raise ValueError(f"'{flag}' is not a valid flag name. Valid names: {valid}")
+    return bits[flag]

@@ -1,0 +1,134 @@
+"""Tests of limberjack.mujoco.rendering.backends."""
+
+import ctypes.util
+import sys
+from collections.abc import Callable
+
+import pytest
+
+from limberjack.mujoco.rendering import RenderingError, backends
+
+on_linux = pytest.mark.skipif(sys.platform != "linux", reason="EGL and OSMesa are Linux's")
+with_osmesa = pytest.mark.skipif(
+    ctypes.util.find_library("OSMesa") is None, reason="libOSMesa is not installed"
+)
+
+# Draws, and prints the error, or the backend and the sum of the pixels.
+_DRAW = """
+from limberjack.mujoco import Physics
+from limberjack.mujoco.rendering import RenderingError, thread
+physics = Physics.from_xml_string(
+    "<mujoco><worldbody><light pos='0 0 3'/><geom size='.3'/></worldbody></mujoco>")
+def draw():
+    try:
+        total = physics.render().sum()
+        print(type(thread._process._thread.canvases.backend).__name__, total)
+    except RenderingError as error:
+        print(error)
+draw()
+"""
+
+
+@on_linux
+@pytest.mark.parametrize("value", [None, "", "egl", " EGL ", "on", "1"])
+def test_egl_comes_first_and_by_name(run_script: Callable[..., str], value: str | None) -> None:
+    assert run_script(_DRAW, MUJOCO_GL=value).startswith("_Egl ")
+
+
+@on_linux
+@with_osmesa
+@pytest.mark.parametrize("platform", [None, "egl", "osmesa"])
+def test_osmesa_draws_whatever_pyopengl_is_told(
+    run_script: Callable[..., str], platform: str | None
+) -> None:
+    printed = run_script(_DRAW, MUJOCO_GL="osmesa", PYOPENGL_PLATFORM=platform)
+    assert printed.startswith("_OsMesa ")
+
+
+@on_linux
+@with_osmesa
+def test_osmesa_draws_where_egl_cannot(run_script: Callable[..., str]) -> None:
+    by_osmesa = run_script(_DRAW, MUJOCO_GL="osmesa")
+    printed = run_script(_DRAW, MUJOCO_GL=None, MUJOCO_EGL_DEVICE_ID="99")
+    assert printed == by_osmesa
+
+
+@on_linux
+@pytest.mark.parametrize("device", ["99", "-1", "first"])
+def test_a_device_that_is_not_there_is_refused(run_script: Callable[..., str], device: str) -> None:
+    printed = run_script(_DRAW, MUJOCO_EGL_DEVICE_ID=device)
+    assert f"MUJOCO_EGL_DEVICE_ID={device!r}" in printed
+    assert run_script(_DRAW, MUJOCO_EGL_DEVICE_ID="0").startswith("_Egl ")
+
+
+@pytest.mark.parametrize("value", ["disable", "disabled", "off", "FALSE", "0"])
+def test_rendering_can_be_switched_off(run_script: Callable[..., str], value: str) -> None:
+    printed = run_script(_DRAW, MUJOCO_GL=value)
+    assert "switched off" in printed
+    assert f"MUJOCO_GL={value.lower()!r}" in printed
+
+
+@pytest.mark.parametrize("value", ["nonsense", "cgl" if sys.platform == "linux" else "egl"])
+def test_an_unknown_backend_is_an_error_that_lists_those_there_are(
+    run_script: Callable[..., str], value: str
+) -> None:
+    printed = run_script(_DRAW, MUJOCO_GL=value)
+    assert f"MUJOCO_GL={value!r} is not a backend" in printed
+    assert "glfw, disable" in printed
+
+
+@on_linux
+def test_the_variable_is_read_again_after_a_failure(run_script: Callable[..., str]) -> None:
+    script = f"import os\n{_DRAW}\nos.environ['MUJOCO_GL'] = 'egl'\ndraw()\n"
+    first, second = run_script(script, MUJOCO_GL="nonsense").splitlines()
+    assert "'nonsense'" in first
+    assert second.startswith("_Egl ")
+
+
+@on_linux
+def test_glfw_without_a_display_is_an_error(run_script: Callable[..., str]) -> None:
+    nothing = {"DISPLAY": None, "WAYLAND_DISPLAY": None}
+    assert "there is no display" in run_script(_DRAW, MUJOCO_GL="glfw", **nothing)
+    assert "glfw: " in run_script(_DRAW, MUJOCO_GL="glfw", **(nothing | {"DISPLAY": ":77"}))
+
+
+@on_linux
+def test_where_nothing_works_each_backend_its_reason_and_remedy_are_named(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for variable in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(variable, raising=False)
+    # As where none of the libraries is installed.
+    monkeypatch.setattr(backends, "_load", lambda *args, **kwargs: None)
+    monkeypatch.setattr(backends, "_is_visible", lambda function: False)
+    with pytest.raises(RenderingError) as caught:
+        backends.open_backend()
+    lines = str(caught.value).splitlines()
+    assert [line.split(":")[0].strip() for line in lines[1:]] == ["egl", "osmesa", "glfw"]
+    assert "libEGL.so.1 cannot be loaded" in lines[1]
+    assert "apt install libegl1 libgl1-mesa-dri" in lines[1]
+    assert "apt install libosmesa6" in lines[2]
+    assert "DISPLAY" in lines[3]
+
+
+def test_a_rendering_error_is_a_runtime_error() -> None:
+    assert issubclass(RenderingError, RuntimeError)
+
+
+@on_linux
+@with_osmesa
+@pytest.mark.parametrize(("mine", "others"), [("osmesa", "egl"), ("egl", "osmesa")])
+def test_opengl_that_another_library_has_chosen_is_not_mixed(
+    run_script: Callable[..., str], mine: str, others: str
+) -> None:
+    # MuJoCo has one table of OpenGL's functions: those of two libraries cannot both be in it.
+    script = f"""
+import importlib, os
+import limberjack.mujoco
+os.environ["MUJOCO_GL"] = {others!r}
+context = importlib.import_module("mujoco.{others}").GLContext(32, 32)
+os.environ["MUJOCO_GL"] = {mine!r}
+{_DRAW}
+context.free()
+"""
+    assert "already draws with" in run_script(script)

@@ -1,0 +1,98 @@
+"""Tests of limberjack.mujoco.rendering.canvases: what is shared, what is freed, what it costs."""
+
+import sys
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from limberjack.mujoco import Physics
+from limberjack.mujoco.rendering import submit
+
+_MODEL = """
+<mujoco>
+  <visual><quality shadowsize="{shadow}"/><global offwidth="64" offheight="64"/></visual>
+  <asset>
+    <texture name="sky" type="skybox" builtin="flat" rgb1="{colour}" width="8" height="8"/>
+  </asset>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <geom name="ball" size=".3" rgba=".5 .6 .7 1"/>
+    <body name="mover" mocap="true"><geom name="box" type="box" size=".1 .1 .1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+def _physics(colour: str = ".1 .2 .3", shadow: int = 128) -> Physics:
+    return Physics.from_xml_string(_MODEL.format(colour=colour, shadow=shadow))
+
+
+def _context(physics: Physics) -> int:
+    """Which of MuJoCo's contexts draws it: the number of its buffer, and of the context object."""
+    return submit(physics.model._model, id).result()
+
+
+def test_models_of_which_opengl_keeps_the_same_share_it() -> None:
+    first, second = _physics(), _physics()
+    second.named.model.geom_rgba["ball"] = [1, 0, 0, 1]
+    second.named.model.body_pos["mover"] = [0.3, 0, 0.3]
+    second.forward()
+    frames = [p.render(48, 48) for p in (first, second, first)]
+    assert _context(first) == _context(second)
+    assert (frames[0] != frames[1]).any()
+    np.testing.assert_array_equal(frames[0], frames[2])
+
+
+def test_models_of_which_opengl_keeps_other_things_do_not_share() -> None:
+    others = [_physics(colour=".9 0 0"), _physics(shadow=256)]
+    assert len({_context(p) for p in (_physics(), *others)}) == 3
+
+
+def test_more_models_than_are_kept_can_be_drawn_in_turn() -> None:
+    rooms = [_physics(f".{k} .5 .5") for k in range(10, 30)]
+    first = [p.render(48, 48) for p in rooms]
+    assert len({frame.tobytes() for frame in first}) == len(rooms)
+    for room, frame in zip(rooms, first, strict=True):
+        np.testing.assert_array_equal(room.render(48, 48), frame)
+
+
+def test_what_is_done_to_a_context_of_ones_own_reaches_nobody_else() -> None:
+    mine, others = _physics(), _physics()
+    assert _context(mine) == _context(others)
+    shared = mine.model._model
+    assert mine.contexts.mujoco.ptr.offWidth == 64
+    assert mine.model._model is shared
+    assert _context(mine) != _context(others)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize(
+    ("kind", "count"), [("the same", 300), ("different", 60), ("with contexts of their own", 60)]
+)
+def test_memory_is_flat_over_fresh_physics(
+    run_script: Callable[..., str], kind: str, count: int
+) -> None:
+    script = f"""
+from limberjack.mujoco import Camera, Physics
+model = {_MODEL!r}
+def megabytes():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096 / 1e6
+def draw(k):
+    colour = f"{{(k % 250) / 255 if {kind!r} == 'different' else 0}} .2 .3"
+    physics = Physics.from_xml_string(model.format(colour=colour, shadow=512))
+    if {kind!r} == 'with contexts of their own':
+        physics.contexts.mujoco.ptr
+    physics.render(48, 48)
+    physics.render(48, 48, depth=True)
+    Camera(physics, 32, 32).render(segmentation=True)
+for k in range(20):
+    draw(k)
+before = megabytes()
+for k in range(20, 20 + {count}):
+    draw(k)
+print(megabytes() - before)
+"""
+    # Each context holds a shadow map of 1 MB and more; what is left is the allocators' noise.
+    assert float(run_script(script)) < 20.0

@@ -1,0 +1,330 @@
+"""Tests of limberjack.mujoco.rendering.thread: threads, forks, interrupts and the end."""
+
+import os
+import sys
+import threading
+from collections.abc import Callable
+from concurrent import futures
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from limberjack.mujoco import Camera, Physics
+from limberjack.mujoco.rendering import Job, submit
+
+_MODEL = """
+<mujoco>
+  <visual><quality shadowsize="512"/></visual>
+  <worldbody>
+    <light pos="0 0 3"/>
+    <geom type="plane" size="0 0 .1" rgba=".3 .6 .3 1"/>
+    <body pos="0 0 1"><joint axis="0 1 0"/><geom type="box" size=".4 .1 .1" pos=".3 0 0"/></body>
+  </worldbody>
+</mujoco>
+"""
+# For scripts: a physics, a way to draw it, and a wait for a child that does not wait for ever.
+_PRELUDE = f"""
+import os, signal, sys, threading, time
+import numpy as np
+from limberjack.mujoco import Camera, Physics
+from limberjack.mujoco.rendering import RenderingError
+physics = Physics.from_xml_string({_MODEL!r})
+def draw():
+    return physics.render(64, 64)
+def status(pid):
+    end = time.monotonic() + 60
+    while time.monotonic() < end:
+        ended, how = os.waitpid(pid, os.WNOHANG)
+        if ended:
+            return os.waitstatus_to_exitcode(how)
+        time.sleep(0.005)
+    os.kill(pid, signal.SIGKILL)
+    os.waitpid(pid, 0)
+    return "hung"
+"""
+
+needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+
+
+def _turned(angle: float) -> Physics:
+    physics = Physics.from_xml_string(_MODEL)
+    with physics.reset_context():
+        physics.data.qpos[:] = angle
+    return physics
+
+
+# Threads.
+
+
+def test_sixteen_threads_draw_at_once_what_one_draws() -> None:
+    several = [_turned(0.2 * k) for k in range(16)]
+    expected = [p.render(64, 64) for p in several]
+    together = threading.Barrier(len(several))
+
+    def draw(physics: Physics) -> list[np.ndarray]:
+        together.wait()
+        camera = Camera(physics, 64, 64)
+        return [physics.render(64, 64) for _ in range(5)] + [camera.render()]
+
+    with futures.ThreadPoolExecutor(len(several)) as pool:
+        for frames, frame in zip(pool.map(draw, several), expected, strict=True):
+            for drawn in frames:
+                np.testing.assert_array_equal(drawn, frame)
+
+
+def test_threads_can_share_a_camera_and_a_physics() -> None:
+    physics = _turned(0.5)
+    camera = Camera(physics, 64, 64)
+    camera.render()
+    frame, expected = camera.render(), physics.render(64, 64)
+    with futures.ThreadPoolExecutor(8) as pool:
+        for drawn in pool.map(lambda _: camera.render(), range(40)):
+            np.testing.assert_array_equal(drawn, frame)
+    np.testing.assert_array_equal(physics.render(64, 64), expected)
+
+
+def test_the_callers_own_opengl_context_stays_current() -> None:
+    physics = _turned(0.1)
+    model, data = physics.model.ptr, physics.data.ptr
+    with mujoco.Renderer(model, 32, 32) as renderer:
+        renderer.update_scene(data)
+        before = renderer.render()
+        physics.render(64, 64)
+        Camera(physics, 48, 48).render(depth=True)
+        # Straight into MuJoCo: `renderer.render()` would make its context current again.
+        pixels = np.empty((32, 32, 3), np.uint8)
+        rect = mujoco.MjrRect(0, 0, 32, 32)
+        mujoco.mjr_render(rect, renderer.scene, renderer._mjr_context)
+        mujoco.mjr_readPixels(pixels, None, rect, renderer._mjr_context)
+        np.testing.assert_array_equal(pixels[::-1], before)
+
+
+def test_a_jobs_error_is_raised_where_its_result_is_asked_for() -> None:
+    def fail(*_: Any) -> None:
+        raise LookupError("from the other thread")
+
+    job = submit(_turned(0).model._model, fail)
+    with pytest.raises(LookupError, match="from the other thread"):
+        job.result()
+
+
+def test_a_job_can_submit_another_one() -> None:
+    first, second = _turned(0.1), _turned(0.9)
+    expected = second.render(64, 64)
+    inner = submit(first.model._model, lambda _: second.render(64, 64)).result()
+    np.testing.assert_array_equal(inner, expected)
+
+
+def test_a_job_that_has_ended_holds_nothing() -> None:
+    job = Job(lambda array: array.sum(), np.ones(3))
+    job.run()
+    assert job.result() == 3
+    assert {value for value in vars(job).values() if value not in (None, True)} == {job._under_way}
+
+
+# Interrupts.
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
+def test_ctrl_c_leaves_everything_usable(run_script: Callable[..., str]) -> None:
+    script = f"""{_PRELUDE}
+camera = Camera(physics, 64, 64)
+camera.render()
+frame, seen, interrupts = draw(), camera.render(), 0
+for k in range(40):
+    timer = threading.Timer(0.001 * k % 0.023, os.kill, (os.getpid(), signal.SIGINT))
+    try:
+        timer.start()
+        while True:
+            draw(), camera.render()
+    except KeyboardInterrupt:
+        interrupts += 1
+    timer.join()
+    assert np.array_equal(draw(), frame) and np.array_equal(camera.render(), seen)
+print(interrupts)
+"""
+    assert run_script(script) == "40\n"
+
+
+# Forks.
+
+
+@needs_fork
+def test_a_forked_child_draws_the_same_and_so_does_its_parent(
+    run_script: Callable[..., str],
+) -> None:
+    script = f"""{_PRELUDE}
+frame = draw()
+for _ in range(3):
+    pid = os.fork()
+    if pid == 0:
+        sys.exit(0 if np.array_equal(draw(), frame) else 3)
+    print(status(pid), np.array_equal(draw(), frame))
+"""
+    assert run_script(script) == "0 True\n" * 3
+
+
+@needs_fork
+def test_a_child_can_be_forked_while_other_threads_draw(run_script: Callable[..., str]) -> None:
+    script = f"""{_PRELUDE}
+others = [Physics.from_xml_string({_MODEL!r}) for _ in range(3)]
+frame, is_over, ends = draw(), False, []
+def keep_drawing(other):
+    while not is_over:
+        other.render(100, 100)
+threads = [threading.Thread(target=keep_drawing, args=(other,)) for other in others]
+for thread in threads:
+    thread.start()
+for _ in range(6):
+    pid = os.fork()
+    if pid == 0:
+        sys.exit(0 if np.array_equal(draw(), frame) else 3)
+    ends.append(status(pid))
+is_over = True
+for thread in threads:
+    thread.join()
+print(ends)
+"""
+    assert run_script(script) == "[0, 0, 0, 0, 0, 0]\n"
+
+
+@needs_fork
+def test_a_child_draws_if_its_parent_did_so_by_other_means(run_script: Callable[..., str]) -> None:
+    script = f"""{_PRELUDE}
+import mujoco
+renderer = mujoco.Renderer(physics.model.ptr, 32, 32)
+renderer.update_scene(physics.data.ptr)
+renderer.render()
+pid = os.fork()
+if pid == 0:
+    # As multiprocessing ends its workers: MuJoCo's renderer does not survive the fork.
+    os._exit(0 if draw().any() else 3)
+print(status(pid))
+renderer.close()
+"""
+    assert run_script(script) == "0\n"
+
+
+@needs_fork
+def test_a_child_that_draws_nothing_ends_as_it_should(run_script: Callable[..., str]) -> None:
+    script = f"""{_PRELUDE}
+draw()
+for kind in (sys.exit, os._exit):
+    pid = os.fork()
+    if pid == 0:
+        threads = [threading.Thread(target=time.sleep, args=(0.01,)) for _ in range(8)]
+        for thread in threads:
+            thread.start()
+        kind(7)
+    print(status(pid))
+"""
+    assert run_script(script) == "7\n7\n"
+
+
+@needs_fork
+def test_a_grandchild_gets_a_picture_or_a_clear_error(run_script: Callable[..., str]) -> None:
+    script = f"""{_PRELUDE}
+draw()
+pid = os.fork()
+if pid == 0:
+    draw()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            draw()
+        except RenderingError as error:
+            print(error)
+        sys.exit(5)
+    print(status(pid))
+    sys.exit(6)
+print(status(pid))
+"""
+    *told, child, parent = run_script(script).splitlines()
+    assert (child, parent) == ("5", "6")
+    assert not told or "'spawn' or 'forkserver'" in told[0]
+
+
+@pytest.mark.parametrize("method", ["spawn", "forkserver", "fork"])
+@needs_fork
+def test_worker_processes_draw(run_script: Callable[..., str], method: str) -> None:
+    script = f"""
+import multiprocessing, os, sys, tempfile
+directory = tempfile.mkdtemp()
+with open(os.path.join(directory, "worker.py"), "w") as file:
+    file.write('''{_PRELUDE.replace(_MODEL.__repr__(), "MODEL")}'''.replace(
+        "MODEL", {_MODEL!r}.__repr__()) + "\\ndef work(_):\\n    return draw()\\n")
+sys.path.insert(0, directory)
+import worker
+frame = worker.draw()
+with multiprocessing.get_context({method!r}).Pool(2) as pool:
+    print(all((drawn == frame).all() for drawn in pool.map(worker.work, range(6))))
+"""
+    assert run_script(script) == "True\n"
+
+
+# The end. `run_script` sees to the status 0 and the silence.
+
+
+@pytest.mark.parametrize(
+    "open_things",
+    [
+        "camera = Camera(physics); camera.render()",
+        "context = physics.contexts.mujoco.ptr",
+        "many = [Physics.from_xml_string(xml) for _ in range(9)]; [p.render() for p in many]",
+        "import mujoco; r = mujoco.Renderer(physics.model.ptr); r.update_scene(physics.data.ptr);"
+        " r.render(); draw()",
+        "draw(); threading.Thread(target=lambda: [draw() for _ in range(20)]).start()",
+        "physics.cycle = physics; draw()",
+    ],
+)
+def test_the_process_ends_in_silence(run_script: Callable[..., str], open_things: str) -> None:
+    run_script(f"{_PRELUDE}\nxml = {_MODEL!r}\ndraw()\n{open_things}\n")
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize("order", ["draw(); theirs.render()", "theirs.render(); draw()"])
+def test_the_process_ends_in_silence_beside_dm_control(
+    run_script: Callable[..., str], theirs: Callable[..., Any], order: str
+) -> None:
+    sizes = "dm_control.mujoco.wrapper.mjbindings"
+    run_script(f"""{_PRELUDE}
+import mujoco
+from {sizes} import sizes
+for struct, fields in (("mjmodel", mujoco.MjModel), ("mjdata", mujoco.MjData)):
+    table = sizes.array_sizes[struct]
+    for name in [name for name in table if not hasattr(fields, name)]:
+        del table[name]
+import dm_control.mujoco
+theirs = dm_control.mujoco.Physics.from_xml_string({_MODEL!r})
+{order}
+""")
+
+
+@pytest.mark.parametrize("pause", [0.0, 0.005, 0.01, 0.02])
+def test_the_process_ends_in_silence_while_a_daemon_draws(
+    run_script: Callable[..., str], pause: float
+) -> None:
+    run_script(f"""{_PRELUDE}
+def keep_drawing():
+    while True:
+        draw()
+draw()
+threading.Thread(target=keep_drawing, daemon=True).start()
+time.sleep(0.05 + {pause})
+""")
+
+
+def test_drawing_at_the_very_end_is_a_clear_error(run_script: Callable[..., str]) -> None:
+    printed = run_script(f"""{_PRELUDE}
+import atexit
+def last():
+    try:
+        draw()
+    except RenderingError as error:
+        print(error)
+atexit.register(last)
+draw()
+""")
+    assert "exiting" in printed

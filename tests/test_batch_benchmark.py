@@ -1,0 +1,161 @@
+"""The batches' benchmark and `limberjack bench` run, and say what they measured."""
+
+import importlib.util
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+import typer.testing
+
+import limberjack
+from limberjack import bench, suite
+from limberjack.cli import app
+
+_SOURCE = Path(limberjack.__file__).parents[1]
+_BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+_LIMIT = 600  # seconds; more than the slowest machine needs
+
+
+def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    known = os.environ.get("PYTHONPATH")
+    path = os.pathsep.join([str(_SOURCE), *([known] if known else [])])
+    return subprocess.run(
+        [sys.executable, str(_BENCHMARKS / "steps_per_second.py"), *arguments],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        timeout=_LIMIT,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """What a quick run without other packages prints, and the text of its JSON."""
+    file = tmp_path_factory.mktemp("benchmarks") / "results" / "quick.json"
+    done = _run("--quick", "--without-peers", "--threads", "2", "--json", str(file))
+    assert done.returncode == 0, done.stderr
+    return done.stdout, file.read_text(encoding="utf-8")
+
+
+def test_one_command_prints_every_measure_with_its_bar(quick: tuple[str, str]) -> None:
+    table, text = quick
+    bars = {row["measure"]: row["bar"]["limit"] for row in json.loads(text)["rows"]}
+    assert bars == {
+        "batch / MuJoCo alone": 0.9,
+        "vector / MuJoCo alone": 0.88,
+        "reset of all / episode": 2,
+        "2 threads / 1": 1.8,
+        "memory of one more row": 0.3,
+        "two halves / plain loop": 1.6,
+    }
+    for measure in bars:
+        assert measure in table
+
+
+def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[str, str]) -> None:
+    document = json.loads(quick[1])
+    assert document["versions"]["limberjack"] == limberjack.__version__
+    assert document["settings"]["threads"] == 2
+    assert "step" in document["settings"]["load_averages"] or sys.platform == "win32"
+    assert f'"{socket.gethostname()}"' not in quick[1]
+    for path in (Path.home(), _SOURCE, sys.prefix):
+        assert str(path) not in quick[1]
+
+
+@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
+def test_what_is_compared_does_the_same_steps(domain: str, task: str) -> None:
+    with bench.Contest(domain, task, 3, 2) as contest:
+        actions = contest.actions(4)
+        for play in (contest.physics, contest.persistent_physics, contest.batch, contest.vector):
+            assert play(actions) > 0
+
+
+def test_steps_that_differ_are_noticed() -> None:
+    with pytest.raises(RuntimeError, match="stacker:stack_2: the contestants did not"):  # noqa: SIM117
+        with bench.Contest("stacker", "stack_2", 3, 2) as contest:
+            contest.batch(contest.actions(1))
+
+
+def test_players_take_turns_with_the_same_actions() -> None:
+    seen: list[tuple[str, np.ndarray]] = []
+
+    def player(name: str) -> bench.Player:
+        def play(actions: np.ndarray) -> float:
+            seen.append((name, actions))
+            return len(actions) * 0.5
+
+        return play
+
+    players = {name: player(name) for name in "abc"}
+    taken = bench.take_turns(
+        players, lambda k: np.random.random((k, 512, 1)), 0.0, min_rounds=2, warm_up_steps=5
+    )
+    assert taken == {name: [0.5, 0.5] for name in "abc"}
+    assert "".join(name for name, _ in seen) == "abcabcbca"
+    for first in (0, 3, 6):
+        assert all(actions is seen[first][1] for _, actions in seen[first : first + 3])
+
+
+def test_measure_compares_and_sweeps_threads() -> None:
+    result = bench.measure("stacker", "stack_2", num_envs=4, num_threads=3, seconds=0.01)
+    assert [speed.what for speed in result.speeds] == ["physics", "batch", "vector"]
+    assert [speed.num_threads for speed in result.speeds] == [3, 3, 3]
+    assert [speed.num_threads for speed in result.sweep] == [1, 2, 3]
+    assert all(speed.steps_per_second > 0 for speed in (*result.speeds, *result.sweep))
+    assert result.speeds[0].ratio == result.sweep[0].ratio == 1
+    assert result.recommended_threads in (1, 2, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("num_envs", 0), ("num_threads", 0), ("seconds", 0.0), ("task", "stak_2")]
+)
+def test_what_cannot_be_measured_is_refused(name: str, value: Any) -> None:
+    with pytest.raises(ValueError, match=f"{name} is {value}|did you mean|Did you mean"):
+        bench.measure(**{"domain": "stacker", "task": "stack_2", name: value})
+
+
+def test_the_command_prints_speeds_and_a_recommendation() -> None:
+    arguments = ["bench", "stacker", "stack_2", "--num-envs", "4", "--threads", "2"]
+    done = typer.testing.CliRunner().invoke(app, [*arguments, "--seconds", "0.01"])
+    assert done.exit_code == 0, done.output
+    lines = done.stdout.splitlines()
+    first_words = [line.split()[0] for line in lines if line.strip()]
+    assert first_words[0] == "what"
+    assert first_words[2:5] == ["physics", "batch", "vector"]
+    assert re.search(r"^Recommended for 4 rows: num_threads=[12]$", lines[-1])
+
+
+def test_the_command_refuses_what_cannot_be_measured() -> None:
+    done = typer.testing.CliRunner().invoke(app, ["bench", "stacker", "stak_2"])
+    assert done.exit_code == 2
+    assert "Did you mean 'stack_2'?" in done.stderr
+
+
+def _worker() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("batch_worker", _BENCHMARKS / "batch_worker.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("task", "name"),
+    [
+        (("humanoid", "run_pure_state"), "HumanoidRunPureState-v1"),
+        (("manipulator", "bring_ball"), "ManipulatorBringBall-v1"),
+        (("stacker", "stack_4"), "StackerStack4-v1"),
+    ],
+)
+def test_envpools_names_of_the_tasks(task: tuple[str, str], name: str) -> None:
+    assert _worker().envpool_name(*task) == name
