@@ -119,8 +119,7 @@ class Physics(Rows, _control.Physics):
 
     def reload_from_xml_string(self, xml_string: str | bytes, assets: dict | None = None) -> None:
         """Becomes a simulation of another model, as if made by `from_xml_string`."""
-        model = wrapper.MjModel.from_xml_string(xml_string, assets=assets)
-        self._reload_from_data(wrapper.MjData(model))
+        self._reload_from_data(wrapper.MjData(wrapper.MjModel.from_xml_string(xml_string, assets)))
 
     def reload_from_xml_path(self, file_path: str) -> None:
         """Becomes a simulation of another model, as if made by `from_xml_path`."""
@@ -218,8 +217,9 @@ class Physics(Rows, _control.Physics):
 
     def after_reset(self) -> None:
         """Recomputes every quantity with actuation disabled, as there are no controls yet."""
-        with self.check_invalid_state():
-            self._simulation.forward_without_actuation()
+        earlier = self._simulation.set_warnings_aside()
+        self._simulation.forward_without_actuation()
+        self._check_warnings(earlier)
 
     @contextlib.contextmanager
     def check_invalid_state(self) -> Iterator[None]:

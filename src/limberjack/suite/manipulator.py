@@ -144,9 +144,9 @@ class Bring(_planar_arm.ArmTask):
         x, z = uniform(-0.4, 0.4), uniform(0.1, 0.4)
         angle = uniform(-np.pi / 3, np.pi / 3) if self._insert else uniform(-np.pi, np.pi)
         for body in (self._target, self._receptacle)[: 1 + self._insert]:
-            physics.named.model.body_pos[body, ["x", "z"]] = x, z
-            half = angle / 2
-            physics.named.model.body_quat[body, ["qw", "qy"]] = np.cos(half), np.sin(half)
+            body_pos, body_quat = physics.named.model.body_pos, physics.named.model.body_quat
+            body_pos[body, "x"], body_pos[body, "z"] = x, z
+            body_quat[body, "qw"], body_quat[body, "qy"] = np.cos(angle / 2), np.sin(angle / 2)
 
         start = self.random.choice(_STARTS, p=_START_PROBABILITIES)
         data = physics.named.data

@@ -1,0 +1,259 @@
+"""`VecEnv`: a batch of simulations as a Stable-Baselines3 `VecEnv`; needs the extra `sb3`.
+
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecMonitor
+
+    envs = VecMonitor(make_vec_env("humanoid", "walk", num_envs=64, seed=0))
+    PPO("MlpPolicy", envs).learn(1_000_000)
+
+It behaves as SB3's `DummyVecEnv` of as many `limberjack.gym.Env`, bit for bit: a row whose episode
+has ended shows the first observation of its next one, and its last in
+`info["terminal_observation"]`; `info["TimeLimit.truncated"]` says whether only the time limit ended
+it. Episodes' returns are logged where `VecMonitor` is put around it. One simulation needs none of
+this: `gymnasium.make` makes what SB3 takes.
+
+The only file that imports stable_baselines3.
+"""
+
+import operator
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from limberjack import gym
+from limberjack.gym import arguments
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.utils.suggest import did_you_mean
+
+try:
+    from stable_baselines3.common import vec_env  # pyright: ignore[reportMissingImports]
+except ImportError as error:
+    raise ImportError("needs the extra 'sb3': pip install 'limberjack[sb3]'") from error
+
+__all__ = ["VecEnv", "make_vec_env"]
+
+_Indices = int | Iterable[int] | None
+
+
+class VecEnv(vec_env.VecEnv):
+    """A batch as Stable-Baselines3 has it; see the module's docstring.
+
+    Each row's info has `TimeLimit.truncated`, `diverged`, and where the task has them
+    `reward_terms` by name and `is_success`, which SB3 logs as a rate; after an episode
+    `terminal_observation`. `reset_infos` has for each row what was drawn for its episode, under
+    `randomization`, if anything was.
+    """
+
+    def __init__(self, envs: gym.VectorEnv | BatchEnvironment, seed: int | None = None) -> None:
+        """Takes over a batch, with float32 observations in one array, or a vector environment.
+
+        Args:
+          envs: it must not be used elsewhere. A `VectorEnv` has `autoreset_mode="SameStep"`.
+          seed: as given to `seed`; None lets the rows' random streams go on.
+
+        Raises:
+          TypeError: it is neither.
+          ValueError: its autoreset mode is another, or its observations are overwritten by later
+            ones.
+        """
+        if isinstance(envs, BatchEnvironment):
+            envs = gym.VectorEnv(envs, autoreset_mode="SameStep", flat=True, dtype="float32")
+        _check_vector_env(envs)
+        self.vector_env = envs
+        self._own: list[dict[str, Any]] = [{} for _ in range(envs.num_envs)]
+        self._actions: np.ndarray | None = None
+        super().__init__(
+            envs.num_envs, envs.single_observation_space, envs.single_action_space
+        )
+        self.metadata = {**self.metadata, "render_fps": envs.metadata["render_fps"]}
+        if seed is not None:
+            self.seed(seed)
+
+    def seed(self, seed: int | None = None) -> Sequence[int]:
+        """Has row i begin the first episode of `RandomState(seed + i)` at the next `reset`.
+
+        Returns the rows' seeds. None stands for any seed; NumPy's global stream is left alone.
+        """
+        first = np.random.RandomState().randint(2**31) if seed is None else seed
+        self._seeds: Any = arguments.row_seeds(operator.index(first), self.num_envs)
+        return list(self._seeds)
+
+    def reset(self) -> Any:
+        """Begins an episode in every row; returns the observations. Options are ignored."""
+        observations, info = self.vector_env.reset(seed=self._seeds)
+        self._reset_seeds()
+        self._reset_options()
+        self._actions = None
+        self.reset_infos = [{} for _ in range(self.num_envs)]
+        self._note_what_was_drawn(info)
+        return observations
+
+    def step_async(self, actions: np.ndarray) -> None:
+        """Takes the actions, (num_envs, ...), which `step_wait` applies."""
+        self._actions = np.array(actions)
+
+    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        """Steps every row; returns observations, float32 rewards, dones, infos.
+
+        Raises:
+          RuntimeError: `step_async` was not called.
+          ValueError, TypeError: the actions are not finite numbers, one row for each environment;
+            nothing was stepped.
+        """
+        if self._actions is None:
+            raise RuntimeError("there are no actions: call step_async() before step_wait()")
+        actions, self._actions = self._actions, None
+        observations, rewards, terminated, truncated, info = self.vector_env.step(actions)
+        self._note_what_was_drawn(info)
+        infos = _infos_of_rows(info, truncated)
+        return observations, rewards.astype(np.float32), terminated | truncated, infos
+
+    def close(self) -> None:
+        """Frees the batch; closing twice is fine."""
+        self.vector_env.close()
+
+    def get_images(self) -> Sequence[np.ndarray | None]:
+        """A picture of each row, (height, width, 3) uint8; None each without a render mode."""
+        return self.vector_env.render() or [None] * self.num_envs
+
+    def get_attr(self, attr_name: str, indices: _Indices = None) -> list[Any]:
+        """Of each row, what `set_attr` gave it, else what all rows have in common.
+
+        In common they have the spaces and the attributes of the `VectorEnv`, such as `layout`.
+
+        Raises:
+          AttributeError: there is no such attribute.
+        """
+        rows = self._rows(indices)
+        return [
+            self._own[row][attr_name] if attr_name in self._own[row] else self._common(attr_name)
+            for row in rows
+        ]
+
+    def set_attr(self, attr_name: str, value: Any, indices: _Indices = None) -> None:
+        """Gives rows an attribute, for `get_attr` to return; it does not reach the simulations.
+
+        Raises:
+          AttributeError: the rows have that attribute in common.
+        """
+        rows = self._rows(indices)
+        if hasattr(self.vector_env, attr_name):
+            raise AttributeError(
+                f"the rows have {attr_name!r} in common: set it where the batch is made"
+            )
+        for row in rows:
+            self._own[row][attr_name] = value
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: _Indices = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Calls a method of rows, `render` or `get_wrapper_attr`; they have no other.
+
+        Raises:
+          AttributeError: rows have no such method; the `VectorEnv` may have what is wanted.
+        """
+        methods = [self._method(method_name, row) for row in self._rows(indices)]
+        return [method(*method_args, **method_kwargs) for method in methods]
+
+    def env_is_wrapped(self, wrapper_class: type, indices: _Indices = None) -> list[bool]:
+        """False for each row: a batch's rows have no wrappers of their own."""
+        return [False for _ in self._rows(indices)]
+
+    def _rows(self, indices: _Indices) -> list[int]:
+        """The numbers of the rows, each checked."""
+        rows = [operator.index(row) for row in self._get_indices(indices)]
+        for row in rows:
+            if not 0 <= row < self.num_envs:
+                raise IndexError(f"row {row} was asked for; there are {self.num_envs}, from 0")
+        return rows
+
+    def _common(self, name: str) -> Any:
+        if name in ("action_space", "observation_space"):
+            return getattr(self.vector_env, f"single_{name}")
+        return getattr(self.vector_env, name)
+
+    def _method(self, name: str, row: int) -> Callable[..., Any]:
+        known: dict[str, Callable[..., Any]] = {
+            "get_wrapper_attr": lambda name: self.get_attr(name, row)[0],
+            "render": lambda: self.get_images()[row],
+        }
+        if name in known:
+            return known[name]
+        raise AttributeError(
+            f"the rows of a batch have no method {name!r}.{did_you_mean(name, list(known))} They "
+            f"have: {', '.join(known)}. See also the attribute vector_env."
+        )
+
+    def _note_what_was_drawn(self, info: dict[str, Any]) -> None:
+        """Keeps, for rows whose episode has just begun, the fields of the model drawn for it."""
+        drawn = info.get("randomization", {})
+        for row in np.flatnonzero(info.get("_randomization", ())):
+            fields = {name: drawn[name][row].copy() for name in drawn if f"_{name}" in drawn}
+            self.reset_infos[row] = {"randomization": fields}
+
+
+def _check_vector_env(envs: Any) -> None:
+    """Raises unless SB3 can use it."""
+    if not isinstance(envs, gym.VectorEnv):
+        raise TypeError(
+            f"got {type(envs).__name__}; expected a limberjack.gym.VectorEnv or a BatchEnvironment"
+        )
+    mode = envs.metadata["autoreset_mode"].value
+    if mode != "SameStep":
+        raise ValueError(
+            f"autoreset_mode is {mode!r}; Stable-Baselines3 needs 'SameStep': say so where the "
+            "VectorEnv is made"
+        )
+    if not all(part._copies for part in envs._parts):
+        raise ValueError(
+            "the observations are overwritten by later ones, and Stable-Baselines3 keeps them: "
+            "make the VectorEnv with copy=True"
+        )
+
+
+def _infos_of_rows(info: dict[str, Any], truncated: np.ndarray) -> list[dict[str, Any]]:
+    """What a step says, told of each row."""
+    diverged = info["diverged"]
+    infos: list[dict[str, Any]] = [
+        {"TimeLimit.truncated": by_limit, "diverged": by_itself}
+        for by_limit, by_itself in zip(truncated.tolist(), diverged.tolist(), strict=True)
+    ]
+    _add_terms(infos, info)
+    if "final_obs" in info:
+        for row in np.flatnonzero(info["_final_obs"]):
+            infos[row]["terminal_observation"] = info["final_obs"][row]
+        _add_terms(infos, info["final_info"])
+    return infos
+
+
+def _add_terms(infos: list[dict[str, Any]], info: dict[str, Any]) -> None:
+    """Adds what the reward is made of, to the rows that it is said of."""
+    if "reward_terms" not in info:
+        return
+    rows = np.flatnonzero(info["_reward_terms"])
+    terms = info["reward_terms"]
+    names = [name for name in terms if f"_{name}" in terms]
+    values = np.stack([terms[name][rows] for name in names], axis=-1).tolist()
+    for row, of_row in zip(rows, values, strict=True):
+        infos[row]["reward_terms"] = dict(zip(names, of_row, strict=True))
+    if "success" in info:
+        for row, reached in zip(rows, info["success"][rows].tolist(), strict=True):
+            infos[row]["is_success"] = reached
+
+
+def make_vec_env(
+    domain: str, task: str, num_envs: int, *, seed: int | None = None, **kwargs: Any
+) -> VecEnv:
+    """A `VecEnv` of the suite.
+
+    Args:
+      domain: such as 'humanoid'.
+      task: such as 'walk'.
+      num_envs: number of rows.
+      seed: row i begins with the first episode of `RandomState(seed + i)`; None for any seed.
+      kwargs: see `limberjack.gym.load_vector`. Observations are float32 in one array unless `flat`
+        or `dtype` say otherwise.
+    """
+    told = {"flat": True, "dtype": "float32", "autoreset_mode": "SameStep", **kwargs}
+    return VecEnv(gym.load_vector(domain, task, num_envs, **told), seed)
