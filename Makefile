@@ -17,12 +17,12 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check \
 export PYTHONUNBUFFERED = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint format clean check-python
+.PHONY: help demo test test-slow test-training lint format clean check-python
 .DELETE_ON_ERROR:
 
 help:  ## Show this list
 	@echo "usage: make [PYTHON=python3.12] TARGET"
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-10s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-13s %s\n", $$1, $$2 }' Makefile
 
 demo: $(VENV)/installed-demo  ## Run a task and write its video, plot and numbers to demo/
 	$(BIN)/limberjack run humanoid walk --policy random --time-limit 10 --out demo
@@ -33,6 +33,9 @@ test: lint  ## Run ruff, pyright and all tests but the slow ones
 
 test-slow: $(VENV)/installed-test  ## Run the slow tests
 	$(BIN)/python -m pytest -m slow
+
+test-training: $(VENV)/installed-training  ## Run the tests of Stable-Baselines3 and the examples
+	$(BIN)/python -m pytest tests/gym/test_sb3.py tests/test_examples.py
 
 lint: $(VENV)/installed-test  ## Check style and types
 	$(BIN)/ruff check .
@@ -70,3 +73,9 @@ $(VENV)/installed-demo: $(MADE) pyproject.toml constraints.txt
 $(VENV)/installed-test: $(MADE) pyproject.toml constraints.txt
 	$(INSTALL) '.[test]'
 	@touch $@ $(VENV)/installed-demo
+
+# PyTorch for the CPU is enough. Where pip's index has only the CUDA build, which is several GB, name
+# one that has it: make PIP_EXTRA_INDEX_URL=... test-training
+$(VENV)/installed-training: $(VENV)/installed-test
+	$(INSTALL) '.[test,sb3]'
+	@touch $@

@@ -3,6 +3,10 @@
 In one cell, a task with so many rows, all that is compared does the same number of steps with the
 same actions in turns, a block of steps each; see `limberjack.bench`. Ours and MuJoCo alone must
 come to the same states; EnvPool, which draws other starts, only does the same number of steps.
+
+MuJoCo alone is a `mujoco.batch.Batch` with nothing bound, persistent as ours is. One that is not
+persistent is quicker where memory is slow, as fewer `MjData` go through the caches; what ours does
+beside that one is shown, too.
 """
 
 import contextlib
@@ -20,7 +24,7 @@ from limberjack import bench
 
 __all__ = ["SIZES", "Cells", "measure_processes"]
 
-SIZES = (64, 256, 1024)
+SIZES: tuple[int, ...] = (64, 256, 1024)
 
 # Over MuJoCo's own `Batch.step`, by number of rows.
 _BATCH = {64: at_least(0.90), 256: at_least(0.94), 1024: at_least(0.95)}
@@ -91,31 +95,41 @@ class Cells:
 
     def rows(self) -> list[Row]:
         """Rows for what was measured so far."""
-        rows = [self._row("batch / MuJoCo alone", c, _BATCHED, _PHYSICS, _BATCH) for c in self.all]
-        rows += [self._row("vector / MuJoCo alone", c, _OURS, _PHYSICS, _VECTOR) for c in self.all]
-        if self._peer is None:
-            return [row for row in rows if row is not None]
-        measure = "vector / EnvPool"
-        for size in dict.fromkeys(cell[2] for cell in self.all):
-            cells = [cell for cell in self.all if cell[2] == size]
-            of_size = [self._row(measure, c, _OURS, _THEIRS, {size: _ENVPOOL}) for c in cells]
-            known = [row for row in of_size if row is not None]
-            rows += known
-            if known:
-                rows.append(_mean_row(measure, f"geometric mean, N={size}", known))
-        return [row for row in rows if row is not None]
+        rows = []
+        for what, ours, bars in (("batch", _BATCHED, _BATCH), ("vector", _OURS, _VECTOR)):
+            rows += self._rows(f"{what} / MuJoCo alone", ours, _PERSISTENT, bars, with_means=False)
+            rows += self._means(f"{what} / not persistent", ours, _PHYSICS, None)
+        if self._peer is not None:
+            bars = dict.fromkeys(SIZES, _ENVPOOL)
+            rows += self._rows("vector / EnvPool", _OURS, _THEIRS, bars, with_means=True)
+        return rows
 
-    def _row(
-        self, measure: str, cell: _Cell, ours: str, theirs: str, bars: dict[int, Bar]
-    ) -> Row | None:
-        taken = self._taken.get(cell)
-        if taken is None:
-            return None
-        num_envs = cell[2]
+    def _rows(
+        self, measure: str, ours: str, theirs: str, bars: dict[int, Bar], with_means: bool
+    ) -> list[Row]:
+        rows = [self._row(measure, cell, ours, theirs, bars) for cell in self._taken]
+        if with_means:
+            rows += self._means(measure, ours, theirs, _ENVPOOL_ON_AVERAGE)
+        return rows
+
+    def _means(self, measure: str, ours: str, theirs: str, bar: Bar | None) -> list[Row]:
+        """The geometric mean of the tasks for each number of rows."""
+        means = []
+        for size in dict.fromkeys(cell[2] for cell in self._taken):
+            of_size = [
+                self._row(measure, cell, ours, theirs, {})
+                for cell in self._taken
+                if cell[2] == size
+            ]
+            means.append(_mean_row(measure, f"geometric mean, N={size}", of_size, bar))
+        return means
+
+    def _row(self, measure: str, cell: _Cell, ours: str, theirs: str, bars: dict[int, Bar]) -> Row:
+        taken, num_envs = self._taken[cell], cell[2]
         ratios = _ratios(taken[theirs], taken[ours])
         details: dict[str, Any] = {"ratio": spread(ratios), "load_average": self._loads[cell]}
-        if theirs == _PHYSICS:
-            details["ratio_to_persistent"] = spread(_ratios(taken[_PERSISTENT], taken[ours]))
+        if theirs == _PERSISTENT:
+            details["ratio_to_not_persistent"] = spread(_ratios(taken[_PHYSICS], taken[ours]))
             added = [a - b for a, b in zip(taken[ours], taken[theirs], strict=True)]
             details["added_us"] = 1e6 * statistics.median(added)
         return Row(
@@ -189,9 +203,7 @@ def _processes_row(subject: str, seconds: _Times, num_processes: int) -> Row:
     )
 
 
-def _mean_row(
-    measure: str, subject: str, rows: Sequence[Row], bar: Bar | None = _ENVPOOL_ON_AVERAGE
-) -> Row:
+def _mean_row(measure: str, subject: str, rows: Sequence[Row], bar: Bar | None) -> Row:
     values = [row.value for row in rows if row.value is not None]
     return Row(
         measure=measure,

@@ -122,7 +122,7 @@ class _Run:
         for cell in cells.all:
             _say(f"  {cell[0]}:{cell[1]}, N={cell[2]}")
             cells.measure(cell, effort.seconds, effort.rounds, effort.warm_up_steps)
-        for cell in cells.doubtful():
+        for cell in cells.doubtful():  # on another minute's load
             _say(f"  again: {cell[0]}:{cell[1]}, N={cell[2]}")
             cells.measure(cell, effort.seconds, effort.rounds, effort.warm_up_steps)
         self.versions |= cells.versions
@@ -185,12 +185,12 @@ def main(
             rows += run.measure(section)
             if hasattr(os, "getloadavg"):
                 loads[section.value] = os.getloadavg()
+            if json is not None:  # after each section, as it takes long
+                settings = {"quick": quick, "threads": num_threads, **dataclasses.asdict(effort)}
+                write_json(json, rows, {**settings, "peers": run.versions, "load_averages": loads})
     print_table(rows)
     for peer, engine in run.versions.items():
         typer.echo(f"{peer} runs {engine}")
-    if json is not None:
-        settings = {"quick": quick, "threads": num_threads, **dataclasses.asdict(effort)}
-        write_json(json, rows, {**settings, "peers": run.versions, "load_averages": loads})
     sys.exit(not quick and not all_met(rows))
 
 

@@ -29,7 +29,7 @@ __all__ = ["Contest", "Player", "Result", "Speed", "measure", "take_turns"]
 # Takes a block of actions, (steps, num_envs, nu), and returns the seconds that its steps took.
 Player = Callable[[np.ndarray], float]
 
-_ROWS_PER_BLOCK = 512  # steps of a block times rows: some hundredths of a second
+_ROWS_PER_BLOCK = 256  # steps of a block times rows: some hundredths of a second
 _WARM_UP_STEPS = 20  # not measured: the humanoid falls
 _MIN_ROUNDS = 8
 _EPISODE = 1_000  # steps of every task's episode

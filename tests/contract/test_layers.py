@@ -3,8 +3,10 @@
 import ast
 import graphlib
 import importlib
+import importlib.util
 import subprocess
 import sys
+from types import ModuleType
 
 import pytest
 
@@ -24,6 +26,7 @@ _LAYERS = {
     "limberjack.policies": 5,
     "limberjack.report": 5,
     "limberjack.rollout": 5,
+    "limberjack.sb3": 5,
     "limberjack.video": 5,
     "limberjack.cli": 6,
     "limberjack.__main__": 6,
@@ -37,14 +40,18 @@ _ONLY_IN = {
     "imageio_ffmpeg": "limberjack.video",
     "matplotlib": "limberjack.report.curve",
     "rich": "limberjack.cli",
+    "stable_baselines3": "limberjack.sb3",
     "typer": "limberjack.cli",
 }
+# Modules that are made of a package of an extra, and cannot be imported without it.
+_MADE_OF = {"limberjack.sb3": ("stable_baselines3", "sb3")}
 
 _MAX_FILE_LINES = 400
 _MAX_FUNCTION_LINES = 40  # without the docstring
 
 _ALL = sorted(modules())
 _PUBLIC = [module for module in _ALL if is_public(module)]
+_MISSING = {m for m, (package, _) in _MADE_OF.items() if importlib.util.find_spec(package) is None}
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -56,6 +63,12 @@ def _layer(module: str) -> int | None:
 def _own_imports(module: str) -> set[str]:
     """The package's modules that a module imports, but for the root, which has the version."""
     return {name for name in imports(module) if name in modules()} - {PACKAGE, module}
+
+
+def _imported(module: str) -> ModuleType:
+    if module in _MISSING:
+        pytest.skip("needs the extra {1!r}: {0} is not installed".format(*_MADE_OF[module]))
+    return importlib.import_module(module)
 
 
 def _is_definition(node: ast.stmt) -> bool:
@@ -88,7 +101,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 def test_every_module_can_be_the_first_one_imported() -> None:
     code = f"""
 import importlib, sys
-for name in {_PUBLIC!r}:
+for name in {sorted(set(_PUBLIC) - _MISSING)!r}:
     if not name.endswith("__main__"):
         for loaded in [m for m in sys.modules if m.partition(".")[0] == {PACKAGE!r}]:
             del sys.modules[loaded]
@@ -96,6 +109,14 @@ for name in {_PUBLIC!r}:
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("module", _MADE_OF)
+def test_without_its_extra_a_module_says_what_to_install(module: str) -> None:
+    package, extra = _MADE_OF[module]
+    code = f"import sys; sys.modules[{package!r}] = None; import {module}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
+    assert f"needs the extra '{extra}': pip install 'limberjack[{extra}]'" in done.stderr
 
 
 def test_the_package_itself_imports_nothing() -> None:
@@ -114,7 +135,7 @@ def test_what_is_heavy_is_imported_in_one_place(module: str) -> None:
 
 
 def test_the_lists_above_name_modules_that_exist() -> None:
-    assert set(_ONLY_IN.values()) <= set(_ALL)
+    assert {*_ONLY_IN.values(), *_MADE_OF} <= set(_ALL)
 
 
 @pytest.mark.parametrize("module", _ALL)
@@ -149,7 +170,7 @@ def test_every_public_function_and_class_has_a_docstring(module: str) -> None:
 
 @pytest.mark.parametrize("module", _PUBLIC)
 def test_all_names_exist(module: str) -> None:
-    loaded = importlib.import_module(module)
+    loaded = _imported(module)
     names = getattr(loaded, "__all__", [])
     assert sorted(set(names)) == sorted(names), "a name stands twice"
     for name in names:
@@ -167,5 +188,5 @@ def test_all_has_every_public_definition(module: str) -> None:
     }
     if not defined:
         return  # a package that only holds modules need not say so
-    named = set(getattr(importlib.import_module(module), "__all__", ()))
+    named = set(getattr(_imported(module), "__all__", ()))
     assert defined <= named, f"{module}.__all__ lacks {sorted(defined - named)}"

@@ -162,17 +162,39 @@ def test_exit_with_anything_open_is_silent(open_at_exit: tuple[str, str]) -> Non
 def test_exit_while_daemon_threads_step_is_silent() -> None:
     body = """
     import threading, time
+    envs = [suite.load("humanoid", "walk") for _ in range(4)]
 
-    def run():
-        env = suite.load("humanoid", "walk")
+    def run(env):
         while True:
             env.step(np.zeros(21))
 
-    for _ in range(4):
-        threading.Thread(target=run, daemon=True).start()
-    time.sleep(0.5)
+    for env in envs:
+        threading.Thread(target=run, args=[env], daemon=True).start()
+    time.sleep(0.3)
     """
     assert run(program(_PLAY_ALL, body)) == ""
+
+
+def test_exit_after_an_interrupted_step_is_prompt() -> None:
+    first = """
+    import atexit, time
+    atexit.register(lambda: print(time.monotonic() - interrupted))  # the last of all to be called
+    """
+    body = """
+    import mujoco
+
+    def interrupt(model, data):
+        raise KeyboardInterrupt
+
+    env = suite.load("humanoid", "walk")
+    play(env)
+    mujoco.mj_step1 = interrupt
+    try:
+        play(env)
+    except KeyboardInterrupt:
+        interrupted = time.monotonic()
+    """
+    assert float(run(program(first, _PLAY_ALL, body))) < 1.0
 
 
 @_DRAWS

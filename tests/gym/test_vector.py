@@ -245,7 +245,7 @@ def test_a_row_that_ended_must_be_reset_where_autoreset_is_disabled() -> None:
         (np.zeros(21), ValueError, r"shape \(21,\); expected \(3, 21\)"),
         (0.0, ValueError, r"shape \(\); expected \(3, 21\)"),
         (np.full((3, 21), "a"), TypeError, "expected numbers"),
-        (np.diag([0, np.nan, np.inf]) @ np.ones((3, 21)), ValueError, r"rows \[0, 1, 2\]|not fin"),
+        (np.outer([0, np.nan, np.inf], np.ones(21)), ValueError, r"rows \[0, 1, 2\]|not fin"),
     ],
 )
 def test_refused_actions_change_nothing(actions: Any, kind: type[Exception], message: str) -> None:

@@ -20,6 +20,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
+
 from .oracle import theirs
 
 __all__ = ["Missing", "load_cases", "run_case"]
@@ -98,6 +100,9 @@ def _flat(suite: Any) -> list[unittest.TestCase]:
 def run_case(case: unittest.TestCase) -> str:
     """Runs one case with its fixtures: the text of its failures, or "" if it passed."""
     result = unittest.TestResult()
+    # rewards_test compares `x * x` with libm's `pow` at random values, and so fails now and then
+    # with dm_control, too.
+    np.random.seed(0)
     unittest.TestSuite([case]).run(result)
     assert result.testsRun + len(result.skipped) >= 1
     return "\n".join(text for _, text in (*result.errors, *result.failures))

@@ -191,3 +191,26 @@ def test_a_file_that_is_not_there_is_refused_alike(tmp_path: Path) -> None:
         makes = [getattr(package("mujoco").Physics, constructor) for package in BOTH]
         calls = [functools.partial(make, str(tmp_path / "none.xml")) for make in makes]
         assert assert_same_outcome(calls, constructor) is not None
+
+
+def test_the_model_parsed_last_is_written_as_the_same_xml(tmp_path: Path) -> None:
+    written = []
+    for package in BOTH:
+        wrapper, path = package("mujoco.wrapper"), tmp_path / f"{len(written)}.xml"
+        first, last = (wrapper.MjModel.from_xml_string(models.ZOO) for _ in range(2))
+        with pytest.raises(ValueError, match="XML"):
+            wrapper.save_last_parsed_model_to_xml(str(path), check_model=first)
+        last.body_mass[1] = 4.25
+        wrapper.save_last_parsed_model_to_xml(str(path), check_model=last)
+        written.append(path.read_text())
+    assert_same_pair(written, "XML")
+    assert "4.25" in written[0]
+
+
+def test_a_model_written_as_bytes_or_a_file_is_the_same(tmp_path: Path) -> None:
+    twin = twins.load_physics()
+    paths = [tmp_path / "ours.mjb", tmp_path / "theirs.mjb"]
+    for physics, path in zip(twin.both, paths, strict=True):
+        physics.model.save_binary(str(path))
+    assert_same_pair([path.read_bytes() for path in paths], "binary file")
+    assert_same_pair([physics.model.to_bytes() for physics in twin.both], "bytes")

@@ -35,8 +35,8 @@ _NO_EASY_TASK = (
     "reacher)"
 )
 _MESSAGE = (
-    "looks up the text of a message under a private name of dm_control; test_physics.py and "
-    "test_frames.py compare these errors"
+    "looks up the text of a message under a private name of dm_control; test_physics.py, "
+    "test_model_and_data.py and test_frames.py compare these errors"
 )
 _CONTEXT = "makes a wrapper.MjrContext; here OpenGL contexts are the renderer's own"
 _NO_SIZES = "there is no table of sizes: MuJoCo's struct fields are never enumerated eagerly"
@@ -77,22 +77,17 @@ _CANNOT_PASS = {
         "testExceptionIfRenderFlagOverridesAndDepthOrSegmentation0",
         "testExceptionIfRenderFlagOverridesAndDepthOrSegmentation1",
     ),
-    **_listed(_MESSAGE, "mujoco.wrapper.core_test::CoreTest", "testContactForce"),
+    **_listed(
+        _MESSAGE,
+        "mujoco.wrapper.core_test::CoreTest",
+        "testContactForce",
+        "testSaveLastParsedModelToXML",
+    ),
     **_listed(
         _CONTEXT,
         "mujoco.wrapper.core_test::CoreTest",
         "testFreeMjrContext",
         "testInvalidFontScale",
-    ),
-    **_listed(
-        "core.save_last_parsed_model_to_xml is not built",
-        "mujoco.wrapper.core_test::CoreTest",
-        "testSaveLastParsedModelToXML",
-    ),
-    **_listed(
-        "looks for MjvScene in wrapper.core; here it is in wrapper, as in dm_control too",
-        "mujoco.wrapper.core_test::CoreTest",
-        "testSceneGeomsAttribute",
     ),
     **_listed(
         _NO_SIZES,

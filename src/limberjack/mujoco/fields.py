@@ -91,6 +91,17 @@ _MODEL_ROWS = {
     **dict.fromkeys(("ten_J_rowadr", "ten_J_rownnz"), "ntendon"),
     **{f"name_{kind}adr": size for size, kind in OBJECTS.items() if size not in ("nu", "nout")},
 }
+# Fields that hold the data of all objects of a kind together, so that rows are no objects.
+_MODEL_POOLS = (
+    "hfield_data tex_data text_data tuple_objid tuple_objprm tuple_objtype "
+    "mesh_face mesh_facenormal mesh_facetexcoord mesh_graph mesh_normal mesh_polynormal "
+    "mesh_polyvertadr mesh_polyvertnum mesh_polymap mesh_polyvert mesh_texcoord "
+    "mesh_polymapadr mesh_polymapnum mesh_vert skin_bonebindpos skin_bonebindquat "
+    "skin_bonebodyid skin_bonevertadr skin_bonevertnum skin_bonevertid skin_bonevertweight "
+    "skin_face skin_texcoord skin_vert flex_bending flex_edge flex_edgeflap flex_elemlayer "
+    "flex_elem flex_elemtexcoord flex_elemedge flex_node flex_node0 flex_nodebodyid "
+    "flex_shell flex_stiffness flex_texcoord flex_vert flex_vert0 flex_vertbodyid plugin_attr"
+)
 _MODEL_COLUMNS = {"key_qpos": "nq", "key_qvel": "nv", "key_act": "na", "key_ctrl": "nu"}
 
 # Fields of MjData, by the size of their rows.
@@ -128,7 +139,7 @@ _COLUMN_FIELDS = {
         "body_pos body_ipos body_inertia jnt_pos jnt_axis geom_size geom_pos site_size site_pos "
         "cam_pos cam_poscom0 cam_pos0 light_pos light_dir light_poscom0 light_pos0 light_dir0 "
         "mesh_vert mesh_normal mocap_pos xpos xipos xanchor xaxis geom_xpos site_xpos cam_xpos "
-        "light_xpos light_xdir subtree_com subtree_linvel subtree_angmom"
+        "light_xpos light_xdir subtree_com subtree_linvel subtree_angmom wrap_xpos"
     ),
     "quat": "body_quat body_iquat geom_quat site_quat cam_quat mocap_quat xquat",
     "mat": "cam_mat0 xmat ximat geom_xmat site_xmat cam_xmat",
@@ -158,6 +169,8 @@ def axes_of(
 
 def _model_row(field: str, shape: tuple[int, ...], model: Any) -> str | None:
     """The size that a field's prefix stands for, if its length is that size."""
+    if field in _MODEL_POOLS.split():
+        return None
     size = _MODEL_PREFIXES.get(field.split("_")[0])
     if size == "nactuator" and not hasattr(model, size):
         size = "nu"

@@ -1,7 +1,7 @@
 """What MuJoCo keeps in OpenGL for models: made when first drawn, shared, freed when not used.
 
     canvases = Canvases()
-    canvases.draw(model, (240, 320), False, function, ())    # function(mjr_context)
+    canvases.draw(model, (240, 320), None, function, ())    # function(mjr_context)
 
 An `MjrContext` holds a model's textures, meshes and buffers. It takes a tenth of a second and tens
 of megabytes, so models of which MuJoCo would make the same share one; each has an OpenGL context of
@@ -135,6 +135,8 @@ class _Canvas:
     def __init__(self, backend: Backend, model: mujoco.MjModel) -> None:
         self._backend = backend
         self._context = backend.create()
+        if not self._context:
+            raise RenderingError(f"OpenGL by {backend.renderer!r} gave no further context")
         self.select()
         try:
             self.mjr = mujoco.MjrContext(model, _FONT_SCALE)

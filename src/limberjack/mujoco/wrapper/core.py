@@ -16,6 +16,8 @@ from limberjack.mujoco.wrapper.model import (
 )
 from limberjack.mujoco.wrapper.visual import MjvCamera, MjvFigure, MjvOption, MjvPerturb, MjvScene
 
+mjlib = mujoco  # as dm_control's programs call it
+
 __all__ = [
     "Error",
     "MjData",
@@ -29,6 +31,7 @@ __all__ = [
     "callback_context",
     "enable_timer",
     "get_schema",
+    "mjlib",
     "save_last_parsed_model_to_xml",
     "set_callback",
 ]

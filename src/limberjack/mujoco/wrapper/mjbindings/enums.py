@@ -12,7 +12,7 @@ __all__: list[str] = []
 
 
 def __getattr__(name: str) -> Any:
-    official = getattr(mujoco, name, None) if name.startswith("mjt") else None
+    official = getattr(mujoco, name, None) if name.startswith(("mjt", "mjr")) else None
     members = getattr(official, "__members__", None)
     if not members:
         raise AttributeError(f"MuJoCo {mujoco.mj_versionString()} has no enum {name!r}")
