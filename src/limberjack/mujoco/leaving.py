@@ -19,9 +19,13 @@ _watched: "weakref.WeakSet[Busy]" = weakref.WeakSet()
 
 
 class Busy:
-    """Something that may be inside MuJoCo: `is_busy` is set by `begin` and cleared by its owner."""
+    """Something that may be inside MuJoCo.
 
-    is_busy = False
+    `busy_in` is the number of the thread that is inside, set by `begin`; its owner sets it back to
+    None. A call that Ctrl-C cuts short leaves it set, which does no harm: see `_wait_for_calls`.
+    """
+
+    busy_in: int | None = None
 
 
 def watch(busy: Busy) -> None:
@@ -31,9 +35,9 @@ def watch(busy: Busy) -> None:
 
 def begin(busy: Busy) -> None:
     """Marks the beginning of a call; never returns to a thread that is left behind at exit."""
-    busy.is_busy = True
+    busy.busy_in = threading.get_ident()
     if _is_leaving and threading.current_thread() is not threading.main_thread():
-        busy.is_busy = False
+        busy.busy_in = None
         threading.Event().wait()
 
 
@@ -42,5 +46,7 @@ def _wait_for_calls() -> None:
     global _is_leaving
     _is_leaving = True
     end = time.monotonic() + _LONGEST_WAIT
-    while any(busy.is_busy for busy in list(_watched)) and time.monotonic() < end:
+    # Threads that live; this one is in no call, whatever an interrupted one says.
+    others = {thread.ident for thread in threading.enumerate()} - {threading.get_ident()}
+    while any(busy.busy_in in others for busy in list(_watched)) and time.monotonic() < end:
         time.sleep(0.001)

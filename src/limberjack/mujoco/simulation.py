@@ -82,19 +82,19 @@ class SingleSimulation(Busy):
             if nstep > 1:
                 mujoco.mj_step(model, data, nstep - 1)
         mujoco.mj_step1(model, data)
-        self.is_busy = False
+        self.busy_in = None
 
     def step_whole(self, nstep: int) -> None:
         """Advances by `nstep` whole steps; quantities belong to the state before the last one."""
         begin(self)
         mujoco.mj_step(self._model(), self._data, nstep)
-        self.is_busy = False
+        self.busy_in = None
 
     def forward(self) -> None:
         """Recomputes every quantity from the state and the controls."""
         begin(self)
         mujoco.mj_forward(self._model(), self._data)
-        self.is_busy = False
+        self.busy_in = None
 
     def forward_without_actuation(self) -> None:
         """Recomputes every quantity as if there were no actuators."""
@@ -103,7 +103,7 @@ class SingleSimulation(Busy):
         begin(self)
         if shared is not None:
             mujoco.mj_forward(shared.passive, self._data)
-            self.is_busy = False
+            self.busy_in = None
             return
         opt = model.opt
         self._flags_before = opt.disableflags
@@ -113,7 +113,7 @@ class SingleSimulation(Busy):
         finally:
             opt.disableflags = self._flags_before
         self._flags_before = None
-        self.is_busy = False
+        self.busy_in = None
 
     def reset(self, keyframe: int | None = None) -> None:
         """Returns to the model's default state or to a keyframe, without a forward pass."""
@@ -235,13 +235,13 @@ class BatchSimulation(Busy):
         """As `SingleSimulation.step`."""
         begin(self)
         self._batch.step(rows, nstep, _UP_TO_VELOCITY)
-        self.is_busy = False
+        self.busy_in = None
 
     def step_whole(self, nstep: int, rows: np.ndarray | None = None) -> None:
         """As `SingleSimulation.step_whole`."""
         begin(self)
         self._batch.step(rows, nstep)
-        self.is_busy = False
+        self.busy_in = None
 
     def forward_without_actuation(self, rows: np.ndarray | None = None) -> None:
         """As `SingleSimulation.forward_without_actuation`."""
@@ -253,7 +253,7 @@ class BatchSimulation(Busy):
             self._batch.forward(rows)
         finally:
             flags[...] = before
-            self.is_busy = False
+            self.busy_in = None
 
     def save(self, rows: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
         """As `SingleSimulation.save`, of some rows or of all for None: (n, ...) each."""

@@ -38,7 +38,7 @@ __all__ = [
 
 
 def set_callback(name: str, new_callback: Any = None) -> None:
-    """Installs a MuJoCo callback: a callable, a C function or its address; None removes it."""
+    """Installs a MuJoCo callback: a callable or a ctypes function; None removes it."""
     getattr(mujoco, f"set_{name}")(new_callback)
 
 
