@@ -18,7 +18,7 @@ _LOOK_AHEAD = 10  # control steps, 0.25 s
 
 def main() -> None:
     """Runs the example."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=100_000, help="steps of all rows together")
     parser.add_argument("--envs", type=int, default=256, help="rows of the batch")
     given = parser.parse_args()

@@ -18,7 +18,7 @@ _SECONDS = 2.5  # of an episode, 100 steps, so that some end soon
 
 def main() -> None:
     """Runs the example."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=100_000, help="steps of all rows together")
     parser.add_argument("--envs", type=int, default=256, help="rows of the vector environment")
     given = parser.parse_args()
@@ -39,7 +39,7 @@ def main() -> None:
     ended = np.zeros(given.envs, bool)
     for _ in range(max(1, given.steps // given.envs)):
         actions = envs.action_space.sample()
-        following, rewards, terminated, truncated, info = envs.step(actions)
+        following, rewards, terminated, truncated, _ = envs.step(actions)
         kept = ~ended  # the others have only begun their next episode
         # What a replay buffer takes. Bootstrap where `terminated` is False, truncated or not.
         batch = {

@@ -18,7 +18,7 @@ _ROLLOUT = 64  # steps of each row between two updates
 
 def main() -> None:
     """Runs the example."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=1_000_000, help="steps of all rows together")
     parser.add_argument("--envs", type=int, default=64, help="rows of each env runner's batch")
     parser.add_argument("--runners", type=int, default=1, help="processes beside the learner's")

@@ -27,7 +27,7 @@ _EPISODES = 4
 
 def main() -> None:
     """Runs the example."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=1_000_000, help="steps of all rows together")
     parser.add_argument("--envs", type=int, default=64, help="rows of the batch")
     parser.add_argument("--seconds", type=float, default=25.0, help="length of an episode")

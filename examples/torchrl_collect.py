@@ -46,7 +46,7 @@ def _policy(env: Any) -> Any:
 
 def main() -> None:
     """Runs the example."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=100_000, help="steps of all rows together")
     parser.add_argument("--envs", type=int, default=64, help="rows of the vector environment")
     given = parser.parse_args()

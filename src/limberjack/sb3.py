@@ -63,9 +63,7 @@ class VecEnv(vec_env.VecEnv):
         self.vector_env = envs
         self._own: list[dict[str, Any]] = [{} for _ in range(envs.num_envs)]
         self._actions: np.ndarray | None = None
-        super().__init__(
-            envs.num_envs, envs.single_observation_space, envs.single_action_space
-        )
+        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
         self.metadata = {**self.metadata, "render_fps": envs.metadata["render_fps"]}
         if seed is not None:
             self.seed(seed)
@@ -76,7 +74,7 @@ class VecEnv(vec_env.VecEnv):
         Returns the rows' seeds. None stands for any seed; NumPy's global stream is left alone.
         """
         first = np.random.RandomState().randint(2**31) if seed is None else seed
-        self._seeds: Any = arguments.row_seeds(operator.index(first), self.num_envs)
+        self._seeds: Any = arguments.row_seeds(first, self.num_envs)
         return list(self._seeds)
 
     def reset(self) -> Any:

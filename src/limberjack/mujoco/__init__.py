@@ -16,12 +16,14 @@ from limberjack.mujoco.engine import (
     TextOverlay,
     action_spec,
 )
+from limberjack.mujoco.rendering import RenderingError
 
 __all__ = [
     "Camera",
     "CameraMatrices",
     "MovableCamera",
     "Physics",
+    "RenderingError",
     "TextOverlay",
     "action_spec",
 ]

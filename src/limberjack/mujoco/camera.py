@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.rendering import Contexts, Job, RenderingError, contexts, submit
+from limberjack.mujoco.rendering import Contexts, RenderingError, call, contexts
 from limberjack.mujoco.rendering.overlays import TextOverlay
 from limberjack.mujoco.rendering.pictures import Style, draw, finished
 from limberjack.mujoco.wrapper import MjvCamera, MjvOption, MjvScene
@@ -115,7 +115,6 @@ class Camera:
         self._scene = MjvScene(model=physics.model, max_geom=max_geom)
         self._scene_option = MjvOption()
         self._lock = threading.RLock()
-        self._drawing: Job | None = None
 
     @property
     def width(self) -> int:
@@ -176,11 +175,10 @@ class Camera:
           scene_option: a `wrapper.MjvOption` to use instead of the camera's.
         """
         with self._lock:
-            # Ctrl-C ends the wait for a picture, not the drawing of it.
-            if self._drawing is not None:
-                self._drawing.wait()
-            option = scene_option or self._scene_option
-            _fill(self._scene, self._physics, self._render_camera, option)
+            mujoco.mjv_updateScene(*self._contents(scene_option), self._scene)
+
+    def _contents(self, scene_option: Any) -> tuple:
+        return _contents(self._physics, self._render_camera, scene_option or self._scene_option)
 
     def render(
         self,
@@ -210,14 +208,16 @@ class Camera:
           RenderingError: OpenGL cannot be had.
         """
         style = Style.of(overlays, depth, segmentation, render_flag_overrides)
+        model, size = self._physics.model._model, (self._height, self._width)
         with self._lock:
-            self.update(scene_option)
+            contents = self._contents(scene_option)
             if self._scene_callback:
-                self._scene_callback(self._physics, self._scene)
-            model, size = self._physics.model._model, (self._height, self._width)
+                contents = _with_callback(
+                    contents, self._physics, self._scene, self._scene_callback
+                )
             with self._scene.override_flags(style.flags):
-                self._drawing = submit(model, draw, self._scene, style, *size, size=size)
-                return finished(self._drawing.result(), style, model, self._scene)
+                raw = call(model, draw, self._scene, style, *size, contents, size=size)
+            return finished(raw, style, model, self._scene)
 
     def select(self, cursor_position: tuple[float, float]) -> Selected:
         """What is seen at a point of the picture.
@@ -311,22 +311,28 @@ def render(
         scene_option is None or not (model.nflex or model.nskin)
     )
     scene = _renewed(spares.pop()) if spares and is_reusable else MjvScene(model=physics.model)
-    _fill(scene, physics, view, scene_option or _DEFAULT_OPTION)
+    contents = _contents(physics, view, scene_option or _DEFAULT_OPTION)
     if scene_callback:
-        scene_callback(physics, scene)
+        contents = _with_callback(contents, physics, scene, scene_callback)
     with scene.override_flags(style.flags):
-        raw = submit(model, draw, scene, style, *size, size=size).result()
+        raw = call(model, draw, scene, style, *size, contents, size=size)
     picture = finished(raw, style, model, scene)
-    # Not in a `finally`: after Ctrl-C the rendering thread may still be at it.
     if is_reusable and len(spares) < _MOST_SPARE_SCENES:
         spares.append(scene)
     return picture
 
 
-def _fill(scene: MjvScene, physics: Any, view: MjvCamera, option: Any) -> None:
-    """Takes the physics' present state into the scene."""
-    model, data = physics.model._model, physics.data._data
-    mujoco.mjv_updateScene(model, data, option, None, view, _EVERYTHING, scene)
+def _contents(physics: Any, view: MjvCamera, option: Any) -> tuple:
+    """What `mjv_updateScene` takes into a scene: the physics' present state."""
+    return physics.model._model, physics.data._data, option, None, view, _EVERYTHING
+
+
+def _with_callback(
+    contents: tuple, physics: Any, scene: MjvScene, callback: _SceneCallback
+) -> None:
+    """Takes the contents into the scene and has the callback change it, in the caller's thread."""
+    mujoco.mjv_updateScene(*contents, scene)
+    callback(physics, scene)
 
 
 def _renewed(scene: MjvScene) -> MjvScene:

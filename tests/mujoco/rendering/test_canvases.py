@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from limberjack.mujoco import Physics
-from limberjack.mujoco.rendering import submit
+from limberjack.mujoco.rendering import call
 
 _MODEL = """
 <mujoco>
@@ -30,7 +30,7 @@ def _physics(colour: str = ".1 .2 .3", shadow: int = 128) -> Physics:
 
 def _context(physics: Physics) -> int:
     """Which of MuJoCo's contexts draws it: the number of its buffer, and of the context object."""
-    return submit(physics.model._model, id).result()
+    return call(physics.model._model, id)
 
 
 def test_models_of_which_opengl_keeps_the_same_share_it() -> None:

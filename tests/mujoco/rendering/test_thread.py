@@ -3,6 +3,7 @@
 import os
 import sys
 import threading
+import weakref
 from collections.abc import Callable
 from concurrent import futures
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from limberjack.mujoco import Camera, Physics
-from limberjack.mujoco.rendering import Job, submit
+from limberjack.mujoco.rendering import call
 
 _MODEL = """
 <mujoco>
@@ -101,27 +102,28 @@ def test_the_callers_own_opengl_context_stays_current() -> None:
         np.testing.assert_array_equal(pixels[::-1], before)
 
 
-def test_a_jobs_error_is_raised_where_its_result_is_asked_for() -> None:
+def test_an_error_over_there_is_the_callers() -> None:
     def fail(*_: Any) -> None:
         raise LookupError("from the other thread")
 
-    job = submit(_turned(0).model._model, fail)
     with pytest.raises(LookupError, match="from the other thread"):
-        job.result()
+        call(_turned(0).model._model, fail)
 
 
-def test_a_job_can_submit_another_one() -> None:
+def test_what_is_called_there_can_call_in_turn() -> None:
     first, second = _turned(0.1), _turned(0.9)
     expected = second.render(64, 64)
-    inner = submit(first.model._model, lambda _: second.render(64, 64)).result()
+    inner = call(first.model._model, lambda _: second.render(64, 64))
     np.testing.assert_array_equal(inner, expected)
 
 
-def test_a_job_that_has_ended_holds_nothing() -> None:
-    job = Job(lambda array: array.sum(), np.ones(3))
-    job.run()
-    assert job.result() == 3
-    assert {value for value in vars(job).values() if value not in (None, True)} == {job._under_way}
+def test_nothing_of_a_call_is_kept() -> None:
+    model, array = _turned(0).model._model, np.ones(3)
+    gone = weakref.ref(array)
+    assert call(model, lambda _, a: a.sum(), array) == 3
+    del array
+    call(model, lambda _: None)
+    assert gone() is None
 
 
 # Interrupts.

@@ -2,6 +2,6 @@
 
 from limberjack.mujoco.rendering.backends import RenderingError
 from limberjack.mujoco.rendering.contexts import Contexts, contexts
-from limberjack.mujoco.rendering.thread import Job, submit
+from limberjack.mujoco.rendering.thread import call
 
-__all__ = ["Contexts", "Job", "RenderingError", "contexts", "submit"]
+__all__ = ["Contexts", "RenderingError", "call", "contexts"]

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple, Self
 
 import mujoco
 
-from limberjack.mujoco.rendering.thread import submit
+from limberjack.mujoco.rendering.thread import call
 
 __all__ = ["Contexts", "contexts"]
 
@@ -32,7 +32,7 @@ class _GlContext:
     def call(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
         """What `function(*args, **kwargs)` returns, called on the rendering thread."""
         model = self._physics.model.ptr
-        return submit(model, lambda _: function(*args, **kwargs), is_private=True).result()
+        return call(model, lambda _: function(*args, **kwargs), is_private=True)
 
 
 class _MujocoContext:
@@ -44,7 +44,7 @@ class _MujocoContext:
     @property
     def ptr(self) -> mujoco.MjrContext:
         """The official `mujoco.MjrContext`, for use in `contexts.gl`'s `call` only."""
-        return submit(self._physics.model.ptr, lambda context: context, is_private=True).result()
+        return call(self._physics.model.ptr, lambda context: context, is_private=True)
 
 
 def contexts(physics: Any) -> Contexts:

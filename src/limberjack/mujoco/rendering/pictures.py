@@ -2,7 +2,7 @@
 
     style = Style.of(depth=True)
     with scene.override_flags(style.flags):
-        raw = submit(model, draw, scene, style, 240, 320, size=(240, 320)).result()
+        raw = call(model, draw, scene, style, 240, 320, size=(240, 320))
     metres = finished(raw, style, model, scene)
 
 `draw` runs on the rendering thread; all else is for the caller's.
@@ -61,9 +61,25 @@ class Style(NamedTuple):
 
 
 def draw(
-    context: mujoco.MjrContext, scene: MjvScene, style: Style, height: int, width: int
+    context: mujoco.MjrContext,
+    scene: MjvScene,
+    style: Style,
+    height: int,
+    width: int,
+    contents: tuple | None = None,
 ) -> np.ndarray:
-    """The pixels or the depth buffer, (height, width, 3) uint8 or float32, lowest row first."""
+    """The pixels or the depth buffer, (height, width, 3) uint8 or float32, lowest row first.
+
+    Args:
+      context: what to draw in.
+      scene: what to draw.
+      style: how.
+      height: pixels.
+      width: pixels.
+      contents: what `mjv_updateScene` is to take into the scene before; None if it is there.
+    """
+    if contents is not None:
+        mujoco.mjv_updateScene(*contents, scene)
     rect = mujoco.MjrRect(0, 0, width, height)
     mujoco.mjr_render(rect, scene, context)
     if style.depth:

@@ -1,11 +1,10 @@
 """The rendering thread: the only place of the process that touches OpenGL.
 
-    job = submit(model, draw, scene, size=(240, 320))    # draw(mjr_context, scene), over there
-    picture = job.result()
+    picture = call(model, draw, scene, size=(240, 320))    # draw(mjr_context, scene), over there
 
-It starts with the first picture. Any thread may submit; jobs run one after the other in a thread
-of their own, so that the OpenGL context that is current in the caller's stays so. How OpenGL is
-reached is in `backends.py`, what it keeps for a model in `canvases.py`, what a picture is in
+It starts with the first picture. Any thread may call; calls are made one after the other in a
+thread of their own, so that the OpenGL context that is current in the caller's stays so. How OpenGL
+is reached is in `backends.py`, what it keeps for a model in `canvases.py`, what a picture is in
 `pictures.py`.
 """
 
@@ -15,13 +14,14 @@ import ctypes
 import os
 import queue
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
 from limberjack.mujoco.rendering.backends import Backend, RenderingError
 from limberjack.mujoco.rendering.canvases import Canvases
 
-__all__ = ["Job", "submit"]
+__all__ = ["call"]
 
 # Seconds; how long the first picture after a fork may take before OpenGL is taken to hang.
 _FORK_PATIENCE = 30.0
@@ -29,7 +29,7 @@ _FORK_PATIENCE = 30.0
 _LONGEST_JOB = 10.0
 
 
-class Job:
+class _Job:
     """A call for the rendering thread to make."""
 
     # Any: whatever the function takes and returns.
@@ -38,11 +38,15 @@ class Job:
         self._value: Any = None
         self._error: BaseException | None = None
         self._is_done = False
+        # Whoever acquires it runs the job, or cancels it.
+        self._claim = threading.Lock()
         self._under_way = threading.Lock()
         self._under_way.acquire()
 
     def run(self) -> None:
-        """Makes the call, once, and keeps what comes of it."""
+        """Makes the call and keeps what comes of it, unless it was cancelled."""
+        if not self._claim.acquire(blocking=False):
+            return
         assert self._call is not None
         function, args = self._call
         try:
@@ -61,9 +65,16 @@ class Job:
             self._under_way.release()
         return self._is_done
 
+    def settle(self) -> None:
+        """Sees to it that nothing is under way any more; Ctrl-C does not interrupt this."""
+        end = time.monotonic() + _LONGEST_JOB
+        is_cancelled = self._claim.acquire(blocking=False)
+        while not (is_cancelled or self._is_done) and time.monotonic() < end:
+            with contextlib.suppress(KeyboardInterrupt):
+                self.wait(_LONGEST_JOB)
+
     def result(self) -> Any:
         """What the call returned or raised."""
-        self.wait()
         error, self._error = self._error, None
         try:
             if error is not None:
@@ -79,7 +90,7 @@ class _RenderingThread(threading.Thread):
     def __init__(self, canvases: Canvases) -> None:
         # A daemon, because Python waits for all others before it tells anybody that it exits.
         super().__init__(name="limberjack-rendering", daemon=True)
-        self.jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self.jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self.busy = threading.RLock()
         self.canvases = canvases
 
@@ -89,14 +100,16 @@ class _RenderingThread(threading.Thread):
                 job.run()
             del job  # Else the last picture would be kept alive while this waits.
 
-    def put(self, function: Callable[..., Any], *args: Any) -> "Job":
-        """The job of calling the function; callable at any time, from destructors too."""
-        job = Job(function, *args)
+    def do(self, job: _Job) -> None:
+        """Has the job run here, later; at once if this is the present thread."""
         if threading.current_thread() is self:
             job.run()
         else:
             self.jobs.put(job)
-        return job
+
+    def do_call(self, function: Callable[..., Any], *args: Any) -> None:
+        """Has a call made here, and does not wait; to be used by destructors, too."""
+        self.do(_Job(function, *args))
 
 
 class _Process:
@@ -113,19 +126,26 @@ class _Process:
         self._inherited: Backend | None = None
         self._at_fork = threading.local()
 
-    def submit(self, model: Any, size: tuple[int, int], is_private: bool, *call: Any) -> Job:
-        """Has the thread draw, which is started if need be."""
+    def call(
+        self, model: Any, size: tuple[int, int], is_private: bool, function: Callable, args: tuple
+    ) -> Any:
+        """Draws on the thread, which is started if need be."""
         thread = self._thread or self._started_thread()
         if thread is self._hung:
             raise RenderingError(_HUNG)
         may_hang = self._is_forked() and thread.canvases.backend is None
-        function, *args = call
-        when_gone = thread.put if is_private else None
-        job = thread.put(thread.canvases.draw, model, size, when_gone, function, args)
-        if may_hang and not job.wait(_FORK_PATIENCE):
-            self._hung = thread
-            raise RenderingError(_HUNG)
-        return job
+        when_gone = thread.do_call if is_private else None
+        job = _Job(thread.canvases.draw, model, size, when_gone, function, args)
+        try:
+            thread.do(job)
+            if not job.wait(_FORK_PATIENCE if may_hang else -1):
+                self._hung = thread
+                raise RenderingError(_HUNG)
+        except BaseException:
+            if thread is not self._hung:
+                job.settle()
+            raise
+        return job.result()
 
     def _started_thread(self) -> _RenderingThread:
         if self._is_exiting:
@@ -160,7 +180,7 @@ class _Process:
         self._is_exiting = True
         thread, self._thread = self._thread, None
         if thread is not None:
-            thread.jobs.put(Job(thread.canvases.close))
+            thread.do_call(thread.canvases.close)
             thread.jobs.put(None)
             thread.join(0 if thread is self._hung else _LONGEST_JOB)
 
@@ -211,15 +231,17 @@ _HUNG = (
 _process = _Process()
 
 
-def submit(
-    # Any: MuJoCo's model, and whatever the function takes.
+def call(
+    # Any: MuJoCo's model, and whatever the function takes and returns.
     model: Any,
     function: Callable[..., Any],
     *args: Any,
     size: tuple[int, int] = (0, 0),
     is_private: bool = False,
-) -> Job:
-    """The job of calling `function(mjr_context, *args)` on the rendering thread.
+) -> Any:
+    """What `function(mjr_context, *args)` returns, called on the rendering thread.
+
+    After Ctrl-C nothing of it is under way any more.
 
     Args:
       model: the official `mujoco.MjModel` that the context is for.
@@ -229,6 +251,6 @@ def submit(
       is_private: no other model may share the context. For what changes it.
 
     Raises:
-      RenderingError: here or from `Job.result`: OpenGL cannot be had.
+      RenderingError: OpenGL cannot be had.
     """
-    return _process.submit(model, size, is_private, function, *args)
+    return _process.call(model, size, is_private, function, args)
