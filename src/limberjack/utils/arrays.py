@@ -43,7 +43,9 @@ def norm(x: np.ndarray) -> np.ndarray:
     """Euclidean norm over the last axis, (..., k) -> (...)."""
     if x.ndim == 1:
         return np.sqrt(x.dot(x))
-    return np.linalg.norm(x, axis=-1)
+    # Calls the same dot product for each row. A sum of squares, as `np.linalg.norm(axis=-1)` makes,
+    # rounds differently wherever the linear algebra library fuses multiplying and adding.
+    return np.sqrt(np.vecdot(x, x))
 
 
 def rotate(vectors: np.ndarray, frames: np.ndarray) -> np.ndarray:

@@ -163,7 +163,8 @@ for _ in range(3):
     pid = os.fork()
     if pid == 0:
         sys.exit(0 if np.array_equal(draw(), frame) else 3)
-    print(status(pid), np.array_equal(draw(), frame))
+    # Flushed: a child would print again what it inherits unprinted.
+    print(status(pid), np.array_equal(draw(), frame), flush=True)
 """
     assert run_script(script) == "0 True\n" * 3
 
