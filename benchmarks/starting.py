@@ -167,14 +167,16 @@ def _first_load_row(domain: str, task: str, num_processes: int) -> Row:
 
 
 def seconds_of_first(what: str, domain: str, task: str) -> float:
-    """The processor's seconds in this process's first load by a package, or first compilation.
+    """Seconds of this process's first load by a package, or of its first compilation.
 
-    Not the clock's: too few processes can be started to average out what others do meanwhile.
+    Too few processes can be started to average out the work of others. So it is the lesser of the
+    clock's time, which has that work in it, and the processor's, which has in it what the idle
+    threads of a linear algebra library spin.
     """
     function = _compiler(domain, task) if what == "compile" else _loader(what, domain, task)
-    start = time.process_time()
+    clock, processor = time.perf_counter(), time.process_time()
     function()
-    return time.process_time() - start
+    return min(time.perf_counter() - clock, time.process_time() - processor)
 
 
 def measure_resets(num_resets: int) -> list[Row]:

@@ -122,7 +122,7 @@ class Physics(Rows, _control.Physics):
         self._reload_from_data(wrapper.MjData(wrapper.MjModel.from_xml_string(xml_string, assets)))
 
     def reload_from_xml_path(self, file_path: str) -> None:
-        """Becomes a simulation of another model, as if made by `from_xml_path`."""
+        """Becomes one of another model, as if made by `from_xml_path`."""
         self._reload_from_data(wrapper.MjData(wrapper.MjModel.from_xml_path(file_path)))
 
     def _reload_from_data(self, data: wrapper.MjData) -> None:
@@ -175,7 +175,6 @@ class Physics(Rows, _control.Physics):
         """Sets the actuators' control signals, (nu,)."""
         np.copyto(self._data._data.ctrl, control)
 
-    # Named as in dm_control, where the contract and this class differ.
     def step(self, nstep: int = 1) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Advances the simulation by `nstep` time steps.
 
@@ -188,7 +187,8 @@ class Physics(Rows, _control.Physics):
             simulation.step(nstep)
         else:
             simulation.step_whole(nstep)
-        self._check_warnings(earlier)
+        if earlier is not None or simulation.has_warned():
+            self._check_warnings(earlier)
 
     def forward(self) -> None:
         """Recomputes every quantity from the state and the controls.

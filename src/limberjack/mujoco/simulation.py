@@ -52,17 +52,19 @@ class SingleSimulation(Busy):
         A simulation that diverges is reset by MuJoCo, counters included, so that one that has
         counted before would show the same number.
         """
-        if self.warnings.tobytes() == self._no_warnings:
+        if not self.has_warned():
             return None
         earlier = self.warnings.copy()
         self.warnings[...] = 0
         return earlier
 
+    def has_warned(self) -> bool:
+        """Whether any warning is counted."""
+        return self.warnings.tobytes() != self._no_warnings
+
     def new_warnings(self, earlier: np.ndarray | None) -> np.ndarray | None:
         """Which kinds of warnings came since they were set aside, (7,); None for none."""
-        new = None
-        if self.warnings.tobytes() != self._no_warnings:
-            new = self.warnings > 0
+        new = self.warnings > 0 if self.has_warned() else None
         if earlier is not None:
             self.warnings += earlier
         return new

@@ -256,8 +256,10 @@ class Environment(dm_env.Environment):
 
         Where the spec is a nested structure the task must check.
         """
-        action = getattr(action, "continuous_actions", action)
-        given = actions.as_array(action, self.action_spec)
+        given = action
+        if type(action) is not np.ndarray:
+            given = getattr(action, "continuous_actions", action)
+            given = actions.as_array(given, self.action_spec)
         if given.shape != self._action_shape:
             spec = self._task.action_spec(self._physics)
             self._action_shape = spec.shape if isinstance(spec, specs.Array) else None

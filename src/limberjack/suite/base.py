@@ -76,7 +76,9 @@ class Task(control.Task):
 
     def before_step(self, action: Any, physics: Any) -> None:
         """Sets the actuators' controls to the action, (nu,)."""
-        physics.set_control(getattr(action, "continuous_actions", action))
+        if type(action) is not np.ndarray:
+            action = getattr(action, "continuous_actions", action)
+        physics.set_control(action)
 
     def after_step(self, physics: Any) -> None:
         """Colours materials by the reward, if that is wanted."""

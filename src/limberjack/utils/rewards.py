@@ -56,8 +56,12 @@ def tolerance(
     if margin < 0:
         raise ValueError("`margin` must be non-negative.")
     curve, scale = _sigmoid(sigmoid, value_at_margin) if margin != 0 else (_outside, 0.0)
-    if isinstance(x, float):
-        return _tolerance_of_float(x, lower, upper, margin, curve, scale)
+    if isinstance(x, float):  # without making arrays
+        if lower <= x <= upper:
+            return 1.0
+        distance = lower - x if x < lower else x - upper
+        # A NumPy scalar overflows to infinity where a Python float would raise.
+        return float(curve(np.float64(distance / margin) if margin else distance, scale))
     if lower == upper and margin and isinstance(x, np.ndarray) and x.ndim:
         # A single wanted value needs no masks: every sigmoid is exactly 1 at distance 0.
         distance = abs(x - lower if lower else x)
@@ -75,17 +79,6 @@ def mean_tolerance(x: np.ndarray, **kwargs: Any) -> np.ndarray:
     """
     # The sum divided by the count is what `ndarray.mean` does, without its overhead.
     return np.add.reduce(tolerance(x, **kwargs), axis=-1) / x.shape[-1]
-
-
-def _tolerance_of_float(
-    x: float, lower: float, upper: float, margin: float, curve: Callable, scale: float
-) -> float:
-    """`tolerance` of one number without making arrays."""
-    if lower <= x <= upper:
-        return 1.0
-    distance = lower - x if x < lower else x - upper
-    # A NumPy scalar overflows to infinity where a Python float would raise.
-    return float(curve(np.float64(distance / margin) if margin else distance, scale))
 
 
 def _outside(distance: _Number, scale: float) -> _Number:
