@@ -96,11 +96,11 @@ class Physics(Rows, _control.Physics):
         takes a copy first, so that sharing is never noticed.
         """
         source = (xml_string, *sorted(assets.items()))
-        shared = _models.get(source)
-        if shared is None:
+        if (shared := _models.get(source)) is None:
             shared = SharedModel(wrapper.MjModel.from_xml_string(xml_string, assets).ptr)
-            _models[source] = shared
-        return cls.from_model(wrapper.MjModel(shared))
+        physics = cls.from_model(wrapper.MjModel(shared))
+        _models[source] = shared.publish()
+        return physics
 
     @classmethod
     def from_byte_string(cls, byte_string: bytes) -> Self:

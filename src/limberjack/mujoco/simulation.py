@@ -44,6 +44,8 @@ class SingleSimulation(Busy):
         self._no_warnings = bytes(self.warnings.nbytes)
         # The flags to put back if Ctrl-C came while actuation was disabled.
         self._flags_before: int | None = None
+        self._model_of_opt: Any = None
+        self._opt: Any = None
         watch(self)
 
     def set_warnings_aside(self) -> np.ndarray | None:
@@ -77,7 +79,9 @@ class SingleSimulation(Busy):
         """
         model, data = self._model(), self._data
         begin(self)
-        if model.opt.integrator == _RUNGE_KUTTA:  # has no halves
+        if model is not self._model_of_opt:  # asking for `opt` makes a new object each time
+            self._model_of_opt, self._opt = model, model.opt
+        if self._opt.integrator == _RUNGE_KUTTA:  # has no halves
             mujoco.mj_step(model, data, nstep)
         else:
             mujoco.mj_step2(model, data)
@@ -103,7 +107,7 @@ class SingleSimulation(Busy):
         model = self._model()
         shared = self._wrapper._shared
         begin(self)
-        if shared is not None:
+        if shared is not None and shared.is_public:
             mujoco.mj_forward(shared.passive, self._data)
             self.busy_in = None
             return

@@ -21,6 +21,10 @@ __all__ = ["mean_tolerance", "tolerance"]
 
 _DEFAULT_VALUE_AT_MARGIN = 0.1
 
+# Arrays, which NumPy need not convert at each use.
+_ZERO = np.zeros(())
+_ONE = np.ones(())
+
 # A float, a NumPy scalar or an array: the arithmetic below is written once for all three.
 _Number = Any
 
@@ -127,7 +131,11 @@ def _linear(x: _Number, scale: float) -> _Number:
 
 
 def _quadratic(x: _Number, scale: float) -> _Number:
-    return _at_least_zero(1.0 - _square(x * scale))
+    if not isinstance(x, np.ndarray):
+        return _at_least_zero(1.0 - _square(x * scale))
+    # The scale is a float64, and so is what it scales: the constants change no type.
+    scaled = x if scale == 1 and x.dtype == float else x * scale
+    return np.fmax(_ONE - _square(scaled), _ZERO)
 
 
 def _tanh_squared(x: _Number, scale: float) -> _Number:

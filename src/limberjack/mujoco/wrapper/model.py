@@ -12,7 +12,7 @@ the package that only reads uses `model._model` and leaves it shared.
 import contextlib
 import copy
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -38,7 +38,13 @@ class SharedModel:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
+        self.is_public = False  # whether more than its maker may be using it
         self._passive: mujoco.MjModel | None = None
+
+    def publish(self) -> Self:
+        """Lets others use it: from now on not even its maker may switch a flag for a moment."""
+        self.is_public = True
+        return self
 
     @property
     def passive(self) -> mujoco.MjModel:
