@@ -25,7 +25,7 @@ def test_an_episode_is_what_a_plain_loop_gives(domain: str, task: str) -> None:
         total += time_step.reward
     np.testing.assert_array_equal(episode.rewards, rewards)
     assert episode.total == total
-    assert episode.length == len(rewards) == rollout.step_limit(environment)
+    assert episode.length == len(rewards) == environment.step_limit
 
 
 @pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
@@ -58,4 +58,4 @@ def test_every_step_is_reported_with_the_return_so_far() -> None:
 
 
 def test_an_endless_environment_has_no_step_limit() -> None:
-    assert rollout.step_limit(_load("humanoid", "stand", 0, float("inf"))) is None
+    assert _load("humanoid", "stand", 0, float("inf")).step_limit is None

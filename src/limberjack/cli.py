@@ -182,7 +182,7 @@ class _Run:
         out: Path | None,
     ) -> None:
         """Checks everything that was asked for; raises ValueError or OSError."""
-        from limberjack import report, rollout
+        from limberjack import report
 
         if seeds[-1] >= _SEEDS:
             raise ValueError(f"the last episode's seed is {seeds[-1]}; expected below {_SEEDS}")
@@ -196,7 +196,7 @@ class _Run:
         self._policy: Policy = _find_policy(policy)
         self._fingerprint = report.fingerprint(first.physics.model._model)
         self._control_timestep = first.control_timestep()
-        self._step_limit = rollout.step_limit(first)
+        self._step_limit = first.step_limit
         self._recorder: Recorder | None = None if out is None else report.Recorder(out)
         self._episodes: list[Episode] = []
         first.close()

@@ -8,7 +8,6 @@ It takes one environment at a time and keeps no observations.
 """
 
 import dataclasses
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from limberjack.policies import Policy
 
-__all__ = ["Episode", "run_episode", "step_limit"]
+__all__ = ["Episode", "run_episode"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,12 +71,6 @@ def run_episode(
         if on_step is not None:
             on_step(len(rewards), total)
     return Episode(seed, start, np.array(rewards))
-
-
-def step_limit(environment: Any) -> int | None:
-    """The number of steps that the time limit of a `control.Environment` allows; None: no limit."""
-    limit = environment._step_limit
-    return math.ceil(limit) if math.isfinite(limit) else None
 
 
 def _one_kind_of_start(physics: Any) -> None:

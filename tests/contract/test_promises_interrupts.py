@@ -18,7 +18,7 @@ from limberjack import suite
 from limberjack.mujoco import engine
 
 _PACKAGE = os.path.dirname(limberjack.__file__) + os.sep
-_KEEPS_STATE = ("control.py", "simulation.py")  # looked at more closely
+_KEEPS_STATE = ("control.py", "simulation.py", "batch_simulation.py")  # looked at more closely
 
 # What happens at each instruction; it may raise.
 Visit = Callable[[FrameType], None]

@@ -89,7 +89,7 @@ class Env(gymnasium.Env):
         if seed is not None:
             number = arguments.seed_of_a_stream(seed)
             super().reset(seed=number)
-            self._environment.task._random = np.random.RandomState(number)
+            self._environment.reseed(number)
         observation = self._environment.reset().observation
         drawn = {name: v.copy() for name, v in self._environment.randomization.items()}
         info = {"randomization": drawn} if drawn else {}
@@ -106,11 +106,11 @@ class Env(gymnasium.Env):
         """
         self._check_open()
         environment = self._environment
-        if environment._reset_next_step:
+        if not environment.is_running:
             raise error.ResetNeeded("no episode is running: call reset() before step()")
         time_step = environment.step(action)
         is_last = time_step.last()
-        truncated = bool(is_last and environment._step_count >= environment._step_limit)
+        truncated = is_last and environment.timed_out
         observation = self._observations.of_one(time_step.observation)
         reward = float(time_step.reward)
         return observation, reward, is_last and not truncated, truncated, self._info()

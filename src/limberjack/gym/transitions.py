@@ -14,7 +14,6 @@ from gymnasium.vector import AutoresetMode
 from limberjack.gym.observations import Observations
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import check_actions
-from limberjack.rl.randomize import stream_beside
 
 __all__ = ["Step", "Transitions"]
 
@@ -56,12 +55,8 @@ class Transitions:
         """
         batch = self.batch
         begun = np.ones(batch.num_envs, bool) if mask is None else mask
-        for row in np.flatnonzero(begun).tolist():
-            seed = seeds[row]
-            if seed is not None:
-                batch._streams[row] = np.random.RandomState(seed)
-                batch._draw_streams[row] = stream_beside(batch._streams[row])
-        return self._told(batch.reset(begun).observation), self._drawn(begun)
+        of_rows = [seeds[row] for row in np.flatnonzero(begun).tolist()]
+        return self._told(batch.reset(begun, of_rows).observation), self._drawn(begun)
 
     def step(self, actions: Any) -> Step:
         """Steps every row.
@@ -79,7 +74,7 @@ class Transitions:
         truncated = np.zeros(batch.num_envs, bool)
         any_last = last.any()
         if any_last:
-            truncated = last & (batch._step_count >= batch._step_limit) & ~batch.diverged
+            truncated = batch.timed_out
         if any_last and self._mode is AutoresetMode.SAME_STEP:
             observation, info = self._begin_anew(last, observation)
         else:
@@ -92,28 +87,18 @@ class Transitions:
         """A copy of the actions, refused now if `step` would refuse them."""
         self.check_begun()
         batch = self.batch
-        return np.array(check_actions(actions, batch.action_spec().shape, batch._begins))
+        return np.array(check_actions(actions, batch.action_spec().shape, batch.begins))
 
     def check_begun(self) -> None:
         """Raises ResetNeeded if rows wait for a reset that the mode leaves to the user."""
         if self._mode is AutoresetMode.NEXT_STEP:
             return
-        waiting = np.flatnonzero(self.batch._begins)
+        waiting = np.flatnonzero(self.batch.begins)
         if waiting.size:
             raise error.ResetNeeded(
                 f"no episode is running in rows {waiting.tolist()}: reset them with "
                 "options={'reset_mask': mask}; nothing was stepped"
             )
-
-    def frames(self, render_kwargs: dict[str, Any]) -> list[np.ndarray]:
-        """A picture of every row's present state, (height, width, 3) uint8 each."""
-        physics = self.batch.physics
-        fields = self.batch._saved_fields
-        pictures = []
-        for row in range(self.batch.num_envs):
-            physics.single.load_rows(physics.save_rows(np.array([row]), fields), None)
-            pictures.append(physics.single.render(**render_kwargs))
-        return pictures
 
     def _begin_anew(self, last: np.ndarray, observation: Any) -> tuple[Any, dict[str, Any]]:
         """Begins the next episode of rows; what they ended with goes into the info."""
@@ -148,7 +133,13 @@ class Transitions:
         if not terms:
             return {}
         rows = rows & ~batch.diverged
-        told = _with_masks({n: np.where(rows, values, 0.0) for n, values in terms.items()}, rows)
+        all_rows = bool(rows.all())
+        shown = {
+            # A step makes its terms anew, so that they may be given away.
+            name: values if all_rows and _is_own(values) else np.where(rows, values, 0.0)
+            for name, values in terms.items()
+        }
+        told = _with_masks(shown, rows)
         info: dict[str, Any] = {"reward_terms": told, "_reward_terms": rows}
         if batch.task.GOAL:
             info |= {"success": batch.task.is_success(terms) & rows, "_success": rows}
@@ -159,6 +150,11 @@ class Transitions:
             buffer = self._observations.buffer(self.batch.num_envs)
             return self._observations.of_batch(observation, buffer)
         return self._observations.of_batch(observation, self._buffer)
+
+
+def _is_own(values: Any) -> bool:
+    """Whether it is an array of numbers for each row that shows nothing that lives on."""
+    return isinstance(values, np.ndarray) and values.ndim == 1 and values.flags.owndata
 
 
 def _with_masks(values: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:

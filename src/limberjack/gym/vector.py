@@ -94,8 +94,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._parts = [Transitions(batch, mode, self._observations, copy) for batch in batches]
         self._workers = Workers(len(batches))
         self._was_reset = False
-        timestep = batches[0].physics.single.timestep() * batches[0]._n_sub_steps
-        fps = round(1 / timestep)
+        fps = round(1 / batches[0].control_timestep())
         self.metadata = {**self.metadata, "render_fps": fps, "autoreset_mode": mode}
         self.closed = False
 
@@ -208,7 +207,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._workers.check_idle()
         if self.render_mode is None:
             return None
-        return tuple(frame for part in self._parts for frame in part.frames(self._render_kwargs))
+        pictures = (batch.render(**self._render_kwargs) for batch in self.batches)
+        return tuple(picture for of_batch in pictures for picture in of_batch)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Waits for what is under way and frees the batch; `close` calls it, once."""

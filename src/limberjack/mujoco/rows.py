@@ -13,7 +13,8 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco import fields
-from limberjack.mujoco.simulation import BatchSimulation, read_field
+from limberjack.mujoco.batch_simulation import BatchData, BatchSimulation
+from limberjack.mujoco.simulation import read_field
 from limberjack.rl import control
 
 __all__ = ["Rows"]
@@ -59,7 +60,7 @@ class Rows:
         )
         simulation = BatchSimulation(self._data.model, num_envs, num_threads, episode_fields)
         batch._simulation = simulation
-        batch._data = simulation.data
+        batch._data = BatchData(simulation)
         batch._scratch = cls.from_model(self._data.model.copy())
         return batch
 
@@ -132,19 +133,36 @@ class Rows:
         """Computes every quantity of rows whose episode begins, with actuation disabled."""
         self._living().forward_without_actuation(rows)
 
+    def render_rows(self, rows: np.ndarray, fields: Sequence[str], **kwargs: Any) -> np.ndarray:
+        """Pictures of rows, (n, height, width, ...); see `Physics.render` for the arguments.
+
+        Args:
+          rows: row numbers.
+          fields: fields of the model that each row has for itself.
+          kwargs: of `Physics.render`.
+        """
+        pictures = []
+        for row in rows.tolist():
+            self._scratch.load_rows(self.save_rows(np.array([row]), fields), None)
+            pictures.append(self._scratch.render(**kwargs))
+        return np.stack(pictures) if pictures else np.empty((0,))
+
     def step_rows(self, rows: np.ndarray | None, nstep: int) -> np.ndarray:
         """Advances rows, all for None, by `nstep` steps; returns which diverged, (num_envs,)."""
         simulation = self._living()
-        simulation.warnings[...] = 0
+        simulation.batch.warning.fill(0)
         if getattr(self, "legacy_step", True):
             simulation.step(nstep, rows)
         else:
             simulation.step_whole(nstep, rows)
+        if not simulation.batch.warning.any():
+            return np.zeros(simulation.num_envs, bool)
         return simulation.warnings.any(axis=-1)
 
     def _living(self) -> Any:
         """The simulation; made anew in a forked child, where a batch's threads are not."""
         if self._simulation.is_orphan:
             self._simulation.revive(self._constants)
+            self._data = BatchData(self._simulation)
             vars(self).pop("named", None)
         return self._simulation

@@ -1,31 +1,27 @@
-"""Running MuJoCo: the only file that steps.
+"""Running MuJoCo: with `batch_simulation.py`, for many, the only files that step.
 
-A simulation is one `MjData` or a batch of them on all cores, and knows nothing of names, tasks or
-rendering. `limberjack.mujoco.Physics` is what users see of it.
+A simulation knows nothing of names, tasks or rendering. `limberjack.mujoco.Physics` is what users
+see of it.
 """
 
-import ctypes
 import operator
-import os
-import weakref
 from collections.abc import Sequence
 from typing import Any
 
 import mujoco
-import mujoco.batch
 import numpy as np
 
 from limberjack.mujoco.leaving import Busy, begin, watch
-from limberjack.mujoco.wrapper.core import MjData, MjModel
+from limberjack.mujoco.wrapper.core import MjData
 from limberjack.utils.log import log
 
-__all__ = ["BatchSimulation", "SingleSimulation", "read_field"]
+__all__ = ["ACTUATION", "NOT_FIELDS", "SingleSimulation", "read_field"]
+
+ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
+NOT_FIELDS = ("state", "sensordata")  # what is saved beside the fields of the model
 
 _RUNGE_KUTTA = mujoco.mjtIntegrator.mjINT_RK4.value
-_ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
-_NOT_FIELDS = ("state", "sensordata")  # what is saved beside the fields of the model
-_UP_TO_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
 
 
 class SingleSimulation(Busy):
@@ -114,7 +110,7 @@ class SingleSimulation(Busy):
         opt = model.opt
         self._flags_before = opt.disableflags
         try:
-            opt.disableflags = self._flags_before | _ACTUATION
+            opt.disableflags = self._flags_before | ACTUATION
             mujoco.mj_forward(model, self._data)
         finally:
             opt.disableflags = self._flags_before
@@ -139,7 +135,7 @@ class SingleSimulation(Busy):
 
     def load(self, saved: dict[str, np.ndarray], rows: Any, constants: bool) -> None:
         """Sets what `save` gave, and recomputes what depends on positions and velocities."""
-        fields = {n: value[0] for n, value in saved.items() if n not in _NOT_FIELDS}
+        fields = {n: value[0] for n, value in saved.items() if n not in NOT_FIELDS}
         if fields:
             self.set_fields(fields, constants=constants)
         mujoco.mj_setState(self._model(), self._data, saved["state"][0], _STATE)
@@ -180,150 +176,6 @@ class SingleSimulation(Busy):
 def read_field(model: Any, name: str) -> Any:
     """A field of a model, or of its options as 'opt.gravity'."""
     return operator.attrgetter(name)(model)
-
-
-class _BatchData:
-    """The fields of a batch's simulations, `data.qpos` (num_envs, nq) and so on, live."""
-
-    def __init__(self, model: MjModel, batch: Any) -> None:
-        self.model = model
-        self._data = batch
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._data, name)
-
-
-class BatchSimulation(Busy):
-    """Many simulations of one model, stepped on a pool of threads.
-
-    `state` holds what a step depends on, (num_envs, nstate); `warnings` counts MuJoCo's warnings
-    by kind, (num_envs, 7), both live. Rows are sorted arrays of row numbers, None for all.
-    """
-
-    def __init__(
-        self, model: MjModel, num_envs: int, num_threads: int, episode_fields: Sequence[str]
-    ) -> None:
-        self.num_envs: int | None = num_envs
-        self.num_threads = num_threads
-        self.data = _BatchData(model, None)
-        self._fields = dict.fromkeys(episode_fields)
-        self._make()
-        _alive.add(self)
-        watch(self)
-
-    def _make(self) -> None:
-        """Makes the official batch, whose threads belong to this process."""
-        # Persistent, so that a step goes on from the stages that the last one ended with.
-        batch: Any = mujoco.batch.Batch(
-            self.data.model._model, self.num_envs or 1, self.num_threads, persistent=True
-        )
-        self.is_orphan = False
-        self.data._data = self._batch = batch
-        self.state: np.ndarray = batch.state
-        self.warnings: np.ndarray = batch.warning[..., 1]
-        self._fields: dict[str, Any] = {name: batch.expand(name) for name in self._fields}
-        self._disableflags = batch.expand("opt.disableflags")
-
-    def abandon(self) -> None:
-        """Called in a forked child, where the batch's threads are not: it must not be touched."""
-        self.is_orphan = True
-        # Never freed: its destructor would wait for threads that do not exist here.
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._batch._b))
-
-    def revive(self, constants: bool) -> None:
-        """Makes an orphaned batch anew, in the state that it was in."""
-        fields = tuple(self._fields)
-        saved = self.save(None, fields)
-        self._make()
-        self.load(saved, None, constants)
-
-    def step(self, nstep: int, rows: np.ndarray | None = None) -> None:
-        """As `SingleSimulation.step`."""
-        begin(self)
-        self._batch.step(rows, nstep, _UP_TO_VELOCITY)
-        self.busy_in = None
-
-    def step_whole(self, nstep: int, rows: np.ndarray | None = None) -> None:
-        """As `SingleSimulation.step_whole`."""
-        begin(self)
-        self._batch.step(rows, nstep)
-        self.busy_in = None
-
-    def forward_without_actuation(self, rows: np.ndarray | None = None) -> None:
-        """As `SingleSimulation.forward_without_actuation`."""
-        flags = self._disableflags
-        before = flags.copy()
-        try:
-            flags |= _ACTUATION
-            begin(self)
-            self._batch.forward(rows)
-        finally:
-            flags[...] = before
-            self.busy_in = None
-
-    def save(self, rows: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
-        """As `SingleSimulation.save`, of some rows or of all for None: (n, ...) each."""
-        rows = slice(None) if rows is None else rows
-        saved = {"state": self.state, "sensordata": self._batch.bind("sensordata")}
-        saved |= {name: self._fields[name] for name in fields}
-        return {name: np.array(value[rows]) for name, value in saved.items()}
-
-    def load(self, saved: dict[str, np.ndarray], rows: Any, constants: bool) -> None:
-        """As `SingleSimulation.load`, into some rows or all for None."""
-        index = slice(None) if rows is None else rows
-        fields = {n: value for n, value in saved.items() if n not in _NOT_FIELDS}
-        for name, value in fields.items():
-            self._fields[name][index] = value
-        if constants:
-            self._batch.set_const(rows)
-        self.state[index] = saved["state"]
-        self._batch.forward(rows, _UP_TO_VELOCITY)
-        # The readings that belong to the step before; an output otherwise, so not to be written.
-        sensordata = self._batch.bind("sensordata")
-        sensordata.flags.writeable = True
-        sensordata[index] = saved["sensordata"]
-        sensordata.flags.writeable = False
-
-    def data_field(self, name: str) -> tuple[np.ndarray, bool]:
-        """A field of the data, one row per simulation."""
-        return getattr(self._batch, name), True
-
-    def model_field(self, name: str) -> tuple[np.ndarray, bool]:
-        """A field of the model, and whether each row has values of its own."""
-        if name in self._fields:
-            return self._fields[name], True
-        return getattr(self.data.model.ptr, name), False
-
-    def set_fields(self, values: dict[str, np.ndarray], row: int, constants: bool) -> None:
-        """As `SingleSimulation.set_fields`, of one row."""
-        for name, value in values.items():
-            self._fields[name][row] = value
-        if constants:
-            self._batch.set_const([row])
-
-    def copy_fields_out(self, row: int, single: "SingleSimulation", constants: bool) -> None:
-        """Copies a row's own fields to a single simulation."""
-        if self._fields:
-            values = {name: field[row] for name, field in self._fields.items()}
-            single.set_fields(values, constants=constants)
-
-    def copy_fields_in(self, row: int, model: MjModel) -> None:
-        """Copies a single simulation's fields to a row."""
-        for name, values in self._fields.items():
-            values[row] = read_field(model._model, name)
-
-
-# Batches whose threads a fork would leave behind.
-_alive: "weakref.WeakSet[BatchSimulation]" = weakref.WeakSet()
-
-
-def _abandon_all() -> None:
-    for simulation in list(_alive):
-        simulation.abandon()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_abandon_all)
 
 
 def _log_warning(message: str | bytes) -> None:

@@ -15,6 +15,7 @@ where a row's episode has just begun its reward is 0 and its discount 1.
 
 import collections
 import copy
+from collections.abc import Sequence
 from typing import Any
 
 import dm_env
@@ -73,17 +74,16 @@ class BatchEnvironment:
         self._randomizer = randomizer
         randomized = randomizer.fields if randomizer is not None else ()
         self._saved_fields = (*getattr(task, "EPISODE_FIELDS", ()), *randomized)
-        # What was drawn for the rows' episodes, (num_envs, ...) each, by field.
-        self.randomization: dict[str, np.ndarray] = {}
+        self.randomization: dict[str, np.ndarray] = {}  # drawn for the rows' episodes, by field
         self._raises = on_divergence == "raise"
         first_seed = np.random.RandomState().randint(2**31) if seed is None else seed
         self._streams = [np.random.RandomState(first_seed + i) for i in range(self.num_envs)]
         self._draw_streams = [stream_beside(stream) for stream in self._streams]
         self._step_count = np.zeros(self.num_envs, int)
         self._begins = np.ones(self.num_envs, bool)  # rows whose next step begins an episode
+        self._all_mid = np.full(self.num_envs, _MID)
         self.diverged = np.zeros(self.num_envs, bool)
-        # The terms of the last step's reward, (num_envs,) each, by name, where it is made of any.
-        self.reward_terms: dict[str, Any] = {}
+        self.reward_terms: dict[str, Any] = {}  # of the last step, (num_envs,) each, by name
         self._use = guards.OneUser()
         self._action_spec = guards.batched_spec(task.action_spec(physics.single), self.num_envs)
         guards.check_batch_safe(task, physics, self._saved_fields)
@@ -127,22 +127,28 @@ class BatchEnvironment:
             on_divergence=on_divergence,
         )
 
-    def reset(self, ids: Any = None) -> dm_env.TimeStep:
+    def reset(self, ids: Any = None, seeds: Sequence[int | None] | None = None) -> dm_env.TimeStep:
         """Begins an episode in every row, or in the given ones, and returns the batch.
 
         Rows that are not reset keep their state; they are shown as in mid-episode, with reward 0.
 
         Args:
           ids: sorted row numbers or a mask of (num_envs,).
+          seeds: for each row that is reset, the seed whose first episode it begins; the row's
+            stream goes on where it is None.
         """
-        rows = np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
+        rows = self._rows(ids)
+        streams = guards.streams_of_seeds(seeds, len(rows))
         with self._use, arrays.rows_of_a_batch(self.num_envs):
+            for row, stream in zip(rows.tolist(), streams, strict=True):
+                if stream is not None:
+                    self._streams[row] = stream
+                    self._draw_streams[row] = stream_beside(stream)
             self._begin(rows)
             observation = self._observe()
         step_type = np.where(self._step_count == 0, _FIRST, _MID)
-        return dm_env.TimeStep(
-            step_type, np.zeros(self.num_envs), np.ones(self.num_envs), observation
-        )
+        reward, discount = np.zeros(self.num_envs), np.ones(self.num_envs)
+        return dm_env.TimeStep(step_type, reward, discount, observation)
 
     def step(self, actions: Any) -> dm_env.TimeStep:
         """Applies an action in every row and returns what follows, as one batched `TimeStep`.
@@ -179,7 +185,7 @@ class BatchEnvironment:
 
     def snapshot(self, rows: Any = None) -> Snapshot:
         """All that the future of the batch, or of some rows, depends on."""
-        rows = np.arange(self.num_envs) if rows is None else guards.as_rows(rows, self.num_envs)
+        rows = self._rows(rows)
         with self._use:
             return Snapshot(
                 self._origin(),
@@ -199,7 +205,7 @@ class BatchEnvironment:
         Raises:
           ValueError: it is of another task, model, version or size.
         """
-        rows = np.arange(self.num_envs) if rows is None else guards.as_rows(rows, self.num_envs)
+        rows = self._rows(rows)
         snapshot.check(self._origin(), size=len(rows))
         with self._use:
             self._begins[rows] = True  # until it is complete
@@ -241,14 +247,18 @@ class BatchEnvironment:
         self._physics = single.replicate(num_envs, num_threads, self._saved_fields)
         self.restore(snapshot)
 
+    def _rows(self, ids: Any) -> np.ndarray:
+        """Sorted row numbers from such, or a mask, or None for all."""
+        return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
+
     def _origin(self) -> dict[str, Any]:
         fields = self._saved_fields
         return {"task": type(self._task).__name__, "fields": fields, **self._physics.origin()}
 
     def _streams_of(self, row: int) -> list[np.random.RandomState]:
         """The random streams of a row: the task's, and the randomisation's if any."""
-        beside = [] if self._randomizer is None else [self._draw_streams[row]]
-        return [self._streams[row], *beside]
+        own, beside = self._streams[row], self._draw_streams[row]
+        return [own] if self._randomizer is None else [own, beside]
 
     def action_spec(self) -> specs.BoundedArray:
         """The spec of the actions of all rows, (num_envs, ...)."""
@@ -270,6 +280,26 @@ class BatchEnvironment:
     def discount_spec(self) -> specs.BoundedArray:
         """The spec of the discounts, (num_envs,)."""
         return specs.BoundedArray((self.num_envs,), float, 0.0, 1.0, name="discount")
+
+    @property
+    def begins(self) -> np.ndarray:
+        """The rows whose next step begins an episode, (num_envs,) booleans."""
+        return self._begins.copy()
+
+    @property
+    def timed_out(self) -> np.ndarray:
+        """The rows whose episode the last step ended by its time limit, (num_envs,) booleans."""
+        return self._begins & (self._step_count >= self._step_limit) & ~self.diverged
+
+    def control_timestep(self) -> float:
+        """Time between two actions, seconds."""
+        return self._physics.single.timestep() * self._n_sub_steps
+
+    def render(self, rows: Any = None, **kwargs: Any) -> np.ndarray:
+        """Pictures of all rows or some, (n, height, width, 3) uint8; see `Physics.render`."""
+        rows = self._rows(rows)
+        with self._use:
+            return self._physics.render_rows(rows, self._saved_fields, **kwargs)
 
     @property
     def physics(self) -> Any:
@@ -309,12 +339,17 @@ class BatchEnvironment:
         """Counts the step and says of each row where in its episode it is."""
         num_envs = self.num_envs
         self._step_count += 1
-        reward = np.array(np.broadcast_to(reward, num_envs), float)
+        reward = np.array(reward, float)
+        if reward.shape != (num_envs,):
+            reward = np.broadcast_to(reward, num_envs).copy()
         discount = np.ones(num_envs)
+        step_type = self._all_mid.copy()
+        last = self._step_count >= self._step_limit
         if begins is not None:
             self._step_count[begins] = 0
+            last &= ~begins
             reward[begins] = 0.0
-        last = self._step_count >= self._step_limit
+            step_type[begins] = _FIRST
         if termination is not None:
             ends = ~np.isnan(termination) & ~last
             if begins is not None:
@@ -325,11 +360,9 @@ class BatchEnvironment:
             last |= self.diverged
             reward[self.diverged] = 0.0
             discount[self.diverged] = 0.0
+        if last.any():
+            step_type[last] = _LAST
         self._begins = last
-        step_type = np.full(num_envs, _MID)
-        step_type[last] = _LAST
-        if begins is not None:
-            step_type[begins] = _FIRST
         return dm_env.TimeStep(step_type, reward, discount, observation)
 
     def _reward(self) -> Any:

@@ -185,6 +185,25 @@ class Environment(dm_env.Environment):
         """Time between two actions, seconds."""
         return self._physics.timestep() * self._n_sub_steps
 
+    @property
+    def is_running(self) -> bool:
+        """Whether the next step goes on with an episode; otherwise it begins one."""
+        return not self._reset_next_step
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the last step ended the episode by its time limit."""
+        return self._reset_next_step and self._step_count >= self._step_limit
+
+    @property
+    def step_limit(self) -> int | None:
+        """Steps in an episode; None without a limit."""
+        return math.ceil(self._step_limit) if math.isfinite(self._step_limit) else None
+
+    def reseed(self, seed: int) -> None:
+        """Lets the next episode be the first of an environment with `random=seed`."""
+        self._task._random = np.random.RandomState(seed)
+
     def snapshot(self) -> Snapshot:
         """All that the environment's future depends on; see `limberjack.rl.snapshot`."""
         self._check_open()

@@ -1,5 +1,6 @@
 """Checks at the door of a batch."""
 
+import os
 import threading
 from collections.abc import Sequence
 from typing import Any
@@ -17,6 +18,7 @@ __all__ = [
     "batched_spec",
     "check_actions",
     "check_batch_safe",
+    "streams_of_seeds",
 ]
 
 
@@ -25,9 +27,12 @@ class OneUser:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
+        self._process = os.getpid()
         self.what_is_wrong: str | None = None
 
     def __enter__(self) -> None:
+        if self._process != os.getpid():  # forked, perhaps while another thread was within
+            self._lock, self._process = threading.Lock(), os.getpid()
         if self.what_is_wrong is not None:
             raise RuntimeError(self.what_is_wrong)
         if not self._lock.acquire(blocking=False):
@@ -69,6 +74,21 @@ def as_rows(ids: Any, num_envs: int) -> np.ndarray:
     if np.any(np.diff(rows) <= 0):
         raise ValueError(f"ids are {ids!r}; expected them sorted and without repeats")
     return rows
+
+
+def streams_of_seeds(
+    seeds: Sequence[int | None] | None, count: int
+) -> list[np.random.RandomState | None]:
+    """A random stream for each seed, None for None.
+
+    Raises:
+      ValueError: there are not as many as rows, or one is not between 0 and 2**32 - 1.
+    """
+    if seeds is None:
+        return [None] * count
+    if len(seeds) != count:
+        raise ValueError(f"there are {len(seeds)} seeds; expected {count}, one for each row")
+    return [None if seed is None else np.random.RandomState(seed) for seed in seeds]
 
 
 def check_actions(actions: Any, shape: tuple[int, ...], begins: np.ndarray) -> np.ndarray:

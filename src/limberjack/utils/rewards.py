@@ -66,9 +66,9 @@ def tolerance(
         distance = lower - x if x < lower else x - upper
         # A NumPy scalar overflows to infinity where a Python float would raise.
         return float(curve(np.float64(distance / margin) if margin else distance, scale))
-    if lower == upper and margin and isinstance(x, np.ndarray) and x.ndim:
-        # A single wanted value needs no masks: every sigmoid is exactly 1 at distance 0.
-        distance = abs(x - lower if lower else x)
+    if margin and isinstance(x, np.ndarray) and x.ndim and _needs_no_masks(x, lower, upper):
+        # Every sigmoid is exactly 1 at distance 0.
+        distance = _distance(x, lower, upper)
         return curve(distance if margin == 1 else distance / margin, scale)
     in_bounds = np.logical_and(lower <= x, x <= upper)
     distance = np.where(x < lower, lower - x, x - upper)
@@ -83,6 +83,19 @@ def mean_tolerance(x: np.ndarray, **kwargs: Any) -> np.ndarray:
     """
     # The sum divided by the count is what `ndarray.mean` does, without its overhead.
     return np.add.reduce(tolerance(x, **kwargs), axis=-1) / x.shape[-1]
+
+
+def _needs_no_masks(x: np.ndarray, lower: float, upper: float) -> bool:
+    """Whether `_distance` takes such numbers and bounds."""
+    return lower == upper or (lower > -np.inf and x.dtype == float)
+
+
+def _distance(x: np.ndarray, lower: float, upper: float) -> np.ndarray:
+    """How far each element lies outside the bounds."""
+    if lower == upper:
+        return abs(x - lower if lower else x)
+    below = lower - x
+    return np.maximum(below if upper == np.inf else np.maximum(below, x - upper), _ZERO)
 
 
 def _outside(distance: _Number, scale: float) -> _Number:
