@@ -4,9 +4,10 @@ In one cell, a task with so many rows, all that is compared does the same number
 same actions in turns, a block of steps each; see `limberjack.bench`. Ours and MuJoCo alone must
 come to the same states; EnvPool, which draws other starts, only does the same number of steps.
 
-MuJoCo alone is a `mujoco.batch.Batch` with nothing bound, persistent as ours is. One that is not
-persistent is quicker where memory is slow, as fewer `MjData` go through the caches; what ours does
-beside that one is shown, too.
+MuJoCo alone is a persistent `mujoco.batch.Batch` with nothing bound: persistent, as only such a
+batch can have the positions and velocities of its new state, which ours has, at no cost. One that
+is not persistent is quicker where memory is slow, as fewer `MjData` go through the caches; what
+ours does beside that one is shown, too.
 """
 
 import contextlib

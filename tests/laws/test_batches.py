@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from limberjack import suite
+from limberjack.mujoco import batch_simulation
 from limberjack.rl.batch import BatchEnvironment
 
 _SEED = 11
 _STEPS_OF_AN_EPISODE = 25
+
+
+@pytest.fixture(params=["own", "shared"])
+def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets each row have an `MjData` of its own, as in a small batch, or not, as in a large one."""
+    monkeypatch.setattr(batch_simulation, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])
 
 
 def _short(domain: str) -> dict[str, float]:
@@ -45,6 +52,7 @@ def _play(task: tuple[str, str], batch: BatchEnvironment, singles: list[Any], st
         told = [env.step(a) for env, a in zip(singles, action, strict=True)]
 
 
+@pytest.mark.usefixtures("share")
 @pytest.mark.parametrize(("num_envs", "num_threads"), [(1, 1), (2, 4), (7, 2)])
 @pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
 def test_a_row_is_the_single_environment(
@@ -56,6 +64,7 @@ def test_a_row_is_the_single_environment(
     _play(task, batch, singles, 3 * _STEPS_OF_AN_EPISODE + 10)
 
 
+@pytest.mark.usefixtures("share")
 @pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
 def test_64_rows_on_any_number_of_threads_are_the_same(task: tuple[str, str]) -> None:
     kwargs = _short(task[0])
@@ -72,6 +81,41 @@ def test_64_rows_on_any_number_of_threads_are_the_same(task: tuple[str, str]) ->
             np.testing.assert_array_equal(first.reward, other.reward)
             for name, value in first.observation.items():
                 np.testing.assert_array_equal(value, other.observation[name])
+
+
+@pytest.mark.usefixtures("share")
+@pytest.mark.parametrize("whole_steps", [False, True])
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_a_field_that_nobody_asked_for_before_is_the_single_environments(
+    task: tuple[str, str], whole_steps: bool
+) -> None:
+    # MuJoCo writes a field from the call on that comes after it was asked for.
+    kwargs = _short(task[0])
+    options = {"legacy_step": not whole_steps}
+    batch = suite.load_batch(*task, 3, 2, _SEED, task_kwargs=kwargs, environment_kwargs=options)
+    singles = [suite.load(*task, {"random": _SEED + i, **kwargs}, options) for i in range(3)]
+    batch.reset()
+    for single in singles:
+        single.reset()
+    shape = batch.action_spec().shape
+    actions = iter(np.random.RandomState(0).uniform(-1, 1, (100, *shape)))
+    fields = ["xquat", "qacc", "cvel", "sensordata", "qfrc_constraint", "actuator_force"]
+    fields += ["qfrc_bias", "geom_xpos", "cinert", "qacc_smooth", "subtree_com", "cfrc_ext"]
+    for number, name in enumerate(fields):
+        for _ in range(4):  # some rows begin their second episode on the way
+            action = next(actions)
+            batch.step(action)
+            for single, a in zip(singles, action, strict=True):
+                single.step(a)
+        if number == 2:
+            batch.reset([1])
+            singles[1].reset()
+        state = batch.physics.data.state.copy()
+        values = getattr(batch.physics.data, name)
+        np.testing.assert_array_equal(batch.physics.data.state, state)
+        for row, single in enumerate(singles):
+            expected = getattr(single.physics.data, name)
+            np.testing.assert_array_equal(values[row], expected, f"{name}, row {row}")
 
 
 @pytest.mark.slow

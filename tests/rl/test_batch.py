@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from limberjack import mujoco, suite
+from limberjack.mujoco import batch_simulation
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import base
@@ -233,7 +234,11 @@ def test_use_from_two_threads_at_once_is_refused() -> None:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 @pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
-def test_a_forked_child_goes_on_exactly_and_exits_with_status_0(tmp_path: Path) -> None:
+@pytest.mark.parametrize("a_few", [0, 1_000])  # rows that share an `MjData`, or do not
+def test_a_forked_child_goes_on_exactly_and_exits_with_status_0(
+    a_few: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(batch_simulation, "_A_FEW", a_few)
     batch = suite.load_batch("manipulator", "insert_peg", 6, 2, 0)
     batch.reset()
     actions = np.random.RandomState(0).uniform(-1, 1, (20, *batch.action_spec().shape))
@@ -243,15 +248,80 @@ def test_a_forked_child_goes_on_exactly_and_exits_with_status_0(tmp_path: Path) 
     if pid == 0:
         status = 1
         try:
-            rewards_there = np.stack([batch.step(a).observation["arm_vel"] for a in actions])
-            np.save(tmp_path / "there.npy", rewards_there)
+            np.save(tmp_path / "acceleration.npy", batch.physics.data.qacc)  # nobody has asked yet
+            velocities = np.stack([batch.step(a).observation["arm_vel"] for a in actions])
+            np.save(tmp_path / "velocities.npy", velocities)
             del untouched
             status = 0
         finally:
             os._exit(status)
-    here = np.stack([batch.step(a).observation["arm_vel"] for a in actions])
+    acceleration = batch.physics.data.qacc.copy()
+    velocities = np.stack([batch.step(a).observation["arm_vel"] for a in actions])
     assert os.waitpid(pid, 0)[1] == 0
-    np.testing.assert_array_equal(np.load(tmp_path / "there.npy"), here)
+    for name, here in (("acceleration", acceleration), ("velocities", velocities)):
+        np.testing.assert_array_equal(np.load(tmp_path / f"{name}.npy"), here, name)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+def test_a_child_that_is_forked_in_mid_step_can_use_the_batch() -> None:
+    batch = _walkers()
+    within, forked = threading.Event(), threading.Event()
+    batch.task.after_step = lambda physics: (within.set(), forked.wait(60))
+    action = np.zeros(batch.action_spec().shape)
+    stepping = threading.Thread(target=batch.step, args=[action])
+    stepping.start()
+    assert within.wait(60)
+    pid = os.fork()
+    if pid == 0:
+        status = 1
+        try:
+            del batch.task.after_step
+            batch.reset()
+            status = 0 if (batch.step(action).step_type == 1).all() else 2
+        finally:
+            os._exit(status)
+    forked.set()
+    stepping.join()
+    assert os.waitpid(pid, 0)[1] == 0
+
+
+def test_a_row_can_begin_the_first_episode_of_any_seed() -> None:
+    batch, other = _walkers(4), _walkers(2)
+    other.reset(seeds=[7, 1])
+    batch.reset([1, 3], seeds=[7, None])
+    action = np.zeros(batch.action_spec().shape)
+    ours, theirs = batch.step(action), other.step(action[:2])
+    for name, value in ours.observation.items():
+        np.testing.assert_array_equal(value[1], theirs.observation[name][0])
+    for seeds, message in (([1], "there are 1 seeds; expected 4"), ([0, 1, 2, -1], "Seed must")):
+        state = batch.physics.data.state.copy()
+        with pytest.raises(ValueError, match=message):
+            batch.reset(seeds=seeds)
+        np.testing.assert_array_equal(batch.physics.data.state, state)
+
+
+def test_it_says_which_rows_begin_next_and_which_ran_out_of_time() -> None:
+    batch = suite.load_batch("humanoid", "walk", 4, 2, 0, task_kwargs={"time_limit": 0.05})
+    assert batch.control_timestep() == 0.025
+    action = np.zeros(batch.action_spec().shape)
+    assert batch.begins.all()
+    assert not batch.timed_out.any()
+    batch.reset()
+    batch.step(action)
+    batch.reset([2])
+    batch.physics.data.qvel[1] = 1e12
+    batch.step(action)
+    assert batch.begins.tolist() == [True, True, False, True]
+    assert batch.timed_out.tolist() == [True, False, False, True]
+
+
+def test_data_fields_can_be_set_and_only_known_ones() -> None:
+    batch = _walkers()
+    batch.physics.data.ctrl = 0.25
+    assert (batch.physics.control() == 0.25).all()
+    with pytest.raises(AttributeError, match="qvle"):
+        batch.physics.data.qvle = 0
 
 
 def test_an_interrupted_step_lets_every_row_begin_anew() -> None:

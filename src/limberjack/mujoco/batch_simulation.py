@@ -1,14 +1,16 @@
 """Running many simulations of one model on a pool of threads; see `simulation.py` for one.
 
-A thread's simulations share an `MjData`, so that memory hardly grows with their number and stays
-in the caches. What a thread computes for a row is copied out at once, for the fields that somebody
-has asked for; a field that is asked for later is made up for by repeating each row's last call.
+A few simulations have an `MjData` each, so that a step goes on from the stages that the last one
+ended with. Of many, those of a thread share one: it stays in the processor's caches, and memory
+hardly grows with their number. What a thread computes for a row is then copied out at once, for the
+fields that somebody has asked for; a field that is asked for later is made up for by repeating each
+row's last call.
 """
 
 import ctypes
 import os
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -23,6 +25,7 @@ __all__ = ["BatchData", "BatchSimulation"]
 
 _UP_TO_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
 _SLEEP_OR_IPC = mujoco.mjtEnableBit.mjENBL_SLEEP.value | mujoco.mjtEnableBit.mjENBL_IPC.value
+_A_FEW = 128  # beyond it, sharing is as quick; it takes a twentieth of the memory
 # What a row's last call was, where it was not so many steps: a negative number is whole steps.
 _START, _LOAD = 0, np.iinfo(int).max
 
@@ -64,9 +67,26 @@ class BatchSimulation(Busy):
     """
 
     def __init__(
-        self, model: MjModel, num_envs: int, num_threads: int, episode_fields: Sequence[str]
+        self,
+        model: MjModel,
+        num_envs: int,
+        num_threads: int,
+        episode_fields: Sequence[str],
+        constants: bool,
     ) -> None:
+        """Makes a batch in the model's default state.
+
+        Args:
+          model: what the simulations have in common.
+          num_envs: number of simulations.
+          num_threads: threads that step them.
+          episode_fields: fields of the model that each row has for itself.
+          constants: whether constants of the model follow from those.
+        """
         self.model = model
+        self._constants = constants
+        # Called in a forked child, where the arrays that were handed out are no longer live.
+        self.forget_arrays: Callable[[], Callable[[], None] | None] = lambda: None
         self.num_envs: int | None = num_envs
         self.num_threads = num_threads
         self._fields = dict.fromkeys(episode_fields)
@@ -78,8 +98,12 @@ class BatchSimulation(Busy):
         """Makes the official batch, whose threads belong to this process."""
         model = self.model._model
         # What remembers more than its state must not share an `MjData`.
-        persistent = model.nplugin > 0 or bool(model.opt.enableflags & _SLEEP_OR_IPC)
-        batch: Any = mujoco.batch.Batch(model, self.num_envs or 1, self.num_threads, persistent)
+        remembers = model.nplugin > 0 or bool(model.opt.enableflags & _SLEEP_OR_IPC)
+        num_envs = self.num_envs or 1
+        self._is_sharing = num_envs > _A_FEW and not remembers
+        batch: Any = mujoco.batch.Batch(
+            model, num_envs, self.num_threads, persistent=not self._is_sharing
+        )
         self.is_orphan = False
         self.batch = batch
         self.state: np.ndarray = batch.state
@@ -89,7 +113,7 @@ class BatchSimulation(Busy):
         self._outputs: set[str] = set()  # fields that each call writes
         # Each row's last call, and the state that it began with, to be repeated for new outputs.
         self._was_called = False
-        self._last_call = np.full(self.num_envs or 1, _LOAD)
+        self._last_call = np.full(num_envs, _LOAD)
         self._before_call = self.state.copy()
 
     def abandon(self) -> None:
@@ -97,9 +121,14 @@ class BatchSimulation(Busy):
         self.is_orphan = True
         # Never freed: its destructor would wait for threads that do not exist here.
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self.batch._b))
+        forget = self.forget_arrays()
+        if forget is not None:
+            forget()
 
-    def revive(self, constants: bool) -> None:
-        """Makes an orphaned batch anew, in the state that it was in."""
+    def revive(self) -> None:
+        """Makes an orphaned batch anew, in the state that it was in; does nothing to others."""
+        if not self.is_orphan:
+            return
         # The orphan can only be read: nothing may be asked of it that takes its threads.
         state, fields = self.state.copy(), {n: v.copy() for n, v in self._fields.items()}
         readings = self.batch.sensordata.copy() if "sensordata" in self._outputs else None
@@ -107,15 +136,14 @@ class BatchSimulation(Busy):
         self._make()
         for name, values in fields.items():
             self._fields[name][...] = values
-        if constants:
+        if self._constants:
             self.batch.set_const()
         self.state[...] = state
-        if self.batch.persistent:
-            self._call(_LOAD, None)
-        else:
-            self._was_called, self._last_call, self._before_call = calls
+        self._was_called, self._last_call, self._before_call = calls
         if readings is not None:
             self.data_field("sensordata")
+        self._repeat_calls()
+        if readings is not None:
             self._set_sensordata(slice(None), readings)
 
     def step(self, nstep: int, rows: np.ndarray | None = None) -> None:
@@ -132,12 +160,9 @@ class BatchSimulation(Busy):
 
     def _call(self, kind: int, rows: np.ndarray | None) -> None:
         """Lets MuJoCo do something with rows, which `_repeat_calls` can do again."""
-        if rows is None:
-            np.copyto(self._before_call, self.state)
-            self._last_call.fill(kind)
-        else:
-            self._before_call[rows] = self.state[rows]
-            self._last_call[rows] = kind
+        index = slice(None) if rows is None else rows
+        self._before_call[index] = self.state[index]
+        self._last_call[index] = kind
         self._was_called = True
         self._run(kind, rows)
 
@@ -202,15 +227,17 @@ class BatchSimulation(Busy):
 
     def data_field(self, name: str) -> tuple[np.ndarray, bool]:
         """A field of the data, one row per simulation."""
+        self.revive()
         field = getattr(self.batch, name)
         if name not in self._outputs and isinstance(field, np.ndarray) and field.base is not None:
-            if not (field.flags.writeable or self.batch.persistent) and self._was_called:
+            if self._is_sharing and self._was_called and not field.flags.writeable:
                 self._repeat_calls()  # MuJoCo would write a new output at the next call only
             self._outputs.add(name)
         return field, True
 
     def model_field(self, name: str) -> tuple[np.ndarray, bool]:
         """A field of the model, and whether each row has values of its own."""
+        self.revive()
         if name in self._fields:
             return self._fields[name], True
         return getattr(self.model.ptr, name), False

@@ -5,6 +5,7 @@ that the quantities of a domain carry through to what they return.
 """
 
 import contextlib
+import weakref
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Self
@@ -58,9 +59,12 @@ class Rows:
         vars(batch).update(
             (k, v) for k, v in vars(self).items() if k not in ("_data", "_simulation", "named")
         )
-        simulation = BatchSimulation(self._data.model, num_envs, num_threads, episode_fields)
+        simulation = BatchSimulation(
+            self._data.model, num_envs, num_threads, episode_fields, self._constants
+        )
         batch._simulation = simulation
-        batch._data = BatchData(simulation)
+        batch._forget_arrays()
+        simulation.forget_arrays = weakref.WeakMethod(batch._forget_arrays)
         batch._scratch = cls.from_model(self._data.model.copy())
         return batch
 
@@ -162,7 +166,10 @@ class Rows:
     def _living(self) -> Any:
         """The simulation; made anew in a forked child, where a batch's threads are not."""
         if self._simulation.is_orphan:
-            self._simulation.revive(self._constants)
-            self._data = BatchData(self._simulation)
-            vars(self).pop("named", None)
+            self._simulation.revive()
         return self._simulation
+
+    def _forget_arrays(self) -> None:
+        """Has the fields looked up anew."""
+        vars(self).pop("named", None)
+        self._data = BatchData(self._simulation)
