@@ -1,5 +1,6 @@
 """Row i of any batch is the single environment with seed + i, bit for bit, for every task."""
 
+import unittest
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 
 from limberjack import suite
 from limberjack.mujoco import batch_simulation
+from limberjack.rl import batch_test_utils, control
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.suite import humanoid
 
 _SEED = 11
 _STEPS_OF_AN_EPISODE = 25
@@ -62,6 +65,41 @@ def test_a_row_is_the_single_environment(
     batch = suite.load_batch(*task, num_envs, num_threads, _SEED, task_kwargs=kwargs)
     singles = [suite.load(*task, {"random": _SEED + i, **kwargs}) for i in range(num_envs)]
     _play(task, batch, singles, 3 * _STEPS_OF_AN_EPISODE + 10)
+
+
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_the_laws_that_users_test_their_own_tasks_with_hold(task: tuple[str, str]) -> None:
+    class Laws(batch_test_utils.BatchEnvironmentTestMixin, unittest.TestCase):
+        def make_single(self, seed: int) -> Any:
+            return suite.load(*task, {"random": seed, **_short(task[0])})
+
+    result = unittest.TestResult()
+    unittest.defaultTestLoader.loadTestsFromTestCase(Laws).run(result)
+    assert result.testsRun == 7
+    assert result.wasSuccessful(), [*result.errors, *result.failures]
+
+
+def test_a_task_that_breaks_a_law_fails_it() -> None:
+    class Forgetful(humanoid.Humanoid):
+        calls = 0
+
+        def get_reward(self, physics: Any) -> Any:
+            Forgetful.calls += 1
+            return super().get_reward(physics) + Forgetful.calls
+
+    class Laws(batch_test_utils.BatchEnvironmentTestMixin, unittest.TestCase):
+        num_steps = 4
+
+        def make_single(self, seed: int) -> Any:
+            env = suite.load("humanoid", "stand", {"random": seed})
+            task = Forgetful(move_speed=0, pure_state=False, random=seed)
+            return control.Environment(env.physics, task, time_limit=1, control_timestep=0.025)
+
+    result = unittest.TestResult()
+    unittest.defaultTestLoader.loadTestsFromTestCase(Laws).run(result)
+    broken = {test.id().rpartition(".")[2] for test, _ in result.failures}
+    assert "test_a_row_is_the_single_environment" in broken
+    assert "test_an_episode_that_ends_is_followed_by_the_next" not in broken
 
 
 @pytest.mark.usefixtures("share")

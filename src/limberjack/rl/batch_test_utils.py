@@ -1,0 +1,144 @@
+"""The laws of a batch as a test class of your own task, in the manner of `dm_env.test_utils`.
+
+    class SwingUpBatchTest(batch_test_utils.BatchEnvironmentTestMixin, unittest.TestCase):
+        def make_single(self, seed):
+            return swing_up(time_limit=0.2, random=seed)
+
+It plays a few short episodes: give the environment a time limit of some steps, so that ends and
+beginnings are among them.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import dm_env
+import numpy as np
+
+from limberjack.rl.batch import BatchEnvironment
+
+__all__ = ["BatchEnvironmentTestMixin"]
+
+_FIRST, _LAST = int(dm_env.StepType.FIRST), int(dm_env.StepType.LAST)
+
+
+class BatchEnvironmentTestMixin:
+    """Tests to mix into a `unittest.TestCase` that defines `make_single`."""
+
+    num_envs = 3
+    num_threads = 2
+    num_steps = 40
+    seed = 7
+
+    def make_single(self, seed: int) -> Any:
+        """The environment that row `seed - self.seed` of a batch has to be."""
+        raise NotImplementedError(f"{type(self).__name__} defines no make_single(seed)")
+
+    def make_object_under_test(self, num_envs: int, num_threads: int) -> BatchEnvironment:
+        """A batch whose row i has the seed `self.seed + i`."""
+        single = self.make_single(self.seed)
+        return BatchEnvironment.from_environment(single, num_envs, num_threads, self.seed)
+
+    def make_action_sequence(self, batch: BatchEnvironment) -> Iterator[np.ndarray]:
+        """Actions for `num_steps` steps; random ones within the bounds."""
+        random = np.random.RandomState(self.seed)
+        spec = batch.action_spec()
+        low, high = np.maximum(spec.minimum, -1e3), np.minimum(spec.maximum, 1e3)
+        for _ in range(self.num_steps):
+            yield random.uniform(low, high, spec.shape).astype(spec.dtype)
+
+    def test_a_row_is_the_single_environment(self) -> None:
+        batch = self.make_object_under_test(self.num_envs, self.num_threads)
+        singles = [self.make_single(self.seed + i) for i in range(self.num_envs)]
+        batched, told = batch.reset(), [single.reset() for single in singles]
+        for actions in self.make_action_sequence(batch):
+            for row, one in enumerate(told):
+                _assert_row(batched, row, one)
+            batched = batch.step(actions)
+            told = [single.step(a) for single, a in zip(singles, actions, strict=True)]
+
+    def test_threads_and_other_rows_change_nothing(self) -> None:
+        batch = self.make_object_under_test(self.num_envs, 1)
+        larger = self.make_object_under_test(2 * self.num_envs, self.num_threads)
+        rows = np.arange(self.num_envs)
+        _assert_rows(larger.reset(), batch.reset(), rows)
+        for actions in self.make_action_sequence(batch):
+            _assert_rows(larger.step(np.concatenate([actions, actions])), batch.step(actions), rows)
+
+    def test_a_reset_of_one_row_leaves_the_others(self) -> None:
+        batch, twin = (
+            self.make_object_under_test(self.num_envs, self.num_threads) for _ in range(2)
+        )
+        batch.reset()
+        twin.reset()
+        others = np.arange(self.num_envs - 1)
+        for number, actions in enumerate(self.make_action_sequence(batch)):
+            if number == 1:
+                batch.reset([self.num_envs - 1])
+            _assert_rows(batch.step(actions), twin.step(actions), others)
+
+    def test_an_episode_that_ends_is_followed_by_the_next(self) -> None:
+        batch = self.make_object_under_test(self.num_envs, self.num_threads)
+        before = batch.reset().step_type
+        for actions in self.make_action_sequence(batch):
+            now = batch.step(actions).step_type
+            assert ((now == _FIRST) == (before == _LAST)).all(), "FIRST must follow LAST only"
+            before = now
+
+    def test_a_snapshot_brings_the_same_future_back(self) -> None:
+        batch = self.make_object_under_test(self.num_envs, self.num_threads)
+        actions = list(self.make_action_sequence(batch))
+        batch.reset()
+        for action in actions[: self.num_steps // 4]:
+            batch.step(action)
+        snapshot = batch.snapshot()
+        future = [batch.step(action) for action in actions]
+        batch.restore(snapshot)
+        rows = np.arange(self.num_envs)
+        for action, expected in zip(actions, future, strict=True):
+            _assert_rows(batch.step(action), expected, rows)
+
+    def test_actions_that_are_not_finite_are_refused_and_move_nothing(self) -> None:
+        batch, twin = (
+            self.make_object_under_test(self.num_envs, self.num_threads) for _ in range(2)
+        )
+        batch.reset()
+        twin.reset()
+        actions = next(self.make_action_sequence(batch))
+        try:
+            batch.step(np.full_like(actions, np.nan, dtype=float))
+        except ValueError:
+            pass
+        else:
+            raise AssertionError("NaN was accepted as an action")
+        _assert_rows(batch.step(actions), twin.step(actions), np.arange(self.num_envs))
+
+    def test_what_comes_is_as_the_specs_say(self) -> None:
+        batch = self.make_object_under_test(self.num_envs, self.num_threads)
+        observation_spec = batch.observation_spec()
+        batch.reset()
+        for actions in self.make_action_sequence(batch):
+            time_step = batch.step(actions)
+            batch.reward_spec().validate(time_step.reward)
+            batch.discount_spec().validate(time_step.discount)
+            assert list(time_step.observation) == list(observation_spec)
+            for name, spec in observation_spec.items():
+                spec.validate(time_step.observation[name])
+
+
+def _assert_row(batched: dm_env.TimeStep, row: int, single: dm_env.TimeStep) -> None:
+    where = f"row {row}"
+    assert batched.step_type[row] == int(single.step_type), where
+    if not single.first():
+        np.testing.assert_array_equal(batched.reward[row], single.reward, where)
+        np.testing.assert_array_equal(batched.discount[row], single.discount, where)
+    assert list(batched.observation) == list(single.observation), where
+    for name, value in single.observation.items():
+        np.testing.assert_array_equal(batched.observation[name][row], value, f"{where} {name}")
+
+
+def _assert_rows(ours: dm_env.TimeStep, theirs: dm_env.TimeStep, rows: np.ndarray) -> None:
+    np.testing.assert_array_equal(ours.step_type[rows], theirs.step_type[rows])
+    np.testing.assert_array_equal(ours.reward[rows], theirs.reward[rows])
+    np.testing.assert_array_equal(ours.discount[rows], theirs.discount[rows])
+    for name, value in theirs.observation.items():
+        np.testing.assert_array_equal(ours.observation[name][rows], value[rows], name)
