@@ -208,7 +208,7 @@ def main(
 ) -> None:
     """Print whether memory stays flat; the exit status is 1 if it does not."""
     rows = measure(steps, loads)
-    print_table(rows)
+    print_table(rows, "dm_control")
     typer.echo(summary(rows))
     if json is not None:
         write_json(json, rows, {"steps": steps, "loads": loads})

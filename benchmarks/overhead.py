@@ -103,7 +103,7 @@ def main(
     for section in only or list(Section):
         typer.echo(f"measuring: {section}", err=True)
         rows += _measure(section, effort)
-    print_table(rows)
+    print_table(rows, "dm_control")
     typer.echo("quick: the figures mean nothing" if quick else summary(rows))
     if json is not None:
         write_json(json, rows, {"quick": quick, **dataclasses.asdict(effort)})

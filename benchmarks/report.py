@@ -96,15 +96,20 @@ def spread(values: Sequence[float]) -> dict[str, float]:
     return {"median": median, "quartile_1": lower, "quartile_3": upper, "count": len(values)}
 
 
-def print_table(rows: Iterable[Row]) -> None:
-    """Prints the rows and whether each bar is met."""
+def print_table(rows: Iterable[Row], peer: str) -> None:
+    """Prints the rows and whether each bar is met.
+
+    Args:
+      rows: the lines, in groups of one measure.
+      peer: heads the column of what Limberjack is compared with.
+    """
     console = Console()
     if not console.is_terminal:
         console = Console(width=_WIDTH)
     table = Table(box=SIMPLE_HEAD, pad_edge=False)
     for title in ("measure", "of"):
         table.add_column(title, no_wrap=True)
-    for title in ("Limberjack", "dm_control", "result", "bar"):
+    for title in ("Limberjack", peer, "result", "bar"):
         table.add_column(title, justify="right", no_wrap=True)
     table.add_column("met", no_wrap=True)
     measure = None

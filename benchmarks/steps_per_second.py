@@ -19,8 +19,7 @@ import batch_costs
 import batch_peers
 import batch_stepping
 import typer
-from batch_table import print_table
-from report import Row, all_met, write_json
+from report import Row, all_met, print_table, summary, write_json
 
 from limberjack import suite
 
@@ -188,7 +187,8 @@ def main(
             if json is not None:  # after each section, as it takes long
                 settings = {"quick": quick, "threads": num_threads, **dataclasses.asdict(effort)}
                 write_json(json, rows, {**settings, "peers": run.versions, "load_averages": loads})
-    print_table(rows)
+    print_table(rows, "compared")
+    typer.echo(summary(rows))
     for peer, engine in run.versions.items():
         typer.echo(f"{peer} runs {engine}")
     sys.exit(not quick and not all_met(rows))
