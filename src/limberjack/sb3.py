@@ -16,22 +16,29 @@ The only file that imports stable_baselines3.
 """
 
 import operator
-from collections.abc import Callable, Iterable, Sequence
+import pickle
+import zipfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from limberjack import gym
 from limberjack.gym import arguments
+from limberjack.gym.observations import Observations
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.utils.suggest import did_you_mean
 
 try:
-    from stable_baselines3.common import vec_env  # pyright: ignore[reportMissingImports]
+    from stable_baselines3.common import (  # pyright: ignore[reportMissingImports]
+        save_util,
+        vec_env,
+    )
 except ImportError as error:
     raise ImportError("needs the extra 'sb3': pip install 'limberjack[sb3]'") from error
 
-__all__ = ["VecEnv", "make_vec_env"]
+__all__ = ["SavedPolicy", "VecEnv", "make_vec_env"]
 
 _Indices = int | Iterable[int] | None
 
@@ -255,3 +262,81 @@ def make_vec_env(
     """
     told = {"flat": True, "dtype": "float32", "autoreset_mode": "SameStep", **kwargs}
     return VecEnv(gym.load_vector(domain, task, num_envs, **told), seed)
+
+
+class SavedPolicy:
+    """The policy of a saved model, of any algorithm with actions like ours, acting on batches.
+
+    It acts without exploring. If the observations were normalised in training, they are so here
+    too: save `VecNormalize` beside the model, `walk.vecnormalize.pkl` beside `walk.zip`. Both files
+    hold pickled Python: load only what you trust.
+    """
+
+    def __init__(self, path: Path, environment: Any) -> None:
+        """Loads the model, on the CPU.
+
+        Args:
+          path: of the file that `model.save` wrote, with or without '.zip'.
+          environment: a `control.Environment` that it is to act in.
+
+        Raises:
+          OSError: it cannot be read.
+          ValueError: it is no model, or one of other observations or actions.
+        """
+        if not path.exists() and path.suffix != ".zip":
+            path = path.with_name(f"{path.name}.zip")
+        beside = path.with_suffix(".vecnormalize.pkl")
+        self.files = [path, *([beside] if beside.exists() else [])]
+        self._normalise: Any = None
+        if beside.exists():
+            self._normalise = pickle.loads(beside.read_bytes()).normalize_obs
+        data, parameters = _saved_model(path)
+        space = data["observation_space"]
+        is_dict = hasattr(space, "spaces")
+        dtype = np.float32 if is_dict else space.dtype
+        self._observations = Observations(environment.observation_spec(), not is_dict, dtype)
+        _check_space("observations", space, self._observations.space)
+        _check_space("actions", data["action_space"], environment.action_spec())
+        kwargs = dict(data["policy_kwargs"])
+        if data.get("use_sde"):
+            kwargs["use_sde"] = True
+        self._policy = data["policy_class"](space, data["action_space"], lambda _: 0.0, **kwargs)
+        self._policy.load_state_dict(parameters["policy"])
+        self._policy.set_training_mode(False)
+
+    def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
+        """The actions, (N, ...), at observations of (N, ...) by name."""
+        count = len(next(iter(observations.values())))
+        seen = self._observations.of_batch(observations, self._observations.buffer(count))
+        if self._normalise is not None:
+            seen = self._normalise(seen)
+        actions, _ = self._policy.predict(seen, deterministic=True)
+        return actions
+
+
+def _saved_model(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What a file of `model.save` holds: its settings and its networks' parameters."""
+    with path.open("rb") as file:
+        if not zipfile.is_zipfile(file):
+            raise ValueError(
+                f"{path} is no model of Stable-Baselines3; expected what model.save wrote"
+            )
+        file.seek(0)
+        data, parameters, _ = save_util.load_from_zip_file(file, device="cpu")
+    needed = {"action_space", "observation_space", "policy_class", "policy_kwargs"}
+    if not (data and parameters and needed <= data.keys() and "policy" in parameters):
+        raise ValueError(f"{path} holds no policy; expected what model.save wrote")
+    return data, parameters
+
+
+def _check_space(what: str, of_model: Any, here: Any) -> None:
+    """Raises unless what the model was trained with has the shapes that are here."""
+    found, expected = _shape(of_model), _shape(here)
+    if found != expected:
+        raise ValueError(f"the model's {what} have shape {found}; the task's have {expected}")
+
+
+def _shape(space: Any) -> Any:
+    """The shape of a space or spec, or the shapes of a dictionary of spaces, by name."""
+    spaces = getattr(space, "spaces", None)
+    return space.shape if spaces is None else {name: one.shape for name, one in spaces.items()}

@@ -117,14 +117,17 @@ def task_arguments(
 
 
 def environment_arguments(
-    environment_kwargs: Mapping[str, Any] | None, randomize: Mapping[str, Any] | None
+    environment_kwargs: Mapping[str, Any] | None,
+    randomize: Mapping[str, Any] | None,
+    pixels: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
-    """`environment_kwargs` with the randomisation among them.
+    """`environment_kwargs` with the randomisation and the pictures among them.
 
     Raises:
-      TypeError: it is given twice.
+      TypeError: one is given twice.
     """
-    return _with("randomize", randomize, environment_kwargs, "environment_kwargs")
+    kwargs = _with("randomize", randomize, environment_kwargs, "environment_kwargs")
+    return _with("pixels", pixels, kwargs, "environment_kwargs")
 
 
 def _with(name: str, value: Any, kwargs: Mapping[str, Any] | None, where: str) -> dict[str, Any]:

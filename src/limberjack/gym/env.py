@@ -18,8 +18,10 @@ from gymnasium import error
 
 from limberjack import suite
 from limberjack.gym import arguments
-from limberjack.gym.observations import Observations, Part, action_space
+from limberjack.gym.observations import Part, action_space
+from limberjack.gym.pixels import observations_of
 from limberjack.rl import control
+from limberjack.rl.pixels import render_arguments
 
 __all__ = ["Env", "load"]
 
@@ -50,21 +52,23 @@ class Env(gymnasium.Env):
 
         Args:
           environment: it must not be used elsewhere.
-          flat: observations are one array (see `layout`) instead of a dict.
+          flat: observations are one array (see `layout`) instead of a dict; if there are pixels
+            as well, it is called 'state'.
           dtype: 'float64', or 'float32', of observations and of the action space.
           render_mode: None or 'rgb_array'.
-          render_kwargs: keyword arguments of `Physics.render`, such as {'camera_id': 'side'}.
+          render_kwargs: keyword arguments of `Physics.render`, such as {'camera': 'side'}.
 
         Raises:
           ValueError: there is no such dtype or render mode.
         """
-        self._observations = Observations(environment.observation_spec(), flat, dtype)
+        spec = environment.observation_spec()
+        self._observations = observations_of(spec, flat, dtype, environment.pixels)
         self.layout: tuple[Part, ...] = self._observations.layout
         self.observation_space = self._observations.space
         self.action_space = action_space(environment.action_spec(), self._observations.dtype)
         self.render_mode = arguments.render_mode(render_mode)
         self.metadata = {**self.metadata, "render_fps": round(1 / environment.control_timestep())}
-        self._render_kwargs = dict(render_kwargs or {})
+        self._render_kwargs = render_arguments(render_kwargs or {})
         self._environment = environment
         self._closed = False
 
@@ -152,6 +156,7 @@ def load(
     task_kwargs: Mapping[str, Any] | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
     randomize: Mapping[str, Any] | None = None,
+    pixels: Mapping[str, Any] | None = None,
     flat: bool = False,
     dtype: Any = "float64",
     render_mode: str | None = None,
@@ -166,10 +171,12 @@ def load(
       task_kwargs: see `suite.load`.
       environment_kwargs: see `suite.load`.
       randomize: fields of the model to draw anew for each episode; see `limberjack.rl.randomize`.
+      pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
+        `limberjack.rl.pixels`.
       flat, dtype, render_mode, render_kwargs: see `Env`.
     """
     of_task = arguments.task_arguments(task_kwargs, time_limit)
-    of_environment = arguments.environment_arguments(environment_kwargs, randomize)
+    of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
     return Env(
         suite.load(domain, task, of_task, of_environment),
         flat=flat,

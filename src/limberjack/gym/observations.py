@@ -80,7 +80,7 @@ class Observations:
 
     def copies_of_rows(self, observation: Any, rows: np.ndarray) -> list[Any]:
         """The observations of some rows of what `of_batch` gave, each as `of_one` gives it."""
-        if self.flat:
+        if isinstance(observation, np.ndarray):
             return list(observation[rows])
         kept = {name: values[rows] for name, values in observation.items()}
         return [{name: values[i, ...] for name, values in kept.items()} for i in range(len(rows))]

@@ -32,10 +32,12 @@ from gymnasium.vector.utils import batch_space
 from limberjack import suite
 from limberjack.gym import arguments
 from limberjack.gym.halves import Workers, joined
-from limberjack.gym.observations import Observations, Part, action_space, specs_of_one_row
+from limberjack.gym.observations import Part, action_space, specs_of_one_row
+from limberjack.gym.pixels import observations_of
 from limberjack.gym.transitions import Step, Transitions
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import at_least_one
+from limberjack.rl.pixels import render_arguments
 
 __all__ = ["VectorEnv", "load_vector"]
 
@@ -71,12 +73,13 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         Args:
           batches: of the suite or your own task; they must not be used elsewhere at the same time.
           autoreset_mode: when a row whose episode has ended begins the next one.
-          flat: observations are one array (see `layout`) instead of a dict.
+          flat: observations are one array (see `layout`) instead of a dict; if there are pixels
+            as well, it is called 'state'.
           dtype: 'float64', or 'float32', of observations and of the action space.
           copy: observations are new arrays each time; False allows that they are overwritten by the
             next step or reset.
           render_mode: None or 'rgb_array'.
-          render_kwargs: keyword arguments of `Physics.render`, such as {'camera_id': 'side'}.
+          render_kwargs: keyword arguments of `Physics.render`, such as {'camera': 'side'}.
 
         Raises:
           ValueError: there are not one or two batches, or no such mode or dtype.
@@ -85,7 +88,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             raise ValueError(f"there are {len(batches)} batches; expected one, or two halves")
         mode = arguments.autoreset_mode(autoreset_mode)
         self.render_mode = arguments.render_mode(render_mode)
-        self._render_kwargs = dict(render_kwargs or {})
+        self._render_kwargs = render_arguments(render_kwargs or {})
         self.batches = batches
         sizes = [batch.num_envs for batch in batches]
         self.num_envs = sum(sizes)
@@ -100,7 +103,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
 
     def _set_spaces(self, flat: bool, dtype: Any) -> None:
         batch = self.batches[0]
-        self._observations = Observations(specs_of_one_row(batch.observation_spec()), flat, dtype)
+        of_one = specs_of_one_row(batch.observation_spec())
+        self._observations = observations_of(of_one, flat, dtype, batch.pixels)
         self.layout: tuple[Part, ...] = self._observations.layout
         spec = batch.task.action_spec(batch.physics.single)
         self.single_action_space = action_space(spec, self._observations.dtype)
@@ -242,6 +246,7 @@ def load_vector(
     task_kwargs: Mapping[str, Any] | None = None,
     environment_kwargs: Mapping[str, Any] | None = None,
     randomize: Mapping[str, Any] | None = None,
+    pixels: Mapping[str, Any] | None = None,
     num_threads: int | None = None,
     on_divergence: str = "end",
     pipelined: bool = False,
@@ -257,6 +262,8 @@ def load_vector(
       task_kwargs: see `suite.load_batch`.
       environment_kwargs: see `suite.load_batch`.
       randomize: fields of the model to draw anew for each episode; see `limberjack.rl.randomize`.
+      pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
+        `limberjack.rl.pixels`.
       num_threads: threads that step the rows; by default the cores that this process may use.
       on_divergence: see `suite.load_batch`.
       pipelined: make two halves, for `send` and `recv`.
@@ -267,7 +274,7 @@ def load_vector(
         raise ValueError("num_envs is 1; expected at least 2 for two halves")
     sizes = [num_envs - num_envs // 2, num_envs // 2] if pipelined else [num_envs]
     of_task = arguments.task_arguments(task_kwargs, time_limit)
-    of_environment = arguments.environment_arguments(environment_kwargs, randomize)
+    of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
     batches = [
         suite.load_batch(
             domain,

@@ -5,6 +5,7 @@ that the quantities of a domain carry through to what they return.
 """
 
 import contextlib
+import inspect
 import weakref
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -15,12 +16,16 @@ import numpy as np
 
 from limberjack.mujoco import fields
 from limberjack.mujoco.batch_simulation import BatchData, BatchSimulation
+from limberjack.mujoco.camera import Camera, render
 from limberjack.mujoco.simulation import read_field
 from limberjack.rl import control
+from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["Rows"]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
+# The keyword arguments of `Physics.render`, with their defaults.
+_HOW = {p.name: p.default for p in list(inspect.signature(render).parameters.values())[1:]}
 
 
 class Rows:
@@ -29,7 +34,9 @@ class Rows:
     # Any: these are `Physics`' own, and either kind of simulation.
     _data: Any
     _simulation: Any
-    # A single simulation in which the rows' episodes are begun, one after the other.
+    render: Any
+    # A single simulation in which the rows' episodes are begun and their pictures are drawn, one
+    # after the other.
     _scratch: Any = None
     # Whether constants of the model follow from the fields that are randomised.
     _constants = False
@@ -137,19 +144,63 @@ class Rows:
         """Computes every quantity of rows whose episode begins, with actuation disabled."""
         self._living().forward_without_actuation(rows)
 
-    def render_rows(self, rows: np.ndarray, fields: Sequence[str], **kwargs: Any) -> np.ndarray:
-        """Pictures of rows, (n, height, width, ...); see `Physics.render` for the arguments.
+    def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
+        """Pictures of rows, all for None, (n, height, width, ...); a single simulation has one.
 
         Args:
           rows: row numbers.
-          fields: fields of the model that each row has for itself.
           kwargs: of `Physics.render`.
+
+        Raises:
+          ValueError, TypeError: see `picture_spec`.
+          RenderingError: OpenGL cannot be had.
         """
-        pictures = []
-        for row in rows.tolist():
-            self._scratch.load_rows(self.save_rows(np.array([row]), fields), None)
-            pictures.append(self._scratch.render(**kwargs))
-        return np.stack(pictures) if pictures else np.empty((0,))
+        _check_names(kwargs)
+        if self.num_envs is None:
+            return self.render(**kwargs)[None]
+        numbers = range(self.num_envs) if rows is None else rows.tolist()
+        if not numbers:
+            shape, dtype = self.picture_spec(**kwargs)
+            return np.empty((0, *shape), dtype)
+        first = self._shown(numbers[0]).render(**kwargs)
+        pictures = np.empty((len(numbers), *first.shape), first.dtype)
+        pictures[0] = first
+        for picture, row in zip(pictures[1:], numbers[1:], strict=True):
+            picture[...] = self._shown(row).render(**kwargs)
+        return pictures
+
+    def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
+        """Shape and type of the picture that `render` gives with these arguments; draws nothing.
+
+        Raises:
+          ValueError: there is no such camera, or the size is not one that the model can have.
+          TypeError: there is no such keyword.
+        """
+        _check_names(kwargs)
+        how = {**_HOW, **kwargs}
+        one, size = self._scratch or self, (how["height"], how["width"])
+        Camera(one, *size, camera_id=how["camera_id"], max_geom=1)  # checks them
+        if how["depth"]:
+            return size, np.dtype(np.float32)
+        if how["segmentation"]:
+            return (*size, 2), np.dtype(np.int32)
+        return (*size, 3), np.dtype(np.uint8)
+
+    def _shown(self, row: int) -> Any:
+        """A single simulation with the quantities of a row, to be read before anything else."""
+        one, simulation = self._scratch, self._living()
+        simulation.copy_fields_out(row, one._simulation, self._constants)
+        call = int(simulation._last_call[row])
+        # Whole steps leave the quantities of the state before the last one.
+        state = simulation._before_call[row] if call < 0 else simulation.state[row]
+        mujoco.mj_setState(one.model._model, one.data._data, state, _STATE)
+        if call < 0:
+            one._simulation.step_whole(-call)
+        elif call == 0:
+            one._simulation.forward_without_actuation()
+        else:
+            mujoco.mj_step1(one.model._model, one.data._data)
+        return one
 
     def step_rows(self, rows: np.ndarray | None, nstep: int) -> np.ndarray:
         """Advances rows, all for None, by `nstep` steps; returns which diverged, (num_envs,)."""
@@ -173,3 +224,13 @@ class Rows:
         """Has the fields looked up anew."""
         vars(self).pop("named", None)
         self._data = BatchData(self._simulation)
+
+
+def _check_names(given: dict[str, Any]) -> None:
+    """Raises TypeError if `Physics.render` does not take a keyword."""
+    for name in given:
+        if name not in _HOW:
+            raise TypeError(
+                f"render got an unexpected keyword argument {name!r}.{did_you_mean(name, _HOW)} "
+                f"It takes: {', '.join(_HOW)}."
+            )

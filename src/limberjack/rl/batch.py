@@ -13,18 +13,19 @@ In the batched `dm_env.TimeStep`, `step_type`, `reward` and `discount` are array
 where a row's episode has just begun its reward is 0 and its discount 1.
 """
 
-import collections
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import dm_env
 import numpy as np
 from dm_env import specs
 
-from limberjack.rl import control, guards
-from limberjack.rl.randomize import Randomizer, stream_beside
+from limberjack.rl import control, guards, observations
+from limberjack.rl.pixels import Frames, Pixels, render_arguments
+from limberjack.rl.randomize import Randomizer
 from limberjack.rl.snapshot import Snapshot
+from limberjack.rl.streams import Streams
 from limberjack.utils import arrays, cores
 from limberjack.utils.log import log
 
@@ -46,6 +47,7 @@ class BatchEnvironment:
         flat_observation: bool = False,
         on_divergence: str = "end",
         randomizer: Randomizer | None = None,
+        pixels: Mapping[str, Any] | Pixels | None = None,
     ) -> None:
         """Makes a batch whose first `step` or `reset` begins an episode in every row.
 
@@ -59,12 +61,11 @@ class BatchEnvironment:
           on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
             'raise' raises `PhysicsError`.
           randomizer: draws fields of the model for each episode.
+          pixels: pictures to observe; see `limberjack.rl.pixels`.
 
         Raises:
           ValueError: the task is not batch-safe, or `on_divergence` is something else.
         """
-        if on_divergence not in ("end", "raise"):
-            raise ValueError(f"on_divergence is {on_divergence!r}; expected 'end' or 'raise'")
         self.num_envs: int = physics.num_envs
         self._physics = physics
         self._task = task
@@ -75,10 +76,10 @@ class BatchEnvironment:
         randomized = randomizer.fields if randomizer is not None else ()
         self._saved_fields = (*getattr(task, "EPISODE_FIELDS", ()), *randomized)
         self.randomization: dict[str, np.ndarray] = {}  # drawn for the rows' episodes, by field
-        self._raises = on_divergence == "raise"
-        first_seed = np.random.RandomState().randint(2**31) if seed is None else seed
-        self._streams = [np.random.RandomState(first_seed + i) for i in range(self.num_envs)]
-        self._draw_streams = [stream_beside(stream) for stream in self._streams]
+        self.pixels = None if pixels is None else Pixels.of(pixels)
+        self._frames = Frames.of(self.pixels, physics)
+        self._raises = guards.raises_on_divergence(on_divergence)
+        self._streams = Streams(seed, self.num_envs)
         self._step_count = np.zeros(self.num_envs, int)
         self._begins = np.ones(self.num_envs, bool)  # rows whose next step begins an episode
         self._all_mid = np.full(self.num_envs, _MID)
@@ -124,6 +125,7 @@ class BatchEnvironment:
             seed=seed,
             flat_observation=env._flat_observation,
             randomizer=env._randomizer,
+            pixels=env.pixels,
             on_divergence=on_divergence,
         )
 
@@ -142,10 +144,11 @@ class BatchEnvironment:
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             for row, stream in zip(rows.tolist(), streams, strict=True):
                 if stream is not None:
-                    self._streams[row] = stream
-                    self._draw_streams[row] = stream_beside(stream)
+                    self._streams.replace(row, stream)
             self._begin(rows)
-            observation = self._observe()
+            self._begins[rows] = True  # until they have been seen: an interrupt begins anew
+            observation = self._observe(is_step=False)
+            self._begins[rows] = False
         step_type = np.where(self._step_count == 0, _FIRST, _MID)
         reward, discount = np.zeros(self.num_envs), np.ones(self.num_envs)
         return dm_env.TimeStep(step_type, reward, discount, observation)
@@ -192,7 +195,8 @@ class BatchEnvironment:
                 self._physics.save_rows(rows, self._saved_fields),
                 self._step_count[rows],
                 self._begins[rows],
-                [tuple(s.get_state() for s in self._streams_of(row)) for row in rows],
+                self._streams.save(rows, with_beside=self._randomizer is not None),
+                {} if self._frames is None else self._frames.save(rows),
             )
 
     def restore(self, snapshot: Snapshot, rows: Any = None) -> None:
@@ -210,12 +214,12 @@ class BatchEnvironment:
         with self._use:
             self._begins[rows] = True  # until it is complete
             self._physics.load_rows(snapshot.physics, rows)
-            for row, states in zip(rows, snapshot.streams, strict=True):
-                for stream, state in zip(self._streams_of(row), states, strict=True):
-                    stream.set_state(state)
+            self._streams.load(rows, snapshot.streams)
             if self._randomizer is not None:
                 fields = self._randomizer.fields
                 self._show_drawn({name: snapshot.physics[name] for name in fields}, rows)
+            if self._frames is not None:
+                self._frames.load(snapshot.frames, rows)
             self._step_count[rows] = snapshot.step_count
             self._begins[rows] = snapshot.begins
 
@@ -232,7 +236,7 @@ class BatchEnvironment:
 
     def __getstate__(self) -> dict[str, Any]:
         """What makes an equal batch elsewhere: for pickling, deep copies and spawned processes."""
-        kept = {k: v for k, v in vars(self).items() if k not in ("_physics", "_use")}
+        kept = {k: v for k, v in vars(self).items() if k not in ("_physics", "_use", "_frames")}
         simulation = self._physics._simulation
         making = self._physics.single, self.num_envs, simulation.num_threads
         return {**kept, "making": making, "snapshot": self.snapshot()}
@@ -245,6 +249,7 @@ class BatchEnvironment:
         if self._randomizer is not None:
             single.nominal_fields(self._randomizer.fields)
         self._physics = single.replicate(num_envs, num_threads, self._saved_fields)
+        self._frames = Frames.of(self.pixels, self._physics)
         self.restore(snapshot)
 
     def _rows(self, ids: Any) -> np.ndarray:
@@ -252,13 +257,9 @@ class BatchEnvironment:
         return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
 
     def _origin(self) -> dict[str, Any]:
-        fields = self._saved_fields
-        return {"task": type(self._task).__name__, "fields": fields, **self._physics.origin()}
-
-    def _streams_of(self, row: int) -> list[np.random.RandomState]:
-        """The random streams of a row: the task's, and the randomisation's if any."""
-        own, beside = self._streams[row], self._draw_streams[row]
-        return [own] if self._randomizer is None else [own, beside]
+        pixels = {} if self._frames is None else self._frames.origin()
+        origin = {"task": type(self._task).__name__, "fields": self._saved_fields}
+        return {**origin, **pixels, **self._physics.origin()}
 
     def action_spec(self) -> specs.BoundedArray:
         """The spec of the actions of all rows, (num_envs, ...)."""
@@ -267,11 +268,8 @@ class BatchEnvironment:
     def observation_spec(self) -> Any:
         """The specs of the observations of all rows, (num_envs, ...) each."""
         with arrays.rows_of_a_batch(self.num_envs):
-            observation = self._observe()
-        return collections.OrderedDict(
-            (name, specs.Array(value.shape, value.dtype, name=name))
-            for name, value in observation.items()
-        )
+            spec = observations.specs_of(self._state())
+        return spec if self._frames is None else self._frames.spec_with(spec)
 
     def reward_spec(self) -> specs.Array:
         """The spec of the rewards, (num_envs,)."""
@@ -296,10 +294,18 @@ class BatchEnvironment:
         return self._physics.single.timestep() * self._n_sub_steps
 
     def render(self, rows: Any = None, **kwargs: Any) -> np.ndarray:
-        """Pictures of all rows or some, (n, height, width, 3) uint8; see `Physics.render`."""
+        """Pictures of all rows or some, (n, height, width, 3) uint8.
+
+        Args:
+          rows: sorted row numbers or a mask of (num_envs,); None for all.
+          kwargs: of `Physics.render`: height, width, camera_id, or camera for short, depth, ...
+
+        Raises:
+          ValueError, TypeError, RenderingError: no such row, camera, size or keyword; no OpenGL.
+        """
         rows = self._rows(rows)
         with self._use:
-            return self._physics.render_rows(rows, self._saved_fields, **kwargs)
+            return self._physics.render_rows(rows, **render_arguments(kwargs))
 
     @property
     def physics(self) -> Any:
@@ -315,14 +321,16 @@ class BatchEnvironment:
         """Begins an episode in each of the rows."""
         physics, task = self._physics, self._task
         for row in rows.tolist():
-            task._random = self._streams[row]
+            task._random = self._streams.own[row]
             if self._randomizer is not None:
-                drawn = self._randomizer.draw(self._draw_streams[row])
+                drawn = self._randomizer.draw(self._streams.beside[row])
                 self._show_drawn(drawn, row)
                 physics.set_fields(drawn, row)
             with physics.episode(row) as one:
                 task.initialize_episode(one)
         physics.start_rows(rows)
+        if self._frames is not None:
+            self._frames.forget(rows)
         self._step_count[rows] = 0
         self._begins[rows] = False
 
@@ -373,19 +381,15 @@ class BatchEnvironment:
         self.reward_terms = task.reward_terms(physics)
         return task.reward_of(self.reward_terms)
 
-    def _observe(self) -> Any:
-        """The observation in arrays of its own, that nothing changes later."""
+    def _observe(self, is_step: bool = True) -> Any:
+        """What is observed now, in arrays of its own; a step has a new picture of every row."""
+        state, frames = self._state(), self._frames
+        return state if frames is None else frames.observe(self._physics, state, is_step)
+
+    def _state(self) -> Any:
+        """What the task observes."""
         observation = self._task.get_observation(self._physics)
-        if self._flat_observation:
-            ordered = isinstance(observation, collections.OrderedDict)
-            names = observation if ordered else sorted(observation)
-            parts = [observation[name].reshape(self.num_envs, -1) for name in names]
-            key = control.FLAT_OBSERVATION_KEY
-            return type(observation)([(key, arrays.concat(parts))])
-        for name, value in observation.items():
-            if not value.flags.owndata:
-                observation[name] = value.copy()
-        return observation
+        return observations.of_rows(observation, self.num_envs, self._flat_observation)
 
     def _report_divergence(self) -> None:
         rows = np.flatnonzero(self.diverged).tolist()

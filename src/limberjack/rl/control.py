@@ -15,11 +15,10 @@ reset - a diverged simulation, Ctrl-C, an error in the task - the next step begi
 It does not know MuJoCo: `limberjack.mujoco.Physics` is the physics used by the suite.
 """
 
-import collections
 import math
 import numbers
 import operator
-from collections.abc import Mapping, MutableMapping
+from collections.abc import Mapping
 from typing import Any
 
 import dm_env
@@ -28,6 +27,8 @@ from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.contract import Physics, PhysicsError, Task
+from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
+from limberjack.rl.pixels import Frames, Pixels
 from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.snapshot import Snapshot
 
@@ -41,8 +42,6 @@ __all__ = [
     "flatten_observation",
 ]
 
-FLAT_OBSERVATION_KEY = "observations"
-
 
 class Environment(dm_env.Environment):
     """Episodes of a task on a physics; see the module's docstring."""
@@ -51,6 +50,7 @@ class Environment(dm_env.Environment):
     _closed = False
     _action_shape: tuple[int, ...] | None = None
     _randomizer: Randomizer | None = None
+    _frames: Frames | None = None  # what is observed in pictures, if anything is
     # The stream that the model's fields are drawn from, with the task's that it lies beside.
     _draws: tuple[Any, np.random.RandomState] | None = None
 
@@ -64,6 +64,7 @@ class Environment(dm_env.Environment):
         flat_observation: bool = False,
         legacy_step: bool = True,
         randomize: Mapping[str, Any] | None = None,
+        pixels: Mapping[str, Any] | Pixels | None = None,
     ) -> None:
         """Makes an environment whose first `step` or `reset` begins an episode.
 
@@ -79,10 +80,13 @@ class Environment(dm_env.Environment):
           legacy_step: see `Physics.legacy_step`.
           randomize: fields of the model to draw anew for each episode, by name; see
             `limberjack.rl.randomize`.
+          pixels: pictures to observe as well, under 'pixels', or instead, such as
+            {'camera': 0, 'frame_stack': 3}; see `limberjack.rl.pixels`.
 
         Raises:
           ValueError: both `control_timestep` and `n_sub_steps` are given, or one of the numbers
-            is NaN, zero, negative or not a multiple.
+            is NaN, zero, negative or not a multiple; or there is no such camera.
+          TypeError: there is no such option of `pixels`.
         """
         if n_sub_steps is not None and control_timestep is not None:
             raise ValueError(
@@ -108,6 +112,7 @@ class Environment(dm_env.Environment):
         self._reset_next_step = True
         if randomize:
             self._randomizer = Randomizer(randomize, physics)
+        self._frames = Frames.of(pixels, physics)
         # What was drawn for this episode, by field.
         self.randomization: dict[str, np.ndarray] = {}
 
@@ -121,6 +126,8 @@ class Environment(dm_env.Environment):
             self._physics.set_fields(self.randomization)
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
+        if self._frames is not None:
+            self._frames.forget()
         observation = self._observe()
         self._step_count = 0
         self._reset_next_step = False
@@ -166,10 +173,10 @@ class Environment(dm_env.Environment):
     def observation_spec(self) -> Any:
         """The task's observation spec, else shapes and dtypes of an observation made now."""
         try:
-            return self._task.observation_spec(self._physics)
+            spec = self._task.observation_spec(self._physics)
         except NotImplementedError:
-            observation = self._observe()
-        return _spec_from_observation(observation)
+            spec = specs_of(self._observe(draws=False))
+        return spec if self._frames is None else self._frames.spec_with(spec)
 
     @property
     def physics(self) -> Any:
@@ -180,6 +187,11 @@ class Environment(dm_env.Environment):
     def task(self) -> Any:
         """The environment's task."""
         return self._task
+
+    @property
+    def pixels(self) -> Pixels | None:
+        """What is observed in pictures; None for nothing."""
+        return None if self._frames is None else self._frames.pixels
 
     def control_timestep(self) -> float:
         """Time between two actions, seconds."""
@@ -216,6 +228,7 @@ class Environment(dm_env.Environment):
             np.array([self._step_count]),
             np.array([self._reset_next_step]),
             [tuple(streams)],
+            {} if self._frames is None else self._frames.save(None),
         )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -234,12 +247,15 @@ class Environment(dm_env.Environment):
             self._draw_stream().set_state(beside[0])
             saved = snapshot.physics
             self.randomization = {name: saved[name][0] for name in self._randomizer.fields}
+        if self._frames is not None:
+            self._frames.load(snapshot.frames, None)
         self._step_count = int(snapshot.step_count[0])
         self._reset_next_step = bool(snapshot.begins[0])
 
     def _origin(self) -> dict[str, Any]:
-        fields = self._saved_fields()
-        return {"task": type(self._task).__name__, "fields": fields, **self._physics.origin()}
+        pixels = {} if self._frames is None else self._frames.origin()
+        origin = {"task": type(self._task).__name__, "fields": self._saved_fields()}
+        return {**origin, **pixels, **self._physics.origin()}
 
     def _saved_fields(self) -> tuple[str, ...]:
         """Fields of the model that an episode has for itself."""
@@ -266,9 +282,14 @@ class Environment(dm_env.Environment):
         if self._closed:
             raise RuntimeError("this environment is closed: load or construct a new one")
 
-    def _observe(self) -> Any:
+    def _observe(self, draws: bool = True) -> Any:
+        """What is observed now, with a new picture if any are observed."""
         observation = self._task.get_observation(self._physics)
-        return flatten_observation(observation) if self._flat_observation else observation
+        if self._flat_observation:
+            observation = flatten_observation(observation)
+        if self._frames is None or not draws:
+            return observation
+        return self._frames.observe(self._physics, observation)
 
     def _check_action(self, action: Any) -> None:
         """Refuses an action that is not a finite array of the spec's shape.
@@ -319,42 +340,6 @@ def compute_n_steps(
             f"timestep ({physics_timestep})"
         )
     return round(ratio)
-
-
-def flatten_observation(
-    observation: MutableMapping[str, Any], output_key: str = FLAT_OBSERVATION_KEY
-) -> MutableMapping[str, np.ndarray]:
-    """Joins all observations into one flat array.
-
-    Args:
-      observation: mapping from names to arrays.
-      output_key: name of the flat array.
-
-    Returns:
-      A mapping of the same type with one item. The order is that of an `OrderedDict`, and
-      alphabetical for other mappings.
-
-    Raises:
-      ValueError: `observation` is not a mutable mapping.
-    """
-    if not isinstance(observation, MutableMapping):
-        raise ValueError(
-            f"Can only flatten dict-like observations, got {type(observation).__name__}."
-        )
-    ordered = isinstance(observation, collections.OrderedDict)
-    names = observation.keys() if ordered else sorted(observation.keys())
-    flat = np.concatenate([observation[name].ravel() for name in names])
-    # The same type of mapping, whatever it is: its constructor takes pairs.
-    make: Any = type(observation)
-    return make([(output_key, flat)])
-
-
-def _spec_from_observation(observation: Mapping[str, Any]) -> collections.OrderedDict:
-    """Shapes and dtypes of an observation, by name."""
-    return collections.OrderedDict(
-        (name, specs.Array(value.shape, value.dtype, name=name))
-        for name, value in observation.items()
-    )
 
 
 def _positive_count(n_sub_steps: Any) -> int:

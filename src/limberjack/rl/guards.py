@@ -18,6 +18,7 @@ __all__ = [
     "batched_spec",
     "check_actions",
     "check_batch_safe",
+    "raises_on_divergence",
     "streams_of_seeds",
 ]
 
@@ -53,6 +54,17 @@ def at_least_one(name: str, value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f"{name} is {value!r}; expected a whole number of at least 1")
     return int(value)
+
+
+def raises_on_divergence(on_divergence: str) -> bool:
+    """Whether it is 'raise' and not 'end'.
+
+    Raises:
+      ValueError: it is neither.
+    """
+    if on_divergence not in ("end", "raise"):
+        raise ValueError(f"on_divergence is {on_divergence!r}; expected 'end' or 'raise'")
+    return on_divergence == "raise"
 
 
 def as_rows(ids: Any, num_envs: int) -> np.ndarray:

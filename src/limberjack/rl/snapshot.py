@@ -5,9 +5,9 @@
     batch.restore(row, rows=[3])       # one row into any row
 
 It holds the integration state with the solver's warm start, the model fields that an episode's
-start sets, step counters, pending resets and random streams. It is a plain object that pickles; it
-restores in another process and into a batch with another number of threads. It does not hold the
-task's settings or the model, which must be the same.
+start sets, step counters, pending resets, random streams and the pictures observed last. It is a
+plain object that pickles; it restores in another process and into a batch with another number of
+threads. It does not hold the task's settings or the model, which must be the same.
 """
 
 import dataclasses
@@ -28,6 +28,7 @@ class Snapshot:
       step_count: steps since each episode began, (n,).
       begins: whether each one's next step begins an episode, (n,).
       streams: states of each one's `RandomState`s: the task's, and the randomisation's if any.
+      frames: what was observed in pictures, by name, (n, ...) each; nothing without pixels.
     """
 
     origin: dict[str, Any]
@@ -35,6 +36,7 @@ class Snapshot:
     step_count: np.ndarray
     begins: np.ndarray
     streams: list[Any]
+    frames: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.streams)

@@ -1,0 +1,71 @@
+"""Observations with pictures, as Gymnasium wants them: uint8 beside numbers, or alone.
+
+    env = load("humanoid", "walk", flat=True, pixels={"camera": "side", "frame_stack": 3})
+    env.observation_space    # Dict: 'state' (67,) float64, 'pixels' (84, 84, 9) uint8
+
+The pictures are 'pixels' in the dict of observations; with `flat`, all else is 'state'; with
+`only=True` the observation is the array of pictures itself.
+"""
+
+import collections
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from dm_env import specs
+from gymnasium import spaces
+
+from limberjack.gym.observations import Observations
+from limberjack.rl.pixels import PIXELS_KEY, Pixels
+
+__all__ = ["STATE_KEY", "PixelObservations", "observations_of"]
+
+STATE_KEY = "state"  # what the flat array is called beside the pictures
+
+
+class PixelObservations(Observations):
+    """The form in which observations with pictures are given.
+
+    `layout` has the parts of the flat array, none of which is a picture.
+    """
+
+    def __init__(
+        self, of_one: Mapping[str, specs.Array], flat: bool, dtype: Any, only: bool
+    ) -> None:
+        """Takes the specs of one simulation's observations, and whether there are pictures only."""
+        numbers = {} if only else {n: s for n, s in of_one.items() if n != PIXELS_KEY}
+        super().__init__(numbers, flat, dtype)
+        self._only = only
+        box = spaces.Box(0, 255, of_one[PIXELS_KEY].shape, np.uint8)
+        if only:
+            self.space = box
+            return
+        parts = {STATE_KEY: self.space} if flat else self.space.spaces
+        self.space = spaces.Dict(collections.OrderedDict({**parts, PIXELS_KEY: box}))
+
+    def of_one(self, observation: Mapping[str, Any]) -> Any:
+        """One simulation's observation, in arrays of its own."""
+        pixels = observation[PIXELS_KEY]
+        return pixels if self._only else self._with(super().of_one(observation), pixels)
+
+    def of_batch(self, observation: Mapping[str, Any], buffer: np.ndarray | None) -> Any:
+        """A batch's observation, in arrays of its own, or all but the pictures in the buffer."""
+        pixels = observation[PIXELS_KEY]
+        return pixels if self._only else self._with(super().of_batch(observation, buffer), pixels)
+
+    def _with(self, state: Any, pixels: np.ndarray) -> dict[str, np.ndarray]:
+        named = {STATE_KEY: state} if self.flat else state
+        return {**named, PIXELS_KEY: pixels}
+
+
+def observations_of(
+    of_one: Mapping[str, specs.Array], flat: bool, dtype: Any, pixels: Pixels | None
+) -> Observations:
+    """The form of observations with these specs, which have pictures if `pixels` is not None.
+
+    Raises:
+      ValueError: `dtype` is neither float64 nor float32.
+    """
+    if pixels is None:
+        return Observations(of_one, flat, dtype)
+    return PixelObservations(of_one, flat, dtype, pixels.only)

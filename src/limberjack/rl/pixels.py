@@ -1,0 +1,189 @@
+"""Pictures as observations: what is drawn at each step, and the last few pictures of an episode.
+
+    pixels = {"camera": "side", "height": 84, "width": 84, "frame_stack": 3}
+    env = suite.load("humanoid", "walk", environment_kwargs={"pixels": pixels})
+    env.reset().observation["pixels"]     # (84, 84, 9) uint8
+
+The stack's pictures lie side by side along the last axis, the newest last: `pixels[..., -3:]` is
+the present one. An episode begins with its first picture in every place. A row of a batch sees
+what the single environment with its seed sees. What has no OpenGL fails at its first picture.
+"""
+
+import collections
+import dataclasses
+from collections.abc import Mapping, MutableMapping
+from typing import Any, Self
+
+import numpy as np
+from dm_env import specs
+
+from limberjack.rl.guards import at_least_one
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["PIXELS_KEY", "Frames", "Pixels", "render_arguments"]
+
+PIXELS_KEY = "pixels"  # what pictures are called among the observations
+
+_COLOURS = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Pixels:
+    """What is observed in pictures.
+
+    Attributes:
+      camera: name or number of a camera of the model; -1 is the free camera.
+      height: of a picture, pixels.
+      width: of a picture, pixels.
+      only: observe nothing else.
+      frame_stack: number of pictures that are observed together, the last ones of the episode.
+    """
+
+    camera: int | str = -1
+    height: int = 84
+    width: int = 84
+    only: bool = False
+    frame_stack: int = 1
+
+    def __post_init__(self) -> None:
+        at_least_one("pixels' frame_stack", self.frame_stack)
+        if not isinstance(self.only, bool | np.bool_):
+            raise ValueError(f"pixels' only is {self.only!r}; expected True or False")
+
+    @classmethod
+    def of(cls, options: "Mapping[str, Any] | Pixels") -> Self:
+        """The settings that a mapping gives, defaults for what it leaves out.
+
+        Raises:
+          TypeError: it is no mapping, or there is no such option.
+          ValueError: a number is not what it should be.
+        """
+        if isinstance(options, cls):
+            return options
+        if not isinstance(options, Mapping):
+            raise TypeError(
+                f"pixels is {options!r}; expected a mapping such as {{'camera': 0, 'height': 84}}"
+            )
+        known = [field.name for field in dataclasses.fields(cls)]
+        for name in options:
+            if name not in known:
+                raise TypeError(
+                    f"pixels has no option {name!r}.{did_you_mean(name, known)} It takes: "
+                    f"{', '.join(known)}."
+                )
+        return cls(**options)
+
+    @property
+    def render_kwargs(self) -> dict[str, Any]:
+        """The keyword arguments of `Physics.render` for one picture."""
+        return {"height": self.height, "width": self.width, "camera_id": self.camera}
+
+
+class Frames:
+    """What simulations observe in pictures: for each, its last few."""
+
+    def __init__(self, pixels: Pixels, physics: Any) -> None:
+        """Draws nothing yet.
+
+        Args:
+          pixels: what to draw.
+          physics: what to draw it of, a single simulation or a batch: a `mujoco.Physics`.
+
+        Raises:
+          ValueError: there is no such camera, or the size is not one that the model can have.
+          TypeError: the physics cannot be drawn.
+        """
+        if not hasattr(physics, "render_rows"):
+            raise TypeError(
+                f"a {type(physics).__name__} cannot be drawn; pixels need a limberjack.mujoco."
+                "Physics"
+            )
+        shape, dtype = physics.picture_spec(**pixels.render_kwargs)
+        height, width, colours = shape
+        self.pixels = pixels
+        self._is_single = physics.num_envs is None
+        stacked = height, width, colours * pixels.frame_stack
+        self._stack = np.zeros((physics.num_envs or 1, *stacked), dtype)
+        self._is_seen = np.zeros(len(self._stack), bool)  # rows with a picture of their episode
+
+    @classmethod
+    def of(cls, pixels: Mapping[str, Any] | Pixels | None, physics: Any) -> Self | None:
+        """Those that a user asks for; None for None. Errors are those of both constructors."""
+        return None if pixels is None else cls(Pixels.of(pixels), physics)
+
+    def forget(self, rows: Any = slice(None)) -> None:
+        """Lets rows, whose episode begins, begin with their next picture."""
+        self._is_seen[rows] = False
+
+    def observe(self, physics: Any, state: Any, is_step: bool = True) -> MutableMapping[str, Any]:
+        """The observation with the pictures that are seen now.
+
+        Args:
+          physics: what they are drawn of.
+          state: what else is observed.
+          is_step: every row has a new picture; else those only that have none of their episode.
+        """
+        rows = None if is_step else np.flatnonzero(~self._is_seen)
+        if rows is None or rows.size:
+            self._add(physics.render_rows(rows, **self.pixels.render_kwargs), rows)
+        return self._with(state, self._stack[0].copy() if self._is_single else self._stack.copy())
+
+    def spec_with(self, state: Any) -> MutableMapping[str, Any]:
+        """The specs of observations, from those of what else is observed."""
+        shape = self._stack.shape[1:] if self._is_single else self._stack.shape
+        dtype = self._stack.dtype
+        return self._with(state, specs.BoundedArray(shape, dtype, 0, 255, name=PIXELS_KEY))
+
+    def save(self, rows: np.ndarray | None) -> dict[str, np.ndarray]:
+        """A copy of what rows, all for None, have seen: (n, ...) each."""
+        index = slice(None) if rows is None else rows
+        return {"stack": self._stack[index].copy(), "is_seen": self._is_seen[index].copy()}
+
+    def load(self, saved: dict[str, np.ndarray], rows: np.ndarray | None) -> None:
+        """Lets rows have seen what was saved."""
+        index = slice(None) if rows is None else rows
+        self._stack[index] = saved["stack"]
+        self._is_seen[index] = saved["is_seen"]
+
+    def origin(self) -> dict[str, Any]:
+        """What must agree for what was saved to be loaded."""
+        settings = dataclasses.asdict(self.pixels)
+        del settings["only"]  # what else is observed has nothing to do with it
+        return {"pixels": settings}
+
+    def _add(self, pictures: np.ndarray, rows: np.ndarray | None) -> None:
+        """Puts a picture of each row on its stack, in every place if it is its episode's first."""
+        index = slice(None) if rows is None else rows
+        stack = np.concatenate([self._stack[index][..., _COLOURS:], pictures], axis=-1)
+        is_first = ~self._is_seen[index]
+        stack[is_first] = np.tile(pictures[is_first], self.pixels.frame_stack)
+        self._stack[index] = stack
+        self._is_seen[index] = True
+
+    def _with(self, state: Any, pixels: Any) -> MutableMapping[str, Any]:
+        """Observations, or their specs, together with the pictures or their spec."""
+        if self.pixels.only:
+            return collections.OrderedDict({PIXELS_KEY: pixels})
+        if not isinstance(state, MutableMapping) or PIXELS_KEY in state:
+            what = f"one {PIXELS_KEY!r}" if isinstance(state, MutableMapping) else type(state)
+            raise ValueError(
+                f"the task observes {what}; expected a dict without {PIXELS_KEY!r}, to put the "
+                "pictures into: ask for pixels with only=True, or for none"
+            )
+        both = type(state)(state)  # pyright: ignore[reportCallIssue] (as any dict's)
+        both[PIXELS_KEY] = pixels
+        return both
+
+
+def render_arguments(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Keyword arguments of `Physics.render`, from such with `camera` for `camera_id`.
+
+    Raises:
+      TypeError: it is given twice.
+    """
+    arguments = dict(given)
+    if "camera" in arguments:
+        if "camera_id" in arguments:
+            raise TypeError("camera is given twice: once as camera and once as camera_id")
+        arguments["camera_id"] = arguments.pop("camera")
+    return arguments

@@ -1,0 +1,329 @@
+"""Pictures as observations: what each shows, and that they belong to the state."""
+
+import collections
+import copy
+import os
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.rl import control
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.pixels import Frames, Pixels
+from limberjack.suite import base
+
+_draws = pytest.mark.skipif(
+    os.environ.get("MUJOCO_GL") == "disable", reason="MUJOCO_GL turns rendering off"
+)
+_PIXELS = {"camera": 0, "height": 12, "width": 16, "frame_stack": 3}
+_BALL = ("manipulator", "bring_ball")
+_STEPS = 4  # in an episode
+
+
+def _limit(task: tuple[str, str]) -> dict[str, float]:
+    return {"time_limit": _STEPS * (0.025 if task[0] == "humanoid" else 0.01)}
+
+
+def _single(
+    seed: int = 0, task: tuple[str, str] = _BALL, pixels: Any = _PIXELS, **kwargs: Any
+) -> control.Environment:
+    env = suite.load(*task, {"random": seed, **_limit(task)}, {"pixels": pixels, **kwargs})
+    env.physics.model.light_castshadow[:] = False  # for a quarter of the time
+    return env
+
+
+def _batch(
+    num_envs: int = 3, task: tuple[str, str] = _BALL, pixels: Any = _PIXELS, **kwargs: Any
+) -> BatchEnvironment:
+    single = _single(0, task, pixels, **kwargs)
+    return BatchEnvironment.from_environment(single, num_envs, 2, seed=0)
+
+
+def _actions(env: Any, steps: int) -> np.ndarray:
+    return np.random.RandomState(1).uniform(-1, 1, (steps, *env.action_spec().shape))
+
+
+def _assert_same(one: Any, other: Any) -> None:
+    assert one.observation.keys() == other.observation.keys()
+    np.testing.assert_array_equal(one.step_type, other.step_type)
+    for name, value in one.observation.items():
+        np.testing.assert_array_equal(value, other.observation[name], name)
+
+
+def _pictures(stack: np.ndarray) -> list[np.ndarray]:
+    """The pictures of a stack, the oldest first."""
+    return np.split(stack, stack.shape[-1] // 3, axis=-1)
+
+
+# What is seen.
+
+
+@_draws
+def test_the_stack_holds_the_last_pictures_and_an_episode_begins_with_its_first() -> None:
+    env = _single()
+    look = {"height": 12, "width": 16, "camera_id": 0}
+    for _ in range(2):
+        seen = _pictures(env.reset().observation["pixels"])
+        drawn = [env.physics.render(**look)] * 3
+        np.testing.assert_array_equal(seen, drawn)
+        for action in _actions(env, _STEPS):
+            seen = _pictures(env.step(action).observation["pixels"])
+            drawn = [*drawn[1:], env.physics.render(**look)]
+            np.testing.assert_array_equal(seen, drawn)
+        assert not env.is_running
+        assert (drawn[0] != drawn[2]).any()
+
+
+@_draws
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_rows_see_what_single_environments_see_through_the_ends_of_episodes(
+    task: tuple[str, str],
+) -> None:
+    batch, singles = _batch(2, task), [_single(row, task) for row in range(2)]
+    time_step, expected = batch.reset(), [single.reset() for single in singles]
+    for action in _actions(batch, _STEPS + 3):
+        for row, single in enumerate(singles):
+            for name, values in time_step.observation.items():
+                np.testing.assert_array_equal(values[row], expected[row].observation[name], name)
+            expected[row] = single.step(action[row])
+        time_step = batch.step(action)
+
+
+@_draws
+def test_the_state_beside_the_pictures_is_that_without_them() -> None:
+    for flat in (False, True):
+        env, plain = (_single(pixels=p, flat_observation=flat) for p in (_PIXELS, None))
+        batch, plain_batch = (_batch(pixels=p, flat_observation=flat) for p in (_PIXELS, None))
+        for one, other in ((env, plain), (batch, plain_batch)):
+            seen, known = one.reset().observation, other.reset().observation
+            assert type(seen) is type(known)
+            assert list(seen) == [*known, "pixels"]
+            for name in known:
+                np.testing.assert_array_equal(seen[name], known[name])
+
+
+@_draws
+@pytest.mark.parametrize("only", [False, True])
+@pytest.mark.parametrize("flat", [False, True])
+def test_observations_follow_their_specs(only: bool, flat: bool) -> None:
+    pixels = {**_PIXELS, "only": only}
+    env, batch = (make(pixels=pixels, flat_observation=flat) for make in (_single, _batch))
+    for each, shape in ((env, (12, 16, 9)), (batch, (3, 12, 16, 9))):
+        spec, observation = each.observation_spec(), each.reset().observation
+        assert list(spec) == list(observation)
+        assert (len(spec) == 1) == only
+        assert observation["pixels"].shape == shape
+        for name, value in observation.items():
+            spec[name].validate(value)
+
+
+@_draws
+def test_a_user_may_change_what_was_observed() -> None:
+    for env in (_single(), _batch()):
+        kept = env.reset().observation["pixels"]
+        expected = kept.copy()
+        later = env.step(np.zeros(env.action_spec().shape)).observation["pixels"]
+        np.testing.assert_array_equal(kept, expected)
+        later[...] = 0
+        last = env.step(np.zeros(env.action_spec().shape)).observation["pixels"]
+        np.testing.assert_array_equal(last[..., :3], expected[..., :3])
+        assert last[..., 3:6].any()
+
+
+# Partial resets, snapshots, copies.
+
+
+@_draws
+def test_a_reset_of_some_rows_leaves_what_the_others_see_alone() -> None:
+    batch, twin = _batch(3), _batch(3)
+    actions = _actions(batch, 3)
+    for each in (batch, twin):
+        each.reset()
+        each.step(actions[0])
+    before, _ = batch.step(actions[1]), twin.step(actions[1])
+    after = batch.reset([1]).observation["pixels"]
+    np.testing.assert_array_equal(after[[0, 2]], before.observation["pixels"][[0, 2]])
+    first, second, third = _pictures(after[1])
+    np.testing.assert_array_equal(first, third)
+    np.testing.assert_array_equal(second, third)
+    assert (third != _pictures(before.observation["pixels"][1])[2]).any()
+    one, other = batch.step(actions[2]).observation, twin.step(actions[2]).observation
+    np.testing.assert_array_equal(one["pixels"][[0, 2]], other["pixels"][[0, 2]])
+    np.testing.assert_array_equal(one["pixels"][1, ..., :3], first)
+
+
+@_draws
+def test_rows_that_no_episode_was_begun_in_are_shown_as_they_are() -> None:
+    batch = _batch(2)
+    seen = batch.reset([1]).observation["pixels"]
+    np.testing.assert_array_equal(
+        _pictures(seen[0]), list(batch.render([0], height=12, width=16, camera=0)) * 3
+    )
+
+
+@_draws
+@pytest.mark.parametrize("steps_before", [0, 2, _STEPS])
+def test_a_snapshot_holds_the_stack(steps_before: int) -> None:
+    for make in (_single, _batch):
+        env: Any = make()
+        env.reset()
+        actions = _actions(env, steps_before + _STEPS + 2)
+        for action in actions[:steps_before]:
+            env.step(action)
+        snapshot = pickle.loads(pickle.dumps(env.snapshot()))
+        future = [env.step(action) for action in actions[steps_before:]]
+        other: Any = make()
+        other.reset()
+        other.step(actions[0])
+        for twin in (env, other):
+            twin.restore(snapshot)
+            for action, expected in zip(actions[steps_before:], future, strict=True):
+                _assert_same(twin.step(action), expected)
+
+
+@_draws
+def test_a_row_goes_into_another_and_into_a_single_environment_with_its_stack() -> None:
+    batch, single = _batch(3, _BALL), _single(9, _BALL)
+    batch.reset()
+    single.reset()
+    for action in _actions(batch, 2):
+        batch.step(action)
+    batch.copy_row(0, 2)
+    single.restore(batch.snapshot([0]))
+    for action in _actions(batch, _STEPS + 3):
+        action[2] = action[0]
+        seen = batch.step(action).observation["pixels"]
+        np.testing.assert_array_equal(seen[2], seen[0])
+        np.testing.assert_array_equal(single.step(action[0]).observation["pixels"], seen[0])
+
+
+@_draws
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("make", [_single, _batch])
+@pytest.mark.parametrize("steps_before", [None, 0, 2])
+def test_a_copy_sees_what_the_original_sees(
+    make: Any, copied: Any, steps_before: int | None
+) -> None:
+    env = make()
+    actions = _actions(env, _STEPS + 3)
+    if steps_before is not None:
+        env.reset()
+        for action in actions[:steps_before]:
+            env.step(action)
+    twin = copied(env)
+    for action in actions:
+        _assert_same(env.step(action), twin.step(action))
+
+
+@_draws
+def test_a_snapshot_fits_what_sees_as_much_or_less() -> None:
+    seeing, blind = _batch(), _batch(pixels=None)
+    seeing.reset()
+    blind.restore(seeing.snapshot())
+    action = _actions(blind, 1)[0]
+    one, other = blind.step(action).observation, seeing.step(action).observation
+    for name, values in one.items():
+        np.testing.assert_array_equal(values, other[name], name)
+    seeing.restore(_restored_into_only(seeing).snapshot())
+    for env in (seeing, _batch(pixels={**_PIXELS, "height": 13})):
+        with pytest.raises(ValueError, match=r"the snapshot is of pixels .*; expected {'camera'"):
+            env.restore(blind.snapshot())
+    with pytest.raises(ValueError, match=r"'frame_stack': 3.*; expected .*'frame_stack': 2"):
+        _batch(pixels={**_PIXELS, "frame_stack": 2}).restore(seeing.snapshot())
+
+
+def _restored_into_only(batch: BatchEnvironment) -> BatchEnvironment:
+    """A batch that sees the same and nothing else."""
+    only = _batch(pixels={**_PIXELS, "only": True})
+    only.restore(batch.snapshot())
+    return only
+
+
+# What goes wrong.
+
+
+@pytest.mark.parametrize(
+    ("pixels", "error", "message"),
+    [
+        ({"heigth": 84}, TypeError, r"no option 'heigth'\. Did you mean 'height'\? It takes: cam"),
+        ({"camera_id": 0}, TypeError, "Did you mean 'camera'"),
+        ("side", TypeError, "pixels is 'side'; expected a mapping"),
+        ({"camera": "fixt"}, ValueError, "'fixt' does not exist"),
+        ({"camera": 3}, ValueError, "camera_id is 3"),
+        ({"width": 0}, ValueError, "image width is 0; expected a whole number"),
+        ({"width": 10_000}, ValueError, "image width 10000 > "),
+        ({"frame_stack": 0}, ValueError, "frame_stack is 0; expected a whole number of at least"),
+        ({"frame_stack": 1.0}, ValueError, r"frame_stack is 1\.0; expected a whole number"),
+        ({"only": "yes"}, ValueError, "only is 'yes'; expected True or False"),
+    ],
+)
+def test_bad_options_are_refused_when_the_environment_is_made(
+    pixels: Any, error: Any, message: str
+) -> None:
+    for make in (_single, _batch):
+        with pytest.raises(error, match=message):
+            make(pixels=pixels)
+    with pytest.raises(error, match=message):
+        suite.load_batch(*_BALL, 2, environment_kwargs={"pixels": pixels})
+
+
+def test_specs_and_settings_need_no_opengl() -> None:
+    env, batch = _single(pixels={}), _batch(pixels={"frame_stack": 2})
+    assert env.pixels == Pixels(camera=-1, height=84, width=84, only=False, frame_stack=1)
+    assert env.observation_spec()["pixels"].shape == (84, 84, 3)
+    assert batch.observation_spec()["pixels"].shape == (3, 84, 84, 6)
+    assert _single(pixels=None).pixels is None
+    assert _batch(pixels=None).pixels is None
+
+
+class _Painter(base.Task):
+    """Observes something called as pictures are."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        pass
+
+    def get_observation(self, physics: Any) -> collections.OrderedDict:
+        return collections.OrderedDict(pixels=physics.position())
+
+    def get_reward(self, physics: Any) -> float:
+        return 0.0
+
+
+def test_a_task_that_observes_pixels_of_its_own_is_refused() -> None:
+    physics = _single(pixels=None).physics
+    env = control.Environment(physics, _Painter(), pixels=_PIXELS)
+    with pytest.raises(ValueError, match="the task observes one 'pixels'"):
+        env.observation_spec()
+    only = control.Environment(physics, _Painter(), pixels={**_PIXELS, "only": True})
+    assert list(only.observation_spec()) == ["pixels"]
+
+
+def test_what_cannot_be_drawn_cannot_be_observed() -> None:
+    with pytest.raises(TypeError, match="a str cannot be drawn; pixels need a limberjack"):
+        Frames(Pixels(), "a picture")
+
+
+@_draws
+@pytest.mark.parametrize("is_reset", [False, True])
+def test_an_interrupted_picture_lets_the_rows_begin_anew(
+    monkeypatch: pytest.MonkeyPatch, is_reset: bool
+) -> None:
+    batch = _batch(2)
+    batch.reset()
+    batch.step(np.zeros((2, 5)))
+
+    def interrupt(*args: Any, **kwargs: Any) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(type(batch.physics), "render", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            batch.reset([1]) if is_reset else batch.step(np.zeros((2, 5)))
+    np.testing.assert_array_equal(batch.begins, [not is_reset, True])
+    time_step = batch.step(np.zeros((2, 5)))
+    begun = time_step.observation["pixels"][time_step.step_type == 0]
+    assert len(begun) == 2 - is_reset
+    np.testing.assert_array_equal(begun[..., :3], begun[..., 6:])
