@@ -142,7 +142,7 @@ def test_run_shows_the_kind_of_start_where_there_are_kinds() -> None:
     assert re.search(r"seed +return +steps", _invoke(*_RUN).stdout)
 
 
-def test_run_writes_result_plot_and_video(tmp_path: Path, drawing: bool) -> None:
+def test_run_writes_result_plot_video_and_report(tmp_path: Path, drawing: bool) -> None:
     out = tmp_path / "new" / "directory"
     result = _invoke(*_ARM, "--episodes", "2", "--seed", "3", "--out", str(out))
     assert result.exit_code == 0, result.output
@@ -162,8 +162,8 @@ def test_run_writes_result_plot_and_video(tmp_path: Path, drawing: bool) -> None
     assert content["versions"]["limberjack"] == limberjack.__version__
     assert re.fullmatch("[0-9a-f]{64}", content["fingerprint"])
 
-    names = ["result.json", "return.png", *(["video.mp4"] if drawing else [])]
-    assert sorted(path.name for path in out.iterdir()) == names
+    names = ["result.json", "return.png", *(["video.mp4"] if drawing else []), "report.html"]
+    assert {path.name for path in out.iterdir()} == set(names)
     assert result.stdout.splitlines()[-len(names) :] == [str(out / name) for name in names]
 
 
@@ -319,8 +319,8 @@ def test_what_cuts_a_run_short_keeps_the_finished_episodes(
     content = _result(directory / "out")
     assert [episode["seed"] for episode in content["episodes"]] == [0]
     assert content["episodes_asked_for"] == 3
-    names = ["result.json", "return.png", *(["video.mp4"] if drawing else [])]
-    assert sorted(path.name for path in (directory / "out").iterdir()) == names
+    names = {"report.html", "result.json", "return.png", *(["video.mp4"] if drawing else [])}
+    assert {path.name for path in (directory / "out").iterdir()} == names
 
 
 def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory: Path) -> None:
@@ -352,6 +352,7 @@ def test_without_opengl_only_the_video_is_left_out_and_one_line_says_why(tmp_pat
     assert "MUJOCO_GL" in result.stderr
     assert result.stderr.count("\n") == 1
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "report.html",
         "result.json",
         "return.png",
     ]
@@ -371,7 +372,8 @@ def test_without_the_extra_one_line_names_it(tmp_path: Path) -> None:
         "limberjack: no video.mp4 and no return.png: needs the extra 'video': "
         "pip install 'limberjack[video]'\n"
     )
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["result.json"]
+    left = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert left == ["report.html", "result.json"]
 
 
 def test_help_imports_nothing_heavy() -> None:

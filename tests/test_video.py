@@ -9,10 +9,11 @@ from typing import Any
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from programs import run
 
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
-from limberjack.video import Film, frame_stride
+from limberjack.video import Film, Writer, frame_stride, mosaic
 
 _HEIGHT, _WIDTH = 48, 64
 
@@ -140,3 +141,120 @@ def test_without_ffmpeg_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(ImportError, match=r"pip install 'limberjack\[video\]'"):
         Film(tmp_path / "video.mp4", 0.02)
+
+
+def _moving_frames(count: int) -> np.ndarray:
+    """A square that moves over a gradient, (count, height, width, 3)."""
+    frames = np.zeros((count, _HEIGHT, _WIDTH, 3), np.uint8)
+    frames[...] = np.linspace(0, 200, _WIDTH, dtype=np.uint8)[:, None]
+    for number, frame in enumerate(frames):
+        frame[10:20, number : number + 10] = 255, 40, 0
+    return frames
+
+
+def test_a_gif_shows_its_frames_in_real_time(tmp_path: Path) -> None:
+    path, frames = tmp_path / "film.GIF", _moving_frames(30)
+    writer = Writer(path, _HEIGHT, _WIDTH, 20.0)
+    for frame in frames:
+        writer.write(frame)
+    assert not path.exists()
+    writer.finish()
+    facts, seen = _read(path)
+    assert facts.startswith("gif")
+    assert " 20 fps" in facts
+    assert seen.shape == frames.shape
+    assert np.abs(seen.astype(int) - frames).mean() < 4  # of 256 colours
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("size", [(47, 63), (1, 1), (200, 3)])
+def test_a_gif_may_have_any_size_and_a_single_frame(tmp_path: Path, size: tuple[int, int]) -> None:
+    path = tmp_path / "film.gif"
+    writer = Writer(path, *size, 20.0)
+    writer.write(np.full((*size, 3), 100, np.uint8))
+    writer.finish()
+    assert path.read_bytes().startswith(b"GIF89a")
+
+
+@pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
+def test_a_video_that_cannot_be_written_names_itself_and_leaves_nothing(
+    tmp_path: Path, name: str
+) -> None:
+    # A file may have no more than this, as on a full disk; in a process of its own, for good.
+    program = f"""
+        import resource
+        from pathlib import Path
+        import numpy as np
+        from limberjack.video import Writer
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+        writer = Writer(Path({str(tmp_path / name)!r}), 240, 320, 20.0)
+        random = np.random.RandomState(0)
+        try:
+            for _ in range(40):
+                writer.write(random.randint(256, size=(240, 320, 3)).astype(np.uint8))
+            writer.finish()
+        except OSError as error:
+            print(error)
+        writer.discard()
+    """
+    assert f"{name} cannot be written: " in run(program)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
+def test_on_a_full_disk_a_video_names_itself_and_leaves_nothing(tmp_path: Path, name: str) -> None:
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=128k", "tmpfs", tmp_path],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if mounted.returncode != 0:
+        pytest.skip(f"no file system can be mounted here: {mounted.stderr.strip()}")
+    try:
+        writer = Writer(tmp_path / name, 240, 320, 20.0)
+        random = np.random.RandomState(0)
+        with pytest.raises(OSError, match=rf"{name} cannot be written: .*No space left"):  # noqa: PT012
+            for _ in range(60):
+                writer.write(random.randint(256, size=(240, 320, 3)).astype(np.uint8))
+            writer.finish()
+        writer.discard()
+        assert not list(tmp_path.iterdir())
+    finally:
+        subprocess.run(["umount", tmp_path], check=True)
+
+
+def test_a_video_takes_frames_of_its_size_only(tmp_path: Path) -> None:
+    writer = Writer(tmp_path / "film.mp4", _HEIGHT, _WIDTH, 20.0)
+    for wrong in (np.zeros((_WIDTH, _HEIGHT, 3), np.uint8), np.zeros((_HEIGHT, _WIDTH, 3))):
+        with pytest.raises(ValueError, match=r"expected \(48, 64, 3\) and uint8"):
+            writer.write(wrong)
+    writer.discard()
+
+
+@pytest.mark.parametrize("name", ["film.avi", "film", ".mp4"])
+def test_other_kinds_of_video_are_refused(tmp_path: Path, name: str) -> None:
+    for begin in (lambda path: Film(path, 0.02), lambda path: Writer(path, 48, 64, 20.0)):
+        with pytest.raises(ValueError, match=r"expected a name that ends in \.mp4 or \.gif"):
+            begin(tmp_path / name)
+
+
+def test_a_mosaic_has_pictures_row_by_row() -> None:
+    pictures = np.arange(1, 6, dtype=np.uint8)[:, None, None, None] * np.ones((2, 3, 3), np.uint8)
+    shown = mosaic(pictures)
+    assert shown.shape == (4, 9, 3)
+    assert shown.dtype == np.uint8
+    assert shown[::2, ::3, 0].tolist() == [[1, 2, 3], [4, 5, 0]]
+    assert mosaic(list(pictures), columns=1)[::2, 0, 0].tolist() == [1, 2, 3, 4, 5]
+    assert mosaic(pictures, columns=7).shape == (2, 21, 3)
+    np.testing.assert_array_equal(mosaic(pictures[:1]), pictures[0])
+
+
+def test_a_mosaic_of_one_size_only() -> None:
+    picture = np.zeros((2, 3, 3), np.uint8)
+    with pytest.raises(ValueError, match=r"pictures of shapes \[\]; expected one shape"):
+        mosaic([])
+    with pytest.raises(ValueError, match=r"shapes \[\(2, 3, 3\), \(4, 3, 3\)\]"):
+        mosaic([picture, np.zeros((4, 3, 3), np.uint8)])
+    with pytest.raises(ValueError, match="columns is 0; expected at least 1"):
+        mosaic([picture], columns=0)

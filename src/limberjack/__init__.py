@@ -8,11 +8,12 @@
         time_step = env.step(env.action_spec().generate_value())
 
 The same seed and actions give dm_control's numbers, bit for bit. Programs written for dm_control
-run unchanged after `limberjack.install_as_dm_control()`. Importing this package alone imports
-nothing else: `limberjack.suite`, `limberjack.mujoco` and `limberjack.rl` are imported by name.
+run unchanged after `limberjack.install_as_dm_control()`. In a notebook `limberjack.show(frames)`
+plays them. Importing this package alone imports nothing else: `limberjack.suite`,
+`limberjack.mujoco` and `limberjack.rl` are imported by name.
 """
 
-__all__ = ["__version__", "install_as_dm_control"]
+__all__ = ["__version__", "install_as_dm_control", "show"]
 
 __version__ = "0.1.0"
 
@@ -43,3 +44,14 @@ def install_as_dm_control() -> None:
     from limberjack import _compat
 
     _compat.install()
+
+
+def show(frames: object, fps: float = 30.0) -> object:
+    """A picture or a film that a notebook shows inline; see `limberjack.notebook.show`.
+
+    limberjack.show(env.physics.render())
+    limberjack.show(list_of_pictures, fps=40)
+    """
+    from limberjack import notebook
+
+    return notebook.show(frames, fps)

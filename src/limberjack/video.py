@@ -1,14 +1,15 @@
-"""Films an episode into an MP4 (H.264, yuv420p) that browsers play, without a display.
+"""Films as MP4 (H.264, yuv420p), which browsers play, or as GIF, without a display.
 
     film = Film(Path("video.mp4"), environment.control_timestep())
     film.add(environment.physics)  # after the reset and after each step
     film.finish()
 
-It plays in real time. A frame is drawn after every control step, or after every second, third, ...
-where steps are shorter than 0.02 s, so that there are never more than 50 frames a second.
+A film plays in real time. A frame is drawn after every control step, or after every second, third,
+... where steps are shorter than 0.02 s, so that there are never more than 50 frames a second; in a
+GIF never more than 25. `Writer` takes frames that are drawn already; `mosaic` makes one of many.
 
 The only file that imports imageio_ffmpeg, for the ffmpeg program in its wheel, and that when a film
-begins.
+begins. It needs no more memory for a long film than for a short one.
 """
 
 import contextlib
@@ -17,6 +18,7 @@ import math
 import os
 import subprocess
 import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,65 +26,109 @@ import numpy as np
 
 from limberjack.utils.files import partial_path
 
-__all__ = ["Film", "frame_stride"]
+__all__ = ["Film", "Writer", "frame_stride", "mosaic"]
 
-_MAX_FRAME_RATE = 50.0  # frames per second; every screen shows it, and drawing more takes long
+# Frames per second, by the ending of the file. Every screen shows 50, and drawing more takes long;
+# a GIF counts in hundredths of a second, and is large.
+_MAX_FRAME_RATES = {".mp4": 50.0, ".gif": 25.0}
 _ROUND_OFF = 1e-9  # so that steps of 0.02 s, whatever their last bit, are all drawn
 
+# The index goes first (faststart), so that a browser plays while it loads.
+_H264 = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+# What a GIF is made of, in two readings: its 256 colours are those of all frames.
+_LOSSLESS = ["-c:v", "libx264rgb", "-qp", "0", "-preset", "ultrafast"]
+_COLOURS = "palettegen=stats_mode=full"
+_COLOURED = "paletteuse=dither=bayer:bayer_scale=4:diff_mode=rectangle"
 
-def frame_stride(control_timestep: float) -> int:
-    """The number of control steps, of so many seconds each, from one frame to the next."""
-    return max(1, math.ceil(1.0 / (control_timestep * _MAX_FRAME_RATE) - _ROUND_OFF))
+
+def frame_stride(control_timestep: float, most: float = _MAX_FRAME_RATES[".mp4"]) -> int:
+    """The number of control steps from one frame to the next.
+
+    Args:
+      control_timestep: seconds.
+      most: frames per second.
+    """
+    return max(1, math.ceil(1.0 / (control_timestep * most) - _ROUND_OFF))
 
 
-class Film:
-    """A film under way; its file appears when it is finished."""
+def mosaic(pictures: np.ndarray | Sequence[np.ndarray], columns: int | None = None) -> np.ndarray:
+    """Many pictures as one, row by row from the upper left; black where there are none left.
 
-    def __init__(
-        self,
-        path: Path,
-        control_timestep: float,
-        camera: int | str = 0,
-        height: int = 480,
-        width: int = 640,
-    ) -> None:
-        """Begins a film; nothing is drawn or written yet.
+    Args:
+      pictures: (n, height, width, 3), n of at least 1.
+      columns: how many are side by side; by default as many as below one another, or one more.
+
+    Returns:
+      (rows * height, columns * width, 3).
+
+    Raises:
+      ValueError: there are none, they differ in size, or `columns` is less than 1.
+    """
+    sizes = sorted({np.shape(picture) for picture in pictures})
+    if len(sizes) != 1 or len(sizes[0]) != 3:
+        raise ValueError(f"pictures of shapes {sizes}; expected one shape (height, width, 3)")
+    if columns is None:
+        columns = math.ceil(math.sqrt(len(pictures)))
+    if columns < 1:
+        raise ValueError(f"columns is {columns}; expected at least 1")
+    height, width, channels = sizes[0]
+    rows = math.ceil(len(pictures) / columns)
+    stacked = np.asarray(pictures)
+    tiles = np.zeros((rows * columns, height, width, channels), stacked.dtype)
+    tiles[: len(stacked)] = stacked
+    tiles = tiles.reshape(rows, columns, height, width, channels).swapaxes(1, 2)
+    return tiles.reshape(rows * height, columns * width, channels)
+
+
+class Writer:
+    """A video under way, of frames that are drawn already; its file appears when it is finished."""
+
+    def __init__(self, path: Path, height: int, width: int, frame_rate: float) -> None:
+        """Begins a video; nothing is written yet.
 
         Args:
-          path: of the MP4 file.
-          control_timestep: seconds between two calls of `add`.
-          camera: number or name of a camera of the model.
-          height: pixels; even, as the format demands.
-          width: pixels; even.
+          path: of the file; it ends in .mp4 or .gif.
+          height: pixels; even in an MP4, as the format demands.
+          width: pixels; even in an MP4.
+          frame_rate: frames per second.
 
         Raises:
           ImportError: imageio-ffmpeg is not installed.
-          ValueError: the height or width is odd.
+          ValueError: the path has another ending, or the height or width is odd.
         """
-        if height % 2 or width % 2:
+        self._ending = _ending(path)
+        if self._ending == ".mp4" and (height % 2 or width % 2):
             raise ValueError(f"a film of {height}x{width} pixels: H.264 needs even numbers")
         self._ffmpeg = _find_ffmpeg()
         self._path = path
         self._partial = partial_path(path)
-        self._view = {"height": height, "width": width, "camera_id": camera}
-        self._stride = frame_stride(control_timestep)
-        rate = 1.0 / (control_timestep * self._stride)
-        self._frame_rate = fractions.Fraction(rate).limit_denominator(1000)
-        self._steps = 0
+        self._lossless = self._partial.with_suffix(".mkv")  # of a GIF's frames
+        self._shape = height, width, 3
+        self._frame_rate = fractions.Fraction(frame_rate).limit_denominator(1000)
         self._encoder: subprocess.Popen[bytes] | None = None
         # A file, because a pipe that nobody reads could block the encoder.
         self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 (closed by `discard`)
 
-    def add(self, physics: Any) -> None:
-        """Draws the present state, if its turn has come.
+    def write(self, frame: np.ndarray) -> None:
+        """Adds a frame, (height, width, 3) uint8.
 
         Raises:
-          RenderingError: no OpenGL can be had.
-          OSError: the film cannot be written.
+          OSError: the video cannot be written.
+          ValueError: the frame is of another shape or dtype.
         """
-        if self._steps % self._stride == 0:
-            self._write(physics.render(**self._view))
-        self._steps += 1
+        if frame.shape != self._shape or frame.dtype != np.uint8:
+            raise ValueError(
+                f"a frame of shape {frame.shape} and dtype {frame.dtype}; expected {self._shape} "
+                "and uint8"
+            )
+        if self._encoder is None:
+            self._encoder = self._start_encoder()
+        assert self._encoder.stdin is not None
+        try:
+            self._encoder.stdin.write(frame.tobytes())
+        except BrokenPipeError:
+            self._end_encoder()
+            raise self._write_error() from None
 
     def finish(self) -> None:
         """Puts the file in its place.
@@ -93,35 +139,29 @@ class Film:
         try:
             if self._end_encoder() != 0:
                 raise self._write_error()
+            if self._ending == ".gif" and self._write_gif() != 0:
+                raise self._write_error()
             os.replace(self._partial, self._path)
         finally:
             self.discard()
 
     def discard(self) -> None:
-        """Ends the film and removes what was written; does nothing to a finished film."""
+        """Ends the video and removes what was written; does nothing to a finished one."""
         if self._encoder is not None and self._encoder.returncode is None:
             self._encoder.kill()
             self._end_encoder()
         self._complaints.close()
-        self._partial.unlink(missing_ok=True)
-
-    def _write(self, frame: np.ndarray) -> None:
-        if self._encoder is None:
-            self._encoder = self._start_encoder()
-        assert self._encoder.stdin is not None
-        try:
-            self._encoder.stdin.write(frame.tobytes())
-        except BrokenPipeError:
-            self._end_encoder()
-            raise self._write_error() from None
+        for path in (self._partial, self._lossless):
+            path.unlink(missing_ok=True)
 
     def _start_encoder(self) -> "subprocess.Popen[bytes]":
-        size = f"{self._view['width']}x{self._view['height']}"
-        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", str(self._frame_rate)]
-        # The index goes first (faststart), so that a browser plays while it loads.
-        h264 = ["-an", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
+        height, width, _ = self._shape
+        raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
+        raw += ["-r", str(self._frame_rate), "-i", "-", "-an"]
+        is_gif = self._ending == ".gif"
+        coded = [*_LOSSLESS, str(self._lossless)] if is_gif else [*_H264, str(self._partial)]
         return subprocess.Popen(
-            [self._ffmpeg, "-y", "-v", "error", *raw, "-i", "-", *h264, str(self._partial)],
+            [self._ffmpeg, "-y", "-v", "error", *raw, *coded],
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=self._complaints,
@@ -137,10 +177,93 @@ class Film:
             self._encoder.stdin.close()
         return self._encoder.wait()
 
+    def _write_gif(self) -> int:
+        """Reads the frames twice, for their colours and for themselves; returns the exit status."""
+        frames = ["-i", str(self._lossless)]
+        graph = ["-filter_complex", f"[0:v]{_COLOURS}[colours];[1:v][colours]{_COLOURED}"]
+        return subprocess.run(
+            [self._ffmpeg, "-y", "-v", "error", *frames, *frames, *graph, str(self._partial)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=self._complaints,
+            start_new_session=True,
+            check=False,
+        ).returncode
+
     def _write_error(self) -> OSError:
         self._complaints.seek(0)
-        text = self._complaints.read().decode(errors="replace").strip()
-        return OSError(f"{self._path} cannot be written: {text or 'it has no frames'}")
+        why = self._complaints.read().decode(errors="replace").strip()
+        if self._encoder is None:
+            why = "it has no frames"
+        elif not why:
+            why = f"ffmpeg ended with status {self._encoder.returncode}"
+        return OSError(f"{self._path} cannot be written: {why}")
+
+
+class Film:
+    """A film of a simulation under way; its file appears when it is finished."""
+
+    def __init__(
+        self,
+        path: Path,
+        control_timestep: float,
+        camera: int | str = 0,
+        height: int = 480,
+        width: int = 640,
+    ) -> None:
+        """Begins a film; nothing is drawn or written yet.
+
+        Args:
+          path: of the file; it ends in .mp4 or .gif.
+          control_timestep: seconds between two calls of `add`.
+          camera: number or name of a camera of the model.
+          height: pixels; even in an MP4, as the format demands.
+          width: pixels; even in an MP4.
+
+        Raises:
+          ImportError: imageio-ffmpeg is not installed.
+          ValueError: the path has another ending, or the height or width is odd.
+        """
+        self._stride = frame_stride(control_timestep, _MAX_FRAME_RATES[_ending(path)])
+        frame_rate = 1.0 / (control_timestep * self._stride)
+        self._writer = Writer(path, height, width, frame_rate)
+        self._view = {"height": height, "width": width, "camera_id": camera}
+        self._steps = 0
+
+    def add(self, physics: Any) -> None:
+        """Draws the present state, if its turn has come.
+
+        Raises:
+          RenderingError: no OpenGL can be had.
+          OSError: the film cannot be written.
+        """
+        self.add_picture(lambda: physics.render(**self._view))
+
+    def add_picture(self, draw: Callable[[], np.ndarray]) -> None:
+        """As `add`, for a picture of your own: `draw` is called if its turn has come."""
+        if self._steps % self._stride == 0:
+            self._writer.write(draw())
+        self._steps += 1
+
+    def finish(self) -> None:
+        """Puts the file in its place.
+
+        Raises:
+          OSError: it cannot be written; nothing is left of it.
+        """
+        self._writer.finish()
+
+    def discard(self) -> None:
+        """Ends the film and removes what was written; does nothing to a finished film."""
+        self._writer.discard()
+
+
+def _ending(path: Path) -> str:
+    """The ending of a film's name, in lower case."""
+    ending = path.suffix.lower()
+    if ending not in _MAX_FRAME_RATES:
+        raise ValueError(f"a film called {path.name!r}; expected a name that ends in .mp4 or .gif")
+    return ending
 
 
 def _find_ffmpeg() -> str:

@@ -40,14 +40,17 @@ def _run(
         int, typer.Option(min=0, max=SEEDS - 1, help="Of the first episode; the next has seed+1.")
     ] = 0,
     policy: Annotated[
-        str, typer.Option(metavar="NAME", help="What acts: zero, random or MODULE:CALLABLE.")
+        str,
+        typer.Option(metavar="NAME", help="What acts: zero, random, planner or MODULE:CALLABLE."),
     ] = "zero",
     time_limit: Annotated[
         float | None, typer.Option(help="Seconds per episode; the task's own by default.")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write result.json, return.png and video.mp4 here."),
+        typer.Option(
+            metavar="DIR", help="Write report.html, result.json, return.png and video.mp4 here."
+        ),
     ] = None,
 ) -> None:
     """Run episodes of a task and show their returns.
@@ -147,13 +150,13 @@ class _Run:
         environment = self._load(seed)
         recorder = self._recorder if seed == self._seeds[0] else None
         if recorder is not None:
-            recorder.begin_film(environment)
+            recorder.begin(environment)
         limit = self._step_limit
 
         def on_step(steps: int, total: float) -> None:
             progress.show(seed - self._seeds[0], steps, limit, total)
             if recorder is not None:
-                recorder.add_frame()
+                recorder.add_step(steps)
 
         with contextlib.closing(environment):
             episode = rollout.run_episode(environment, self._policy, seed, on_step)

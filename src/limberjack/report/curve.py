@@ -1,18 +1,19 @@
-"""return.png: reward and return over time, one line per episode.
+"""return.png: reward and return over time, one line per episode; returns.png: many returns.
 
 The only file that imports matplotlib, and that when a plot is asked for. It draws without a
 display and leaves pyplot's global state alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from limberjack.rollout import Episode
 from limberjack.utils.files import replacing
 
-__all__ = ["write_return_plot"]
+__all__ = ["write_distribution_plot", "write_return_plot"]
 
 _LEGEND_ENTRIES = 8  # more do not fit beside the plot
 _SIZE = (8.0, 5.0)  # inches
@@ -27,14 +28,7 @@ def write_return_plot(
     Raises:
       ImportError: matplotlib is not installed.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError("needs the extra 'video': pip install 'limberjack[video]'") from error
-
-    figure = Figure(figsize=_SIZE, dpi=_DOTS_PER_INCH, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = _figure()
     top, bottom = figure.subplots(2, 1, sharex=True)
     opacity = 1.0 if len(episodes) <= _LEGEND_ENTRIES else 0.4
     for episode in episodes:
@@ -56,3 +50,57 @@ def write_return_plot(
         bottom.legend(loc="best", fontsize="small")
     with replacing(path) as partial:
         figure.savefig(partial)
+
+
+def write_distribution_plot(
+    path: Path,
+    title: str,
+    by_policy: Mapping[str, Sequence[float]],
+    by_start: Mapping[str, Sequence[float]],
+) -> None:
+    """Draws the returns of many episodes in order of size: a line per policy, and per start.
+
+    Args:
+      path: of the PNG.
+      title: of the picture.
+      by_policy: the returns of each policy, of which the first is the one that matters.
+      by_start: the returns of that policy by kind of start; one kind needs no drawing.
+
+    Raises:
+      ImportError: matplotlib is not installed.
+    """
+    figure = _figure()
+    parts = [by_policy] if len(by_start) < 2 else [by_policy, by_start]
+    panels = figure.subplots(1, len(parts), sharey=True, squeeze=False)[0]
+    for axes, part in zip(panels, parts, strict=True):
+        for number, (name, returns) in enumerate(part.items()):
+            label = f"{name}: mean {np.mean(returns):.1f} of {len(returns)}"
+            # A step per episode, so that a single one is a line too; the first line lies on top.
+            shares = np.linspace(0.0, 100.0, len(returns) + 1)
+            heights, on_top = np.sort(returns), len(part) - number
+            axes.stairs(heights, shares, baseline=None, zorder=2 + on_top, linewidth=2, label=label)
+        axes.set_xlabel("share of episodes with less return [%]")
+        axes.margins(x=0.01)
+        axes.grid(alpha=0.3)
+        axes.legend(loc="best", fontsize="small")
+    panels[0].set_ylabel("return")
+    figure.suptitle(title)
+    with replacing(path) as partial:
+        figure.savefig(partial)
+
+
+def _figure() -> Any:
+    """An empty figure.
+
+    Raises:
+      ImportError: matplotlib is not installed.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("needs the extra 'video': pip install 'limberjack[video]'") from error
+
+    figure = Figure(figsize=_SIZE, dpi=_DOTS_PER_INCH, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure

@@ -1,12 +1,13 @@
 """`Recorder`: the files of a run, in one directory.
 
     recorder = Recorder(Path("out"))
-    recorder.begin_film(environment)         # then recorder.add_frame() after each step,
-    recorder.finish_film()                   # and this when the episode has ended
+    recorder.begin(environment)  # then recorder.add_step(steps) after the reset and each step,
+    recorder.finish_film()       # and this when the episode has ended
     recorder.write(run, episodes, fingerprint)
     print(recorder.written, recorder.left_out)
 
-A film or a plot that cannot be had is left out, with the reason; the run goes on without it.
+A film or a plot that cannot be had is left out, with the reason; the run goes on without it. The
+page is always written: it needs nothing but Python.
 """
 
 from collections.abc import Sequence
@@ -15,13 +16,16 @@ from typing import Any
 
 from limberjack.mujoco.camera import RenderingError
 from limberjack.report.curve import write_return_plot
-from limberjack.report.result import write_result
+from limberjack.report.page import write_page
+from limberjack.report.result import as_result, write_result
+from limberjack.report.trace import Trace
 from limberjack.rollout import Episode
 from limberjack.video import Film
 
 __all__ = ["Recorder"]
 
 _FILM = "video.mp4"
+_PAGE = "report.html"
 _PLOT = "return.png"
 _RESULT = "result.json"
 
@@ -40,6 +44,7 @@ class Recorder:
         self._directory = directory
         self._reasons: dict[str, list[str]] = {}  # why files are left out: the names
         self._film: Film | None = None
+        self._trace: Trace | None = None
         self._physics: Any = None  # Any: whatever has `render`
 
     @property
@@ -47,16 +52,19 @@ class Recorder:
         """One line for each reason why files are left out."""
         return [f"no {' and no '.join(names)}: {why}" for why, names in self._reasons.items()]
 
-    def begin_film(self, environment: Any) -> None:
-        """Films the environment from its present state on."""
+    def begin(self, environment: Any) -> None:
+        """Films and traces the environment's episode from its present state on."""
         self._physics = environment.physics
+        self._trace = Trace(environment)
         try:
             self._film = Film(self._directory / _FILM, environment.control_timestep())
         except ImportError as error:
             self._leave_out(_FILM, error)
 
-    def add_frame(self) -> None:
-        """Films the present state, if a film is under way."""
+    def add_step(self, steps: int) -> None:
+        """Keeps what the present state shows; `steps` is the number of them since the reset."""
+        if self._trace is not None:
+            self._trace.add(steps)
         if self._film is None:
             return
         try:
@@ -85,11 +93,11 @@ class Recorder:
     def write(
         self, run: dict[str, Any], episodes: Sequence[Episode], model_fingerprint: str
     ) -> None:
-        """Writes result.json and return.png, and removes files of an earlier run.
+        """Writes result.json, return.png and report.html, and removes files of an earlier run.
 
         Args:
           run: what was asked for; has 'domain', 'task', 'policy' and 'control_timestep'.
-          episodes: those that ended; without any there is no plot.
+          episodes: those that ended; without any there is no plot and no page.
           model_fingerprint: see `report.fingerprint`.
 
         Raises:
@@ -100,9 +108,11 @@ class Recorder:
         self.written.insert(0, self._directory / _RESULT)
         if episodes:
             self._write_plot(run, episodes)
-        for path in (self._directory / _PLOT, self._directory / _FILM):
+        for path in (self._directory / name for name in (_PLOT, _FILM, _PAGE)):
             if path not in self.written:
                 path.unlink(missing_ok=True)
+        if episodes:
+            self._write_page(as_result(run, episodes, model_fingerprint))
 
     def _write_plot(self, run: dict[str, Any], episodes: Sequence[Episode]) -> None:
         title = f"{run['domain']} {run['task']}, policy {run['policy']}"
@@ -113,6 +123,14 @@ class Recorder:
             self._leave_out(_PLOT, error)
         else:
             self.written.insert(1, path)
+
+    def _write_page(self, result: dict[str, Any]) -> None:
+        if self._trace is None:
+            return
+        film, path = self._directory / _FILM, self._directory / _PAGE
+        reasons = [why for why, names in self._reasons.items() if _FILM in names]
+        write_page(path, result, self._trace, film if film in self.written else None, *reasons)
+        self.written.append(path)
 
     def _leave_out(self, name: str, why: Exception) -> None:
         reason = " ".join(str(why).split())  # on one line

@@ -20,7 +20,7 @@ from limberjack.mujoco.official import mujoco
 from limberjack.rollout import Episode
 from limberjack.utils.files import replacing
 
-__all__ = ["fingerprint", "versions", "write_result"]
+__all__ = ["as_result", "fingerprint", "versions", "write_result"]
 
 # Where a model came from and how it was compiled, not what it is.
 _NOT_OF_THE_MODEL = ("paths", "signature")
@@ -37,15 +37,22 @@ def write_result(
       episodes: those that ended, in order.
       model_fingerprint: of the compiled model, before the first episode changed it.
     """
-    result = {
+    result = as_result(run, episodes, model_fingerprint)
+    text = json.dumps(result, indent=2, allow_nan=False)
+    with replacing(path) as partial:
+        partial.write_text(text + "\n", encoding="utf-8")
+
+
+def as_result(
+    run: Mapping[str, Any], episodes: Sequence[Episode], model_fingerprint: str
+) -> dict[str, Any]:
+    """What result.json holds; arguments are those of `write_result`."""
+    return {
         **run,
         "episodes": [_episode_entry(episode) for episode in episodes],
         "versions": versions(),
         "fingerprint": model_fingerprint,
     }
-    text = json.dumps(result, indent=2, allow_nan=False)
-    with replacing(path) as partial:
-        partial.write_text(text + "\n", encoding="utf-8")
 
 
 def versions() -> dict[str, str]:

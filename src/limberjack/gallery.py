@@ -1,0 +1,118 @@
+"""Pictures of the suite: one of each task, and a sheet of all of them.
+
+    gallery.write(Path("pictures"))  # humanoid-run.png, ..., stacker-stack_4.png, suite.png
+
+They are drawn from the models that are simulated, after a few steps of an episode, so they show
+what the tasks look like now. The same picture comes each time, where the same OpenGL draws.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from limberjack import suite
+from limberjack.mujoco import TextOverlay
+from limberjack.utils import png
+from limberjack.utils.files import replacing
+from limberjack.video import mosaic
+
+__all__ = ["draw", "write"]
+
+_SHEET = "suite.png"
+_COLUMNS = 5  # of the sheet
+_SHEET_PICTURE = 220, 220  # pixels; the names of tasks fit
+_PICTURE = 480, 480  # pixels
+_STIR = 0.3  # of the range of actions: things move, and nothing is thrown about
+
+
+class _Shot(NamedTuple):
+    """The moment at which a task is shown."""
+
+    camera: int | str
+    seed: int
+    steps: int
+
+
+# Chosen by eye: a start in which all that the task is about can be seen.
+_SHOTS = {
+    ("humanoid", "stand"): _Shot("side", 242, 4),
+    ("humanoid", "walk"): _Shot("side", 159, 4),
+    ("humanoid", "run"): _Shot("side", 237, 4),
+    ("humanoid", "run_pure_state"): _Shot("back", 141, 4),
+    ("manipulator", "bring_ball"): _Shot("fixed", 1, 3),
+    ("manipulator", "bring_peg"): _Shot("fixed", 5, 3),
+    ("manipulator", "insert_ball"): _Shot("fixed", 5, 3),
+    ("manipulator", "insert_peg"): _Shot("fixed", 7, 3),
+    ("stacker", "stack_2"): _Shot("fixed", 4, 3),
+    ("stacker", "stack_4"): _Shot("fixed", 4, 3),
+}
+
+
+def draw(
+    domain: str, task: str, height: int = 480, width: int = 480, label: bool = False
+) -> np.ndarray:
+    """A picture of a task, (height, width, 3) uint8.
+
+    Args:
+      domain: such as 'humanoid'.
+      task: such as 'walk'.
+      height: pixels.
+      width: pixels.
+      label: write the task's name into a corner.
+
+    Raises:
+      RenderingError: no OpenGL can be had.
+      ValueError: there is no such task, or the size is none or too large.
+    """
+    return _draw_sizes(domain, task, [(height, width, label)])[0]
+
+
+def write(directory: Path, columns: int = _COLUMNS) -> list[Path]:
+    """Writes a picture of each task and the sheet into a directory, which it makes.
+
+    Args:
+      directory: where to.
+      columns: how many pictures of the sheet are side by side.
+
+    Returns:
+      The files, the sheet last.
+
+    Raises:
+      OSError: a file cannot be written.
+      RenderingError: no OpenGL can be had.
+    """
+    sizes = [(*_PICTURE, False), (*_SHEET_PICTURE, True)]
+    drawn = {where: _draw_sizes(*where, sizes) for where in suite.ALL_TASKS}
+    files = {f"{domain}-{task}.png": large for (domain, task), (large, _) in drawn.items()}
+    files[_SHEET] = mosaic([small for _, small in drawn.values()], columns)
+    directory.mkdir(parents=True, exist_ok=True)
+    return _write_all(directory, files)
+
+
+def _draw_sizes(domain: str, task: str, sizes: list[tuple[int, int, bool]]) -> list[np.ndarray]:
+    """Pictures of one moment, each of a height and a width, with the task's name or without."""
+    shot = _SHOTS.get((domain, task), _Shot(0, 0, 0))
+    environment = suite.load(domain, task, {"random": shot.seed})
+    environment.reset()
+    stream = np.random.RandomState(0)
+    spec = environment.action_spec()
+    for _ in range(shot.steps):
+        environment.step(_STIR * stream.uniform(spec.minimum, spec.maximum, spec.shape))
+    name = TextOverlay(task, position="bottom left")
+    pictures = [
+        environment.physics.render(height, width, shot.camera, [name] if label else [])
+        for height, width, label in sizes
+    ]
+    environment.close()
+    return pictures
+
+
+def _write_all(directory: Path, files: Mapping[str, np.ndarray]) -> list[Path]:
+    paths = []
+    for name, picture in files.items():
+        with replacing(directory / name) as partial:
+            partial.write_bytes(png.encode(picture))
+        paths.append(directory / name)
+    return paths

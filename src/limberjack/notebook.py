@@ -1,0 +1,96 @@
+"""`show`: pictures and films inline in a Jupyter notebook.
+
+    limberjack.show(env.render())                       # a picture
+    limberjack.show(frames, fps=40)                     # a film of a list of pictures
+    limberjack.show([batch.render(height=120, width=160) for ...], fps=40)  # of a batch: a mosaic
+
+What it returns has `_repr_html_`, which notebooks call; it carries its pictures within itself and
+stays in the notebook's file. It imports nothing of Jupyter. A film needs the extra 'video', a
+picture nothing.
+"""
+
+import base64
+import math
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from limberjack.utils import png
+from limberjack.video import Writer, mosaic
+
+__all__ = ["Shown", "show"]
+
+_LEAST_WIDTH = 320  # pixels; smaller pictures, as agents see them, are enlarged
+
+
+class Shown:
+    """A picture or a film for a notebook."""
+
+    def __init__(self, html: str) -> None:
+        """Takes the HTML that shows it."""
+        self._html = html
+
+    def _repr_html_(self) -> str:
+        return self._html
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self._html)} characters of HTML, for a notebook>"
+
+
+def show(frames: object, fps: float = 30.0) -> Shown:
+    """A picture or a film that a notebook shows inline when it is a cell's last line.
+
+    Args:
+      frames: an array, or a sequence of arrays, of uint8: a picture (height, width, 3), or a film
+        (frames, height, width, 3), or a film of a batch (frames, rows, height, width, 3).
+      fps: frames per second; in real time that is 1 / env.control_timestep().
+
+    Raises:
+      ImportError: it is a film, and the extra 'video' is not installed.
+      ValueError: these are no pictures, or `fps` is no positive number.
+    """
+    pictures = np.asarray(frames)
+    if pictures.ndim == 5:
+        pictures = np.stack([mosaic(rows) for rows in pictures])
+    is_rgb = pictures.ndim in (3, 4) and pictures.shape[-1] == 3 and pictures.size
+    if not is_rgb or pictures.dtype != np.uint8:
+        raise ValueError(
+            f"frames have shape {pictures.shape} and dtype {pictures.dtype}; expected uint8 and "
+            "(height, width, 3), (frames, height, width, 3) or (frames, rows, height, width, 3)"
+        )
+    if not (math.isfinite(fps) and fps > 0):
+        raise ValueError(f"fps is {fps}; expected a positive number of frames per second")
+    width = pictures.shape[-2]
+    style = f"width: {width * math.ceil(_LEAST_WIDTH / width)}px; max-width: 100%"
+    if width < _LEAST_WIDTH:
+        style += "; image-rendering: pixelated"
+    if pictures.ndim == 3:
+        source = _data("image/png", png.encode(pictures))
+        return Shown(f'<img src="{source}" alt="a rendered frame" style="{style}">')
+    source = _data("video/mp4", _encoded(pictures, fps))
+    return Shown(
+        f'<video src="{source}" style="{style}" aria-label="{len(pictures)} rendered frames" '
+        "controls autoplay loop muted playsinline></video>"
+    )
+
+
+def _encoded(pictures: np.ndarray, fps: float) -> bytes:
+    """The MP4 of the pictures, with an edge doubled where a side is odd, which H.264 cannot do."""
+    _, height, width, _ = pictures.shape
+    pictures = np.pad(pictures, ((0, 0), (0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+    with tempfile.TemporaryDirectory() as directory:
+        path = Path(directory) / "film.mp4"
+        writer = Writer(path, height + height % 2, width + width % 2, fps)
+        try:
+            for picture in pictures:
+                writer.write(picture)
+            writer.finish()
+        finally:
+            writer.discard()
+        return path.read_bytes()
+
+
+def _data(kind: str, content: bytes) -> str:
+    """An address that is the content itself."""
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"

@@ -1,0 +1,131 @@
+"""report.html in a real browser, opened from disk: it plays, it is right, and it is alone."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.testing
+
+from limberjack import suite
+from limberjack.cli import app
+from limberjack.mujoco.camera import RenderingError
+
+from .chromium import Chromium, Page
+
+pytestmark = pytest.mark.browser
+
+_SECONDS = 2.0
+_RUN = ["run", "manipulator", "bring_ball", "--policy", "random", "--episodes", "3", "--seed", "4"]
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of a run."""
+    directory = tmp_path_factory.mktemp("run") / "a directory, with a blank"
+    arguments = [*_RUN, "--time-limit", str(_SECONDS), "--out", str(directory)]
+    done = typer.testing.CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    return directory
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    with Chromium(tmp_path_factory.mktemp("chromium")) as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def page(browser: Chromium, out: Path) -> Page:
+    return browser.open((out / "report.html").as_uri())
+
+
+def _texts(page: Page, selector: str) -> list[str]:
+    """What the page's elements say."""
+    return page.evaluate(
+        f"[...document.querySelectorAll({selector!r})].map(e => e.innerText.trim())"
+    )
+
+
+def _result(out: Path) -> dict[str, Any]:
+    return json.loads((out / "result.json").read_text())
+
+
+def test_the_page_loads_itself_alone_and_complains_of_nothing(page: Page, out: Path) -> None:
+    assert page.requests == [(out / "report.html").as_uri()]
+    assert page.errors == []
+
+
+def test_the_video_plays(page: Page) -> None:
+    try:
+        suite.load("humanoid", "stand").physics.render(height=8, width=8)
+    except RenderingError as error:
+        pytest.skip(f"no OpenGL here, so there is no video: {error}")
+    video = "document.querySelector('video')"
+    page.wait_for(f"{video}.readyState >= 2")
+    assert page.evaluate(f"{video}.error") is None
+    assert page.evaluate(f"[{video}.videoWidth, {video}.videoHeight]") == [640, 480]
+    assert page.evaluate(f"{video}.duration") == pytest.approx(_SECONDS, abs=0.05)
+    assert page.evaluate(f"{video}.currentTime") == 0
+    page.evaluate(f"{video}.play()")
+    page.wait_for(f"{video}.currentTime > 0.3")
+    # The charts follow it.
+    assert page.evaluate("document.querySelector('.cursor').style.visibility") == "visible"
+    assert page.evaluate("parseFloat(document.querySelector('.cursor').style.left)") > 0
+    page.evaluate(f"{video}.pause()")
+    assert page.errors == []
+
+
+def test_the_page_shows_the_figures_of_the_result(page: Page, out: Path) -> None:
+    result = _result(out)
+    rows = [row.split() for row in _texts(page, "tbody tr")]
+    assert rows == [
+        [str(e["seed"]), e["start"], f"{e['return']:.3f}", str(e["length"])]
+        for e in result["episodes"]
+    ]
+    mean = sum(e["return"] for e in result["episodes"]) / 3
+    assert f"{mean:.3f}" in _texts(page, ".figures dd")
+    assert _texts(page, "h1") == ["manipulator bring_ball"]
+    facts = dict(zip(_texts(page, ".facts dt"), _texts(page, ".facts dd"), strict=True))
+    assert facts.items() >= result["versions"].items()
+    assert facts["Model"] == result["fingerprint"]
+    assert facts["Command"] == (
+        "limberjack run manipulator bring_ball --policy random --seed 4 --episodes 3 --time-limit 2"
+    )
+    assert page.evaluate("JSON.parse(document.querySelector('#result').text)") == result
+
+
+def test_a_click_into_a_chart_chooses_the_moment(page: Page) -> None:
+    box = page.evaluate(
+        "(() => { const area = document.querySelector('.area');"
+        " area.scrollIntoView({block: 'center', behavior: 'instant'});"
+        " const box = area.getBoundingClientRect();"
+        " return [box.x, box.y, box.width, box.height]; })()"
+    )
+    page.click(box[0] + 0.25 * box[2], box[1] + 0.5 * box[3])
+    page.wait_for("parseFloat(document.querySelector('.cursor').style.left) > 24")
+    lefts = page.evaluate(
+        "[...document.querySelectorAll('.cursor')].map(c => parseFloat(c.style.left))"
+    )
+    assert lefts == pytest.approx([25.0] * len(lefts), abs=1.0)
+    shown = _texts(page, ".legend output")
+    assert len(shown) > 1
+    assert all(0.0 <= float(value) <= 1.0 for value in shown[:2])
+    if page.evaluate("Boolean(document.querySelector('video'))"):
+        moment = page.evaluate("document.querySelector('video').currentTime")
+        assert moment == pytest.approx(0.25 * _SECONDS, abs=0.05)
+
+
+@pytest.mark.parametrize("width", [1280, 360])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_page_fits_its_window(page: Page, width: int, scheme: str, tmp_path: Path) -> None:
+    page.resize(width, 800)
+    page.prefer(prefers_color_scheme=scheme)
+    page.screenshot(tmp_path / "page.png")
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    colours = page.evaluate(
+        "(style => [style.color, style.backgroundColor])(getComputedStyle(document.body))"
+    )
+    brightness = [sum(map(int, c[4:-1].split(","))) for c in colours]
+    assert (brightness[0] < brightness[1]) == (scheme == "light")

@@ -1,0 +1,73 @@
+"""Pictures of all tasks."""
+
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+import typer.testing
+
+from limberjack import gallery, suite
+from limberjack.cli import app
+from limberjack.mujoco.camera import RenderingError
+
+_COMMITTED = Path(__file__).parents[1] / "docs" / "images" / "suite.png"
+_MOST_BYTES = 300_000  # of a picture that every reader of the README loads
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the command draws."""
+    try:
+        suite.load("humanoid", "stand").physics.render(height=8, width=8)
+    except RenderingError as error:
+        pytest.skip(f"no OpenGL here: {error}")
+    out = tmp_path_factory.mktemp("gallery") / "new"
+    done = typer.testing.CliRunner().invoke(app, ["gallery", "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    names = [f"{domain}-{task}.png" for domain, task in suite.ALL_TASKS]
+    assert done.stdout.splitlines() == [str(out / name) for name in [*names, "suite.png"]]
+    return out
+
+
+def test_each_task_has_a_picture_in_which_something_is_seen(directory: Path) -> None:
+    for domain, task in suite.ALL_TASKS:
+        picture = matplotlib.image.imread(directory / f"{domain}-{task}.png")
+        assert picture.shape == (480, 480, 3)
+        assert picture.std() > 0.02
+
+
+def test_the_committed_sheet_is_the_one_that_is_drawn(directory: Path) -> None:
+    drawn = matplotlib.image.imread(directory / "suite.png")
+    committed = matplotlib.image.imread(_COMMITTED)
+    assert committed.shape == drawn.shape == (440, 1100, 3)
+    # Other drivers draw edges and text otherwise.
+    assert np.abs(drawn - committed).mean() < 0.02
+    assert _COMMITTED.stat().st_size < _MOST_BYTES
+
+
+def test_the_same_picture_comes_each_time(directory: Path) -> None:
+    first, again = (gallery.draw("stacker", "stack_2", 60, 80) for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    assert first.shape == (60, 80, 3)
+
+
+def test_a_gallery_that_cannot_be_written_is_status_2(directory: Path) -> None:
+    out = directory / "suite.png" / "below"
+    done = typer.testing.CliRunner().invoke(app, ["gallery", "--out", str(out)])
+    assert done.exit_code == 2
+    assert done.stderr.startswith("limberjack: ")
+    assert "Not a directory" in done.stderr
+
+
+def test_without_opengl_it_is_one_line_and_status_1(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*arguments: object, **options: object) -> None:
+        raise RenderingError("no OpenGL can be had")
+
+    monkeypatch.setattr("limberjack.mujoco.Physics.render", refuse)
+    done = typer.testing.CliRunner().invoke(app, ["gallery", "--out", str(tmp_path / "out")])
+    assert done.exit_code == 1
+    assert done.stderr == "limberjack: no pictures: no OpenGL can be had\n"
+    assert not list(tmp_path.iterdir())
