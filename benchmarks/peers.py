@@ -12,6 +12,7 @@ else of it is changed, and no domain uses those fields.
 import importlib
 import importlib.util
 import os
+from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
@@ -30,10 +31,15 @@ def installed() -> list[str]:
     return [OURS, THEIRS] if importlib.util.find_spec(THEIRS) else [OURS]
 
 
-def suite(package: str) -> ModuleType:
-    """`limberjack.suite` or `dm_control.suite`."""
+def suite(package: str, draws: bool = False) -> ModuleType:
+    """`limberjack.suite` or `dm_control.suite`.
+
+    Args:
+      package: which.
+      draws: dm_control is to draw, by the OpenGL that MUJOCO_GL names; say so at the first call.
+    """
     if package == THEIRS:
-        _make_loadable()
+        _make_loadable({} if draws else WITHOUT_OPENGL)
     return importlib.import_module(f"{package}.suite")
 
 
@@ -49,15 +55,15 @@ def source(domain: str, task: str) -> tuple[str, dict[str, bytes]]:
     return xml.decode(), assets
 
 
-def _make_loadable() -> None:
+def _make_loadable(variables: Mapping[str, str]) -> None:
     """Imports dm_control and deletes what is gone from its table; see the module's docstring."""
     before = dict(os.environ)
-    os.environ.update(WITHOUT_OPENGL)
+    os.environ.update(variables)
     try:
         mujoco: Any = importlib.import_module("mujoco")
         sizes: Any = importlib.import_module(f"{THEIRS}.mujoco.wrapper.mjbindings.sizes")
     finally:
-        for name in WITHOUT_OPENGL:
+        for name in variables:
             os.environ.pop(name)
             os.environ.update({name: before[name]} if name in before else {})
     for struct, fields in (("mjmodel", mujoco.MjModel), ("mjdata", mujoco.MjData)):

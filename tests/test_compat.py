@@ -558,11 +558,11 @@ def test_a_module_that_is_built_comes_before_its_stand_in(tmp_path: Path) -> Non
     import sys
     {INSTALL}
     limberjack.__path__.append(sys.argv[1])
-    from dm_control import viewer
-    import dm_control.viewer
-    assert viewer.IS_BUILT and sys.modules["dm_control.viewer"] is viewer
+    from dm_control import mjcf
+    import dm_control.mjcf
+    assert mjcf.IS_BUILT and sys.modules["dm_control.mjcf"] is mjcf
     """
-    (tmp_path / "viewer.py").write_text("IS_BUILT = True\n")
+    (tmp_path / "mjcf.py").write_text("IS_BUILT = True\n")
     run(program, str(tmp_path))
 
 

@@ -18,9 +18,10 @@ def run_script() -> Callable[..., str]:
 
     It fails unless the process ends with status 0 and nothing on the error stream. Warnings are
     errors there, but for Python's that a process with threads was forked. None unsets a variable.
+    `longest` is for a script that takes more than two minutes, in seconds.
     """
 
-    def run(script: str, **variables: str | None) -> str:
+    def run(script: str, longest: float = _LONGEST, **variables: str | None) -> str:
         backend = "egl" if sys.platform == "linux" else None
         # dm_control sets the second for PyOpenGL, in this process.
         changes = {"MUJOCO_GL": backend, "PYOPENGL_PLATFORM": None} | variables
@@ -32,7 +33,7 @@ def run_script() -> Callable[..., str]:
             env=environment,
             capture_output=True,
             text=True,
-            timeout=_LONGEST,
+            timeout=longest,
             check=False,
         )
         assert (done.returncode, done.stderr) == (0, ""), done.stdout

@@ -13,7 +13,15 @@ import pytest
 from furnished import FURNISHED, KINDS, SIZE, add_box, furnished
 
 from limberjack.mujoco import Physics, wrapper
-from limberjack.mujoco.camera import Camera, MovableCamera, Pose, TextOverlay, contexts, render
+from limberjack.mujoco.camera import (
+    Camera,
+    MovableCamera,
+    Pose,
+    RenderingError,
+    TextOverlay,
+    contexts,
+    render,
+)
 
 _BARE = "<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>"
 
@@ -163,7 +171,67 @@ print(camera.matrix.shape, camera.select((0.5, 0.5)).geom, camera.scene.ngeom)
     assert run_script(script, MUJOCO_GL="disable") == "(3, 4) 0 1\n"
 
 
+# Quality.
+
+
+def test_fast_is_without_shadows_reflections_and_sky_and_the_default_with_them() -> None:
+    physics = furnished()
+    off = {"shadow": False, "reflection": False, "skybox": False}
+    for camera_id in ("wall", "hand"):
+        full = physics.render(**SIZE, camera_id=camera_id)
+        fast = physics.render(**SIZE, camera_id=camera_id, quality="fast")
+        expected = physics.render(**SIZE, camera_id=camera_id, render_flag_overrides=off)
+        np.testing.assert_array_equal(fast, expected)
+        assert (fast != full).any()
+        np.testing.assert_array_equal(Camera(physics, **SIZE, camera_id=camera_id).render(), full)
+        np.testing.assert_array_equal(
+            Camera(physics, **SIZE, camera_id=camera_id).render(quality="fast"), fast
+        )
+        again = physics.render(**SIZE, camera_id=camera_id, quality="full")
+        np.testing.assert_array_equal(again, full)
+
+
+def test_a_fast_picture_has_a_black_background() -> None:
+    physics = furnished()
+    seen = physics.render(**SIZE, camera_id="wall", segmentation=True, quality="fast")
+    np.testing.assert_array_equal(seen, physics.render(**SIZE, camera_id="wall", segmentation=True))
+    fast = physics.render(**SIZE, camera_id="wall", quality="fast")
+    # One pixel from any object, as edges are smoothed.
+    background = seen[..., 0] == -1
+    inner = background.copy()
+    inner[1:-1, 1:-1] &= background[:-2, 1:-1] & background[2:, 1:-1]
+    inner[1:-1, 1:-1] &= background[1:-1, :-2] & background[1:-1, 2:]
+    assert inner.sum() > 100
+    assert (fast[inner] == 0).all()
+
+
+def test_flag_overrides_come_before_the_quality() -> None:
+    physics = furnished()
+    kwargs: dict[str, Any] = {"quality": "fast", "camera_id": "wall"}
+    with_sky = physics.render(**SIZE, **kwargs, render_flag_overrides={"skybox": True})
+    assert (with_sky != physics.render(**SIZE, **kwargs)).any()
+    assert (with_sky != physics.render(**SIZE, camera_id="wall")).any()
+
+
 # Bad input.
+
+
+@pytest.mark.parametrize("quality", ["fats", "", None, 1, ["fast"]])
+def test_an_unknown_quality_is_refused(quality: Any) -> None:
+    physics = furnished()
+    for draw in (lambda **k: physics.render(**SIZE, **k), Camera(physics, **SIZE).render):
+        with pytest.raises(ValueError, match="; expected 'full' or 'fast'") as caught:
+            draw(quality=quality)
+        assert ("Did you mean 'fast'?" in str(caught.value)) is (quality == "fats")
+
+
+def test_a_buffer_that_opengl_cannot_make_is_an_error_and_others_draw_on() -> None:
+    physics, good = furnished(), furnished()
+    expected = good.render(**SIZE)
+    physics.model.vis.global_.offheight = physics.model.vis.global_.offwidth = 10**6
+    with pytest.raises(RenderingError, match="cannot draw"):
+        physics.render(10**6, 10**6)
+    np.testing.assert_array_equal(good.render(**SIZE), expected)
 
 
 @pytest.mark.parametrize("size", [0, -1, 10_000, 84.0, 0.5, "84", None, float("nan")])
@@ -185,11 +253,15 @@ def test_a_size_beyond_the_buffer_is_refused_with_the_remedy() -> None:
 def test_a_camera_number_out_of_range_is_refused(camera_id: int) -> None:
     with pytest.raises(ValueError, match=f"camera_id is {camera_id}.* 3 cameras"):
         furnished().render(**SIZE, camera_id=camera_id)
+    with pytest.raises(ValueError, match=f"camera_id is {camera_id}.* 3 cameras"):
+        Camera(furnished(), **SIZE, camera_id=camera_id)
 
 
 def test_an_unknown_camera_is_refused_with_a_suggestion_and_the_list() -> None:
     with pytest.raises(wrapper.Error, match=r"'wal'.*Did you mean 'wall'\?.*ceiling"):
         furnished().render(**SIZE, camera_id="wal")
+    with pytest.raises(wrapper.Error, match=r"Did you mean 'wall'\?"):
+        Camera(furnished(), **SIZE, camera_id="wal")
 
 
 @pytest.mark.parametrize(

@@ -257,6 +257,7 @@ def _restored_into_only(batch: BatchEnvironment) -> BatchEnvironment:
         ({"width": 10_000}, ValueError, "image width 10000 > "),
         ({"frame_stack": 0}, ValueError, "frame_stack is 0; expected a whole number of at least"),
         ({"frame_stack": 1.0}, ValueError, r"frame_stack is 1\.0; expected a whole number"),
+        ({"quality": "fats"}, ValueError, r"quality is 'fats'.*Did you mean 'fast'"),
         ({"only": "yes"}, ValueError, "only is 'yes'; expected True or False"),
     ],
 )

@@ -31,7 +31,7 @@ _NOT_BUILT = (
     "suite.wrappers.mujoco_profiling",
     "utils.inverse_kinematics",
     "utils.transformations",
-    "viewer",
+    "viewer",  # but for the module itself: what is below it
 )
 
 _made: dict[str, "_StandInClass"] = {}

@@ -353,6 +353,7 @@ class Physics(Rows, _control.Physics):
         scene_option: Any = None,
         render_flag_overrides: Any = None,
         scene_callback: Callable[[Any, Any], None] | None = None,
+        quality: str = "full",
     ) -> np.ndarray:
         """A picture of the present state; see `limberjack.mujoco.camera.Camera.render`.
 
@@ -367,22 +368,14 @@ class Physics(Rows, _control.Physics):
           scene_option: a `wrapper.MjvOption` of what to draw.
           render_flag_overrides: rendering flags by name, such as {'wireframe': True}.
           scene_callback: called with the physics and the scene before it is drawn.
+          quality: 'full', as dm_control, or 'fast', without shadows, reflections and sky.
 
         Returns:
           (height, width, 3) uint8 unless depth or segmentation is asked for.
         """
-        return camera.render(
-            self,
-            height=height,
-            width=width,
-            camera_id=camera_id,
-            overlays=overlays,
-            depth=depth,
-            segmentation=segmentation,
-            scene_option=scene_option,
-            render_flag_overrides=render_flag_overrides,
-            scene_callback=scene_callback,
-        )
+        what = height, width, camera_id, overlays, depth, segmentation
+        how = scene_option, render_flag_overrides, scene_callback, quality
+        return camera.render(self, *what, *how)
 
     @property
     def contexts(self) -> Any:

@@ -17,6 +17,7 @@ import numpy as np
 from limberjack.mujoco import fields
 from limberjack.mujoco.batch_simulation import BatchData, BatchSimulation
 from limberjack.mujoco.camera import Camera, render
+from limberjack.mujoco.rendering.pictures import Style
 from limberjack.mujoco.simulation import read_field
 from limberjack.rl import control
 from limberjack.utils.suggest import did_you_mean
@@ -24,6 +25,7 @@ from limberjack.utils.suggest import did_you_mean
 __all__ = ["Rows"]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
+_OF_STYLE = ("overlays", "depth", "segmentation", "render_flag_overrides", "quality")
 # The keyword arguments of `Physics.render`, with their defaults.
 _HOW = {p.name: p.default for p in list(inspect.signature(render).parameters.values())[1:]}
 
@@ -173,11 +175,13 @@ class Rows:
         """Shape and type of the picture that `render` gives with these arguments; draws nothing.
 
         Raises:
-          ValueError: there is no such camera, or the size is not one that the model can have.
+          ValueError: there is no such camera or quality, or the size is not one that the model can
+            have, or what is asked for cannot be combined.
           TypeError: there is no such keyword.
         """
         _check_names(kwargs)
         how = {**_HOW, **kwargs}
+        Style.of(**{name: how[name] for name in _OF_STYLE})  # checks them
         one, size = self._scratch or self, (how["height"], how["width"])
         Camera(one, *size, camera_id=how["camera_id"], max_geom=1)  # checks them
         if how["depth"]:

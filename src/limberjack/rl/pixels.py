@@ -37,6 +37,7 @@ class Pixels:
       width: of a picture, pixels.
       only: observe nothing else.
       frame_stack: number of pictures that are observed together, the last ones of the episode.
+      quality: 'full' or 'fast'; see `Physics.render`.
     """
 
     camera: int | str = -1
@@ -44,6 +45,7 @@ class Pixels:
     width: int = 84
     only: bool = False
     frame_stack: int = 1
+    quality: str = "full"
 
     def __post_init__(self) -> None:
         at_least_one("pixels' frame_stack", self.frame_stack)
@@ -76,7 +78,8 @@ class Pixels:
     @property
     def render_kwargs(self) -> dict[str, Any]:
         """The keyword arguments of `Physics.render` for one picture."""
-        return {"height": self.height, "width": self.width, "camera_id": self.camera}
+        size = {"height": self.height, "width": self.width}
+        return {**size, "camera_id": self.camera, "quality": self.quality}
 
 
 class Frames:

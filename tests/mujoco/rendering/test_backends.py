@@ -1,12 +1,14 @@
 """Tests of limberjack.mujoco.rendering.backends."""
 
+import ast
 import ctypes.util
 import sys
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
-from limberjack.mujoco.rendering import RenderingError, backends
+from limberjack.mujoco.rendering import RenderingError, backends, native, use_device
 
 on_linux = pytest.mark.skipif(sys.platform != "linux", reason="EGL and OSMesa are Linux's")
 with_osmesa = pytest.mark.skipif(
@@ -16,13 +18,13 @@ with_osmesa = pytest.mark.skipif(
 # Draws, and prints the error, or the backend and the sum of the pixels.
 _DRAW = """
 from limberjack.mujoco import Physics
-from limberjack.mujoco.rendering import RenderingError, thread
+from limberjack.mujoco.rendering import RenderingError, backend, use_device
 physics = Physics.from_xml_string(
     "<mujoco><worldbody><light pos='0 0 3'/><geom size='.3'/></worldbody></mujoco>")
 def draw():
     try:
         total = physics.render().sum()
-        print(type(thread._process._thread.canvases.backend).__name__, total)
+        print(backend().name, total)
     except RenderingError as error:
         print(error)
 draw()
@@ -32,7 +34,7 @@ draw()
 @on_linux
 @pytest.mark.parametrize("value", [None, "", "egl", " EGL ", "on", "1"])
 def test_egl_comes_first_and_by_name(run_script: Callable[..., str], value: str | None) -> None:
-    assert run_script(_DRAW, MUJOCO_GL=value).startswith("_Egl ")
+    assert run_script(_DRAW, MUJOCO_GL=value).startswith("egl ")
 
 
 @on_linux
@@ -42,23 +44,74 @@ def test_osmesa_draws_whatever_pyopengl_is_told(
     run_script: Callable[..., str], platform: str | None
 ) -> None:
     printed = run_script(_DRAW, MUJOCO_GL="osmesa", PYOPENGL_PLATFORM=platform)
-    assert printed.startswith("_OsMesa ")
+    assert printed.startswith("osmesa ")
 
 
 @on_linux
 @with_osmesa
 def test_osmesa_draws_where_egl_cannot(run_script: Callable[..., str]) -> None:
     by_osmesa = run_script(_DRAW, MUJOCO_GL="osmesa")
-    printed = run_script(_DRAW, MUJOCO_GL=None, MUJOCO_EGL_DEVICE_ID="99")
-    assert printed == by_osmesa
+    without_drivers = {"__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent", "DISPLAY": None}
+    assert run_script(_DRAW, MUJOCO_GL=None, **without_drivers) == by_osmesa
 
 
 @on_linux
+@pytest.mark.parametrize("backend", ["egl", None])
 @pytest.mark.parametrize("device", ["99", "-1", "first"])
-def test_a_device_that_is_not_there_is_refused(run_script: Callable[..., str], device: str) -> None:
-    printed = run_script(_DRAW, MUJOCO_EGL_DEVICE_ID=device)
-    assert f"MUJOCO_EGL_DEVICE_ID={device!r}" in printed
-    assert run_script(_DRAW, MUJOCO_EGL_DEVICE_ID="0").startswith("_Egl ")
+def test_a_device_that_is_not_there_is_refused_and_nothing_else_draws_in_its_place(
+    run_script: Callable[..., str], device: str, backend: str | None
+) -> None:
+    printed = run_script(_DRAW, MUJOCO_GL=backend, MUJOCO_EGL_DEVICE_ID=device)
+    assert f"MUJOCO_EGL_DEVICE_ID={device!r} is not an EGL device; expected a number" in printed
+    assert "limberjack doctor" in printed
+
+
+@on_linux
+@pytest.mark.parametrize("device", ["0", ""])
+def test_a_device_that_is_there_draws(run_script: Callable[..., str], device: str) -> None:
+    assert run_script(_DRAW, MUJOCO_EGL_DEVICE_ID=device).startswith("egl ")
+
+
+@on_linux
+def test_a_program_can_choose_the_device_before_the_first_picture(
+    run_script: Callable[..., str],
+) -> None:
+    script = f"""{_DRAW.removesuffix("draw()" + chr(10))}
+for number in (99, 0):
+    use_device(number)
+    draw()
+try:
+    use_device(1)
+except RuntimeError as error:
+    print(error)
+"""
+    # The environment is not asked.
+    refused, drawn, late = run_script(script, MUJOCO_EGL_DEVICE_ID="77").splitlines()
+    assert "the device asked for='99' is not an EGL device" in refused
+    assert drawn.startswith("egl ")
+    assert "choose the device before the first picture" in late
+
+
+@on_linux
+def test_a_device_is_refused_where_another_backend_draws(run_script: Callable[..., str]) -> None:
+    script = _DRAW.replace("def draw", "use_device(0)\ndef draw")
+    assert "only EGL has devices" in run_script(script, MUJOCO_GL="osmesa")
+
+
+@pytest.mark.parametrize(("number", "error"), [(-1, ValueError), ("0", TypeError)])
+def test_what_is_no_number_of_a_device_is_refused(number: Any, error: type[Exception]) -> None:
+    with pytest.raises(error):
+        use_device(number)
+
+
+@on_linux
+def test_egls_devices_are_listed_by_what_draws(run_script: Callable[..., str]) -> None:
+    script = "from limberjack.mujoco.rendering.egl import Egl; print(Egl.devices())"
+    found = ast.literal_eval(run_script(script))
+    # None is a graphics card without its driver.
+    assert any(found)
+    number = next(k for k, renderer in enumerate(found) if renderer)
+    assert run_script(_DRAW, MUJOCO_EGL_DEVICE_ID=str(number)).startswith("egl ")
 
 
 @pytest.mark.parametrize("value", ["disable", "disabled", "off", "FALSE", "0"])
@@ -68,13 +121,14 @@ def test_rendering_can_be_switched_off(run_script: Callable[..., str], value: st
     assert f"MUJOCO_GL={value.lower()!r}" in printed
 
 
-@pytest.mark.parametrize("value", ["nonsense", "cgl" if sys.platform == "linux" else "egl"])
+@pytest.mark.parametrize("value", ["nonsense", "elg", "cgl" if sys.platform == "linux" else "egl"])
 def test_an_unknown_backend_is_an_error_that_lists_those_there_are(
     run_script: Callable[..., str], value: str
 ) -> None:
     printed = run_script(_DRAW, MUJOCO_GL=value)
     assert f"MUJOCO_GL={value!r} is not a backend" in printed
     assert "glfw, disable" in printed
+    assert value != "elg" or "Did you mean 'egl'?" in printed
 
 
 @on_linux
@@ -82,7 +136,7 @@ def test_the_variable_is_read_again_after_a_failure(run_script: Callable[..., st
     script = f"import os\n{_DRAW}\nos.environ['MUJOCO_GL'] = 'egl'\ndraw()\n"
     first, second = run_script(script, MUJOCO_GL="nonsense").splitlines()
     assert "'nonsense'" in first
-    assert second.startswith("_Egl ")
+    assert second.startswith("egl ")
 
 
 @on_linux
@@ -96,11 +150,11 @@ def test_glfw_without_a_display_is_an_error(run_script: Callable[..., str]) -> N
 def test_where_nothing_works_each_backend_its_reason_and_remedy_are_named(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for variable in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"):
+    for variable in ("MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID", "DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(variable, raising=False)
     # As where none of the libraries is installed.
-    monkeypatch.setattr(backends, "_load", lambda *args, **kwargs: None)
-    monkeypatch.setattr(backends, "_is_visible", lambda function: False)
+    monkeypatch.setattr(native, "load", lambda *args, **kwargs: None)
+    monkeypatch.setattr(native, "is_visible", lambda function: False)
     with pytest.raises(RenderingError) as caught:
         backends.open_backend()
     lines = str(caught.value).splitlines()
@@ -109,6 +163,7 @@ def test_where_nothing_works_each_backend_its_reason_and_remedy_are_named(
     assert "apt install libegl1 libgl1-mesa-dri" in lines[1]
     assert "apt install libosmesa6" in lines[2]
     assert "DISPLAY" in lines[3]
+    assert list(caught.value.failures) == ["egl", "osmesa", "glfw"]
 
 
 def test_a_rendering_error_is_a_runtime_error() -> None:

@@ -2,6 +2,6 @@
 
 from limberjack.mujoco.rendering.backends import RenderingError
 from limberjack.mujoco.rendering.contexts import Contexts, contexts
-from limberjack.mujoco.rendering.thread import call
+from limberjack.mujoco.rendering.thread import backend, call, use_device
 
-__all__ = ["Contexts", "RenderingError", "call", "contexts"]
+__all__ = ["Contexts", "RenderingError", "backend", "call", "contexts", "use_device"]

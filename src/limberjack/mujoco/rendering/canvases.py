@@ -35,9 +35,15 @@ _MOST_SHARED = 8
 class Canvases:
     """The canvases of the models drawn lately, and the backend that they come from."""
 
-    def __init__(self, is_forked: bool = False, inherited: Backend | None = None) -> None:
+    def __init__(
+        self,
+        is_forked: bool = False,
+        inherited: Backend | None = None,
+        device: int | None = None,
+    ) -> None:
         """Opens nothing yet; arguments are those of `open_backend`."""
         self.backend: Backend | None = None
+        self.device = device
         self._is_forked = is_forked
         self._inherited = inherited
         # Least recently used first.
@@ -111,7 +117,7 @@ class Canvases:
 
     def _new_canvas(self, model: Any) -> "_Canvas":
         if self.backend is None:
-            self.backend = open_backend(self._is_forked, self._inherited)
+            self.backend = open_backend(self._is_forked, self._inherited, self.device)
         shared = [key for key in self._canvases if not isinstance(key, _Private)]
         for oldest in shared[: max(0, len(shared) + 1 - _MOST_SHARED)]:
             self._drop(oldest)

@@ -11,6 +11,7 @@ is reached is in `backends.py`, what it keeps for a model in `canvases.py`, what
 import atexit
 import contextlib
 import ctypes
+import operator
 import os
 import queue
 import threading
@@ -21,7 +22,7 @@ from typing import Any
 from limberjack.mujoco.rendering.backends import Backend, RenderingError
 from limberjack.mujoco.rendering.canvases import Canvases
 
-__all__ = ["call"]
+__all__ = ["backend", "call", "use_device"]
 
 # Seconds; how long the first picture after a fork may take before OpenGL is taken to hang.
 _FORK_PATIENCE = 30.0
@@ -122,6 +123,7 @@ class _Process:
         self._is_watched = False
         self._is_exiting = False
         self._hung: _RenderingThread | None = None
+        self._device: int | None = None
         # What the process that this one was forked from had drawn with.
         self._inherited: Backend | None = None
         self._at_fork = threading.local()
@@ -147,6 +149,23 @@ class _Process:
             raise
         return job.result()
 
+    def backend(self) -> Backend | None:
+        """What is drawn with; None before the first picture."""
+        thread = self._thread
+        return None if thread is None else thread.canvases.backend
+
+    def use_device(self, number: int | None) -> None:
+        """Chooses the device of the first picture."""
+        with self._start:
+            if (opened := self.backend()) is not None:
+                raise RuntimeError(
+                    f"this process draws with {opened.renderer!r} already: choose the device "
+                    "before the first picture"
+                )
+            self._device = number
+            if self._thread is not None:
+                self._thread.canvases.device = number
+
     def _started_thread(self) -> _RenderingThread:
         if self._is_exiting:
             if threading.current_thread().daemon:
@@ -155,7 +174,8 @@ class _Process:
         with self._start:
             if self._thread is None:
                 self._watch()
-                thread = _RenderingThread(Canvases(self._is_forked(), self._inherited))
+                canvases = Canvases(self._is_forked(), self._inherited, self._device)
+                thread = _RenderingThread(canvases)
                 thread.start()
                 self._thread = thread
             return self._thread
@@ -254,3 +274,29 @@ def call(
       RenderingError: OpenGL cannot be had.
     """
     return _process.call(model, size, is_private, function, args)
+
+
+def backend() -> Backend | None:
+    """What this process draws with; None before its first picture."""
+    return _process.backend()
+
+
+def use_device(number: int | None) -> None:
+    """Has this process draw with a graphics card of several, before it draws anything.
+
+    Forked processes inherit the choice; others make their own. Whether there is such a device
+    turns out with the first picture, which raises `RenderingError` if not.
+
+    Args:
+      number: of EGL's device, in the driver's order, as `limberjack doctor` lists them; it comes
+        before MUJOCO_EGL_DEVICE_ID. None for what that says, or the first device that works.
+
+    Raises:
+      TypeError, ValueError: that is no number of a device.
+      RuntimeError: this process has drawn already.
+    """
+    if number is not None:
+        number = operator.index(number)
+        if number < 0:
+            raise ValueError(f"the device is {number}; expected a number from 0, or None")
+    _process.use_device(number)

@@ -1,0 +1,272 @@
+"""How fast pictures are drawn, beside a bare `mujoco.Renderer` and dm_control.
+
+    python benchmarks/rendering.py [--quick] [--json FILE]
+
+All draw the same states in turns, in one process, and the pictures must be equal. README.md says
+what is compared with what. The exit status is 1 if a bar is missed.
+"""
+
+import dataclasses
+import os
+import statistics
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import peers
+import typer
+from report import Bar, Row, all_met, at_least, print_table, spread, summary, write_json
+
+from limberjack.mujoco import rendering
+from limberjack.mujoco.official import mujoco
+
+__all__ = ["Effort", "main"]
+
+_TASKS = (("humanoid", "walk"), ("manipulator", "bring_ball"), ("stacker", "stack_4"))
+_SMALL, _LARGE = (84, 84), (480, 640)
+_SIZES = (_SMALL, _LARGE)
+_SOFTWARE = ("llvmpipe", "softpipe", "swrast")
+_SEED = 0
+
+# Frames per second over those of a bare `mujoco.Renderer`.
+_OF_BARE = at_least(0.95)
+# Over dm_control's, which makes a scene for each frame: worth little beside a large one.
+_OF_THEIRS = {_SMALL: at_least(1.8), _LARGE: at_least(1.0)}
+# Of quality 'fast' over 'full', with a software renderer.
+_FAST = at_least(2.5)
+# Of a batch's rows over bare renders of the same.
+_OF_BARE_ROWS = at_least(0.9)
+
+_OURS, _BARE, _QUICKER, _DEPTH = "ours", "bare", "fast", "depth"
+
+# Draws the present state.
+_Player = Callable[[], np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+    """How much is measured."""
+
+    rounds: int  # states of each task, at the small size
+    large_rounds: int  # at the large one
+    frames: int  # of each state, by each
+    tasks: int
+    rows: int  # of the batch
+
+
+_FULL = Effort(rounds=40, large_rounds=20, frames=3, tasks=len(_TASKS), rows=16)
+# Shows that the benchmark works; its figures mean nothing.
+_QUICK = Effort(rounds=1, large_rounds=1, frames=1, tasks=1, rows=2)
+
+
+def main(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
+    ] = False,
+    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+) -> None:
+    """Measure pictures and print each bar and whether it is met."""
+    if sys.platform == "linux":
+        os.environ.setdefault("MUJOCO_GL", "egl")  # else the others look for a window
+    effort = _QUICK if quick else _FULL
+    if peers.THEIRS not in peers.installed():
+        typer.echo(
+            "dm_control is not installed: what is compared with it is not measured.", err=True
+        )
+    rows = []
+    for task in _TASKS[: effort.tasks]:
+        typer.echo(f"measuring: {':'.join(task)}", err=True)
+        rows += _of_singles(task, effort) + _of_batches(task, effort)
+    rows.sort(key=lambda row: [name for name, _ in _MEASURES].index(row.measure))
+    print_table(rows, "the other")
+    renderer = _renderer()
+    typer.echo(f"drawn by {renderer}")
+    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
+    if json is not None:
+        settings = {"quick": quick, "renderer": renderer, **dataclasses.asdict(effort)}
+        write_json(json, rows, settings)
+    sys.exit(not quick and not all_met(rows))
+
+
+# The table's parts, in order, and what each divides by what.
+_MEASURES = (
+    ("render / mujoco.Renderer", (_OURS, _BARE)),
+    ("render / dm_control", (_OURS, peers.THEIRS)),
+    ("fast / full", (_QUICKER, _OURS)),
+    ("depth / colours", (_DEPTH, _OURS)),
+    ("batch / mujoco.Renderer", (_OURS, _BARE)),
+)
+
+
+def _of_singles(task: tuple[str, str], effort: Effort) -> list[Row]:
+    """The rows of one task's single environments, at each size."""
+    rows = []
+    for size in _SIZES:
+        rounds = effort.rounds if size == _SMALL else effort.large_rounds
+        taken = _Single(task, size).play(rounds, effort.frames)
+        bars: tuple[Bar | None, ...]
+        is_software = any(name in _renderer() for name in _SOFTWARE)
+        bars = _OF_BARE, _OF_THEIRS[size], _FAST if is_software and size == _SMALL else None, None
+        for (measure, (upper, lower)), bar in zip(_MEASURES, bars, strict=False):
+            subject = f"{':'.join(task)} {size[0]}x{size[1]}"
+            rows.append(_row(measure, subject, taken, (upper, lower), bar))
+    return rows
+
+
+def _of_batches(task: tuple[str, str], effort: Effort) -> list[Row]:
+    """The row of one task's batch, at the small size."""
+    measure, (upper, lower) = _MEASURES[-1]
+    rounds = max(1, effort.rounds // effort.rows * 4)
+    taken = _Batch(task, _SMALL, effort.rows).play(rounds, 1)
+    subject = f"{':'.join(task)} {effort.rows} x {_SMALL[0]}x{_SMALL[1]}"
+    per_frame = {name: [s / effort.rows for s in seconds] for name, seconds in taken.items()}
+    return [_row(measure, subject, per_frame, (upper, lower), _OF_BARE_ROWS)]
+
+
+def _row(
+    measure: str,
+    subject: str,
+    taken: Mapping[str, list[float]],
+    names: tuple[str, str],
+    bar: Bar | None,
+) -> Row:
+    """How many times as fast the first of two is as the second, of the seconds that they took."""
+    first, second = taken[names[0]], taken.get(names[1], [])
+    ratios = [b / a for a, b in zip(first, second, strict=False)]
+    return Row(
+        measure=measure,
+        subject=subject,
+        ours=1 / statistics.median(first),
+        theirs=1 / statistics.median(second) if second else None,
+        unit="/s",
+        value=statistics.median(ratios) if ratios else None,
+        bar=bar,
+        details={"ratio": spread(ratios)} if ratios else {},
+    )
+
+
+class _Contest:
+    """Those who draw the same states in turns."""
+
+    players: dict[str, _Player]
+    # Those whose pictures are equal.
+    alike: tuple[str, ...]
+
+    def advance(self) -> None:
+        """Moves to the next state, in all."""
+        raise NotImplementedError
+
+    def play(self, rounds: int, frames: int) -> dict[str, list[float]]:
+        """Seconds per frame of each player in each round, of the same state."""
+        order = list(self.players)
+        taken: dict[str, list[float]] = {name: [] for name in order}
+        for number in range(rounds + 1):
+            self.advance()
+            if number == 0:  # not timed: what is made at the first picture
+                self._check({name: play() for name, play in self.players.items()})
+                continue
+            for name in order:
+                start = time.perf_counter()
+                for _ in range(frames):
+                    self.players[name]()
+                taken[name].append((time.perf_counter() - start) / frames)
+            order.append(order.pop(0))
+        return taken
+
+    def _check(self, pictures: Mapping[str, np.ndarray]) -> None:
+        alike = [pictures[name] for name in self.alike if name in pictures]
+        if not all(np.array_equal(alike[0], picture) for picture in alike):
+            raise RuntimeError(f"{type(self).__name__}: the pictures are not equal")
+
+
+class _Single(_Contest):
+    """One environment, drawn by Limberjack, by a bare `mujoco.Renderer` and by dm_control."""
+
+    alike = (_OURS, _BARE, peers.THEIRS)
+
+    def __init__(self, task: tuple[str, str], size: tuple[int, int]) -> None:
+        self._environments = {
+            package: peers.suite(package, draws=True).load(*task, {"random": _SEED})
+            for package in peers.installed()
+        }
+        for environment in self._environments.values():
+            environment.reset()
+        ours = self._environments[peers.OURS]
+        self._random = np.random.RandomState(_SEED)
+        self._spec = ours.action_spec()
+        model, self._data = ours.physics.model._model, ours.physics.data._data
+        self.players = {
+            _OURS: _drawing(ours, *size),
+            _BARE: _bare(model, self._data, *size),
+            _QUICKER: _drawing(ours, *size, quality="fast"),
+            _DEPTH: _drawing(ours, *size, depth=True),
+        }
+        if peers.THEIRS in self._environments:
+            self.players[peers.THEIRS] = _drawing(self._environments[peers.THEIRS], *size)
+
+    def advance(self) -> None:
+        action = self._random.uniform(self._spec.minimum, self._spec.maximum)
+        for environment in self._environments.values():
+            environment.step(action)
+
+
+class _Batch(_Contest):
+    """A batch's rows, drawn by `BatchEnvironment` and by a bare `mujoco.Renderer`."""
+
+    # Without the model's fields that each row has for itself, a bare renderer draws other targets.
+    alike = ()
+
+    def __init__(self, task: tuple[str, str], size: tuple[int, int], rows: int) -> None:
+        self._batch = peers.suite(peers.OURS).load_batch(*task, num_envs=rows, seed=_SEED)
+        self._batch.reset()
+        self._random = np.random.RandomState(_SEED)
+        physics: Any = self._batch.physics
+        model, official = physics.single.model._model, physics._simulation.batch
+        data = mujoco.MjData(model)
+        draw = _bare(model, data, *size)
+
+        def draw_rows() -> np.ndarray:
+            pictures = []
+            for row in range(rows):
+                official.get_data(row, data)
+                pictures.append(draw())
+            return np.stack(pictures)
+
+        height, width = size
+        self.players = {
+            _OURS: lambda: self._batch.render(height=height, width=width, camera_id=0),
+            _BARE: draw_rows,
+        }
+        if task[0] == "humanoid":
+            self.alike = (_OURS, _BARE)
+
+    def advance(self) -> None:
+        self._batch.step(self._random.uniform(-1, 1, self._batch.action_spec().shape))
+
+
+def _drawing(environment: Any, height: int, width: int, **how: Any) -> _Player:
+    render = environment.physics.render
+    return lambda: render(height, width, camera_id=0, **how)
+
+
+def _bare(model: Any, data: Any, height: int, width: int) -> _Player:
+    """MuJoCo's own renderer of a state."""
+    renderer = mujoco.Renderer(model, height, width)
+
+    def draw() -> np.ndarray:
+        renderer.update_scene(data, camera=0)
+        return renderer.render()
+
+    return draw
+
+
+def _renderer() -> str:
+    backend = rendering.backend()
+    return backend.renderer if backend is not None else ""
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,97 @@
+"""`limberjack doctor`: what works on this machine."""
+
+import dataclasses
+import json as json_module
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from limberjack.cli.app import app
+from limberjack.cli.output import FAILED
+
+if TYPE_CHECKING:
+    from limberjack.doctor import Backend, Check, Diagnosis, Threads
+
+__all__: list[str] = []
+
+_LABEL_WIDTH = 16  # characters
+
+
+@app.command("doctor")
+def _doctor(
+    json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
+) -> None:
+    """Show what works on this machine, and what to do about what does not.
+
+    Versions, cores, the best number of threads for a small batch, OpenGL, extras, ffmpeg, and
+    whether an installed dm_control would load. Takes some ten seconds. The exit status is 0 if a
+    short episode steps as it should.
+    """
+    from limberjack import doctor
+
+    diagnosis = doctor.examine()
+    if json:
+        typer.echo(json_module.dumps(dataclasses.asdict(diagnosis), indent=2))
+    else:
+        for label, text in _lines(diagnosis):
+            typer.echo(f"{label:{_LABEL_WIDTH}}{text}".rstrip())
+    if not diagnosis.core.works:
+        raise typer.Exit(FAILED)
+
+
+def _lines(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
+    """Labels and texts, empty ones between the parts."""
+    core = diagnosis.core
+    yield "environments", "step" if core.works else f"do not step: {core.why}"
+    yield from ((name, version or "not installed") for name, version in diagnosis.versions.items())
+    yield "system", diagnosis.system
+    yield "", ""
+    yield "cores", f"{diagnosis.usable_cores} usable of {diagnosis.total_cores}"
+    yield "threads", _speeds(diagnosis.threads)
+    yield "", ""
+    yield from _drawing_lines(diagnosis)
+    yield "", ""
+    for extra in diagnosis.extras:
+        missing = f"lacks {', '.join(extra.missing)}: {extra.command}"
+        yield f"extra {extra.name}", missing if extra.missing else "installed"
+    yield "ffmpeg", diagnosis.ffmpeg.version or f"none: {diagnosis.ffmpeg.why}"
+    yield "dm_control", _worded(diagnosis.dm_control)
+    if diagnosis.problems:
+        yield "", ""
+    yield from (("PROBLEM", problem) for problem in diagnosis.problems)
+
+
+def _drawing_lines(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
+    used = diagnosis.drawing
+    yield "pictures", f"by {used.name}: {_worded_backend(used)}" if used.works else used.why
+    for name, value in diagnosis.variables.items():
+        if value is not None:
+            yield "", f"{name}={value}"
+    for backend in diagnosis.backends:
+        yield f"  {backend.name}", _worded_backend(backend)
+    for number, renderer in enumerate(diagnosis.devices):
+        yield f"  EGL device {number}", renderer or "gives no OpenGL"
+
+
+def _worded(dm_control: "Check") -> str:
+    if dm_control.version is None:
+        return dm_control.why
+    verdict = "loads here" if dm_control.works else f"does not load here: {dm_control.why}"
+    return f"{dm_control.version} {verdict}"
+
+
+def _worded_backend(backend: "Backend") -> str:
+    if not backend.works:
+        return f"does not work: {backend.why}"
+    return ", ".join(filter(None, (backend.renderer, backend.vendor))) or "works"
+
+
+def _speeds(threads: "Threads") -> str:
+    if threads.recommended is None:
+        return f"not measured: {threads.why}"
+    speeds = ", ".join(f"{n}: {speed:,.0f}" for n, speed in threads.steps_per_second.items())
+    return (
+        f"num_threads={threads.recommended} for {threads.num_envs} rows of "
+        f"{threads.domain}:{threads.task} (steps/s by threads: {speeds})"
+    )

@@ -1,0 +1,127 @@
+"""`limberjack view`: a task, live, in a browser or a window."""
+
+import contextlib
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from limberjack.cli.app import app
+from limberjack.cli.output import FAILED, INTERRUPTED, SEEDS, complain, find_policy, misuse_reported
+
+if TYPE_CHECKING:
+    from limberjack.viewer.session import Session
+
+    Show = Callable[[Session], None]
+
+__all__: list[str] = []
+
+_NO_POLICY = "none"
+
+
+@app.command("view")
+def _view(
+    domain: Annotated[
+        str, typer.Argument(metavar="DOMAIN", help="Such as humanoid; `limberjack list` has all.")
+    ],
+    task: Annotated[str, typer.Argument(metavar="TASK", help="Such as walk.")],
+    policy: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", help="What acts: none, zero, random, planner or MODULE:CALLABLE."
+        ),
+    ] = _NO_POLICY,
+    seed: Annotated[
+        int, typer.Option(min=0, max=SEEDS - 1, help="Of the first episode; the next has seed+1.")
+    ] = 0,
+    time_limit: Annotated[
+        float | None, typer.Option(help="Seconds per episode; the task's own by default.")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
+    native: Annotated[
+        bool, typer.Option("--native", help="Open a window instead of serving a browser.")
+    ] = False,
+    host: Annotated[
+        str, typer.Option(help="Where to listen; 0.0.0.0 lets other machines in.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int | None, typer.Option(help="Where to listen; the first free one from 8080 by default.")
+    ] = None,
+) -> None:
+    """Show a task, live: pause it, step it, reset it, push its bodies with the mouse.
+
+    Open the address that it prints in a browser. Space pauses, backspace begins the next episode,
+    the right arrow takes a step while paused. A double click chooses a body; dragging with Ctrl and
+    the right button pushes it, with Ctrl and the left button twists it. Ctrl-C here ends it.
+    """
+    with misuse_reported():
+        show = _find_viewer(native, host, port, f"{domain} {task}")
+        environment = _load(domain, task, seed, time_limit)
+        begin = _begin(policy)
+    with contextlib.closing(environment):
+        raise typer.Exit(_show(environment, begin, seed, speed, show))
+
+
+def _find_viewer(native: bool, host: str, port: int | None, title: str) -> "Show":
+    """What shows a session as it was asked for."""
+    from limberjack import viewer
+    from limberjack.viewer.address import find_address
+
+    if native:
+        return viewer.in_window()
+    address = find_address(host, port)
+    try:
+        show = viewer.in_browsers(address, title, _print_address)
+    except ImportError as error:
+        complain(f"limberjack view {error}; --native needs nothing")
+        raise typer.Exit(FAILED) from None
+    if not address.is_local:
+        complain(
+            f"whoever reaches port {address.port} of this machine can see and control the viewer; "
+            "browsers on other machines show it through a tunnel or HTTPS only: "
+            f"ssh -L {address.port}:localhost:{address.port}"
+        )
+    return show
+
+
+def _load(domain: str, task: str, seed: int, time_limit: float | None) -> Any:
+    from limberjack import suite
+
+    if time_limit is not None and math.isinf(time_limit):
+        raise ValueError(f"--time-limit is {time_limit}; expected a number of seconds")
+    task_kwargs: dict[str, Any] = {"random": seed}
+    if time_limit is not None:
+        task_kwargs["time_limit"] = time_limit
+    return suite.load(domain, task, task_kwargs=task_kwargs)
+
+
+def _begin(policy: str) -> Any:
+    """What begins the policy's episodes."""
+    from limberjack import viewer
+
+    if policy == _NO_POLICY:
+        return viewer.begin_with(None)
+    return viewer.begin_policy(find_policy(policy))
+
+
+def _show(environment: Any, begin: Any, seed: int, speed: float, show: "Show") -> int:
+    """Shows it until it is closed; returns the exit status."""
+    from limberjack.policies import PolicyError
+    from limberjack.rl.control import PhysicsError
+    from limberjack.viewer.session import Session, ViewerError
+
+    try:
+        with misuse_reported():
+            session = Session(environment, begin, seed, speed)
+        show(session)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except (PolicyError, PhysicsError, ViewerError) as error:
+        complain(error)
+        return FAILED
+    return 0
+
+
+def _print_address(url: str) -> None:
+    typer.echo(f"{url}  (Ctrl-C ends it)")

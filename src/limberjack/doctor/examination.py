@@ -1,0 +1,87 @@
+"""`examine`: asks all probes, and puts together what they answer.
+
+diagnosis = examine()
+"""
+
+import os
+import platform
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+from limberjack.doctor import child, packages
+from limberjack.doctor.child import Answer
+from limberjack.doctor.findings import Backend, Check, Diagnosis, Threads
+from limberjack.utils import cores
+
+__all__ = ["examine"]
+
+_VARIABLES = ("MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID")
+
+
+def examine(ask: Callable[..., Answer] = child.ask) -> Diagnosis:
+    """Examines this machine, which takes some ten seconds.
+
+    Args:
+      ask: calls a probe by name, with variables of the environment; `child.ask`, but in tests.
+    """
+    core, threads = ask("core"), ask("threads")  # alone, as the second measures time
+    names = ask("backends").value or ()
+    with ThreadPoolExecutor(max_workers=cores.usable_cores()) as pool:
+        drawing = pool.submit(ask, "drawing")
+        each = [pool.submit(ask, "drawing", {"MUJOCO_GL": name}) for name in names]
+        others = [pool.submit(ask, probe) for probe in ("devices", "ffmpeg", "dm_control")]
+    devices, ffmpeg, dm_control = (future.result() for future in others)
+    backend = _backend("", drawing.result())
+    return Diagnosis(
+        core=_check(core, packages.version("mujoco-core")),
+        versions=packages.versions(),
+        system=platform.platform(),
+        usable_cores=cores.usable_cores(),
+        total_cores=os.cpu_count() or 1,
+        threads=_threads(threads),
+        variables={name: os.environ.get(name) for name in _VARIABLES},
+        drawing=backend,
+        backends=tuple(map(_backend, names, (future.result() for future in each))),
+        devices=tuple(devices.value or ()),
+        extras=packages.extras(),
+        ffmpeg=_check(ffmpeg, ffmpeg.value),
+        dm_control=_check_of_dm_control(dm_control),
+        problems=tuple(_problems(core, backend)),
+    )
+
+
+def _check(answer: Answer, version: str | None) -> Check:
+    return Check(answer.why is None, version, answer.why or "")
+
+
+def _check_of_dm_control(answer: Answer) -> Check:
+    version = packages.version("dm_control")
+    return Check(False, None, "not installed") if version is None else _check(answer, version)
+
+
+def _backend(name: str, answer: Answer) -> Backend:
+    """What a probe found that drew, or tried to draw, a picture."""
+    if answer.why is not None:
+        return Backend(name, works=False, why=answer.why)
+    found = {"name": name, **answer.value}
+    return Backend(works="why" not in found, **found)
+
+
+def _threads(answer: Answer) -> Threads:
+    if answer.why is not None:
+        return Threads("", "", 0, {}, None, answer.why)
+    found = dict(answer.value)
+    speeds = {int(number): speed for number, speed in found.pop("steps_per_second")}
+    return Threads(steps_per_second=speeds, **found)
+
+
+def _problems(core: Answer, backend: Backend) -> Iterator[str]:
+    """What is wrong, the worst first."""
+    yield from packages.clashes()
+    if core.why is not None:
+        yield (
+            f"environments do not step: {core.why}. Install Limberjack anew, in a virtual "
+            "environment of its own"
+        )
+    if not backend.works:
+        yield f"no pictures can be drawn; all else goes on. {backend.why}"

@@ -1,0 +1,171 @@
+"""EGL: OpenGL by a graphics card, or by Mesa's software renderer, without a display server.
+
+    backend = Egl()              # MUJOCO_EGL_DEVICE_ID's device, or the first that works
+    print(backend.renderer)
+    for device in Egl.devices():
+        print(device)            # "NVIDIA H100", or None where it gives no context
+
+It is called directly and not through PyOpenGL; see `backends.py`.
+"""
+
+import ctypes
+import os
+from collections.abc import Iterator
+from typing import Any
+
+from limberjack.mujoco.rendering import native
+from limberjack.mujoco.rendering.native import RenderingError, fail
+
+__all__ = ["VARIABLE", "Egl", "device_in_environment"]
+
+VARIABLE = "MUJOCO_EGL_DEVICE_ID"
+
+
+def device_in_environment() -> str | None:
+    """What MUJOCO_EGL_DEVICE_ID says; None if it says nothing."""
+    return os.environ.get(VARIABLE) or None
+
+
+class Egl:
+    """Contexts of one device."""
+
+    name = "egl"
+
+    _DEVICE, _SURFACELESS = 0x313F, 0x31DD  # EGL_PLATFORM_DEVICE_EXT, ..._SURFACELESS_MESA
+    _OPENGL_API = 0x30A2
+    _MOST_DEVICES = 64
+    # Pairs of an attribute and its least value: 8 bits each of red, green, blue and alpha, 24 of
+    # depth, 8 of stencil; RGB, able to draw off-screen, able to do OpenGL. Then EGL_NONE.
+    _ATTRIBUTES = (
+        *(0x3024, 8, 0x3023, 8, 0x3022, 8, 0x3021, 8, 0x3025, 24, 0x3026, 8),
+        *(0x303F, 0x308E, 0x3033, 0x1, 0x3040, 0x8, 0x3038),
+    )
+    _SIGNATURES = {  # noqa: RUF012
+        "eglGetProcAddress": "ps",
+        "eglInitialize": "uppp",
+        "eglBindAPI": "uu",
+        "eglChooseConfig": "upppip",
+        "eglCreateContext": "ppppp",
+        "eglMakeCurrent": "upppp",
+        "eglDestroyContext": "upp",
+    }
+    _QUERY_DEVICES, _GET_DISPLAY = (
+        ("eglQueryDevicesEXT", "uipp"),
+        ("eglGetPlatformDisplayEXT", "pupp"),
+    )
+
+    def __init__(self, surfaceless: bool = False, device: int | None = None) -> None:
+        """Opens the given device, or MUJOCO_EGL_DEVICE_ID's, or the first that works.
+
+        Args:
+          surfaceless: open Mesa's renderer without naming a device.
+          device: its number in the driver's order.
+
+        Raises:
+          UnavailableError: EGL does not work here.
+          RenderingError: the device that was asked for is not there or gives no context.
+        """
+        self._open_library()
+        self.is_surfaceless = surfaceless
+        wanted = device_in_environment() if device is None else str(device)
+        source = VARIABLE if device is None else "the device asked for"
+        for display in self._displays(wanted, source):
+            if self._use(display):
+                # Here MuJoCo looks for functions; not sooner, lest it find those of one that fails.
+                native.load("libEGL.so.1", is_visible=True)
+                return
+        if wanted is not None and not surfaceless:
+            raise RenderingError(
+                f"{source}={wanted!r}: that EGL device gives no OpenGL context. Name another; "
+                "`limberjack doctor` lists them"
+            )
+        fail("no EGL device gives an OpenGL context")
+
+    @classmethod
+    def devices(cls) -> list[str | None]:
+        """What draws on each device, in the driver's order; None where it gives no context.
+
+        Raises:
+          UnavailableError: EGL does not work here.
+        """
+        egl = cls.__new__(cls)
+        egl._open_library()
+        get_display = egl._extension(*cls._GET_DISPLAY)
+        displays = [get_display(cls._DEVICE, device, None) for device in egl._found_devices()]
+        return [egl.renderer if egl._use(display) else None for display in displays]
+
+    def _open_library(self) -> None:
+        # NVIDIA's driver wants it for use by many threads.
+        native.load("libOpenGL.so.0", is_visible=True)
+        self._egl: Any = native.load("libEGL.so.1") or fail("libEGL.so.1 cannot be loaded")
+        if native.is_visible("OSMesaGetProcAddress") and not native.is_visible("eglGetProcAddress"):
+            fail("this process already draws with OSMesa")
+        for name, signature in self._SIGNATURES.items():
+            native.declare(getattr(self._egl, name), signature)
+
+    def _displays(self, wanted: str | None, source: str) -> Iterator[int | None]:
+        """The displays to try, not initialised."""
+        get_display = self._extension(*self._GET_DISPLAY)
+        if not self.is_surfaceless:
+            for device in self._devices(wanted, source):
+                yield get_display(self._DEVICE, device, None)
+        if self.is_surfaceless or wanted is None:
+            self.is_surfaceless = True
+            yield get_display(self._SURFACELESS, None, None)
+
+    def _devices(self, wanted: str | None, source: str) -> list[int | None]:
+        """The devices to try, in the driver's order."""
+        devices = self._found_devices()
+        if wanted is None:
+            return devices
+        if not wanted.isdecimal() or int(wanted) >= len(devices):
+            numbers = f"0 to {len(devices) - 1}" if len(devices) > 1 else "only 0"
+            raise RenderingError(
+                f"{source}={wanted!r} is not an EGL device; expected a number: "
+                f"{numbers if devices else 'none, as there are no devices'}. `limberjack doctor` "
+                "lists them"
+            )
+        return [devices[int(wanted)]]
+
+    def _found_devices(self) -> list[int | None]:
+        """All devices, in the driver's order."""
+        found, count = (ctypes.c_void_p * self._MOST_DEVICES)(), ctypes.c_int32()
+        query = self._extension(*self._QUERY_DEVICES)
+        if not query(self._MOST_DEVICES, found, ctypes.byref(count)):
+            fail("EGL's devices cannot be listed")
+        return list(found)[: count.value]
+
+    def _use(self, display: int | None) -> bool:
+        """Takes the display if a context of it works."""
+        egl, config, count = self._egl, ctypes.c_void_p(), ctypes.c_int32()
+        attributes = (ctypes.c_int32 * len(self._ATTRIBUTES))(*self._ATTRIBUTES)
+        if not display or not egl.eglInitialize(display, None, None):
+            return False
+        egl.eglChooseConfig(display, attributes, ctypes.byref(config), 1, ctypes.byref(count))
+        self._display, self._config = display, config
+        context = count.value and self.create()
+        if not context or not egl.eglMakeCurrent(display, None, None, context):
+            return False
+        self.renderer, self.vendor = native.names_of_driver(self._extension("glGetString", "su"))
+        self.make_current(None)
+        self.destroy(context)
+        return True
+
+    def _extension(self, name: str, signature: str) -> Any:
+        """A function that the library does not export by name."""
+        address = self._egl.eglGetProcAddress(name.encode()) or fail(f"EGL has no {name}")
+        return native.function_at(address, signature)
+
+    def create(self) -> int | None:
+        """A new context, not current; None if there can be no more."""
+        self._egl.eglBindAPI(self._OPENGL_API)
+        return self._egl.eglCreateContext(self._display, self._config, None, None)
+
+    def make_current(self, context: int | None) -> None:
+        """Makes the context current in this thread; None releases the current one."""
+        if not self._egl.eglMakeCurrent(self._display, None, None, context):
+            raise RenderingError("EGL could not make its context current")
+
+    def destroy(self, context: int | None) -> None:
+        """Frees the context, which must not be current."""
+        self._egl.eglDestroyContext(self._display, context)

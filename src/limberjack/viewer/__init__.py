@@ -1,0 +1,134 @@
+"""A viewer of live environments: MuJoCo Studio in a browser, or a window.
+
+    from limberjack import suite, viewer
+
+    env = suite.load("humanoid", "walk", task_kwargs={"random": 0})
+    viewer.launch(env, policy=lambda time_step: my_action(time_step.observation))
+
+It answers to `dm_control.viewer.launch` too. The command is `limberjack view`. Browsers need the
+extra `view`; a window does not, nor does `session`: what a viewer does to an environment.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import dm_env
+
+from limberjack import policies
+from limberjack.viewer.address import Address, find_address
+from limberjack.viewer.session import Act, Begin, Session, idle
+
+__all__ = ["begin_policy", "begin_with", "in_browsers", "in_window", "launch"]
+
+
+def launch(
+    environment_loader: Any,
+    policy: Callable[[dm_env.TimeStep], Any] | str | None = None,
+    title: str = "limberjack",
+    width: int = 1024,
+    height: int = 768,
+    *,
+    native: bool = False,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    seed: int | None = None,
+    speed: float = 1.0,
+    announce: Callable[[str], object] = print,
+) -> None:
+    """Shows a live environment until the viewer is closed, or Ctrl-C is pressed.
+
+    Args:
+      environment_loader: a `control.Environment`, or a function without arguments that makes one,
+        which is then closed at the end.
+      policy: a function from a `dm_env.TimeStep` to an action, whose `reset()`, if it has one, is
+        called at the start of each episode; or a name as in `limberjack.policies`; None acts with
+        the middle of the actions' bounds.
+      title: of the panel with the reward.
+      width: not used, as browsers and the window have sizes of their own; for programs written
+        for dm_control, as is the next.
+      height: not used.
+      native: open a window, instead of serving browsers.
+      host: the address to listen on, of this machine; by default no other machine can reach it.
+      port: to listen on; None for the first free one from 8080 on.
+      seed: of the first episode; the next has seed + 1. None lets the environment's random stream
+        go on from episode to episode.
+      speed: simulated seconds per second.
+      announce: called with the address to open in a browser.
+
+    Raises:
+      ImportError: the extra `view` is missing.
+      ValueError: the port is in use, or another argument is no such thing; nothing is started.
+      TypeError: there is no MuJoCo simulation to show.
+      ViewerError: there is no display for a window, or Studio does not start.
+    """
+    show = in_window() if native else in_browsers(find_address(host, port), title, announce)
+    begin = begin_with(policy)
+    makes_one = _makes_one(environment_loader)
+    environment = environment_loader() if makes_one else environment_loader
+    try:
+        show(Session(environment, begin, seed, speed))
+    except KeyboardInterrupt:
+        pass  # how one ends it
+    finally:
+        if makes_one:
+            environment.close()
+
+
+def in_browsers(
+    address: Address, title: str, announce: Callable[[str], object]
+) -> Callable[[Session], None]:
+    """What shows a session in browsers; see `limberjack.viewer.studio`.
+
+    Raises:
+      ImportError: the extra `view` is missing.
+    """
+    from limberjack.viewer import studio
+
+    return lambda session: studio.run(session, address, title, announce)
+
+
+def in_window() -> Callable[[Session], None]:
+    """What shows a session in a window; see `limberjack.viewer.window`."""
+    from limberjack.viewer import window
+
+    return window.run
+
+
+def _makes_one(loader: Any) -> bool:
+    return callable(loader) and not isinstance(loader, dm_env.Environment)
+
+
+def begin_with(policy: Callable[[dm_env.TimeStep], Any] | str | None) -> Begin:
+    """What begins the episodes of a policy, given as to `launch`.
+
+    Raises:
+      PolicyError: there is no policy of that name.
+      TypeError: it is none of the three.
+    """
+    if policy is None:
+        return idle
+    if isinstance(policy, str):
+        return begin_policy(policies.find(policy))
+    if not callable(policy):
+        raise TypeError(
+            f"policy is {policy!r}; expected a function from a TimeStep to an action, a name such "
+            "as 'random', or None"
+        )
+    reset = getattr(policy, "reset", None)
+
+    def begin(environment: Any, seed: int) -> Act:
+        if reset is not None:
+            reset()
+        return policy
+
+    return begin
+
+
+def begin_policy(policy: policies.Policy) -> Begin:
+    """What begins the episodes of a policy as `policies.find` returns it."""
+
+    def begin(environment: Any, seed: int) -> Act:
+        act = policies.begin(policy, environment, seed)
+        return lambda time_step: act(time_step.observation)
+
+    return begin

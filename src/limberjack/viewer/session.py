@@ -1,0 +1,339 @@
+"""`Session`: an environment that is watched, without the viewer that shows it.
+
+    session = Session(environment, seed=0)
+    while someone_watches():
+        session.advance()  # takes the control steps that have become due
+        show(session.status())
+
+Steps, episodes and rewards are those of `environment.step` in a loop: pausing and speed decide when
+a step is taken, not what it does. Pushing applies forces to bodies of the simulation, and changes
+nothing else. One thread uses a session; it opens no window and knows nothing of MuJoCo Studio.
+"""
+
+import copy
+import dataclasses
+import math
+import time
+import zlib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import dm_env
+import mujoco
+import numpy as np
+
+from limberjack.rl.control import PhysicsError
+from limberjack.utils.log import log
+
+__all__ = ["Act", "Begin", "Session", "Status", "ViewerError", "idle"]
+
+Act = Callable[[dm_env.TimeStep], Any]  # Any: what the environment takes as an action
+# Begins an episode: takes the environment, which has been reset, and the episode's seed, or its
+# number where the environment is not seeded.
+Begin = Callable[[Any, int], Act]
+
+_SEEDS = 2**32  # numpy.random.RandomState takes seeds below this
+_LONGEST_DEBT = 0.1  # seconds; time lost beyond this, as in a slow policy, is not caught up
+_LONGEST_CALL = 1 / 30  # seconds; after this long `advance` lets the viewer show what there is
+_SHOWN = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+class ViewerError(RuntimeError):
+    """There can be no viewer here."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Status:
+    """What there is to say about the running episode."""
+
+    episode: int  # the first is 1
+    seed: int | None  # of the episode; None where the environment is not seeded
+    start: str | None  # the kind of start, where the task has kinds
+    step: int
+    step_limit: int | None
+    time: float  # seconds since the start
+    reward: float | None  # of the last step; None at the start
+    total: float  # the return so far
+    terms: Mapping[str, float]  # of the reward, by name
+    success: bool | None  # whether the goal is reached now, where the task has one
+    paused: bool
+    speed: float
+    note: str  # what happened that a viewer should know
+
+
+def idle(environment: Any, seed: int) -> Act:
+    """Acts with the middle of the actions' bounds."""
+    spec = environment.action_spec()
+    middle = np.clip(0.5 * (spec.minimum + spec.maximum), spec.minimum, spec.maximum)
+    action = np.broadcast_to(middle, spec.shape).astype(spec.dtype)
+    return lambda time_step: action.copy()
+
+
+class Session:
+    """An environment with a clock and a policy; see the module's docstring."""
+
+    def __init__(
+        self,
+        environment: Any,
+        begin: Begin = idle,
+        seed: int | None = None,
+        speed: float = 1.0,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """Begins the first episode.
+
+        Args:
+          environment: a `control.Environment`, or a wrapper of one that has its attributes.
+          begin: what begins the policy's episodes.
+          seed: of the first episode; the next has seed + 1. None lets the environment's random
+            stream go on from episode to episode.
+          speed: simulated seconds per second.
+          clock: tells the time, seconds.
+
+        Raises:
+          TypeError: the environment has no MuJoCo simulation to show.
+          ValueError: the seed or the speed is no such number, or the environment takes no seed.
+        """
+        self._environment = environment
+        self._task = getattr(environment, "task", None)
+        _ = self.data  # before anything happens
+        if seed is not None and not 0 <= seed < _SEEDS:
+            raise ValueError(f"seed is {seed}; expected 0 to {_SEEDS - 1}")
+        if seed is not None and not hasattr(environment, "reseed"):
+            raise ValueError(
+                f"{type(environment).__name__} cannot be seeded anew: give its constructor the "
+                "seed, and none here"
+            )
+        self._begin = begin
+        self._seed = seed
+        self._clock = clock
+        self._last_look = clock()
+        self._due = 0.0  # simulated seconds that have not been stepped
+        self._paused = False
+        self._push = np.zeros((0, 6))
+        self._pushed = np.zeros(0, bool)  # bodies that were pushed in the last step
+        self.set_speed(speed)
+        self._episodes = 0
+        self._ending = ""  # what was extraordinary in the end of the episode
+        self._digest: int | None = None
+        self._model_version = 0
+        self._copied_version = (0, 0)  # which model has which version
+        self._begin_episode()
+
+    # What a viewer's user does.
+
+    def advance(self) -> bool:
+        """Takes the control steps that have become due; returns whether there was any.
+
+        Raises:
+          Exception: whatever the policy, the task or the environment raised, but for a diverged
+            simulation: that ends the episode.
+        """
+        now = self._clock()
+        elapsed, self._last_look = now - self._last_look, now
+        if self._paused:
+            return False
+        self._due += min(elapsed, _LONGEST_DEBT) * self._speed
+        interval = self._environment.control_timestep()
+        stepped = False
+        # A step is due a rounding error before its time, too.
+        while self._due >= interval * (1 - 1e-9):
+            self._due -= interval
+            self.step()
+            stepped = True
+            if self._clock() - now > _LONGEST_CALL:
+                self._due = 0.0
+        return stepped
+
+    def step(self) -> None:
+        """Takes one control step, paused or not; after an episode's last one, begins the next."""
+        if self._is_over:
+            self._begin_episode()
+            return
+        action = self._act(self._time_step)
+        self._apply_push()
+        try:
+            self._time_step = self._environment.step(action)
+        except PhysicsError as error:
+            log.warning("%s", error)
+            self._ending = f"episode {self._episodes} ended early: {error}"
+            self._is_over = True
+            return
+        self._steps += 1
+        self._reward = float(self._time_step.reward or 0.0)
+        self._total += self._reward
+        self._is_over = self._time_step.last()
+
+    def reset(self) -> None:
+        """Begins the next episode now, with a new seed."""
+        self._begin_episode()
+
+    def pause(self, paused: bool = True) -> None:
+        """Stops the clock, or lets it go on."""
+        self._paused = bool(paused)
+        self._due = 0.0
+
+    def set_speed(self, speed: float) -> None:
+        """Sets how many simulated seconds pass in a second.
+
+        Raises:
+          ValueError: it is not positive, or not finite.
+        """
+        if not (math.isfinite(speed) and speed > 0):
+            raise ValueError(f"speed is {speed}; expected a positive number, such as 1 or 0.5")
+        self._speed = float(speed)
+
+    def push(self, forces: np.ndarray) -> None:
+        """Pushes bodies from now on, until the next call.
+
+        Args:
+          forces: (nbody, 6), force and torque at each body's centre of mass, N and N m. Bodies
+            with zeros are let alone.
+
+        Raises:
+          ValueError: it has another shape, or is not finite; nothing changes.
+        """
+        forces = np.array(forces, float)
+        expected = self.data.xfrc_applied.shape
+        if forces.shape != expected:
+            raise ValueError(f"forces have shape {forces.shape}; expected {expected}, (nbody, 6)")
+        if not np.isfinite(forces).all():
+            raise ValueError("forces have infinities or NaN; expected finite numbers")
+        self._push = forces
+
+    # What a viewer shows.
+
+    @property
+    def paused(self) -> bool:
+        """Whether the clock is stopped."""
+        return self._paused
+
+    @property
+    def speed(self) -> float:
+        """Simulated seconds per second."""
+        return self._speed
+
+    @property
+    def model(self) -> Any:
+        """The `mujoco.MjModel` of the simulation, to read only: others may share it."""
+        return self._environment.physics.model._model
+
+    @property
+    def data(self) -> Any:
+        """The `mujoco.MjData` of the simulation.
+
+        Raises:
+          TypeError: there is none.
+        """
+        try:
+            data = self._environment.physics.data._data
+        except AttributeError:
+            data = None
+        if not isinstance(data, mujoco.MjData):
+            raise TypeError(
+                f"{type(self._environment).__name__} has no MuJoCo simulation to show; expected an "
+                "environment of limberjack.suite, or a control.Environment with a mujoco.Physics"
+            )
+        return data
+
+    @property
+    def model_version(self) -> int:
+        """Grows when an episode begins with another model than the one before, as it may."""
+        return self._model_version
+
+    def copy_model(self) -> Any:
+        """A copy of the model, for the viewer to keep."""
+        return copy.copy(self.model)
+
+    def copy_fields(self, model: Any) -> None:
+        """Writes what differs into a viewer's copy of the model, if an episode has changed any."""
+        if self._copied_version == (id(model), self._model_version):
+            return
+        for name in dir(self.model):
+            mine = getattr(self.model, name)
+            if isinstance(mine, np.ndarray) and not np.array_equal(getattr(model, name), mine):
+                getattr(model, name)[...] = mine
+        self._copied_version = id(model), self._model_version
+
+    def copy_state(self, model: Any, data: Any) -> None:
+        """Writes the state into a viewer's data, but for pushes, which the viewer knows of.
+
+        Args:
+          model: of `copy_model`.
+          data: a `mujoco.MjData` of that model; what follows from the state is not computed.
+        """
+        state = np.empty(mujoco.mj_stateSize(model, _SHOWN))
+        mujoco.mj_getState(self.model, self.data, state, _SHOWN)
+        mujoco.mj_setState(model, data, state, _SHOWN)
+        data.xfrc_applied[:] = 0.0
+
+    def status(self) -> Status:
+        """What there is to say about the running episode now."""
+        terms = self._terms()
+        is_success = getattr(self._task, "is_success", None)
+        goal = getattr(self._task, "GOAL", ())
+        return Status(
+            episode=self._episodes,
+            seed=self._episode_seed,
+            start=self._start,
+            step=self._steps,
+            step_limit=getattr(self._environment, "step_limit", None),
+            time=self._steps * self._environment.control_timestep(),
+            reward=self._reward,
+            total=self._total,
+            terms={name: float(value) for name, value in terms.items()},
+            success=bool(is_success(terms)) if terms and goal and is_success else None,
+            paused=self._paused,
+            speed=self._speed,
+            note=self._ending or self._note,
+        )
+
+    def _terms(self) -> Mapping[str, Any]:
+        """The terms of the reward in this state, where the task says what they are."""
+        reward_terms = getattr(self._task, "reward_terms", None)
+        if reward_terms is None:
+            return {}
+        try:
+            return reward_terms(self._environment.physics)
+        except NotImplementedError:
+            return {}
+
+    # Episodes.
+
+    def _begin_episode(self) -> None:
+        environment = self._environment
+        self._is_over = True  # until the start is complete
+        self._episode_seed = None
+        if self._seed is not None:
+            self._episode_seed = (self._seed + self._episodes) % _SEEDS
+            environment.reseed(self._episode_seed)
+        self._episodes += 1
+        self._time_step = environment.reset()
+        start = getattr(self._task, "start", None)
+        self._start = None if start is None else start(environment.physics)
+        policy_seed = self._episodes - 1 if self._episode_seed is None else self._episode_seed
+        self._act = self._begin(environment, policy_seed)
+        self._steps = 0
+        self._reward: float | None = None
+        self._total = 0.0
+        self._note, self._ending = self._ending, ""
+        self._is_over = False
+        self._note_model()
+
+    def _note_model(self) -> None:
+        """Notices whether the start has changed the model, by its bytes."""
+        model = self.model
+        content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, content)
+        digest = zlib.crc32(content.data)
+        self._model_version += digest != self._digest
+        self._digest = digest
+
+    def _apply_push(self) -> None:
+        """Sets the forces on pushed bodies, and takes them off those that no longer are."""
+        now = self._push.any(axis=-1)
+        if self._pushed.any():
+            self.data.xfrc_applied[self._pushed] = 0.0
+        if now.any():
+            self.data.xfrc_applied[now] = self._push[now]
+        self._pushed = now

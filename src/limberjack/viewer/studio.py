@@ -1,0 +1,354 @@
+"""A `Session` in MuJoCo Studio's web viewer; needs the extra `view`.
+
+    run(session, find_address(), "humanoid walk", announce=print)
+
+Studio draws, and sends what its user does; `_Loop` does it to the session, and sends the session's
+state back. What Studio would do to a simulation of its own - stepping, edits of joints, controls,
+options and keyframes, loading other models - is refused, so that the environment stays what it is.
+
+The only file that imports mujoco.studio.
+"""
+
+import contextlib
+import dataclasses
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import mujoco
+
+from limberjack.utils.log import log
+from limberjack.viewer.address import Address
+from limberjack.viewer.session import Session, Status, ViewerError
+
+try:
+    from mujoco.studio import (
+        app,
+        launch_thread,
+        messages,
+        plugin,
+        sim,  # pyright: ignore[reportAttributeAccessIssue] (compiled)
+        sim_history,
+        viewer_protocol,
+        web_viewer,
+    )
+    from mujoco.studio.dear_imgui import dear_imgui as imgui
+except ImportError as error:
+    raise ImportError("needs the extra 'view': pip install 'limberjack[view]'") from error
+
+__all__ = ["run"]
+
+_BREATH = 0.002  # seconds between two looks at the clock: other threads draw meanwhile
+_START_LIMIT = 60.0  # seconds that Studio may take to start
+_PANEL = (16.0, 48.0, 320.0, 360.0)  # left, top, width, height; pixels
+
+
+def run(
+    session: Session,
+    address: Address,
+    title: str = "limberjack",
+    announce: Callable[[str], object] | None = None,
+) -> None:
+    """Shows a session in browsers until Quit is chosen in one.
+
+    Args:
+      session: begun; it is stepped in this thread.
+      address: where to listen.
+      title: of the panel with the reward.
+      announce: called with the address, once a browser can open it.
+
+    Raises:
+      ViewerError: Studio does not start.
+      KeyboardInterrupt: Ctrl-C was pressed; everything is closed.
+      Exception: what the policy, the task or the environment raised.
+    """
+    panel = _Panel(title)
+    shown = app.App(app.Config(show_options=False, show_inspector=False))
+    plugins = [shown, panel, _Loop(session), sim_history.SimHistory()]
+    with _launch(address, title, plugins) as handle:
+        _wait_until(panel.is_ready.is_set, handle)
+        _wait_until(address.answers, handle)
+        if announce is not None:
+            announce(address.url)
+        _set_model(handle, session)
+        while handle.is_running():
+            handle.sync()
+
+
+def _wait_until(is_ready: Callable[[], bool], handle: Any) -> None:
+    """Waits for a part of Studio's start."""
+    end = time.monotonic() + _START_LIMIT
+    while not is_ready():
+        try:
+            runs = handle.is_running()
+        except RuntimeError as error:
+            raise ViewerError(f"MuJoCo Studio did not start: {error}") from error
+        if not runs:
+            raise ViewerError("MuJoCo Studio closed while it started")
+        if time.monotonic() > end:
+            raise ViewerError(f"MuJoCo Studio did not start in {_START_LIMIT:g} seconds")
+        time.sleep(_BREATH)
+
+
+def _set_model(handle: Any, session: Session) -> None:
+    """Gives Studio a model and a state of its own; environments may share theirs."""
+    model = session.copy_model()
+    data = mujoco.MjData(model)
+    session.copy_state(model, data)
+    handle.set_model(model, data=data)
+
+
+@dataclasses.dataclass(frozen=True)
+class _StatusEvent(messages.Event):
+    """Tells the panel how the episode goes; not a snapshot, which a reset may drop."""
+
+    status: Status
+
+
+class _Loop(plugin.SimPlugin):
+    """Steps the session, in the thread that called `run`."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._model_version = session.model_version
+        self._has_changed = True
+        self._reported: Status | None = None
+
+    @messages.handler
+    def on_pre_step(self, event: messages.PreStepEvent) -> None:
+        """Shows what has become due since the last call; called over and over."""
+        session = self._session
+        self._has_changed |= session.advance()
+        if session.model_version != self._model_version:
+            self._model_version = session.model_version
+            _set_model(self.handle, session)
+        elif self._has_changed:
+            session.copy_state(event.model, event.data)
+        if self._has_changed:
+            self._report()
+        self._has_changed = False
+        time.sleep(_BREATH)
+
+    def _report(self) -> None:
+        status = self._session.status()
+        before = self._reported
+        self._reported = status
+        self.handle.send_to_viewer(_StatusEvent(status))
+        if before is None or (before.paused, before.speed) != (status.paused, status.speed):
+            self.handle.send_to_viewer(
+                messages.StepControlSnapshot(
+                    pause_state=_pause_state(status.paused), speed=100.0 * status.speed
+                )
+            )
+
+    @messages.handler
+    def on_step_control(self, event: messages.StepControlSnapshot) -> bool:
+        """Pause and speed, from Studio's keys and menus; noise on the controls is refused."""
+        self._pause(event.pause_state)
+        self._session.set_speed(event.speed / 100.0)
+        return True
+
+    @messages.handler
+    def on_pause(self, event: messages.RequestPauseEvent) -> bool:
+        """Pause, from the panel and from looking back in time."""
+        self._pause(event.pause_state)
+        return True
+
+    def _pause(self, state: Any) -> None:
+        paused = state != sim.PauseState.UNPAUSED
+        if paused != self._session.paused:
+            self._session.pause(paused)
+            # While paused, Studio may show an earlier state, which must not be written over.
+            self._has_changed |= not paused
+            self._report()
+
+    @messages.handler
+    def on_single_step(self, event: messages.SingleStepEvent) -> bool:
+        """One control step."""
+        self._session.step()
+        self._has_changed = True
+        return True
+
+    @messages.handler
+    def on_reset(self, event: messages.ResetEvent) -> None:
+        """The next episode; Studio resets its own copy too, which is then written over."""
+        self._session.reset()
+        self._has_changed = True
+
+    @messages.handler
+    def on_perturb(self, event: messages.PerturbSnapshot) -> bool:
+        """Pushes, from the mouse."""
+        forces = event.state.reshape(-1, 6)
+        if len(forces) == self._session.model.nbody:  # not of a model that was replaced
+            self._session.push(forces)
+        return True
+
+    @messages.handler
+    def on_state(self, event: messages.StateEvent) -> bool:
+        """Joints and controls dragged by hand are refused."""
+        self._has_changed = True  # Studio shows the true state again
+        return True
+
+    @messages.handler
+    def on_options(self, event: messages.MjOptionSnapshot) -> bool:
+        """Options of the physics are refused."""
+        return True
+
+    @messages.handler
+    def on_keyframe(self, event: messages.KeyframeEvent) -> bool:
+        """Keyframes are refused."""
+        return True
+
+    @messages.handler
+    def on_threads(self, event: messages.ThreadPoolEvent) -> bool:
+        """Studio does not step, so it needs no threads for it."""
+        return True
+
+    @messages.handler
+    def on_load(self, event: messages.LoadModelEvent) -> bool:
+        """Other models are refused."""
+        log.info("the viewer shows one environment; another model cannot be loaded into it")
+        return True
+
+
+class _Panel(plugin.ViewerPlugin):
+    """Shows the reward and its terms, in Studio's thread."""
+
+    def __init__(self, title: str) -> None:
+        self.is_ready = threading.Event()
+        self._title = title
+        self._status: Status | None = None
+
+    @messages.handler
+    def on_init(self, event: plugin.ViewerInitEvent) -> None:
+        """Studio is there."""
+        self.is_ready.set()
+
+    @messages.handler
+    def on_status(self, event: _StatusEvent) -> None:
+        """Keeps what to show."""
+        self._status = event.status
+
+    @messages.handler
+    def on_build_gui(self, event: messages.BuildGuiEvent) -> None:
+        """Draws the panel, anew for each frame."""
+        left, top, width, height = _PANEL
+        first = int(imgui.Cond.FirstUseEver)
+        imgui.SetNextWindowPos(imgui.Vec2(left, top), first)
+        imgui.SetNextWindowSize(imgui.Vec2(width, height), first)
+        is_open, _ = imgui.Begin(self._title)
+        if is_open and self._status is not None:
+            self._draw_buttons(self._status)
+            _draw_episode(self._status)
+            _draw_reward(self._status)
+        imgui.End()
+
+    def _draw_buttons(self, status: Status) -> None:
+        if imgui.Button("Run" if status.paused else "Pause"):
+            self.viewer.send_to_sim(messages.RequestPauseEvent(_pause_state(not status.paused)))
+        imgui.SetItemTooltip("Space")
+        imgui.SameLine()
+        if imgui.Button("Step"):
+            self.viewer.send_to_sim(messages.RequestPauseEvent(_pause_state(True)))
+            self.viewer.send_to_sim(messages.SingleStepEvent())
+        imgui.SetItemTooltip("One control step; right arrow while paused")
+        imgui.SameLine()
+        if imgui.Button("Reset"):
+            self.viewer.send_to_sim(messages.ResetEvent(key=-1))
+        imgui.SetItemTooltip("The next episode, with a new seed; backspace")
+
+
+def _draw_episode(status: Status) -> None:
+    seed = "" if status.seed is None else f", seed {status.seed}"
+    start = "" if status.start is None else f", {status.start}"
+    limit = "" if status.step_limit is None else f" of {status.step_limit}"
+    speed = "paused" if status.paused else f"{status.speed:g} x real time"
+    imgui.TextUnformatted(f"episode {status.episode}{seed}{start}")
+    imgui.TextUnformatted(f"step {status.step}{limit}, {status.time:.2f} s, {speed}")
+    if status.note:
+        imgui.TextWrapped(status.note)
+
+
+def _draw_reward(status: Status) -> None:
+    reward = "-" if status.reward is None else f"{status.reward:.3f}"
+    imgui.SeparatorText("Reward")
+    imgui.TextUnformatted(f"return {status.total:.2f}")
+    _draw_bar(status.reward or 0.0, reward, "reward")
+    if status.terms:
+        imgui.SeparatorText("Terms")
+    for name, value in status.terms.items():
+        _draw_bar(value, f"{value:.3f}", name)
+    if status.success is not None:
+        imgui.TextUnformatted("goal reached" if status.success else "goal not reached")
+
+
+def _draw_bar(value: float, text: str, name: str) -> None:
+    imgui.ProgressBar(min(max(value, 0.0), 1.0), imgui.Vec2(_PANEL[2] / 2, 0.0), text)
+    imgui.SameLine()
+    imgui.TextUnformatted(name)
+
+
+def _pause_state(paused: bool) -> Any:
+    return sim.PauseState.NORMAL_PAUSED if paused else sim.PauseState.UNPAUSED
+
+
+def _launch(address: Address, title: str, plugins: list[Any]) -> Any:
+    """Starts Studio in a thread of its own; returns its `ViewerHandle`."""
+    # It tells of each browser that comes and goes, on standard output.
+    logging.getLogger("WebServer").setLevel(logging.WARNING)
+    config = viewer_protocol.ViewerConfig(title, gfx="web", http_port=address.port)
+    of_viewer, of_loop = plugin.split_plugins(plugins)
+
+    def show(endpoint: Any) -> None:
+        viewer = _WebViewer(address.host, config, endpoint, plugins=of_viewer)
+        viewer_protocol.run_viewer_loop(viewer)
+
+    return launch_thread.launch_thread(show, sim_plugins=of_loop)
+
+
+class _WebViewer(web_viewer.WebViewer):
+    """Studio's web viewer, which listens where it is told to, prints nothing and takes no files."""
+
+    def __init__(self, host: str, *args: Any, **kwargs: Any) -> None:
+        self._listens_on = host
+        with _no_banner():
+            super().__init__(*args, **kwargs)
+        if self._http_sock.getsockname()[0] != host:
+            self.close()
+            raise ViewerError(f"this version of MuJoCo Studio does not listen on {host} only")
+        # An earlier episode's model is never shown again: let none but the present one be kept.
+        assert self._web_server is not None
+        self._web_server.model_cache_bytes = 0
+
+    # MuJoCo 4.0 sets this to all networks, and has no option for it.
+    @property
+    def _host(self) -> str:
+        return self._listens_on
+
+    @_host.setter
+    def _host(self, host: str) -> None:
+        pass
+
+    @messages.handler(priority=messages.Priority.INTERNAL)
+    def _on_post_model(self, event: messages.PostModelEvent) -> None:
+        self._update_model()
+
+    def get_drop_file(self) -> str:
+        """No file: what is dropped on the page is forgotten."""
+        with contextlib.suppress(queue.Empty):
+            self._drop_queue.get_nowait()
+        return ""
+
+
+@contextlib.contextmanager
+def _no_banner() -> Iterator[None]:
+    """Within it Studio does not print its addresses: `run` announces the one that there is."""
+    before = web_viewer._print_url_banner
+    web_viewer._print_url_banner = lambda host, port: None
+    try:
+        yield
+    finally:
+        web_viewer._print_url_banner = before

@@ -1,0 +1,356 @@
+"""What a viewer does to an environment, with a clock that the tests turn."""
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from limberjack import policies, rollout, suite, viewer
+from limberjack.rl.control import PhysicsError
+from limberjack.viewer.session import Session, idle
+
+_INTERVAL = 0.025  # seconds; the humanoid's control step
+_LIMIT = 0.25  # seconds; ten steps
+
+
+class _Clock:
+    """Tells the time that it was set to."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> _Clock:
+    return _Clock()
+
+
+def _load(task: str = "stand", domain: str = "humanoid", time_limit: float = _LIMIT) -> Any:
+    return suite.load(domain, task, task_kwargs={"random": 0, "time_limit": time_limit})
+
+
+def _advance(session: Session, clock: _Clock, seconds: float) -> bool:
+    clock.now += seconds
+    return session.advance()
+
+
+def test_what_is_viewed_is_what_run_plays() -> None:
+    session = Session(_load(), viewer.begin_with("random"), seed=5)
+    for seed in (5, 6, 7):
+        played = rollout.run_episode(
+            suite.load("humanoid", "stand", task_kwargs={"random": seed, "time_limit": _LIMIT}),
+            policies.random,
+            seed,
+        )
+        rewards = []
+        for _ in range(10):
+            session.step()
+            rewards.append(session.status().reward)
+        np.testing.assert_array_equal(rewards, played.rewards)
+        status = session.status()
+        assert (status.seed, status.episode, status.start) == (seed, seed - 4, played.start)
+        assert (status.step, status.total) == (10, pytest.approx(played.total))
+        session.step()  # begins the next
+
+
+def test_without_a_seed_the_environment_s_random_stream_goes_on() -> None:
+    reference, environment = _load(), _load()
+    session = Session(environment)
+    for _ in range(3):
+        reference.reset()
+        np.testing.assert_array_equal(environment.physics.position(), reference.physics.position())
+        assert session.status().seed is None
+        session.reset()
+
+
+def test_steps_are_taken_when_they_are_due(clock: _Clock) -> None:
+    session = Session(_load(), clock=clock)
+    assert not _advance(session, clock, 0.6 * _INTERVAL)
+    assert _advance(session, clock, 0.6 * _INTERVAL)  # the rest is kept
+    assert session.status().step == 1
+    assert _advance(session, clock, 0.8 * _INTERVAL)
+    assert session.status().step == 2
+    assert session.status().time == 2 * _INTERVAL
+
+
+@pytest.mark.parametrize(("speed", "steps"), [(0.5, 1), (1.0, 2), (2.0, 4)])
+def test_speed_is_simulated_time_per_time(clock: _Clock, speed: float, steps: int) -> None:
+    session = Session(_load(), speed=speed, clock=clock)
+    _advance(session, clock, 2 * _INTERVAL)
+    assert session.status().step == steps
+
+
+def test_lost_time_is_not_caught_up(clock: _Clock) -> None:
+    session = Session(_load(time_limit=10), clock=clock)
+    _advance(session, clock, 60.0)
+    assert session.status().step == 4  # a tenth of a second
+
+
+def test_a_slow_policy_does_not_keep_the_viewer_waiting(clock: _Clock) -> None:
+    def begin(environment: Any, seed: int) -> Callable[[Any], np.ndarray]:
+        def act(time_step: Any) -> np.ndarray:
+            clock.now += 1.0
+            return np.zeros(21)
+
+        return act
+
+    session = Session(_load(), begin, clock=clock)
+    for steps in (1, 2, 3):
+        assert _advance(session, clock, _INTERVAL)
+        assert session.status().step == steps
+
+
+def test_pausing_stops_the_clock_and_going_on_does_not_catch_up(clock: _Clock) -> None:
+    session = Session(_load(), clock=clock)
+    session.pause()
+    assert session.status().paused
+    assert not _advance(session, clock, 1.0)
+    assert session.status().step == 0
+    session.step()
+    assert session.status().step == 1
+    session.pause(False)
+    assert not _advance(session, clock, 0.5 * _INTERVAL)
+    assert session.status().step == 1
+
+
+def test_an_episode_ends_at_its_limit_and_the_next_begins(clock: _Clock) -> None:
+    session = Session(_load(), seed=3, clock=clock)
+    for _ in range(10):
+        _advance(session, clock, _INTERVAL)
+    assert (session.status().episode, session.status().step) == (1, 10)
+    assert session.status().step_limit == 10
+    _advance(session, clock, _INTERVAL)
+    status = session.status()
+    assert (status.episode, status.step, status.seed, status.reward) == (2, 0, 4, None)
+
+
+def test_reset_begins_an_episode_with_a_new_seed_paused_or_not() -> None:
+    session = Session(_load(), seed=2**32 - 1)
+    session.pause()
+    session.step()
+    before = session.data.qpos.copy()
+    session.reset()
+    status = session.status()
+    assert (status.episode, status.step, status.seed, status.paused) == (2, 0, 0, True)
+    assert not np.array_equal(session.data.qpos, before)
+
+
+def test_a_push_moves_the_body_and_changes_nothing_but_forces() -> None:
+    pushed, alone = _load(), _load()
+    session, reference = Session(pushed, seed=0), Session(alone, seed=0)
+    body = 1  # the torso
+    forces = np.zeros((pushed.physics.model.nbody, 6))
+    forces[body, 0] = 500.0  # N
+    session.push(forces)
+    for one in (session, reference):
+        one.step()
+    assert session.data.qvel[0] > reference.data.qvel[0] + 0.1  # along x
+    # The step was that of the forces, no more: it can be repeated by hand.
+    repeated = _load()
+    repeated.reseed(0)
+    repeated.reset()
+    repeated.physics.data.xfrc_applied[:] = forces
+    repeated.step(np.zeros(21))
+    np.testing.assert_array_equal(session.data.qpos, repeated.physics.data.qpos)
+    np.testing.assert_array_equal(session.model.body_mass, repeated.physics.model._model.body_mass)
+
+
+def test_a_released_body_is_pushed_no_more_and_the_others_never_were() -> None:
+    environment = _load()
+    session = Session(environment)
+    mine, theirs = 1, 2
+    environment.physics.data.xfrc_applied[theirs, 2] = 3.0  # as a task may
+    forces = np.zeros((environment.physics.model.nbody, 6))
+    forces[mine, 0] = 5.0
+    session.push(forces)
+    session.step()
+    assert session.data.xfrc_applied[mine, 0] == 5.0
+    session.push(np.zeros_like(forces))
+    session.step()
+    assert not session.data.xfrc_applied[mine].any()
+    assert session.data.xfrc_applied[theirs, 2] == 3.0
+
+
+def test_without_pushes_an_episode_after_one_is_what_it_would_have_been() -> None:
+    session, reference = Session(_load(), seed=0), Session(_load(), seed=1)
+    forces = np.full((session.model.nbody, 6), 50.0)
+    session.push(forces)
+    session.step()
+    session.push(np.zeros_like(forces))
+    session.reset()
+    for _ in range(10):
+        session.step()
+        reference.step()
+        np.testing.assert_array_equal(session.data.qpos, reference.data.qpos)
+
+
+@pytest.mark.parametrize(
+    ("forces", "message"),
+    [(np.zeros((3, 6)), r"shape \(3, 6\); expected \(17, 6\)"), (np.full((17, 6), np.nan), "NaN")],
+)
+def test_a_bad_push_is_refused(forces: np.ndarray, message: str) -> None:
+    session = Session(_load())
+    with pytest.raises(ValueError, match=message):
+        session.push(forces)
+    session.step()
+    assert not session.data.xfrc_applied.any()
+
+
+def test_a_diverged_simulation_ends_its_episode() -> None:
+    session = Session(_load(), seed=0)
+    session.push(np.full((session.model.nbody, 6), 1e12))
+    session.step()
+    status = session.status()
+    assert "episode 1 ended early" in status.note
+    session.push(np.zeros((session.model.nbody, 6)))
+    session.step()
+    status = session.status()
+    assert (status.episode, status.step, status.seed) == (2, 0, 1)
+    assert "episode 1 ended early" in status.note
+    session.step()
+    assert np.isfinite(session.data.qpos).all()
+    session.reset()
+    assert session.status().note == ""
+
+
+def test_errors_of_a_policy_are_its_user_s() -> None:
+    session = Session(_load(), viewer.begin_with(lambda time_step: np.zeros(3)))
+    with pytest.raises(ValueError, match=r"action has shape \(3,\)"):
+        session.step()
+    with pytest.raises(policies.PolicyError, match="there is no module"):
+        viewer.begin_with("nowhere:policy")
+    with pytest.raises(TypeError, match="expected a function"):
+        viewer.begin_with(3)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_policy_of_time_steps_is_told_of_each_start() -> None:
+    class Policy:
+        resets = 0
+
+        def reset(self) -> None:
+            self.resets += 1
+
+        def __call__(self, time_step: Any) -> np.ndarray:
+            assert time_step.observation["velocity"].shape == (27,)
+            return np.ones(21)
+
+    policy = Policy()
+    session = Session(_load(), viewer.begin_with(policy))
+    for _ in range(11):
+        session.step()
+    assert policy.resets == 2
+    session.step()
+    np.testing.assert_array_equal(session.data.ctrl, np.ones(21))
+
+
+def test_without_a_policy_the_actions_are_in_the_middle() -> None:
+    environment = _load("bring_ball", "manipulator")
+    act = idle(environment, 0)
+    spec = environment.action_spec()
+    spec.validate(act(environment.reset()))
+    np.testing.assert_array_equal(act(environment.reset()), 0.5 * (spec.minimum + spec.maximum))
+
+
+def test_the_status_has_the_terms_of_the_reward() -> None:
+    environment = _load()
+    session = Session(environment)
+    session.step()
+    status = session.status()
+    assert dict(status.terms) == environment.task.reward_terms(environment.physics)
+    assert status.reward == environment.task.reward_of(status.terms)
+    assert status.success is False
+
+
+def test_the_state_is_copied_to_a_viewer_s_own_model_and_data() -> None:
+    environment = _load("bring_ball", "manipulator")
+    session = Session(environment, viewer.begin_with("random"), seed=0)
+    model = session.copy_model()
+    data = mujoco.MjData(model)
+    session.push(np.ones((model.nbody, 6)))
+    for _ in range(3):
+        session.step()
+    session.copy_state(model, data)
+    mujoco.mj_forward(model, data)
+    physics = environment.physics.copy()
+    physics.forward()
+    np.testing.assert_array_equal(data.geom_xpos, physics.data.geom_xpos)
+    assert data.time == session.data.time
+    assert not data.xfrc_applied.any()  # the viewer knows its own pushes
+    model.body_pos[:] = 7.0
+    assert not (session.model.body_pos == 7.0).all()
+
+
+def test_a_start_that_changes_the_model_is_noticed() -> None:
+    arm = Session(_load("bring_ball", "manipulator"), seed=0)  # its target is part of the model
+    humanoid = Session(_load(), seed=0)
+    for session, grows in ((arm, True), (humanoid, False)):
+        before = session.model_version
+        session.step()
+        assert session.model_version == before
+        session.reset()
+        assert (session.model_version > before) == grows
+
+
+def test_what_cannot_be_viewed_is_refused() -> None:
+    with pytest.raises(TypeError, match="has no MuJoCo simulation to show"):
+        Session(object())
+    with pytest.raises(TypeError, match="has no MuJoCo simulation to show"):
+        Session(suite.load_batch("humanoid", "stand", num_envs=2, seed=0))
+    for speed in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="expected a positive number"):
+            Session(_load(), speed=speed)
+    with pytest.raises(ValueError, match="expected 0 to"):
+        Session(_load(), seed=-1)
+    session = Session(_load())
+    with pytest.raises(ValueError, match="expected a positive number"):
+        session.set_speed(0.0)
+    assert session.speed == 1.0
+
+
+def test_an_environment_without_reseed_is_viewed_without_a_seed() -> None:
+    class Bare:
+        """What other libraries' environments have."""
+
+        def __init__(self) -> None:
+            inner = _load()
+            self.physics, self.reset, self.step = inner.physics, inner.reset, inner.step
+            self.action_spec, self.control_timestep = inner.action_spec, inner.control_timestep
+
+    session = Session(Bare())
+    for _ in range(11):
+        session.step()
+    status = session.status()
+    assert (status.episode, status.seed, status.terms, status.success) == (2, None, {}, None)
+    with pytest.raises(ValueError, match="Bare cannot be seeded anew"):
+        Session(Bare(), seed=0)
+
+
+def test_a_start_that_fails_is_not_stepped_from() -> None:
+    environment = _load()
+    session = Session(environment, seed=0)
+    starts = environment.task.initialize_episode
+
+    def fail(physics: Any) -> None:
+        raise PhysicsError("no start")
+
+    environment.task.initialize_episode = fail
+    with pytest.raises(PhysicsError, match="no start"):
+        session.reset()
+    environment.task.initialize_episode = starts
+    session.step()
+    assert (session.status().step, session.status().reward) == (0, None)
+
+
+def test_the_planner_can_be_viewed() -> None:
+    session = Session(_load("bring_ball", "manipulator"), viewer.begin_with("planner"), seed=0)
+    for _ in range(2):
+        session.step()
+        session.reset()
+    session.step()
+    assert (session.status().episode, session.status().step) == (3, 1)
+    assert session.data.ctrl.any()
