@@ -19,6 +19,7 @@ _LIMIT = 300  # seconds; Ray takes half a minute to start on a busy machine
 _NEEDS = {
     "batch": ((), ""),
     "gymnasium_vector": ((), ""),
+    "planner_cost": ((), ""),
     "sb3_ppo": (("stable_baselines3",), "sb3"),
     "torchrl_collect": (("torchrl",), "torchrl"),
     "rllib_ppo": (("ray", "torch"), "rllib"),
@@ -63,6 +64,12 @@ def test_gymnasium_vector() -> None:
     printed = _output("gymnasium_vector", "--steps", "840", "--envs", "4")
     # 210 steps of each row: two episodes of 100, after each a step that only begins the next.
     assert "832 transitions, 8 episodes cut off by the time limit" in printed
+
+
+def test_planner_cost() -> None:
+    printed = _output("planner_cost", "--steps", "90")
+    # The pole is up after 60 steps or so and stays there; without the planner it would hang.
+    assert re.search(r"^return [2-6]\d\.\d of 90, at last (0\.9\d|1\.00)$", printed, re.MULTILINE)
 
 
 def test_sb3_ppo() -> None:

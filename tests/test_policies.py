@@ -99,10 +99,10 @@ def test_a_class_or_object_is_told_of_each_start(module: str, name: str) -> None
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("zreo", "none of zero, random and MODULE:CALLABLE. Did you mean 'zero'?"),
-        ("", "none of zero, random and MODULE:CALLABLE"),
-        (":act", "none of zero, random and MODULE:CALLABLE"),
-        ("{}:", "none of zero, random and MODULE:CALLABLE"),
+        ("zreo", "none of zero, random, planner and MODULE:CALLABLE. Did you mean 'zero'?"),
+        ("", "none of zero, random, planner and MODULE:CALLABLE"),
+        (":act", "none of zero, random, planner and MODULE:CALLABLE"),
+        ("{}:", "none of zero, random, planner and MODULE:CALLABLE"),
         ("not_a_module:act", "there is no module 'not_a_module'; run from the directory"),
         ("{}.deeper:act", "there is no module 'policies_of_a_user.deeper'"),
         (".{}:act", "is relative; name it from the top"),

@@ -1,16 +1,20 @@
-"""Policies by name: zero, random, or a callable of the user's own.
+"""Policies by name: zero, random, the planner, or a callable of the user's own.
 
     policy = policies.find("random")
-    act = policy(environment.action_spec(), seed)  # at the start of each episode
+    act = policies.begin(policy, environment, seed)  # at the start of each episode
     action = act(time_step.observation)
 
 MODULE:CALLABLE names a function from an observation (an `OrderedDict` of arrays) to an action, or
 an object with `act(observation)` and, if it wants to know of each episode's start, `reset()`. A
 class is called once, without arguments, to make that object.
 
+A policy sees the observation only. The planner is the exception: it plans from the state of the
+environment itself, and is an `EnvironmentPolicy`.
+
 It does not train or load anything: what a policy needs, its own module loads.
 """
 
+import dataclasses
 import importlib
 import inspect
 import itertools
@@ -22,11 +26,45 @@ from dm_env import specs
 
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["Act", "Policy", "PolicyError", "find", "random", "zero"]
+__all__ = [
+    "Act",
+    "EnvironmentPolicy",
+    "Policy",
+    "PolicyError",
+    "begin",
+    "find",
+    "planner",
+    "random",
+    "zero",
+]
 
 Act = Callable[[Mapping[str, Any]], np.ndarray]
 # Begins an episode: takes the spec of actions and the episode's seed.
 Policy = Callable[[specs.BoundedArray, int], Act]
+
+
+@dataclasses.dataclass(frozen=True)
+class EnvironmentPolicy:
+    """A policy that needs the environment it acts in, not only what that shows.
+
+    Attributes:
+      begin_in: begins an episode: takes the environment, which has been reset and is only to be
+        read, and the episode's seed.
+    """
+
+    begin_in: Callable[[Any, int], Act]
+
+    def __call__(self, spec: specs.BoundedArray, seed: int) -> Act:
+        """Refuses: a spec of actions is not enough.
+
+        Raises:
+          PolicyError: always.
+        """
+        raise PolicyError(
+            "this policy needs the environment, not only the spec of its actions: begin it with "
+            "policies.begin(policy, environment, seed)"
+        )
+
 
 # Keeps the actions' stream apart from the start's, which RandomState(seed) draws.
 _ACTION_STREAM = 1
@@ -48,11 +86,32 @@ def random(spec: specs.BoundedArray, seed: int) -> Act:
     return lambda observation: stream.uniform(spec.minimum, spec.maximum, spec.shape)
 
 
-_BUILT_IN: dict[str, Policy] = {"zero": zero, "random": random}
+def _plan_in(environment: Any, seed: int) -> Act:
+    # Imported here: who does not plan need not wait for it.
+    from limberjack.planner import Planner
+
+    try:
+        chosen = Planner(environment, seed=seed)
+    except (TypeError, ValueError) as error:
+        raise PolicyError(f"policy 'planner': {error}") from error
+    return lambda observation: chosen.act()
+
+
+# Plans from the environment's full state; see `limberjack.planner`.
+planner = EnvironmentPolicy(_plan_in)
+
+_BUILT_IN: dict[str, Policy] = {"zero": zero, "random": random, "planner": planner}
+
+
+def begin(policy: Policy, environment: Any, seed: int) -> Act:
+    """Begins an episode of a policy of either kind, in an environment that has been reset."""
+    if isinstance(policy, EnvironmentPolicy):
+        return policy.begin_in(environment, seed)
+    return policy(environment.action_spec(), seed)
 
 
 def find(name: str) -> Policy:
-    """The policy called 'zero' or 'random', or the one that MODULE:CALLABLE names.
+    """The policy called 'zero', 'random' or 'planner', or the one that MODULE:CALLABLE names.
 
     Raises:
       PolicyError: there is none of that name, or it cannot be called.
@@ -62,7 +121,7 @@ def find(name: str) -> Policy:
     module_name, colon, path = name.partition(":")
     if not (module_name and colon and path):
         raise PolicyError(
-            f"policy {name!r} is none of zero, random and MODULE:CALLABLE."
+            f"policy {name!r} is none of zero, random, planner and MODULE:CALLABLE."
             f"{did_you_mean(name, _BUILT_IN)}"
         )
     target = _find_attribute(name, _import_module(name, module_name), path)

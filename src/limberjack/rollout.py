@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.policies import Policy
+from limberjack.policies import Policy, begin
 
 __all__ = ["Episode", "run_episode"]
 
@@ -59,7 +59,7 @@ def run_episode(
     """
     time_step = environment.reset()
     start = getattr(environment.task, "start", _one_kind_of_start)(environment.physics)
-    act = policy(environment.action_spec(), seed)
+    act = begin(policy, environment, seed)
     rewards: list[float] = []
     total = 0.0
     if on_step is not None:

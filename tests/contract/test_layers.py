@@ -23,12 +23,18 @@ _LAYERS = {
     "limberjack.suite": 4,
     "limberjack._gymnasium_plugin": 5,
     "limberjack.bench": 5,
+    "limberjack.doctor": 5,
+    "limberjack.evaluation": 5,
+    "limberjack.gallery": 5,
     "limberjack.gym": 5,
+    "limberjack.notebook": 5,
+    "limberjack.planner": 5,
     "limberjack.policies": 5,
     "limberjack.report": 5,
     "limberjack.rollout": 5,
     "limberjack.sb3": 5,
     "limberjack.video": 5,
+    "limberjack.viewer": 5,
     "limberjack.cli": 6,
     "limberjack.__main__": 6,
 }
@@ -36,6 +42,7 @@ _LAYERS = {
 _EVERYWHERE = {"dm_env", "mujoco", "numpy"}
 # Everything else that is installed is imported by one module, or one package, only.
 _ONLY_IN = {
+    "dm_control": "limberjack.doctor.probes",
     "gymnasium": "limberjack.gym",
     "glfw": "limberjack.mujoco.rendering.backends",
     "imageio_ffmpeg": "limberjack.video",
@@ -45,7 +52,10 @@ _ONLY_IN = {
     "typer": "limberjack.cli",
 }
 # Modules that are made of a package of an extra, and cannot be imported without it.
-_MADE_OF = {"limberjack.sb3": ("stable_baselines3", "sb3")}
+_MADE_OF = {
+    "limberjack.sb3": ("stable_baselines3", "sb3"),
+    "limberjack.viewer.studio": ("mujoco.studio", "view"),
+}
 
 _MAX_FILE_LINES = 400
 _MAX_FUNCTION_LINES = 40  # without the docstring
@@ -133,6 +143,11 @@ def test_what_is_heavy_is_imported_in_one_place(module: str) -> None:
         assert root in _ONLY_IN, f"{module} imports {root}: say in {__file__} that it may"
         allowed = f"{module}.".startswith(f"{_ONLY_IN[root]}.")
         assert allowed, f"{module} imports {root}; only {_ONLY_IN[root]} may"
+
+
+def test_only_one_module_imports_studio() -> None:
+    found = {m for m in _ALL if any(name.startswith("mujoco.studio") for name in imports(m))}
+    assert found == {"limberjack.viewer.studio"}
 
 
 def test_the_lists_above_name_modules_that_exist() -> None:

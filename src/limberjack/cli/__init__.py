@@ -11,7 +11,18 @@ A command is a module here that adds itself to `app`. Everything heavy is import
 that needs it, when it runs, so that `--help` answers at once.
 """
 
-from limberjack.cli import bench, listing, run  # noqa: F401 (they add their commands)
+from limberjack.cli import (  # noqa: F401 (they add their commands)
+    bench,
+    doctor,
+    evaluate,
+    gallery,
+    listing,
+    record,
+    replay,
+    run,
+    solve,
+    view,
+)
 from limberjack.cli.app import app, main
 
 __all__ = ["app", "main"]

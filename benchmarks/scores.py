@@ -1,0 +1,181 @@
+"""Makes docs/scores.md from the results of `limberjack evaluate` in benchmarks/results/scores/.
+
+    limberjack evaluate humanoid walk --policy planner --seeds 0:100 --out DIR
+    python benchmarks/scores.py DIR
+
+takes over DIR's result and writes the page; without a folder it writes the page anew. It measures
+nothing itself.
+"""
+
+import argparse
+import json
+import re
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from limberjack import suite
+
+__all__ = ["main", "page", "read_results"]
+
+_RESULTS = Path(__file__).parent / "results" / "scores"
+_PAGE = Path(__file__).parents[1] / "docs" / "scores.md"
+
+# The best scores from states that were found, with the steps of training and the action repeat,
+# where the authors' paper or code says one. The arm's were never measured from all starts.
+_PUBLISHED = {
+    ("humanoid", "stand"): [
+        ("953", "FlashSAC", "1 million", "not found"),
+        ("937", "BRO", "1 million", "1"),
+        ("918", "TD-MPC2", "4 million", "2"),
+    ],
+    ("humanoid", "walk"): [
+        ("940", "FlashSAC", "1 million", "not found"),
+        ("918", "TD-MPC2", "8 million", "2"),
+    ],
+    ("humanoid", "run"): [
+        ("603", "TD-MPC2", "14 million", "2"),
+        ("371", "FlashSAC", "1 million", "not found"),
+    ],
+    ("manipulator", "bring_ball"): [
+        ("896", "D4PG, quoted second-hand", "100 million", "not found"),
+    ],
+    ("manipulator", "insert_ball"): [("686 ± 341", "GMPG, offline", "-", "not found")],
+    ("manipulator", "insert_peg"): [("540 ± 343", "GMPG, offline", "-", "not found")],
+}
+
+_HEAD = """# Scores
+
+What policies reach on all ten tasks, and what doing nothing reaches. `benchmarks/scores.py` made
+this page from the results in `benchmarks/results/scores`; each of them was made by
+
+    limberjack evaluate DOMAIN TASK --policy NAME --seeds A:B --out DIR
+
+and has every episode in it, so that all figures can be computed again. How they are computed:
+[Evaluation](evaluation.md). A return is a sum of 1,000 rewards between 0 and 1, at an action repeat
+of 1. *interval*: 95 %, of the mean. *success*: the mean reward of the last 100 steps is at least
+0.9. *zero here*: the mean return of doing nothing on the very seeds of the row.
+"""
+
+_BY_START = """
+## By start
+
+Mean return, and in brackets the share of successes. The arm's starts are told in
+[Manipulator](manipulator.md#start) and [Stacker](stacker.md#start), the humanoid's in
+[Evaluation](evaluation.md#kinds-of-starts).
+"""
+
+_PUBLISHED_TEXT = """
+## Published scores
+
+The best from states that were found, up to November 2026: for orientation. They come from few
+episodes, older versions of MuJoCo and other seeds, so differences of some percent mean nothing (see
+[Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). *steps*: of the environment, in
+training. Tasks that are not in the table have no published score above that of doing nothing.
+"""
+
+_MEASURED = """
+## What the scores were measured with
+"""
+
+_Result = dict[str, Any]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Takes over results and writes the page."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
+    parser.add_argument("folders", nargs="*", type=Path, help="of `limberjack evaluate --out`")
+    for folder in parser.parse_args(arguments).folders:
+        result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+        policy = re.sub(r"\W+", "-", result["policy"])
+        name = f"{result['domain']}-{result['task']}-{policy}.json"
+        _RESULTS.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(folder / "result.json", _RESULTS / name)
+    _PAGE.write_text(page(read_results()), encoding="utf-8")
+
+
+def read_results() -> list[_Result]:
+    """The committed results, by task and number of episodes, the most first."""
+    results = [json.loads(path.read_text(encoding="utf-8")) for path in _RESULTS.glob("*.json")]
+    tasks = list(suite.ALL_TASKS)
+    return sorted(
+        results,
+        key=lambda r: (tasks.index((r["domain"], r["task"])), -r["episodes_asked_for"]),
+    )
+
+
+def page(results: Sequence[_Result]) -> str:
+    """The text of docs/scores.md."""
+    columns = ["domain", "task", "policy", "seeds", "mean", "interval", "median", "success"]
+    lines = [*_table([*columns, "zero here"], _score_rows(results)), _BY_START]
+    for domain in suite.TASKS_BY_DOMAIN:
+        of_domain = [result for result in results if result["domain"] == domain]
+        lines += [*_start_table(of_domain), ""] if of_domain else []
+    lines.pop()
+    published = [[*task, *score] for task in suite.ALL_TASKS for score in _PUBLISHED.get(task, [])]
+    columns = ["domain", "task", "score", "by", "steps", "action repeat"]
+    lines += [_PUBLISHED_TEXT, *_table(columns, published)]
+    columns = ["domain", "task", "policy", "its hash", "model", "versions"]
+    lines += [_MEASURED, *_table(columns, map(_origin, results))]
+    return "\n".join([_HEAD, *lines]) + "\n"
+
+
+def _table(columns: Sequence[str], rows: Any) -> list[str]:
+    body = [f"| {' | '.join(row)} |" for row in rows]
+    return [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|", *body]
+
+
+def _rows_of(results: Sequence[_Result]) -> Iterator[tuple[_Result, str, _Result]]:
+    """Each policy's result, name and summary; the floors where they have the most episodes."""
+    told: set[tuple[str, str, str]] = set()
+    for result in results:
+        for policy, summary in result["summary"].items():
+            row = (result["domain"], result["task"], policy)
+            if row not in told:
+                told.add(row)
+                yield result, policy, summary
+
+
+def _score_rows(results: Sequence[_Result]) -> Iterator[list[str]]:
+    for result, policy, summary in _rows_of(results):
+        low, high = summary["interval"]
+        yield [
+            f"[{result['domain']}]({result['domain']}.md)",
+            result["task"],
+            policy,
+            result["seeds"],
+            f"**{summary['mean']:.1f}**",
+            f"{low:.1f} to {high:.1f}",
+            f"{summary['median']:.1f}",
+            f"{100 * summary['success_rate']:.1f} %",
+            f"{result['summary']['zero']['mean']:.1f}",
+        ]
+
+
+def _start_table(results: Sequence[_Result]) -> list[str]:
+    """Rows are the kinds of starts of each task, columns the policies."""
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    policies: list[str] = []
+    for result, policy, summary in _rows_of(results):
+        if policy not in policies:
+            policies.append(policy)
+        for start, part in summary["strata"].items():
+            text = f"{part['mean']:.1f} ({100 * part['success_rate']:.1f} %) of {part['episodes']}"
+            cells.setdefault((result["task"], start), {})[policy] = text
+    rows = [
+        [task, start, *(row.get(policy, "-") for policy in policies)]
+        for (task, start), row in cells.items()
+    ]
+    return _table(["task", "start", *policies], rows)
+
+
+def _origin(result: _Result) -> list[str]:
+    versions = ", ".join(f"{name} {version}" for name, version in result["versions"].items())
+    policy_hash = (result["policy_sha256"] or "none")[:12]
+    of_whom = [result["domain"], result["task"], result["policy"]]
+    return [*of_whom, policy_hash, result["fingerprint"][:12], versions]
+
+
+if __name__ == "__main__":
+    main()

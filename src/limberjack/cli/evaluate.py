@@ -1,0 +1,197 @@
+"""`limberjack evaluate`: how good a policy is, beside zero and random actions on the same seeds."""
+
+import contextlib
+import os
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import rich.console
+import rich.progress
+import typer
+
+from limberjack.cli.app import app
+from limberjack.cli.output import (
+    FAILED,
+    INTERRUPTED,
+    MISUSED,
+    SEEDS,
+    complain,
+    console,
+    misuse_reported,
+    table,
+)
+
+if TYPE_CHECKING:
+    from limberjack.evaluation import Evaluation, Summary
+
+__all__: list[str] = []
+
+
+@app.command("evaluate")
+def _evaluate(
+    domain: Annotated[
+        str, typer.Argument(metavar="DOMAIN", help="Such as humanoid; `limberjack list` has all.")
+    ],
+    task: Annotated[str, typer.Argument(metavar="TASK", help="Such as walk.")],
+    policy: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME", help="zero, random, planner, MODULE:CALLABLE or sb3:PATH of a model."
+        ),
+    ] = "zero",
+    seeds: Annotated[
+        str, typer.Option(metavar="A:B", help="One episode for each seed from A on, without B.")
+    ] = "0:100",
+    episodes: Annotated[
+        int | None, typer.Option(min=1, help="Only so many of the seeds, the first ones.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Keep results here, and go on from what is there."),
+    ] = None,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="That step the batch; by default the usable cores.")
+    ] = None,
+    time_limit: Annotated[
+        float | None, typer.Option(help="Seconds per episode; the task's own by default.")
+    ] = None,
+) -> None:
+    """Measure how good a policy is: mean return with its interval, median and success rate.
+
+    Episode k is the first episode of an environment with the k-th seed. Zero and random actions
+    are measured on the same seeds, and all of it for each kind of start.
+
+    With --out every episode is kept as it ends: after a kill the same command goes on from there.
+    """
+    with misuse_reported():
+        chosen = _chosen_seeds(seeds, episodes)
+    # The installed command does not look for modules in the working directory; `python -m` does.
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    how = {"out": out, "num_threads": threads, "time_limit": time_limit}
+    with _progress(len(chosen), policy) as progress:
+        evaluation = _run(progress, domain, task, policy, chosen, **how)
+    _print(evaluation)
+
+
+class _Progress:
+    """A bar over all episodes; silent where there is no terminal."""
+
+    def __init__(self, bar: rich.progress.Progress, episodes: int) -> None:
+        self.episodes = episodes
+        self.finished: int | None = None  # None: nothing has been played yet
+        self._bar = bar
+        self._task = bar.add_task("", total=episodes)
+
+    def show(self, policy: str, finished: int, part: float) -> None:
+        self.finished = finished
+        self._bar.update(self._task, completed=finished + part, description=policy)
+
+
+@contextlib.contextmanager
+def _progress(episodes: int, policy: str) -> Iterator[_Progress]:
+    from limberjack.evaluation import FLOORS
+
+    columns = (
+        "{task.description}",
+        rich.progress.BarColumn(),
+        rich.progress.MofNCompleteColumn(),
+        rich.progress.TimeRemainingColumn(),
+    )
+    with rich.progress.Progress(
+        *columns,
+        console=rich.console.Console(stderr=True),
+        disable=not sys.stderr.isatty(),
+        transient=True,
+    ) as bar:
+        yield _Progress(bar, episodes * len({policy, *FLOORS}))
+
+
+def _chosen_seeds(seeds: str, episodes: int | None) -> range:
+    """The seeds that were asked for.
+
+    Raises:
+      ValueError: they are no range, or an empty one, or fewer than the episodes.
+    """
+    found = re.fullmatch(r"(\d+):(\d+)", seeds)
+    if found is None:
+        raise ValueError(f"--seeds is {seeds!r}; expected A:B, such as 0:100 for the first hundred")
+    chosen = range(int(found[1]), int(found[2]))
+    if not chosen:
+        raise ValueError(f"--seeds is {seeds}, which holds no seed; expected A:B with A below B")
+    if chosen[-1] >= SEEDS:
+        raise ValueError(f"--seeds is {seeds}; expected numbers up to {SEEDS}")
+    if episodes is not None and episodes > len(chosen):
+        raise ValueError(
+            f"--episodes is {episodes}, but --seeds {seeds} holds {len(chosen)}: give more seeds"
+        )
+    return chosen[:episodes]
+
+
+def _run(progress: _Progress, *what: Any, **how: Any) -> "Evaluation":
+    """The evaluation; what cuts it short is one line and an exit status."""
+    from limberjack.evaluation import evaluate
+    from limberjack.policies import PolicyError
+    from limberjack.rl.control import PhysicsError
+
+    try:
+        return evaluate(*what, **how, on_progress=progress.show)
+    except KeyboardInterrupt:
+        complain(f"interrupted: {_done(progress, how['out'])}")
+        raise typer.Exit(INTERRUPTED) from None
+    except (PolicyError, PhysicsError, OSError) as error:
+        if progress.finished is None:
+            complain(error)
+            raise typer.Exit(MISUSED) from None
+        complain(f"{error}; {_done(progress, how['out'])}")
+        raise typer.Exit(FAILED) from None
+    except ValueError as error:
+        if progress.finished is not None:
+            raise
+        complain(error)
+        raise typer.Exit(MISUSED) from None
+
+
+def _done(progress: _Progress, out: Path | None) -> str:
+    """What there is of an evaluation that was cut short."""
+    done = f"{progress.finished or 0} of {progress.episodes} episodes finished"
+    if out is None:
+        return f"{done}; with --out they would have been kept"
+    return f"{done}, and are kept in {out}: the same command goes on from there"
+
+
+def _print(evaluation: "Evaluation") -> None:
+    rows = table("policy", "start", "episodes>", "mean>", "95 % interval>", "median>", "success>")
+    for policy in evaluation.scores:
+        _add_row(rows, policy, "", evaluation.summary(policy))
+        for start, summary in evaluation.strata(policy).items():
+            _add_row(rows, "", start, summary)
+        rows.add_section()
+    console().print(rows)
+    success = evaluation.facts["success"]
+    typer.echo(
+        f"success: a mean reward of at least {success['mean_reward_at_least']} over the last "
+        f"{success['last_steps']} steps; interval: of the mean, by bootstrap"
+    )
+    if evaluation.left_out is not None:
+        complain(evaluation.left_out)
+    for path in evaluation.files:
+        typer.echo(path)
+
+
+def _add_row(rows: Any, policy: str, start: str, summary: "Summary") -> None:
+    interval = ""
+    if summary.interval is not None:
+        interval = "{:.1f} to {:.1f}".format(*summary.interval)
+    rows.add_row(
+        policy,
+        start,
+        str(summary.episodes),
+        f"{summary.mean:.1f}",
+        interval,
+        f"{summary.median:.1f}",
+        f"{100 * summary.success_rate:.1f} %",
+    )

@@ -1,0 +1,280 @@
+"""Policies that act in all rows of a batch.
+
+    found = find("random")                  # or "MODULE:CALLABLE", "sb3:model.zip", "planner"
+    if found.actor is not None:
+        found.actor.begin(spec, rows, seeds)             # episodes begin in these rows
+        actions = found.actor.act(observation, rows)     # (num_envs, nu); zeros in other rows
+
+A policy that acts on batches is an object, or a class without arguments, with
+
+    act_batch(observations)       a dictionary of arrays of (64, ...) -> actions of (64, nu)
+    reset_batch(rows, seeds)      optional: episodes with these seeds begin in these rows
+
+It is always shown 64 rows, so that its arithmetic does not depend on how many are in use; those
+that are not, and those whose episode is over, do not count. All else is what `limberjack.policies`
+takes: a function of one observation is called for row after row; an object with `reset` has a state
+of one episode, and plays one at a time.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import importlib
+import inspect
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from dm_env import specs
+
+from limberjack import policies
+from limberjack.policies import Act, Policy, PolicyError
+
+__all__ = ["ROWS", "Actor", "Batched", "EachRow", "Found", "find"]
+
+ROWS = 64  # of a batch: enough for all cores, and few enough that little is lost when killed
+
+_SAVED = "sb3:"
+_PLANNER = "planner"
+
+
+class Actor(Protocol):
+    """Acts in the rows of a batch."""
+
+    def begin(self, spec: specs.BoundedArray, rows: np.ndarray, seeds: Sequence[int]) -> None:
+        """Episodes with these seeds begin in these rows; `spec` is that of one action."""
+
+    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """The actions, (num_envs, ...), of which those of `rows` count.
+
+        Raises:
+          PolicyError: one of them is no action; the message has its seed and step.
+        """
+        ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Found:
+    """A policy."""
+
+    name: str
+    sha256: str | None  # of its source or its file; None if it has none, as in a notebook
+    actor: Actor | None  # None: it plays one episode at a time,
+    alone: Policy | None  # as this
+
+
+class EachRow:
+    """A policy for one episode, begun for every row."""
+
+    def __init__(self, policy: Policy) -> None:
+        """Takes a policy whose episodes know nothing of each other."""
+        self._policy = policy
+        self._acts: dict[int, Act] = {}
+        self._shape: tuple[int, ...] = ()
+
+    def begin(self, spec: specs.BoundedArray, rows: np.ndarray, seeds: Sequence[int]) -> None:
+        """See `Actor`."""
+        self._shape = spec.shape
+        for row, seed in zip(rows.tolist(), seeds, strict=True):
+            self._acts[row] = self._policy(spec, seed)
+
+    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """See `Actor`."""
+        num_envs = len(next(iter(observation.values())))
+        actions = np.zeros((num_envs, *self._shape))
+        make: Any = type(observation)  # an OrderedDict, as one environment gives
+        for row in rows.tolist():
+            of_row = make((name, values[row]) for name, values in observation.items())
+            actions[row] = self._acts[row](of_row)
+        return actions
+
+
+class Batched:
+    """A policy that acts on 64 rows at once."""
+
+    def __init__(
+        self,
+        name: str,
+        act_batch: Callable[[dict[str, np.ndarray]], Any],
+        reset_batch: Callable[[np.ndarray, np.ndarray], object] | None = None,
+    ) -> None:
+        """Takes the policy's functions; see the module's docstring."""
+        self._name = name
+        self._act_batch = act_batch
+        self._reset_batch = reset_batch
+        self._seeds = np.zeros(ROWS, np.int64)
+        self._steps = np.zeros(ROWS, int)
+        self._shape: tuple[int, ...] = ()
+
+    def begin(self, spec: specs.BoundedArray, rows: np.ndarray, seeds: Sequence[int]) -> None:
+        """See `Actor`."""
+        self._shape = spec.shape
+        self._seeds[rows] = seeds
+        self._steps[rows] = 0
+        if self._reset_batch is not None:
+            self._reset_batch(rows.copy(), self._seeds[rows])
+
+    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """See `Actor`."""
+        make: Any = type(observation)
+        shown = make((name, _filled(values)) for name, values in observation.items())
+        returned = self._checked(self._act_batch(shown), rows)
+        self._steps[rows] += 1
+        num_envs = len(next(iter(observation.values())))
+        actions = np.zeros((num_envs, *self._shape))
+        actions[rows] = returned[rows]
+        return actions
+
+    def _checked(self, returned: Any, rows: np.ndarray) -> np.ndarray:
+        """What the policy returned as an array, or `PolicyError`."""
+        expected = (ROWS, *self._shape)
+        try:
+            actions = np.asarray(returned)
+        except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors elsewhere
+            raise PolicyError(
+                f"{self._where(rows[0])}: returned what is no array of numbers: {error}"
+            ) from error
+        if actions.dtype.kind not in "iuf" or actions.shape != expected:
+            raise PolicyError(
+                f"{self._where(rows[0])}: returned {type(returned).__name__} of dtype "
+                f"{actions.dtype} and shape {actions.shape}; expected numbers of shape {expected}, "
+                f"for all {ROWS} rows"
+            )
+        finite = np.isfinite(actions[rows]).reshape(len(rows), -1)
+        if not finite.all():
+            first = int(np.flatnonzero(~finite.all(axis=-1))[0])
+            action, is_bad = actions[rows[first]].ravel(), ~finite[first]
+            raise PolicyError(
+                f"{self._where(rows[first])}: returned {action[is_bad][0]} at index "
+                f"{np.flatnonzero(is_bad).tolist()}; expected finite numbers"
+            )
+        return actions
+
+    def _where(self, row: int) -> str:
+        step, seed = self._steps[row], self._seeds[row]
+        return f"policy {self._name!r}, step {step} of the episode with seed {seed}"
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    """The rows that there are, and copies of the first up to 64."""
+    missing = ROWS - len(values)
+    return values if not missing else np.concatenate([values, np.repeat(values[:1], missing, 0)])
+
+
+def find(policy: Any, environment: Any, num_threads: int | None = None) -> Found:
+    """The policy of that name, or an object that MODULE:CALLABLE might name.
+
+    Args:
+      policy: 'zero', 'random', 'planner', 'MODULE:CALLABLE', 'sb3:PATH'; or the function, object
+        or class itself.
+      environment: a `control.Environment` that it is to act in.
+      num_threads: that the planner simulates with; by default the cores that it may use.
+
+    Raises:
+      PolicyError: there is none, or it cannot be used here.
+    """
+    if not isinstance(policy, str):
+        return _of_object(_name_of(policy), policy)
+    if policy.startswith(_SAVED):
+        return _of_saved_model(policy, environment)
+    if policy == _PLANNER:
+        return _of_planner(environment, num_threads)
+    if ":" not in policy:
+        found = policies.find(policy)
+        return Found(policy, _hash(inspect.getsource(found).encode()), EachRow(found), None)
+    target = _named(policy)
+    if hasattr(target, "act_batch"):
+        found = _of_object(policy, target)
+        return dataclasses.replace(found, sha256=_module_hash(policy.partition(":")[0]))
+    one = policies.find(policy)
+    sha256 = _module_hash(policy.partition(":")[0])
+    if callable(getattr(target, "reset", None)):
+        return Found(policy, sha256, None, one)
+    return Found(policy, sha256, EachRow(one), None)
+
+
+def _named(name: str) -> Any:
+    """What MODULE:CALLABLE names, or None: `policies.find` then says what is wrong."""
+    module_name, _, path = name.partition(":")
+    try:
+        return functools.reduce(getattr, path.split("."), importlib.import_module(module_name))
+    except (AttributeError, ImportError, TypeError, ValueError):
+        return None
+
+
+def _of_object(name: str, target: Any) -> Found:
+    """A policy that is at hand."""
+    sha256 = _module_hash(getattr(target, "__module__", ""))
+    if inspect.isclass(target):
+        target = policies._make(name, target)
+    if hasattr(target, "act_batch"):
+        actor = Batched(name, target.act_batch, getattr(target, "reset_batch", None))
+        return Found(name, sha256, actor, None)
+    act, reset = getattr(target, "act", target), getattr(target, "reset", None)
+    if not callable(act):
+        raise PolicyError(
+            f"policy is of type {type(target).__name__}; expected a name, a function of an "
+            "observation, or an object with act(observation) or act_batch(observations)"
+        )
+    policy = policies._user_policy(name, act, reset)
+    if reset is not None:
+        return Found(name, sha256, None, policy)
+    return Found(name, sha256, EachRow(policy), None)
+
+
+def _name_of(target: Any) -> str:
+    """MODULE:CALLABLE of a function or class, or of an object's class."""
+    named = target if hasattr(target, "__qualname__") else type(target)
+    return f"{named.__module__}:{named.__qualname__}"
+
+
+def _of_planner(environment: Any, num_threads: int | None) -> Found:
+    from limberjack import planner
+
+    try:
+        planner.cost_for(environment.task)
+    except (TypeError, ValueError) as error:
+        raise PolicyError(f"policy {_PLANNER!r}: {error}") from error
+
+    def begin_in(here: Any, seed: int) -> Act:
+        chosen = planner.Planner(here, num_threads, seed)
+        return lambda observation: chosen.act()
+
+    sha256 = _package_hash(planner.__name__)
+    return Found(_PLANNER, sha256, None, policies.EnvironmentPolicy(begin_in))
+
+
+def _of_saved_model(name: str, environment: Any) -> Found:
+    """The policy of a model that Stable-Baselines3 has saved."""
+    path = Path(name.removeprefix(_SAVED))
+    try:
+        from limberjack import sb3
+    except ImportError as error:
+        raise PolicyError(f"policy {name!r}: {error}") from None
+    try:
+        model = sb3.SavedPolicy(path, environment)
+    except (OSError, ValueError) as error:
+        raise PolicyError(f"policy {name!r}: {error}") from error
+    sha256 = _hash(b"".join(file.read_bytes() for file in model.files))
+    return Found(name, sha256, Batched(name, model.act_batch), None)
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _module_hash(name: str) -> str | None:
+    """The hash of a module's file; None where it has none, as a program that was typed in."""
+    file = getattr(sys.modules.get(name), "__file__", None)
+    if file is None or not Path(file).is_file():
+        return None
+    return _hash(Path(file).read_bytes())
+
+
+def _package_hash(name: str) -> str:
+    """The hash of all source files of a package."""
+    folders = map(Path, importlib.import_module(name).__path__)
+    files = sorted(file for folder in folders for file in folder.rglob("*.py"))
+    return _hash(b"".join(file.read_bytes() for file in files))

@@ -1,0 +1,145 @@
+"""Plays the first episode of each of many seeds, in batches on all cores.
+
+    for score in play(environment, EachRow(policies.random), range(1000)):
+        print(score.seed, score.total)
+
+Each row of a batch plays one seed's episode; a row whose episode has ended takes the next seed.
+Scores come as episodes end; kinds of starts are not told. Each episode is `rollout.run_episode` of
+an environment with that seed, bit for bit, as long as the policy gives a row the same action
+whatever the other rows are. Where that would raise `PhysicsError`, the episode ends and says so.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import dm_env
+import numpy as np
+
+from limberjack import rollout
+from limberjack.evaluation.actors import ROWS, Actor
+from limberjack.evaluation.statistics import Score
+from limberjack.policies import Policy
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.control import PhysicsError
+
+__all__ = ["play", "play_alone"]
+
+_LAST = int(dm_env.StepType.LAST)
+_FIRST_CAPACITY = 1000  # steps whose rewards there is room for at first: the suite's episodes
+
+_OnSteps = Callable[[int], object]
+
+
+def play(
+    environment: Any,
+    actor: Actor,
+    seeds: Sequence[int],
+    num_threads: int | None = None,
+    on_steps: _OnSteps | None = None,
+) -> Iterator[Score]:
+    """The score of each seed's first episode, as they end.
+
+    Args:
+      environment: a `control.Environment`; it is left alone.
+      actor: acts in all rows.
+      seeds: at least one.
+      num_threads: threads that step the rows; by default the cores that this process may use.
+      on_steps: called after each step of the batch with how many episodes went on.
+    """
+    rows = min(ROWS, len(seeds))
+    batch = BatchEnvironment.from_environment(environment, rows, num_threads)
+    try:
+        yield from _Playing(batch, actor, seeds).episodes(on_steps)
+    finally:
+        batch.close()
+
+
+class _Playing:
+    """A batch that plays seeds."""
+
+    def __init__(self, batch: BatchEnvironment, actor: Actor, seeds: Sequence[int]) -> None:
+        rows = batch.num_envs
+        self._batch = batch
+        self._actor = actor
+        self._waiting = iter(seeds)
+        self._running = np.zeros(rows, bool)
+        self._seeds = np.zeros(rows, np.int64)
+        self._lengths = np.zeros(rows, int)
+        self._rewards = np.zeros((rows, _FIRST_CAPACITY))
+
+    def episodes(self, on_steps: _OnSteps | None) -> Iterator[Score]:
+        """Plays all seeds."""
+        batch = self._batch
+        time_step = self._begin(np.arange(batch.num_envs))
+        while self._running.any():
+            assert time_step is not None
+            running = np.flatnonzero(self._running)
+            time_step = batch.step(self._actor.act(time_step.observation, running))
+            self._note(time_step.reward, running)
+            if on_steps is not None:
+                on_steps(len(running))
+            ended = running[time_step.step_type[running] == _LAST]
+            if ended.size:
+                yield from [self._score(row) for row in ended.tolist()]
+                time_step = self._begin(ended) or time_step
+
+    def _begin(self, rows: np.ndarray) -> dm_env.TimeStep | None:
+        """Has rows take the next seeds, as far as there are any; None if there is none."""
+        seeds = [seed for _, seed in zip(rows, self._waiting, strict=False)]
+        taking = rows[: len(seeds)]
+        self._running[rows] = False
+        if not seeds:
+            return None
+        self._running[taking] = True
+        self._seeds[taking] = seeds
+        self._lengths[taking] = 0
+        time_step = self._batch.reset(taking, seeds=seeds)
+        self._actor.begin(self._batch.task.action_spec(self._batch.physics.single), taking, seeds)
+        return time_step
+
+    def _note(self, reward: np.ndarray, running: np.ndarray) -> None:
+        """Keeps the rewards of a step."""
+        if self._lengths.max() == self._rewards.shape[1]:
+            self._rewards = np.concatenate([self._rewards, np.zeros_like(self._rewards)], axis=1)
+        self._rewards[running, self._lengths[running]] = reward[running]
+        self._lengths[running] += 1
+
+    def _score(self, row: int) -> Score:
+        seed, length = int(self._seeds[row]), int(self._lengths[row])
+        rewards = self._rewards[row, :length]
+        if self._batch.diverged[row]:
+            return Score.of_divergence(seed, float(np.cumsum(rewards)[-1]), length)
+        return Score.of_rewards(seed, rewards)
+
+
+def play_alone(
+    environment: Any,
+    policy: Policy,
+    seeds: Sequence[int],
+    on_steps: _OnSteps | None = None,
+) -> Iterator[Score]:
+    """The score of each seed's first episode, with a policy that can play only one at a time.
+
+    Args:
+      environment: a `control.Environment` that nobody else uses.
+      policy: begun anew with each seed.
+      seeds: they come in this order.
+      on_steps: called with 1 after each step.
+    """
+    for seed in seeds:
+        environment.reseed(seed)
+        so_far = (0, 0.0)
+
+        def on_step(steps: int, total: float) -> None:
+            nonlocal so_far
+            so_far = steps, total
+            if on_steps is not None and steps:
+                on_steps(1)
+
+        try:
+            episode = rollout.run_episode(environment, policy, seed, on_step)
+        except PhysicsError:
+            # As in a batch: the step that diverged is the last, and its reward is 0.
+            yield Score.of_divergence(seed, so_far[1], so_far[0] + 1)
+        else:
+            yield Score.of_rewards(seed, episode.rewards)

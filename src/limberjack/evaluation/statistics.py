@@ -1,0 +1,140 @@
+"""What many episodes say about a policy: mean return, how sure that is, median, success.
+
+    summary = summarise(scores)
+    print(summary.mean, summary.interval, summary.success_rate)
+    by_start = strata(scores)           # the same for each kind of start
+
+An episode counts as a success if the mean reward of its last 100 steps is at least 0.9: the goal
+was reached and kept. Nothing here is random: the bootstrap's draws have a seed of their own.
+"""
+
+import collections
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+__all__ = [
+    "CONFIDENCE",
+    "LAST_STEPS",
+    "RESAMPLES",
+    "SUCCESS_REWARD",
+    "Score",
+    "Summary",
+    "bootstrap_interval",
+    "strata",
+    "summarise",
+]
+
+LAST_STEPS = 100  # steps at the end of an episode that decide on success; a tenth of the suite's
+SUCCESS_REWARD = 0.9  # their mean reward from which on it is one; the reward's most is 1
+CONFIDENCE = 0.95  # of the interval of the mean
+RESAMPLES = 10_000  # of the bootstrap; a 2.5 % tail then holds 250 of them
+
+_BOOTSTRAP_SEED = 0
+_CHUNK = 1_000_000  # numbers drawn at a time, 8 MB
+
+
+@dataclasses.dataclass(frozen=True)
+class Score:
+    """What an episode gave."""
+
+    seed: int
+    total: float  # the return
+    length: int  # steps
+    final_reward: float  # the mean of the last 100 steps' rewards; 0 if the simulation diverged
+    diverged: bool = False
+    start: str | None = None  # the kind of start, where there are kinds
+
+    @classmethod
+    def of_rewards(cls, seed: int, rewards: np.ndarray) -> "Score":
+        """The score of an episode that ended as it should.
+
+        Args:
+          seed: of the environment whose first episode it is.
+          rewards: (T,), one per step; an episode shorter than 100 steps counts as a whole.
+        """
+        # Added in order, as `rollout.Episode.total` is.
+        total = float(np.cumsum(rewards)[-1])
+        return cls(seed, total, len(rewards), float(np.mean(rewards[-LAST_STEPS:])))
+
+    @classmethod
+    def of_divergence(cls, seed: int, total: float, length: int) -> "Score":
+        """The score of an episode whose simulation diverged in its last step: no success."""
+        return cls(seed, total, length, final_reward=0.0, diverged=True)
+
+    @property
+    def success(self) -> bool:
+        """Whether the mean reward of the last 100 steps is at least 0.9."""
+        return self.final_reward >= SUCCESS_REWARD
+
+
+@dataclasses.dataclass(frozen=True)
+class Summary:
+    """What many episodes gave."""
+
+    episodes: int
+    mean: float  # of the returns
+    interval: tuple[float, float] | None  # 95 % of the mean; None for fewer than two episodes
+    median: float  # of the returns
+    successes: int
+    diverged: int  # episodes whose simulation diverged; their returns end there
+
+    @property
+    def success_rate(self) -> float:
+        """The share of episodes that succeeded."""
+        return self.successes / self.episodes
+
+    def as_json(self) -> dict[str, Any]:
+        """Its numbers by name."""
+        return {**dataclasses.asdict(self), "success_rate": self.success_rate}
+
+
+def summarise(scores: Sequence[Score]) -> Summary:
+    """The summary of at least one episode."""
+    returns = np.array([score.total for score in scores])
+    return Summary(
+        episodes=len(scores),
+        mean=float(np.mean(returns)),
+        interval=bootstrap_interval(returns),
+        median=float(np.median(returns)),
+        successes=sum(score.success for score in scores),
+        diverged=sum(score.diverged for score in scores),
+    )
+
+
+def strata(scores: Iterable[Score]) -> dict[str, Summary]:
+    """The summary of each kind of start that occurs, by name; empty where there are no kinds."""
+    by_start: dict[str, list[Score]] = collections.defaultdict(list)
+    for score in scores:
+        if score.start is not None:
+            by_start[score.start].append(score)
+    return {start: summarise(by_start[start]) for start in sorted(by_start)}
+
+
+def bootstrap_interval(values: np.ndarray) -> tuple[float, float] | None:
+    """Bounds that hold the mean with 95 % confidence, by the percentile bootstrap.
+
+    10,000 times as many values are drawn, with replacement, as there are; the bounds cut off 2.5 %
+    of their means on either side. The same values in the same order give the same bounds.
+
+    Args:
+      values: (N,).
+
+    Returns:
+      The bounds; None for fewer than two values, which say nothing about their spread.
+    """
+    count = len(values)
+    if count < 2:
+        return None
+    # RandomState, because its streams are the same in every version of NumPy.
+    stream = np.random.RandomState(_BOOTSTRAP_SEED)
+    at_once = max(1, _CHUNK // count)
+    means = []
+    for first in range(0, RESAMPLES, at_once):
+        resamples = min(at_once, RESAMPLES - first)
+        means.append(values[stream.randint(count, size=(resamples, count))].mean(axis=-1))
+    tail = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(np.concatenate(means), [tail, 1 - tail])
+    return float(low), float(high)

@@ -1,0 +1,17 @@
+"""A planner that solves the suite's tasks by simulating what would follow.
+
+    from limberjack.planner import Planner
+
+    planner = Planner(env, seed=0)
+    time_step = env.reset()
+    while not time_step.last():
+        time_step = env.step(planner.act())
+
+For a task of your own, pass `cost=`, an object of a subclass of `Cost`. See docs/planner.md.
+"""
+
+from limberjack.planner.cost import Cost, Settings
+from limberjack.planner.library import cost_for
+from limberjack.planner.sampling import Planner
+
+__all__ = ["Cost", "Planner", "Settings", "cost_for"]

@@ -1,0 +1,111 @@
+"""What the costs of the planar arm's tasks have in common: the hand, and paths of the joints."""
+
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.cost import Settings
+from limberjack.planner.planar_ik import GRASP, hand_poses
+
+__all__ = [
+    "ARM",
+    "CLOSED",
+    "OPEN",
+    "OPEN_ANGLE",
+    "PLANE",
+    "SETTINGS",
+    "closing",
+    "in_hand",
+    "lifts",
+    "loose",
+    "near",
+    "outward_speed",
+    "path",
+]
+
+ARM = ["arm_root", "arm_shoulder", "arm_elbow", "arm_wrist"]
+_FINGERS = ["thumb", "finger"]
+OPEN, CLOSED = -1.0, 1.0  # controls of the grasp
+OPEN_ANGLE = np.radians(-10.0)  # of the fingers, at their limit
+PLANE = [0, 2]  # x and z of a position
+
+SETTINGS = Settings(
+    samples=64,
+    horizon=0.5,
+    knots=5,
+    interval=3,
+    # Contacts are no stiffer than twice the time step: at 0.01 the grasp slips.
+    timestep=0.005,
+    gain=5.0,
+    noise=0.5,
+    finest=0.03,
+)
+
+
+def closing(data: Any) -> Any:
+    """How far the fingers have turned from fully open, (...), radians."""
+    return data.qpos[_FINGERS].mean(axis=-1) - OPEN_ANGLE
+
+
+def in_hand(data: Any, place: np.ndarray) -> tuple[Any, Any]:
+    """How far a place is ahead of the grasp site and aside of it, (..., 3) -> (...) each."""
+    offset = place - data.site_xpos["grasp"]
+    frame = data.site_xmat["grasp"]
+    forward = offset[..., 0] * frame[..., 2] + offset[..., 2] * frame[..., 8]
+    sideways = offset[..., 0] * frame[..., 0] + offset[..., 2] * frame[..., 6]
+    return forward, sideways
+
+
+def near(distance: Any, scale: float) -> Any:
+    """1 at no distance, a half at the scale, (...)."""
+    return 1.0 / (1.0 + (distance / scale) ** 4)
+
+
+def loose(physics: Any, press: float) -> Any:
+    """What a hand that presses less than it should costs, 0 to 0.3, (...): what it holds slips."""
+    return 0.15 * np.maximum(press - physics.control()[..., -1], 0.0)
+
+
+def lifts(
+    random: np.random.Generator,
+    place: np.ndarray,
+    angle: float,
+    now: np.ndarray,
+    knots: int,
+    press: float,
+) -> list[np.ndarray]:
+    """Paths that lift the closed hand, from a place (2,) and an angle, (knots, 5) each."""
+    found: list[np.ndarray] = []
+    for height in (0.04, 0.12):
+        above = place + np.array([0.0, height])
+        for pose in hand_poses(random, above, GRASP, now, 3, angle, 0.3):
+            found.extend(path(now, [pose], knots, [press], slow) for slow in (1, 3))
+    return found
+
+
+def outward_speed(data: Any, joint: str, site: str) -> Any:
+    """How fast an object goes away from the middle, 0 to 2 m/s, (...).
+
+    Who pushes an object instead of taking it chases it into the corners.
+    """
+    speed = data.qvel[joint][..., 0] * np.sign(data.site_xpos[site][..., 0])
+    return np.clip(speed, 0.0, 2.0)
+
+
+def path(
+    now: np.ndarray, poses: list, knots: int, grasp: list[float], duration: int = 1
+) -> np.ndarray:
+    """Targets along straight joint paths, (knots, 5).
+
+    Args:
+      now: the arm's joints at the first knot, (4,).
+      poses: the joints to pass, (4,) each.
+      knots: points of the spline.
+      grasp: the grasp's control at the knots; the last one holds.
+      duration: knots from one pose to the next.
+    """
+    places = np.arange(knots) / duration
+    stations = np.array([now, *poses])
+    joints = [np.interp(places, np.arange(len(stations)), joint) for joint in stations.T]
+    closed = [grasp[min(knot, len(grasp) - 1)] for knot in range(knots)]
+    return np.column_stack([*joints, closed])

@@ -1,0 +1,111 @@
+"""`Cost`: what a plan should avoid, written on arrays with one value per simulation.
+
+    class Still(Cost):
+        settings = Settings(horizon=0.4, gain=1.5)
+
+        def step_cost(self, physics):
+            return np.abs(physics.velocity()).mean(axis=-1)
+
+    planner = Planner(env, cost=Still(env.task))
+
+`step_cost` sees a batch of the environment's own `Physics`, so everything that the domain and the
+task measure is there, with the simulations as leading axis: `task.get_reward(physics)` too.
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+__all__ = ["Cost", "Settings"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """How a task is planned for; times in seconds.
+
+    Attributes:
+      samples: plans that are simulated each time, the present one included.
+      horizon: how far a plan reaches.
+      knots: points of a plan's spline, at equal distances from now to the horizon.
+      interval: control steps from one planning to the next.
+      timestep: time step of the physics in the plan; None for the environment's. It must divide
+        the control step; a longer one is quicker and less exact.
+      gain: control per radian between a joint and its target.
+      damping: control per radian per second of a joint's velocity.
+      noise: standard deviation of the most varied samples' targets: radians for joints, parts of
+        half the range for actuators that are controlled directly.
+      finest: the least varied samples' standard deviation, as a part of `noise`.
+      temperature: how much worse a sample may be and still count, as a part of the difference
+        between the best sample and the worst of the best eighth.
+    """
+
+    samples: int = 64
+    horizon: float = 0.5
+    knots: int = 5
+    interval: int = 1
+    timestep: float | None = None
+    gain: float = 1.5
+    damping: float = 0.0
+    noise: float = 0.5
+    finest: float = 0.03
+    temperature: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name, least in (("samples", 2), ("knots", 2), ("interval", 1)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < least:
+                raise ValueError(f"{name} is {value!r}; expected a whole number from {least} up")
+        for name in ("horizon", "gain", "noise", "finest", "temperature"):
+            value = getattr(self, name)
+            if not (value > 0 and np.isfinite(value)):  # also NaN
+                raise ValueError(f"{name} is {value!r}; expected a positive number")
+
+
+class Cost:
+    """What a plan should avoid; see the module's docstring.
+
+    A subclass must define `step_cost`. The other methods are for tasks that have stages or know
+    good plans.
+    """
+
+    settings = Settings()
+
+    def __init__(self, task: Any) -> None:
+        """Takes the environment's task, whose terms of reward a cost may use."""
+        self.task = task
+
+    def reset(self) -> None:
+        """Called at the start of each episode: forgets stages."""
+
+    def look(self, physics: Any) -> None:
+        """Called before each planning, to choose the stage.
+
+        Args:
+          physics: a single simulation in the environment's present state. It is the planner's own:
+            it may be read, moved and stepped.
+        """
+
+    def step_cost(self, physics: Any) -> np.ndarray:
+        """The cost of the present states, (N,); a plan's is the mean over its control steps.
+
+        Args:
+          physics: a batch of N simulations, to be read only.
+        """
+        raise NotImplementedError(
+            f"{type(self).__name__} does not define step_cost(physics), which returns the cost of "
+            "each simulation of a batch, shape (N,)"
+        )
+
+    def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray | None:
+        """Plans worth trying besides variations of the present one, (n, knots, nu), or None.
+
+        Args:
+          physics: as for `look`.
+          random: the planner's stream.
+
+        Returns:
+          Targets of the actuators at the knots: an angle in radians for an actuator on a joint, the
+          control for others. At most half of the samples are taken from them, from the first on.
+        """
+        return None

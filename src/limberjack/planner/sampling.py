@@ -1,0 +1,194 @@
+"""`Planner`: acts by simulating what would follow, again and again (sampling model-predictive).
+
+    planner = Planner(env, seed=0)
+    time_step = env.reset()
+    while not time_step.last():
+        time_step = env.step(planner.act())
+
+A plan is a spline of targets for the actuators (see `tracking.py`). At each planning the present
+plan, variations of it and the cost's proposals are simulated side by side from the environment's
+full state, in a batch; the new plan is their mean, weighted by how little each cost (MPPI:
+Williams et al., 2017, "Information theoretic MPC"). The next planning starts from that plan,
+shifted by the time that has passed.
+
+It reads the environment's simulator state, not its observations, and never writes to it. The same
+seed gives the same actions at any number of threads.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.cost import Cost, Settings
+from limberjack.planner.library import cost_for
+from limberjack.planner.tracking import Tracking, targets_at
+from limberjack.rl import control
+from limberjack.utils.arrays import rows_of_a_batch
+from limberjack.utils.cores import usable_cores
+
+__all__ = ["Planner"]
+
+_GOOD_PART = 8  # one sample in so many is good
+_NOT_FIELDS = ("state", "sensordata")  # of what a snapshot holds of the physics
+
+
+class Planner:
+    """Chooses actions for one environment; see the module's docstring."""
+
+    def __init__(
+        self,
+        env: Any,
+        num_threads: int | None = None,
+        seed: int = 0,
+        cost: Cost | None = None,
+        settings: Settings | None = None,
+    ) -> None:
+        """Makes a planner; it may be made before the environment's first reset.
+
+        Args:
+          env: a `control.Environment`, of the suite or of your own.
+          num_threads: threads that simulate; all usable cores by default.
+          seed: of the samples; each episode draws the same stream.
+          cost: what to avoid; by default the one that is known for the environment's task.
+          settings: instead of the cost's own.
+
+        Raises:
+          ValueError: no cost is known for the task, or a setting does not fit the environment.
+          TypeError: `env` is something else, such as a Gymnasium environment.
+        """
+        if not isinstance(env, control.Environment):
+            raise TypeError(
+                f"env is of type {type(env).__name__}; expected a limberjack.rl.control."
+                "Environment, as suite.load returns"
+            )
+        self._env = env
+        self._cost = cost_for(env.task) if cost is None else cost
+        self._settings = self._cost.settings if settings is None else settings
+        self._seed = seed
+        threads = usable_cores() if num_threads is None else num_threads
+        self._batch, self._substeps = self._make_batch(threads)
+        self._law = Tracking(env.physics.model._model, self._settings.gain, self._settings.damping)
+        self._spacing = self._settings.horizon / (self._settings.knots - 1)
+        self._steps = max(1, round(self._settings.horizon / env.control_timestep()))
+        self.reset()
+
+    @property
+    def settings(self) -> Settings:
+        """How it plans."""
+        return self._settings
+
+    def reset(self) -> None:
+        """Forgets the present plan, as for an episode that begins."""
+        self._cost.reset()
+        self._random = np.random.default_rng(self._seed)
+        self._plan: np.ndarray | None = None  # (knots, nu)
+        self._age = 0  # control steps since the plan was made
+        self._time = -np.inf
+
+    def act(self) -> np.ndarray:
+        """The action for the environment's present state, (nu,), within the bounds.
+
+        An episode that has begun since the last call is noticed by its time and planned anew.
+
+        Raises:
+          RuntimeError: no episode is running, so there is no state to plan from.
+        """
+        if not self._env.is_running:
+            raise RuntimeError("no episode is running: call env.reset() before planner.act()")
+        physics = self._env.physics
+        if physics.time() < self._time:
+            self.reset()
+        self._time = physics.time()
+        plan = self._plan
+        if plan is None or self._age >= self._settings.interval:
+            plan = self._plan = self._improved()
+            self._age = 0
+        targets = targets_at(plan, self._age * self._env.control_timestep() / self._spacing)
+        self._age += 1
+        return self._law.controls(targets, physics.position(), physics.velocity())
+
+    def _make_batch(self, threads: int) -> tuple[Any, int]:
+        """The simulations that plans are tried in, and their time steps per control step."""
+        env, settings = self._env, self._settings
+        fields = [name for name in env.snapshot().physics if name not in _NOT_FIELDS]
+        twin = env.physics.copy()
+        twin._constants = env.physics._constants
+        if settings.timestep is not None:
+            twin.model.opt.timestep = settings.timestep
+        substeps = control.compute_n_steps(env.control_timestep(), twin.timestep())
+        # At the end of a control step all quantities then belong to the state that it led to.
+        twin.legacy_step = True
+        return twin.replicate(settings.samples, threads, fields), substeps
+
+    def _improved(self) -> np.ndarray:
+        """The plan from now on, (knots, nu)."""
+        saved = self._env.snapshot().physics
+        now = self._batch.single
+        now.load_rows(saved, None)
+        self._cost.look(now)
+        samples = self._samples(now)
+        costs = self._costs(saved, samples)
+        return _weighted_mean(samples, costs, self._settings.temperature)
+
+    def _samples(self, now: Any) -> np.ndarray:
+        """Plans to try, (samples, knots, nu): the present one, proposals, then variations."""
+        settings, law = self._settings, self._law
+        present = self._shifted(now)
+        samples = np.repeat(present[None], settings.samples, axis=0)
+        proposals = self._cost.proposals(now, self._random)
+        taken = 0 if proposals is None else min(len(proposals), settings.samples // 2)
+        if proposals is not None:
+            samples[1 : 1 + taken] = proposals[:taken]
+        varied = samples[1 + taken :]
+        fineness = np.log(settings.finest)
+        # Log-uniform: coarse samples find another way, fine ones bring the last millimetre.
+        widths = settings.noise * np.exp(self._random.uniform(fineness, 0.0, len(varied)))
+        noise = self._random.standard_normal(varied.shape)
+        varied += widths[:, None, None] * law.scale * noise
+        samples[1:] = law.within_limits(samples[1:])
+        return samples
+
+    def _shifted(self, now: Any) -> np.ndarray:
+        """The present plan as seen from now, (knots, nu)."""
+        knots = np.arange(self._settings.knots)
+        if self._plan is None:
+            return np.repeat(self._law.held(now.position())[None], len(knots), axis=0)
+        passed = self._age * self._env.control_timestep() / self._spacing
+        return np.stack([targets_at(self._plan, place + passed) for place in knots])
+
+    def _costs(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
+        """What following each sample would cost, (samples,); infinite where physics diverges."""
+        batch, count = self._batch, len(samples)
+        batch.load_rows({name: np.repeat(v, count, axis=0) for name, v in saved.items()}, None)
+        places = self._env.control_timestep() / self._spacing * np.arange(self._steps)
+        qpos, qvel = batch.data.qpos, batch.data.qvel
+        costs = np.zeros(count)
+        with rows_of_a_batch(count):
+            for place in places.tolist():
+                targets = targets_at(samples, place)
+                batch.set_control(self._law.controls(targets, qpos, qvel))
+                costs[batch.step_rows(None, self._substeps)] = np.inf
+                cost = np.asarray(self._cost.step_cost(batch))
+                if cost.shape != costs.shape:
+                    raise ValueError(
+                        f"step_cost of {type(self._cost).__name__} returned shape {cost.shape}; "
+                        f"expected {costs.shape}, one cost for each simulation of the batch"
+                    )
+                costs += cost
+        return costs / self._steps
+
+
+def _weighted_mean(samples: np.ndarray, costs: np.ndarray, temperature: float) -> np.ndarray:
+    """The samples' mean, (knots, nu), where the best count most; the first if none is finite."""
+    costs = np.where(np.isfinite(costs), costs, np.inf)
+    best = costs.min()
+    if not np.isfinite(best):
+        return samples[0]
+    # Measured on the good ones only: bad proposals must not blur the differences between those.
+    rank = max(1, len(costs) // _GOOD_PART)
+    spread = np.partition(costs, rank)[rank] - best
+    if not np.isfinite(spread) or spread <= 0:
+        return samples[int(np.argmin(costs))]
+    weights = np.exp((best - costs) / (temperature * spread))
+    weights /= weights.sum()
+    return (weights[:, None, None] * samples).sum(axis=0)

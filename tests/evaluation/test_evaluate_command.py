@@ -1,0 +1,144 @@
+"""`limberjack evaluate`."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.testing
+
+from limberjack.cli import app
+
+_COMMAND = ["evaluate", "stacker", "stack_2", "--threads", "1", "--time-limit", "0.1"]
+_STAND = ["evaluate", "humanoid", "stand", "--threads", "1", "--time-limit", "0.1"]
+
+# Interrupts the process in the step that plays the seed.
+_INTERRUPTING = """
+import os, signal
+import numpy as np
+
+class Interrupting:
+    def reset_batch(self, rows, seeds):
+        if 70 in seeds:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def act_batch(self, observations):
+        return np.zeros((64, 21))
+"""
+
+
+def _invoke(*arguments: str) -> Any:
+    return typer.testing.CliRunner().invoke(app, list(arguments))
+
+
+@pytest.fixture(autouse=True)
+def _search_path() -> Iterator[None]:
+    """The command adds the working directory to the module search path: that is undone."""
+    before = list(sys.path)
+    yield
+    sys.path[:] = before
+
+
+def test_the_table_has_the_policy_and_the_floors_by_start(tmp_path: Path) -> None:
+    result = _invoke(*_COMMAND, "--policy", "random", "--seeds", "3:13", "--out", str(tmp_path))
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "result.json").read_text())["summary"]
+    for policy in ("random", "zero"):
+        mean, (low, high) = summary[policy]["mean"], summary[policy]["interval"]
+        row = rf"^ {policy} +10 +{mean:.1f} +{low:.1f} to {high:.1f} +\d+\.\d +0\.0 % *$"
+        assert re.search(row, result.stdout, re.MULTILINE), result.stdout
+    assert result.stdout.count("level_0") == 2
+    assert "success: a mean reward of at least 0.9 over the last 100 steps" in result.stdout
+    files = [str(tmp_path / name) for name in ("result.json", "returns.png")]
+    assert result.stdout.splitlines()[-2:] == files
+    assert result.stderr == ""
+
+
+def test_episodes_takes_the_first_seeds() -> None:
+    result = _invoke(*_COMMAND, "--seeds", "3:13", "--episodes", "4")
+    assert result.exit_code == 0, result.output
+    assert re.search(r"^ zero +4 ", result.stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--seeds", "5"], "--seeds is '5'; expected A:B, such as 0:100"),
+        (["--seeds", "-1:5"], "--seeds is '-1:5'; expected A:B"),
+        (["--seeds", "5:5"], "--seeds is 5:5, which holds no seed; expected A:B with A below B"),
+        (["--seeds", "0:4294967297"], "expected numbers up to 4294967296"),
+        (["--episodes", "101"], "--episodes is 101, but --seeds 0:100 holds 100: give more seeds"),
+        (["--policy", "radnom"], "Did you mean 'random'?"),
+        (["--policy", "nowhere:act"], "there is no module 'nowhere'"),
+        (["--time-limit", "0"], "time_limit is 0.0; expected a positive number"),
+        (["--out", "a_file"], "a_file"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_2(
+    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a_file").write_text("")
+    monkeypatch.chdir(tmp_path)
+    result = _invoke(*_COMMAND, *arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("limberjack: ")
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [["--episodes", "0"], ["--threads", "0"]])
+def test_no_episodes_and_no_threads_are_status_2(arguments: list[str]) -> None:
+    assert _invoke(*_COMMAND, *arguments).exit_code == 2
+
+
+def test_a_folder_with_other_results_is_status_2(tmp_path: Path) -> None:
+    few = ["--seeds", "0:2", "--out", str(tmp_path)]
+    assert _invoke(*_COMMAND, *few).exit_code == 0
+    result = _invoke(*_STAND, *few)
+    assert result.exit_code == 2
+    assert "holds an evaluation with domain 'stacker', and this one has 'humanoid'" in result.stderr
+
+
+def test_a_policy_that_fails_is_status_1_and_finished_episodes_are_kept(tmp_path: Path) -> None:
+    policy = ["--policy", "evaluated:NotANumber", "--seeds", "0:100", "--out", str(tmp_path)]
+    result = _invoke(*_STAND, *policy)
+    assert result.exit_code == 1
+    assert result.stderr == (
+        "limberjack: policy 'evaluated:NotANumber', step 3 of the episode with seed 70: returned "
+        "nan at index [2]; expected finite numbers; 64 of 300 episodes finished, and are kept in "
+        f"{tmp_path}: the same command goes on from there\n"
+    )
+
+
+def test_an_interrupt_is_status_130_and_says_how_to_go_on(tmp_path: Path) -> None:
+    (tmp_path / "interrupting.py").write_text(_INTERRUPTING)
+    policy = ["--policy", "interrupting:Interrupting", "--seeds", "0:100", "--out", "out"]
+    done = subprocess.run(
+        [sys.executable, "-m", "limberjack", *_STAND, *policy],
+        cwd=tmp_path,
+        env={name: value for name, value in os.environ.items() if "COLOR" not in name},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 130
+    assert done.stderr == (
+        "limberjack: interrupted: 64 of 300 episodes finished, and are kept in out: the same "
+        "command goes on from there\n"
+    )
+
+
+def test_without_the_extra_a_saved_model_is_one_line_that_names_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    monkeypatch.delitem(sys.modules, "limberjack.sb3", raising=False)
+    result = _invoke(*_COMMAND, "--policy", "sb3:model.zip")
+    assert result.exit_code == 2
+    assert "needs the extra 'sb3': pip install 'limberjack[sb3]'" in result.stderr

@@ -1,0 +1,238 @@
+"""A whole evaluation: what it says, what it keeps, and how it goes on after a kill."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import policies, report, rollout, suite
+from limberjack.evaluation import Evaluation, evaluate
+from limberjack.policies import PolicyError
+
+_SHORT = {"time_limit": 0.1, "num_threads": 1}
+_WHERE = Path(__file__).parent
+
+
+def _evaluate(policy: Any = "zero", seeds: Any = range(3), **kwargs: Any) -> Evaluation:
+    return evaluate("humanoid", "stand", policy, seeds, **{**_SHORT, **kwargs})
+
+
+def _lines(directory: Path) -> list[dict[str, Any]]:
+    text = (directory / "episodes.jsonl").read_text(encoding="utf-8")
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def _result(directory: Path) -> dict[str, Any]:
+    return json.loads((directory / "result.json").read_text(encoding="utf-8"))
+
+
+def test_the_floors_are_played_on_the_same_seeds() -> None:
+    evaluation = _evaluate("evaluated:linear", [4, 2])
+    assert list(evaluation.scores) == ["evaluated:linear", "zero", "random"]
+    for policy, scores in evaluation.scores.items():
+        environment = suite.load("humanoid", "stand", {"time_limit": 0.1})
+        for seed, score in zip([4, 2], scores, strict=True):
+            environment.reseed(seed)
+            episode = rollout.run_episode(environment, policies.find(policy), seed)
+            assert (score.seed, score.total) == (seed, episode.total)
+
+
+def test_a_floor_that_is_evaluated_is_played_once() -> None:
+    assert list(_evaluate("random").scores) == ["random", "zero"]
+
+
+def test_the_result_has_all_that_is_needed_to_run_it_again(tmp_path: Path) -> None:
+    evaluation = evaluate(
+        "manipulator", "bring_ball", "random", range(5, 9), out=tmp_path / "out", **_SHORT
+    )
+    result = _result(tmp_path / "out")
+    assert result == json.loads(json.dumps(evaluation.as_json()))
+    assert (result["domain"], result["task"]) == ("manipulator", "bring_ball")
+    assert (result["policy"], result["action_repeat"]) == ("random", 1)
+    assert re.fullmatch("[0-9a-f]{64}", result["policy_sha256"])
+    assert (result["seeds"], result["episodes_asked_for"]) == ("5:9", 4)
+    assert (result["time_limit"], result["control_timestep"]) == (0.1, 0.01)
+    assert result["success"] == {"last_steps": 100, "mean_reward_at_least": 0.9}
+    assert result["versions"] == report.versions()
+    model = suite.load("manipulator", "bring_ball").physics.model._model
+    assert result["fingerprint"] == report.fingerprint(model)
+    assert [episode["seed"] for episode in result["episodes"]] == [5, 6, 7, 8]
+    for episode in result["episodes"]:
+        assert episode.keys() == {"seed", "return", "length", "start", "final_reward", "success"}
+        assert episode["length"] == 10
+    assert len(result["floors"]["zero"]["returns"]) == 4
+    mean = np.mean([episode["return"] for episode in result["episodes"]])
+    assert result["summary"]["random"]["mean"] == mean
+    starts = {episode["start"] for episode in result["episodes"]}
+    assert set(result["summary"]["random"]["strata"]) == starts
+    assert evaluation.files == (tmp_path / "out" / "result.json", tmp_path / "out" / "returns.png")
+
+
+def test_the_same_call_plays_nothing_again(tmp_path: Path) -> None:
+    first = _evaluate("random", out=tmp_path)
+    before = (tmp_path / "episodes.jsonl").read_bytes(), (tmp_path / "result.json").read_bytes()
+    played = []
+    second = _evaluate("random", out=tmp_path, on_progress=lambda *told: played.append(told))
+    assert played == []
+    assert second == first
+    after = (tmp_path / "episodes.jsonl").read_bytes(), (tmp_path / "result.json").read_bytes()
+    assert after == before
+
+
+def test_more_seeds_are_added_to_those_that_are_there(tmp_path: Path) -> None:
+    _evaluate("random", range(2, 4), out=tmp_path)
+    _evaluate("random", range(5), out=tmp_path)
+    assert len(_lines(tmp_path)) == 1 + 2 * 5
+    whole = _evaluate("random", range(5), out=tmp_path / "whole")
+    assert _result(tmp_path) == json.loads(json.dumps(whole.as_json()))
+
+
+def test_a_line_that_was_cut_off_is_played_again(tmp_path: Path) -> None:
+    expected = _evaluate("random", out=tmp_path)
+    path = tmp_path / "episodes.jsonl"
+    path.write_bytes(path.read_bytes()[:-20])
+    assert _evaluate("random", out=tmp_path).scores == expected.scores
+    assert len(_lines(tmp_path)) == 1 + 2 * 3
+
+
+def test_a_damaged_line_is_named(tmp_path: Path) -> None:
+    _evaluate(out=tmp_path)
+    path = tmp_path / "episodes.jsonl"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:2], "{}", *lines[3:]]) + "\n")
+    with pytest.raises(ValueError, match=r"episodes.jsonl: line 3 is no episode: remove that line"):
+        _evaluate(out=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("task", "kwargs", "message"),
+    [
+        ("walk", {}, "holds an evaluation with task 'stand', and this one has 'walk'"),
+        ("stand", {"policy": "random"}, "with policy 'zero', and this one has 'random'"),
+        ("stand", {"time_limit": 0.2}, "with time_limit 0.1, and this one has 0.2"),
+    ],
+)
+def test_a_folder_with_other_results_is_refused_and_left_alone(
+    task: str, kwargs: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    _evaluate(out=tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with pytest.raises(ValueError, match=message):
+        evaluate("humanoid", task, seeds=range(3), out=tmp_path, **{**_SHORT, **kwargs})
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_the_folder_of_another_command_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"holds a result.json but no episodes.jsonl"):
+        _evaluate(out=tmp_path)
+
+
+def test_a_policy_whose_source_has_changed_is_another_policy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = tmp_path / "changing_policy.py"
+    module.write_text("import numpy as np\n\ndef act(observation):\n    return np.zeros(21)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    _evaluate("changing_policy:act", out=tmp_path / "out")
+    module.write_text("import numpy as np\n\ndef act(observation):\n    return np.ones(21)\n")
+    with pytest.raises(ValueError, match="holds an evaluation with policy_sha256"):
+        _evaluate("changing_policy:act", out=tmp_path / "out")
+
+
+def test_a_policy_that_fails_keeps_the_episodes_before(tmp_path: Path) -> None:
+    seeds = range(100)  # seed 70 is in the second batch
+    with pytest.raises(PolicyError, match="step 3 of the episode with seed 70"):
+        _evaluate("evaluated:NotANumber", seeds, out=tmp_path)
+    assert sorted(line["seed"] for line in _lines(tmp_path)[1:]) == list(range(64))
+    assert not (tmp_path / "result.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("seeds", "message"),
+    [
+        ([], "there are no seeds; expected at least one"),
+        (range(5, 5), "there are no seeds"),
+        ([-1], "seed is -1; expected 0 or more, and below 4294967296"),
+        ([2**32], "seed is 4294967296; expected 0 or more"),
+        ([1.5], "seed is 1.5; expected a whole number"),
+        ([1, 2, 1], "a seed stands twice"),
+    ],
+)
+def test_seeds_that_cannot_be_are_refused(seeds: Any, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=message):
+        _evaluate(seeds=seeds, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_task_or_number_that_cannot_be_makes_no_folder(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(ValueError, match="Did you mean 'stand'"):
+        evaluate("humanoid", "stnad", out=out)
+    with pytest.raises(ValueError, match="num_threads is 0; expected a whole number of at least 1"):
+        _evaluate(out=out, num_threads=0)
+    with pytest.raises(ValueError, match="time_limit is inf, so no episode would end"):
+        _evaluate(out=out, time_limit=float("inf"))
+    with pytest.raises(PolicyError, match="there is no module 'nowhere'"):
+        _evaluate("nowhere:act", out=out)
+    assert not out.exists()
+
+
+def test_progress_counts_the_episodes_of_all_policies() -> None:
+    told: list[tuple[str, int, float]] = []
+    _evaluate("random", range(2), on_progress=lambda *now: told.append(now))
+    # After each of four steps of two episodes at once, then after each episode.
+    one = [(0, 0.5), (0, 1.0), (0, 1.5), (0, 2.0), (1, 1.0), (2, 0.0)]
+    expected = [("random", finished, part) for finished, part in one]
+    assert told == expected + [("zero", 2 + finished, part) for finished, part in one]
+
+
+def test_without_matplotlib_all_but_the_picture_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    evaluation = _evaluate(out=tmp_path)
+    assert evaluation.files == (tmp_path / "result.json",)
+    assert evaluation.left_out == (
+        "no returns.png: needs the extra 'video': pip install 'limberjack[video]'"
+    )
+    assert not (tmp_path / "returns.png").exists()
+
+
+# Killed and called again.
+
+
+def _call(out: Path, **variables: str) -> "subprocess.CompletedProcess[str]":
+    arguments = ["stand", "--policy", "evaluated:Linear", "--seeds", "0:150", "--time-limit", "0.1"]
+    command = [sys.executable, "-m", "limberjack", "evaluate", "humanoid", *arguments]
+    inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
+    return subprocess.run(
+        [*command, "--threads", "1", "--out", str(out)],
+        cwd=_WHERE,
+        env=inherited | variables,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def test_a_killed_evaluation_goes_on_and_ends_as_one_that_was_not_killed(tmp_path: Path) -> None:
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert _call(whole).returncode == 0
+    for seed, expected in (("64", 64), ("128", 128)):
+        done = _call(killed, KILL_FROM_SEED=seed)
+        assert done.returncode == -9, done.stderr
+        assert len(_lines(killed)) == 1 + expected
+        assert not (killed / "result.json").exists()
+    first = (killed / "episodes.jsonl").read_bytes()
+    done = _call(killed)
+    assert done.returncode == 0, done.stderr
+    assert (killed / "episodes.jsonl").read_bytes().startswith(first)
+    for name in ("result.json", "episodes.jsonl"):
+        assert (killed / name).read_bytes() == (whole / name).read_bytes()

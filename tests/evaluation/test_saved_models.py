@@ -1,0 +1,122 @@
+"""Models that Stable-Baselines3 has saved."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.evaluation import actors, evaluate
+from limberjack.evaluation.actors import Found
+from limberjack.policies import PolicyError
+
+_REASON = "needs the extra 'sb3'"
+torch: Any = pytest.importorskip("torch", reason=_REASON)
+baselines: Any = pytest.importorskip("stable_baselines3", reason=_REASON)
+vec_env: Any = pytest.importorskip("stable_baselines3.common.vec_env")
+sb3: Any = pytest.importorskip("limberjack.sb3")
+
+_ALGORITHMS = {
+    "PPO": {"n_steps": 8, "batch_size": 16},
+    "SAC": {"learning_starts": 0},
+    "TD3": {"policy_kwargs": {"net_arch": [16]}},
+}
+
+
+@pytest.fixture(autouse=True)
+def _no_old_gym(monkeypatch: pytest.MonkeyPatch) -> None:
+    """SB3 looks for OpenAI's gym as it saves, and would find the folder of tests of that name."""
+    monkeypatch.setitem(sys.modules, "gym", None)
+
+
+def _envs(task: str = "stand", **kwargs: Any) -> Any:
+    return sb3.make_vec_env("humanoid", task, 2, seed=0, num_threads=1, **kwargs)
+
+
+def _saved(path: Path, algorithm: str = "PPO", envs: Any = None, policy: str = "MlpPolicy") -> Any:
+    """An untrained model, which is saved."""
+    settings = _ALGORITHMS[algorithm]
+    made = getattr(baselines, algorithm)(policy, envs or _envs(), seed=1, device="cpu", **settings)
+    made.save(path)
+    return made
+
+
+def _find(path: Path) -> Found:
+    return actors.find(f"sb3:{path}", suite.load("humanoid", "stand"))
+
+
+def _observations() -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Of 64 rows: by name, and as SB3 sees them."""
+    batch = suite.load_batch("humanoid", "stand", 64, num_threads=1, seed=3)
+    seen = batch.reset().observation
+    flat = np.concatenate([values.reshape(64, -1) for values in seen.values()], axis=-1)
+    return seen, flat.astype(np.float32)
+
+
+def _act(
+    found: Found, observations: Any, domain: str = "humanoid", task: str = "stand"
+) -> np.ndarray:
+    assert found.actor is not None
+    spec = suite.load(domain, task).action_spec()
+    found.actor.begin(spec, np.arange(64), range(64))
+    return found.actor.act(observations, np.arange(64))
+
+
+@pytest.mark.parametrize("algorithm", _ALGORITHMS)
+def test_a_saved_model_acts_as_the_model_does(algorithm: str, tmp_path: Path) -> None:
+    model = _saved(tmp_path / "model.zip", algorithm)
+    observations, flat = _observations()
+    expected, _ = model.predict(flat, deterministic=True)
+    np.testing.assert_array_equal(_act(_find(tmp_path / "model.zip"), observations), expected)
+
+
+def test_a_model_of_a_dictionary_of_observations_acts_too(tmp_path: Path) -> None:
+    # Not a humanoid: SB3 cannot flatten a dictionary with single numbers.
+    envs = sb3.make_vec_env("stacker", "stack_2", 2, seed=0, num_threads=1, flat=False)
+    model = _saved(tmp_path / "model.zip", envs=envs, policy="MultiInputPolicy")
+    batch = suite.load_batch("stacker", "stack_2", 64, num_threads=1, seed=3)
+    observations = batch.reset().observation
+    seen = {name: values.astype(np.float32) for name, values in observations.items()}
+    expected, _ = model.predict(seen, deterministic=True)
+    # The name may be given as to `save`, without '.zip'.
+    found = actors.find(f"sb3:{tmp_path / 'model'}", suite.load("stacker", "stack_2"))
+    np.testing.assert_array_equal(_act(found, observations, "stacker", "stack_2"), expected)
+
+
+def test_observations_are_normalised_as_in_training(tmp_path: Path) -> None:
+    envs = vec_env.VecNormalize(_envs())
+    model = _saved(tmp_path / "model.zip", envs=envs)
+    envs.reset()
+    for _ in range(5):
+        envs.step(np.zeros((2, 21)))
+    plain = _find(tmp_path / "model.zip")
+    envs.save(tmp_path / "model.vecnormalize.pkl")
+    found = _find(tmp_path / "model.zip")
+    observations, flat = _observations()
+    expected, _ = model.predict(envs.normalize_obs(flat), deterministic=True)
+    np.testing.assert_array_equal(_act(found, observations), expected)
+    assert (_act(plain, observations) != expected).any()
+    assert found.sha256 != plain.sha256
+
+
+def test_a_saved_model_is_evaluated_and_named(tmp_path: Path) -> None:
+    _saved(tmp_path / "model.zip")
+    name = f"sb3:{tmp_path / 'model.zip'}"
+    evaluation = evaluate("humanoid", "stand", name, range(3), time_limit=0.1, num_threads=1)
+    assert evaluation.policy == name
+    assert evaluation.facts["policy_sha256"] == _find(tmp_path / "model.zip").sha256
+    assert evaluation.summary().episodes == 3
+
+
+def test_files_that_are_no_models_of_the_task_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "text.zip").write_text("no model")
+    _saved(tmp_path / "other.zip", envs=_envs("run_pure_state"))
+    for name, message in (
+        ("text.zip", "is no model of Stable-Baselines3; expected what model.save wrote"),
+        ("none.zip", "No such file"),
+        ("other.zip", r"the model's observations have shape \(55,\); the task's have \(67,\)"),
+    ):
+        with pytest.raises(PolicyError, match=message):
+            _find(tmp_path / name)

@@ -1,0 +1,68 @@
+"""docs/scores.md is what benchmarks/scores.py makes of the committed results."""
+
+import importlib.util
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack.evaluation import Score, evaluate
+from limberjack.evaluation.statistics import strata, summarise
+
+_REPOSITORY = Path(__file__).parents[2]
+_RESULTS = sorted((_REPOSITORY / "benchmarks" / "results" / "scores").glob("*.json"))
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """The script, writing to a folder of the test's own."""
+    spec = importlib.util.spec_from_file_location("scores", _REPOSITORY / "benchmarks/scores.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "_PAGE", tmp_path / "scores.md")
+    return module
+
+
+def test_the_page_is_made_of_the_committed_results(script: Any, tmp_path: Path) -> None:
+    script.main([])
+    made = (tmp_path / "scores.md").read_text(encoding="utf-8")
+    assert (_REPOSITORY / "docs" / "scores.md").read_text(encoding="utf-8") == made
+
+
+def test_a_folder_is_taken_over(script: Any, tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(script, "_RESULTS", tmp_path / "results")
+    evaluation = evaluate(
+        "stacker", "stack_2", "evaluated:Arm", range(4), out=tmp_path / "out", time_limit=0.05
+    )
+    script.main([str(tmp_path / "out")])
+    assert [path.name for path in (tmp_path / "results").iterdir()] == [
+        "stacker-stack_2-evaluated-Arm.json"
+    ]
+    mean, (low, high) = evaluation.summary().mean, evaluation.summary().interval or (0, 0)
+    row = f"| stack_2 | evaluated:Arm | 0:4 | **{mean:.1f}** | {low:.1f} to {high:.1f} |"
+    page = (tmp_path / "scores.md").read_text(encoding="utf-8")
+    assert row in page
+    assert "| stack_2 | zero | 0:4 |" in page
+
+
+@pytest.mark.parametrize("path", _RESULTS, ids=lambda path: path.stem)
+def test_the_figures_of_a_committed_result_follow_from_its_episodes(path: Path) -> None:
+    result = json.loads(path.read_text(encoding="utf-8"))
+    scores = [
+        Score(e["seed"], e["return"], e["length"], e["final_reward"], start=e.get("start"))
+        for e in result["episodes"]
+    ]
+    told = result["summary"][result["policy"]]
+    by_start = told.pop("strata")
+    assert told == json.loads(json.dumps(summarise(scores).as_json()))
+    expected = {start: part.as_json() for start, part in strata(scores).items()}
+    assert by_start == json.loads(json.dumps(expected))
+    assert len(scores) == result["episodes_asked_for"]
+    assert [score.success for score in scores] == [e["success"] for e in result["episodes"]]
+    for policy, floor in result["floors"].items():
+        assert result["summary"][policy]["mean"] == np.mean(floor["returns"])
+        assert len(floor["returns"]) == len(floor["final_rewards"]) == len(scores)

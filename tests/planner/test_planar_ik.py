@@ -1,0 +1,56 @@
+"""Inverse kinematics of the planar arm, against MuJoCo's own kinematics."""
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.planner import planar_ik
+from limberjack.planner.planar_ik import GRASP, PINCH, angle_of, direction, hand_poses
+
+_ARM = ["arm_root", "arm_shoulder", "arm_elbow", "arm_wrist"]
+_PLANE = [0, 2]
+
+
+@pytest.mark.parametrize(("site", "forward"), [("grasp", GRASP), ("pinch", PINCH)])
+def test_every_pose_has_the_hand_where_it_is_wanted(site: str, forward: float) -> None:
+    physics = suite.load("manipulator", "bring_ball", task_kwargs={"random": 0}).physics
+    random = np.random.default_rng(0)
+    found = 0
+    for _ in range(20):
+        point = random.uniform([-0.3, 0.1], [0.3, 0.6])
+        angle = random.uniform(-np.pi, np.pi)
+        for pose in hand_poses(random, point, forward, np.zeros(4), 5, angle, tilt=0.2):
+            with physics.reset_context():
+                physics.named.data.qpos[_ARM] = pose
+            np.testing.assert_allclose(physics.named.data.site_xpos[site][_PLANE], point, atol=1e-9)
+            pointing = physics.named.data.site_xmat[site, ["xz", "zz"]]
+            assert pointing @ direction(angle) >= np.cos(0.2) - 1e-9
+            found += 1
+    assert found > 40
+
+
+def test_poses_keep_the_limits_and_the_nearest_come_first() -> None:
+    physics = suite.load("manipulator", "bring_ball", task_kwargs={"random": 0}).physics
+    limits = physics.named.model.jnt_range[_ARM[1:]]
+    now = np.array([7.0, 0.5, 0.5, 0.5])  # the root has turned once
+    poses = hand_poses(np.random.default_rng(0), np.array([0.2, 0.2]), GRASP, now, 20)
+    assert len(poses) == 20
+    assert (np.abs(poses[:, 0] - now[0]) <= np.pi).all()
+    assert (poses[:, 1:] > limits[:, 0]).all()
+    assert (poses[:, 1:] < limits[:, 1]).all()
+    far = np.abs(poses - now).max(axis=-1)
+    assert (np.diff(far[:11]) >= 0).all()
+    assert far[10] >= far[9]
+    assert far[9] <= far[10:].min()
+
+
+@pytest.mark.parametrize("point", [(0.6, 0.4), (0.0, -0.1), (0.45, 0.0)])
+def test_what_is_out_of_reach_or_under_the_floor_has_no_pose(point: tuple[float, float]) -> None:
+    poses = hand_poses(np.random.default_rng(0), np.array(point), GRASP, np.zeros(4), 5)
+    assert poses.shape == (0, 4)
+
+
+def test_an_angle_is_that_of_its_direction() -> None:
+    for angle in (-2.0, 0.0, 0.5, 3.0):
+        assert planar_ik.angle_of(direction(angle)) == pytest.approx(angle)
+    assert angle_of(np.array([0.0, 1.0])) == 0.0

@@ -1,0 +1,101 @@
+"""Recordings of episodes, and playing them again."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.planner.record import Recording, record_episode, replay
+
+
+def _load(domain: str, task: str, seed: int = 3) -> Any:
+    return suite.load(domain, task, task_kwargs={"random": seed, "time_limit": 0.2})
+
+
+def _record(domain: str, task: str) -> Recording:
+    env = _load(domain, task)
+    random = np.random.default_rng(0)
+    spec = env.action_spec()
+    return record_episode(
+        env, lambda: random.uniform(spec.minimum, spec.maximum), {"domain": domain, "task": task}
+    )
+
+
+@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
+def test_a_recording_is_played_again_bit_for_bit_from_its_file(
+    domain: str, task: str, tmp_path: Path
+) -> None:
+    recording = _record(domain, task)
+    recording.save(tmp_path / "episode.npz")
+    read = Recording.load(tmp_path / "episode.npz")
+    assert read.about == {"domain": domain, "task": task}
+    for name in ("actions", "rewards", "states"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(recording, name))
+    assert read.observations.keys() == recording.observations.keys()
+    # An environment with another seed: the recording brings its own start.
+    assert replay(read, _load(domain, task, seed=4)) is None
+
+
+def test_what_is_recorded_is_what_a_plain_loop_sees() -> None:
+    recording = _record("humanoid", "walk")
+    env = _load("humanoid", "walk")
+    time_step = env.reset()
+    np.testing.assert_array_equal(
+        recording.observations["velocity"][0], time_step.observation["velocity"]
+    )
+    for step, action in enumerate(recording.actions):
+        time_step = env.step(action)
+        assert time_step.reward == recording.rewards[step]
+        for name, value in time_step.observation.items():
+            np.testing.assert_array_equal(recording.observations[name][step + 1], value)
+    assert time_step.last()
+    assert len(recording.states) == len(recording.actions) + 1 == env.step_limit + 1
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ("actions", "step 3: the state differs from the recorded one by up to"),
+        ("rewards", "step 3: the reward differs from the recorded one by up to 0.5"),
+        ("observations", "step 2: the observation 'velocity' differs"),
+    ],
+)
+def test_a_recording_that_was_changed_is_found_out(changed: str, message: str) -> None:
+    recording = _record("humanoid", "stand")
+    values = getattr(recording, changed)
+    values = values["velocity"] if changed == "observations" else values
+    values[3] += 0.5
+    difference = replay(recording, _load("humanoid", "stand"))
+    assert difference is not None
+    assert difference.startswith(message)
+
+
+def test_a_recording_of_another_task_is_refused() -> None:
+    with pytest.raises(ValueError, match="it is of another task or model than the environment"):
+        replay(_record("manipulator", "bring_ball"), _load("stacker", "stack_4"))
+
+
+def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
+    text = tmp_path / "text.npz"
+    text.write_text("not a recording")
+    other = tmp_path / "other.npz"
+    np.savez(other, actions=np.zeros(3))
+    for path in (text, other):
+        with pytest.raises(ValueError, match=f"{path.name} is no recording of an episode"):
+            Recording.load(path)
+    with pytest.raises(FileNotFoundError):
+        Recording.load(tmp_path / "none.npz")
+
+
+def test_a_recording_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "episode.npz"
+    recording = _record("stacker", "stack_2")
+    recording.save(path)
+    broken = dataclasses.replace(recording, about={"task": {1, 2}})  # sets are not JSON
+    with pytest.raises(TypeError):
+        broken.save(path)
+    assert Recording.load(path).about["domain"] == "stacker"
+    assert [file.name for file in tmp_path.iterdir()] == ["episode.npz"]

@@ -1,0 +1,225 @@
+"""The planner: laws over all tasks, and what it refuses."""
+
+import dataclasses
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import limberjack.gym  # noqa: F401 (registers the environments)
+from limberjack import policies, rollout, suite
+from limberjack.planner import Cost, Planner, Settings, cost_for
+from limberjack.rl import control
+from limberjack.suite import base
+
+every_task = pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
+
+
+def _load(domain: str, task: str, seed: int = 5, time_limit: float = 10.0) -> Any:
+    return suite.load(domain, task, task_kwargs={"random": seed, "time_limit": time_limit})
+
+
+def _small(env: Any, **changes: Any) -> Settings:
+    """The task's settings, for plans that are quick to make."""
+    return dataclasses.replace(cost_for(env.task).settings, samples=12, horizon=0.1, **changes)
+
+
+def _actions(env: Any, planner: Planner, steps: int) -> np.ndarray:
+    actions = []
+    for _ in range(steps):
+        actions.append(planner.act())
+        env.step(actions[-1])
+    return np.array(actions)
+
+
+@every_task
+def test_the_same_seed_gives_the_same_actions_at_any_number_of_threads(
+    domain: str, task: str
+) -> None:
+    found = []
+    for threads in (1, 3):
+        env = _load(domain, task)
+        planner = Planner(env, num_threads=threads, seed=1, settings=_small(env))
+        env.reset()
+        found.append(_actions(env, planner, 8))
+    np.testing.assert_array_equal(found[0], found[1])
+
+
+@every_task
+def test_planning_leaves_the_environment_as_it_is(domain: str, task: str) -> None:
+    env, twin = _load(domain, task), _load(domain, task)
+    env.reset()
+    twin.reset()
+    planner = Planner(env, num_threads=1, settings=_small(env))
+    for _ in range(4):
+        before = env.snapshot()
+        action = planner.act()
+        after = env.snapshot()
+        for name, value in before.physics.items():
+            np.testing.assert_array_equal(value, after.physics[name])
+        # What no snapshot holds would show in what follows.
+        ours, theirs = env.step(action), twin.step(action)
+        assert ours.reward == theirs.reward
+        for name, value in theirs.observation.items():
+            np.testing.assert_array_equal(ours.observation[name], value)
+
+
+@every_task
+def test_actions_are_within_the_bounds_and_differ_with_the_seed(domain: str, task: str) -> None:
+    found = []
+    for seed in (0, 1):
+        env = _load(domain, task)
+        env.reset()
+        planner = Planner(env, num_threads=1, seed=seed, settings=_small(env, interval=1))
+        found.append(_actions(env, planner, 4))
+        spec = env.action_spec()
+        assert (found[-1] >= spec.minimum).all()
+        assert (found[-1] <= spec.maximum).all()
+    assert not np.array_equal(found[0], found[1])
+
+
+class _Towards(Cost):
+    """Wants the humanoid's abdomen bent as far as it goes."""
+
+    settings = Settings(samples=32, horizon=0.15, knots=2, timestep=0.0125)
+
+    def step_cost(self, physics: Any) -> np.ndarray:
+        return -physics.named.data.qpos["abdomen_y"][..., 0]
+
+
+def test_the_plan_lowers_the_cost() -> None:
+    bent = {}
+    for policy in ("planner", "zero"):
+        env = _load("humanoid", "stand")
+        env.reset()
+        planner = Planner(env, num_threads=1, cost=_Towards(env.task))
+        for _ in range(8):
+            env.step(planner.act() if policy == "planner" else np.zeros(21))
+        bent[policy] = float(env.physics.named.data.qpos["abdomen_y"][0])
+    assert bent["planner"] > bent["zero"] + 0.3
+
+
+def test_a_plan_reaches_the_last_of_its_intervals() -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    looks = []
+
+    class Looking(_Towards):
+        def look(self, physics: Any) -> None:
+            looks.append(physics.time())
+
+    settings = dataclasses.replace(_Towards.settings, interval=3)
+    planner = Planner(env, num_threads=1, cost=Looking(env.task), settings=settings)
+    _actions(env, planner, 7)
+    np.testing.assert_allclose(looks, [0.0, 0.075, 0.15], atol=1e-12)
+
+
+def test_an_episode_that_has_begun_is_planned_anew() -> None:
+    env = _load("manipulator", "bring_ball")
+    planner = Planner(env, num_threads=1, settings=_small(env))
+    found = []
+    for _ in range(2):
+        env.reseed(5)
+        env.reset()  # and no planner.reset()
+        found.append(_actions(env, planner, 5))
+    np.testing.assert_array_equal(found[0], found[1])
+
+
+def test_without_an_episode_there_is_nothing_to_plan_for() -> None:
+    env = _load("humanoid", "stand", time_limit=0.05)
+    planner = Planner(env, num_threads=1, settings=_small(env))
+    with pytest.raises(RuntimeError, match=r"call env.reset\(\) before planner.act\(\)"):
+        planner.act()
+    env.reset()
+    _actions(env, planner, 2)
+    with pytest.raises(RuntimeError, match="no episode is running"):
+        planner.act()
+
+
+class _Own(base.Task):
+    """A task that the planner does not know."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        """Nothing."""
+
+    def get_observation(self, physics: Any) -> dict[str, np.ndarray]:
+        """The positions."""
+        return {"position": physics.position()}
+
+    def get_reward(self, physics: Any) -> float:
+        """Nothing."""
+        return 0.0
+
+
+def _own_environment() -> control.Environment:
+    return control.Environment(_load("humanoid", "stand").physics, _Own(), n_sub_steps=5)
+
+
+def test_a_task_without_a_cost_is_told_what_to_write() -> None:
+    with pytest.raises(ValueError, match="knows no cost for tasks of type _Own: write a subclass"):
+        Planner(_own_environment())
+    env = _own_environment()
+    with pytest.raises(policies.PolicyError, match="policy 'planner': the planner knows no cost"):
+        rollout.run_episode(env, policies.find("planner"), 0)
+
+
+def test_a_cost_of_the_wrong_shape_is_named() -> None:
+    class Wrong(Cost):
+        def step_cost(self, physics: Any) -> np.ndarray:
+            return physics.named.data.qpos["abdomen_y"]
+
+    env = _own_environment()
+    env.reset()
+    planner = Planner(env, num_threads=1, cost=Wrong(env.task))
+    with pytest.raises(ValueError, match=r"step_cost of Wrong returned shape \(64, 1\); expected"):
+        planner.act()
+
+
+def test_samples_that_diverge_or_cost_no_number_do_not_count() -> None:
+    class Broken(_Towards):
+        def step_cost(self, physics: Any) -> np.ndarray:
+            cost = super().step_cost(physics)
+            cost[1::2] = np.nan
+            return cost
+
+    env = _load("humanoid", "stand")
+    env.reset()
+    planner = Planner(env, num_threads=1, cost=Broken(env.task))
+    assert np.isfinite(_actions(env, planner, 2)).all()
+
+
+def test_what_is_no_environment_of_ours_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"env is of type .*; expected a limberjack\.rl"):
+        Planner(gymnasium.make("limberjack/humanoid-stand-v0"))
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"samples": 1}, "samples is 1; expected a whole number from 2 up"),
+        ({"knots": 2.5}, "knots is 2.5; expected a whole number"),
+        ({"horizon": float("nan")}, "horizon is nan; expected a positive number"),
+        ({"timestep": 0.004}, "must be an integer multiple"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_named(setting: dict[str, Any], message: str) -> None:
+    env = _load("humanoid", "stand")
+    with pytest.raises(ValueError, match=message):
+        Planner(env, settings=Settings(**setting))
+
+
+def test_run_finds_the_planner_by_name() -> None:
+    env = _load("humanoid", "stand", time_limit=0.1)
+    episode = rollout.run_episode(env, policies.find("planner"), 5)
+    again = _load("humanoid", "stand", time_limit=0.1)
+    again.reset()
+    planner = Planner(again, num_threads=1, seed=5)
+    rewards = [again.step(planner.act()).reward for _ in range(4)]
+    np.testing.assert_array_equal(episode.rewards, rewards)
+
+
+def test_the_planner_needs_the_environment_itself() -> None:
+    policy = policies.find("planner")
+    with pytest.raises(policies.PolicyError, match="needs the environment"):
+        policy(_load("humanoid", "stand").action_spec(), 0)

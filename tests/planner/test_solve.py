@@ -1,0 +1,75 @@
+"""`limberjack solve` and `limberjack replay`, called in this process."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer.testing
+
+from limberjack.cli import app
+from limberjack.planner.record import Recording
+
+_SOLVE = ["solve", "manipulator", "bring_ball", "--time-limit", "0.1", "--threads", "1"]
+
+
+def _invoke(*arguments: str) -> Any:
+    return typer.testing.CliRunner().invoke(app, list(arguments))
+
+
+def test_solve_records_episodes_that_replay_plays_again(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = _invoke(*_SOLVE, "--episodes", "2", "--seed", "3", "--out", str(out))
+    assert result.exit_code == 0, result.output
+    assert {"episode-3.npz", "episode-4.npz", "result.json"} <= {p.name for p in out.iterdir()}
+    recording = Recording.load(out / "episode-4.npz")
+    assert recording.about["task"] == "bring_ball"
+    assert recording.about["seed"] == 4
+    assert f"{recording.rewards.sum():.3f}" in result.stdout
+    replayed = _invoke("replay", str(out / "episode-4.npz"))
+    assert replayed.exit_code == 0, replayed.output
+    assert "10 steps, return" in replayed.stdout
+    assert "every bit the same" in replayed.stdout
+
+
+def test_solve_shows_the_same_numbers_without_files() -> None:
+    first, second = _invoke(*_SOLVE), _invoke(*_SOLVE)
+    assert first.exit_code == 0
+    assert first.stdout == second.stdout
+    assert len(first.stdout.splitlines()) == 3
+
+
+def test_replay_says_where_a_recording_differs(tmp_path: Path) -> None:
+    _invoke(*_SOLVE, "--out", str(tmp_path))
+    path = tmp_path / "episode-0.npz"
+    recording = Recording.load(path)
+    recording.actions[4] = -recording.actions[4] + 0.1
+    recording.about["versions"]["mujoco"] = "3.2.1"
+    recording.save(path)
+    result = _invoke("replay", str(path))
+    assert result.exit_code == 1
+    assert "step 4: the state differs from the recorded one" in result.stderr
+    assert "It was recorded with mujoco 3.2.1, here" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["solve", "manipulator", "bring_bal"], "Did you mean 'bring_ball'?"),
+        ([*_SOLVE, "--time-limit", "inf"], "--time-limit is inf; expected a number of seconds"),
+        ([*_SOLVE, "--seed", str(2**32 - 1), "--episodes", "2"], "the last episode's seed is"),
+        (["replay", "nothing.npz"], "nothing.npz"),
+    ],
+)
+def test_what_cannot_be_played_is_refused(arguments: list[str], message: str) -> None:
+    result = _invoke(*arguments)
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
+def test_a_recording_that_does_not_say_its_task_is_refused(tmp_path: Path) -> None:
+    none = np.zeros((0, 5))
+    Recording({}, {}, none, np.zeros(0), none, {}).save(tmp_path / "bare.npz")
+    result = _invoke("replay", str(tmp_path / "bare.npz"))
+    assert result.exit_code == 2
+    assert "does not say its domain, task, time_limit" in result.stderr
