@@ -1,4 +1,4 @@
-# make demo   watch a task run
+# make demo   watch a task being solved
 # make test   every check that decides whether a change is good
 #
 # Everything is installed into .venv; remove it, or say `make clean`, to start afresh.
@@ -24,9 +24,9 @@ help:  ## Show this list
 	@echo "usage: make [PYTHON=python3.12] TARGET"
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-13s %s\n", $$1, $$2 }' Makefile
 
-demo: $(VENV)/installed-demo  ## Run a task and write its video, plot and numbers to demo/
-	$(BIN)/limberjack run humanoid walk --policy random --time-limit 10 --out demo
-	@echo "Open $(CURDIR)/demo to see them."
+demo: $(VENV)/installed-demo  ## Let the planner bring a ball home; video, report and numbers in demo/
+	$(BIN)/limberjack solve manipulator bring_ball --seed 1003 --out demo
+	@echo "Open $(CURDIR)/demo/report.html to see it."
 
 test: lint  ## Run ruff, pyright and all tests but the slow ones
 	$(BIN)/python -m pytest
