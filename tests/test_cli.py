@@ -212,6 +212,8 @@ def test_files_are_written_though_the_table_cannot_be_printed(tmp_path: Path) ->
             stdout=full,
             stderr=subprocess.PIPE,
             timeout=120,
+            # Python's own status, 120, would come first where it has something left to flush.
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
         )
     assert result.returncode == 1
     assert len(_result(tmp_path / "out")["episodes"]) == 1
