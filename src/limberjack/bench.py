@@ -24,7 +24,7 @@ from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import at_least_one
 from limberjack.utils import cores
 
-__all__ = ["Contest", "Player", "Result", "Speed", "measure", "take_turns"]
+__all__ = ["Contest", "Player", "Result", "Speed", "measure", "player", "take_turns"]
 
 # Takes a block of actions, (steps, num_envs, nu), and returns the seconds that its steps took.
 Player = Callable[[np.ndarray], float]
@@ -105,7 +105,7 @@ def _sweep(domain: str, task: str, num_envs: int, most: int, seconds: float) -> 
     envs = {n: _vector(domain, task, num_envs, n) for n in counts}
     for env in envs.values():
         env.reset(seed=_SEED)
-    players = {str(n): _player(env.step) for n, env in envs.items()}
+    players = {str(n): player(env.step) for n, env in envs.items()}
     shape = envs[counts[0]].batches[0].action_spec().shape
     taken = take_turns(players, lambda num_steps: _actions(shape, num_steps), seconds)
     for env in envs.values():
@@ -139,8 +139,8 @@ class Contest:
         self.num_envs = num_envs
         self.environment = suite.load_batch(domain, task, num_envs, num_threads, seed=_SEED)
         self.vector_env = _vector(domain, task, num_envs, num_threads)
-        self.batch: Player = _player(self.environment.step)
-        self.vector: Player = _player(self.vector_env.step)
+        self.batch: Player = player(self.environment.step)
+        self.vector: Player = player(self.vector_env.step)
         self._num_substeps = self.environment._n_sub_steps
         self._bare: dict[bool, Any] = {}
         self.environment.reset()
@@ -239,7 +239,9 @@ def _vector(domain: str, task: str, num_envs: int, num_threads: int) -> VectorEn
     return load_vector(domain, task, num_envs, num_threads=num_threads, flat=True, dtype="float32")
 
 
-def _player(step: Callable[[np.ndarray], Any]) -> Player:
+def player(step: Callable[[np.ndarray], Any]) -> Player:
+    """A player of an environment with this `step`."""
+
     def play(actions: np.ndarray) -> float:
         start = time.perf_counter()
         for action in actions:

@@ -34,6 +34,7 @@ __all__ = [
     "begin",
     "find",
     "planner",
+    "planner_with",
     "random",
     "zero",
 ]
@@ -86,19 +87,27 @@ def random(spec: specs.BoundedArray, seed: int) -> Act:
     return lambda observation: stream.uniform(spec.minimum, spec.maximum, spec.shape)
 
 
-def _plan_in(environment: Any, seed: int) -> Act:
-    # Imported here: who does not plan need not wait for it.
-    from limberjack.planner import Planner
+def planner_with(num_threads: int | None) -> EnvironmentPolicy:
+    """The planner, which plans from the environment's full state; see `limberjack.planner`.
 
-    try:
-        chosen = Planner(environment, seed=seed)
-    except (TypeError, ValueError) as error:
-        raise PolicyError(f"policy 'planner': {error}") from error
-    return lambda observation: chosen.act()
+    Args:
+      num_threads: that it simulates with; None for all usable cores.
+    """
+
+    def begin_in(environment: Any, seed: int) -> Act:
+        # Imported here: who does not plan need not wait for it.
+        from limberjack.planner import Planner
+
+        try:
+            chosen = Planner(environment, num_threads, seed)
+        except (TypeError, ValueError) as error:
+            raise PolicyError(f"policy 'planner': {error}") from error
+        return lambda observation: chosen.act()
+
+    return EnvironmentPolicy(begin_in)
 
 
-# Plans from the environment's full state; see `limberjack.planner`.
-planner = EnvironmentPolicy(_plan_in)
+planner = planner_with(None)
 
 _BUILT_IN: dict[str, Policy] = {"zero": zero, "random": random, "planner": planner}
 

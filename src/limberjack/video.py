@@ -26,7 +26,7 @@ import numpy as np
 
 from limberjack.utils.files import partial_path
 
-__all__ = ["Film", "Writer", "frame_stride", "mosaic"]
+__all__ = ["Film", "Writer", "find_ffmpeg", "frame_stride", "mosaic"]
 
 # Frames per second, by the ending of the file. Every screen shows 50, and drawing more takes long;
 # a GIF counts in hundredths of a second, and is large.
@@ -99,7 +99,7 @@ class Writer:
         self._ending = _ending(path)
         if self._ending == ".mp4" and (height % 2 or width % 2):
             raise ValueError(f"a film of {height}x{width} pixels: H.264 needs even numbers")
-        self._ffmpeg = _find_ffmpeg()
+        self._ffmpeg = find_ffmpeg()
         self._path = path
         self._partial = partial_path(path)
         self._lossless = self._partial.with_suffix(".mkv")  # of a GIF's frames
@@ -266,7 +266,12 @@ def _ending(path: Path) -> str:
     return ending
 
 
-def _find_ffmpeg() -> str:
+def find_ffmpeg() -> str:
+    """The path of the ffmpeg that films are written with.
+
+    Raises:
+      ImportError: there is none; the message names the extra that brings it.
+    """
     try:
         import imageio_ffmpeg
 

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from limberjack.cli.app import app
+from limberjack.cli.options import Domain, TaskName
 from limberjack.cli.output import console, misuse_reported, table
 
 __all__: list[str] = []
@@ -12,8 +13,8 @@ __all__: list[str] = []
 
 @app.command("bench")
 def _bench(
-    domain: Annotated[str, typer.Argument(metavar="DOMAIN", help="Such as humanoid.")],
-    task: Annotated[str, typer.Argument(metavar="TASK", help="Such as walk.")],
+    domain: Domain,
+    task: TaskName,
     num_envs: Annotated[int, typer.Option(min=1, help="Rows of the batch.")] = 256,
     threads: Annotated[
         int | None, typer.Option(min=1, help="The most to try; by default the usable cores.")

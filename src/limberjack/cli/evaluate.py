@@ -13,6 +13,7 @@ import rich.progress
 import typer
 
 from limberjack.cli.app import app
+from limberjack.cli.options import Domain, TaskName, TimeLimit
 from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
@@ -32,10 +33,8 @@ __all__: list[str] = []
 
 @app.command("evaluate")
 def _evaluate(
-    domain: Annotated[
-        str, typer.Argument(metavar="DOMAIN", help="Such as humanoid; `limberjack list` has all.")
-    ],
-    task: Annotated[str, typer.Argument(metavar="TASK", help="Such as walk.")],
+    domain: Domain,
+    task: TaskName,
     policy: Annotated[
         str,
         typer.Option(
@@ -55,9 +54,7 @@ def _evaluate(
     threads: Annotated[
         int | None, typer.Option(min=1, help="That step the batch; by default the usable cores.")
     ] = None,
-    time_limit: Annotated[
-        float | None, typer.Option(help="Seconds per episode; the task's own by default.")
-    ] = None,
+    time_limit: TimeLimit = None,
 ) -> None:
     """Measure how good a policy is: mean return with its interval, median and success rate.
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from limberjack.cli.app import app
+from limberjack.cli.options import Domain, PolicyName, TaskName
 from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
@@ -30,15 +31,10 @@ _TABLE_WIDTH = 320  # pixels; on narrower pictures a table of three lines would 
 
 @app.command("record")
 def _record(
-    domain: Annotated[
-        str, typer.Argument(metavar="DOMAIN", help="Such as humanoid; `limberjack list` has all.")
-    ],
-    task: Annotated[str, typer.Argument(metavar="TASK", help="Such as walk.")],
+    domain: Domain,
+    task: TaskName,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Ends in .mp4 or .gif.")],
-    policy: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="What acts: zero, random, planner or MODULE:CALLABLE."),
-    ] = "zero",
+    policy: PolicyName = "zero",
     seed: Annotated[
         int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode; of row i it is seed+i.")
     ] = 0,

@@ -7,7 +7,8 @@ from typing import Annotated, Any
 import typer
 
 from limberjack.cli.app import app
-from limberjack.cli.output import SEEDS, find_policy, misuse_reported
+from limberjack.cli.options import Domain, FirstSeed, PolicyName, TaskName, TimeLimit
+from limberjack.cli.output import find_policy, misuse_reported
 from limberjack.cli.playing import Playing
 
 __all__: list[str] = []
@@ -15,21 +16,12 @@ __all__: list[str] = []
 
 @app.command("run")
 def _run(
-    domain: Annotated[
-        str, typer.Argument(metavar="DOMAIN", help="Such as humanoid; `limberjack list` has all.")
-    ],
-    task: Annotated[str, typer.Argument(metavar="TASK", help="Such as walk.")],
+    domain: Domain,
+    task: TaskName,
     episodes: Annotated[int, typer.Option(min=1, help="How many to run.")] = 1,
-    seed: Annotated[
-        int, typer.Option(min=0, max=SEEDS - 1, help="Of the first episode; the next has seed+1.")
-    ] = 0,
-    policy: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="What acts: zero, random, planner or MODULE:CALLABLE."),
-    ] = "zero",
-    time_limit: Annotated[
-        float | None, typer.Option(help="Seconds per episode; the task's own by default.")
-    ] = None,
+    seed: FirstSeed = 0,
+    policy: PolicyName = "zero",
+    time_limit: TimeLimit = None,
     out: Annotated[
         Path | None,
         typer.Option(

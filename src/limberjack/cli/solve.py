@@ -7,7 +7,8 @@ from typing import Annotated, Any
 import typer
 
 from limberjack.cli.app import app
-from limberjack.cli.output import SEEDS, misuse_reported
+from limberjack.cli.options import Domain, FirstSeed, TaskName, TimeLimit
+from limberjack.cli.output import misuse_reported
 from limberjack.cli.playing import Playing
 
 __all__: list[str] = []
@@ -15,18 +16,11 @@ __all__: list[str] = []
 
 @app.command("solve")
 def _solve(
-    domain: Annotated[
-        str,
-        typer.Argument(metavar="DOMAIN", help="Such as manipulator; `limberjack list` has all."),
-    ],
-    task: Annotated[str, typer.Argument(metavar="TASK", help="Such as bring_ball.")],
+    domain: Domain,
+    task: TaskName,
     episodes: Annotated[int, typer.Option(min=1, help="How many to play.")] = 1,
-    seed: Annotated[
-        int, typer.Option(min=0, max=SEEDS - 1, help="Of the first episode; the next has seed+1.")
-    ] = 0,
-    time_limit: Annotated[
-        float | None, typer.Option(help="Seconds per episode; the task's own by default.")
-    ] = None,
+    seed: FirstSeed = 0,
+    time_limit: TimeLimit = None,
     out: Annotated[
         Path | None,
         typer.Option(

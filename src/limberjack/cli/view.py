@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from limberjack.cli.app import app
-from limberjack.cli.output import FAILED, INTERRUPTED, SEEDS, complain, find_policy, misuse_reported
+from limberjack.cli.options import Domain, FirstSeed, TaskName, TimeLimit
+from limberjack.cli.output import FAILED, INTERRUPTED, complain, find_policy, misuse_reported
 
 if TYPE_CHECKING:
     from limberjack.viewer.session import Session
@@ -22,22 +23,16 @@ _NO_POLICY = "none"
 
 @app.command("view")
 def _view(
-    domain: Annotated[
-        str, typer.Argument(metavar="DOMAIN", help="Such as humanoid; `limberjack list` has all.")
-    ],
-    task: Annotated[str, typer.Argument(metavar="TASK", help="Such as walk.")],
+    domain: Domain,
+    task: TaskName,
     policy: Annotated[
         str,
         typer.Option(
             metavar="NAME", help="What acts: none, zero, random, planner or MODULE:CALLABLE."
         ),
     ] = _NO_POLICY,
-    seed: Annotated[
-        int, typer.Option(min=0, max=SEEDS - 1, help="Of the first episode; the next has seed+1.")
-    ] = 0,
-    time_limit: Annotated[
-        float | None, typer.Option(help="Seconds per episode; the task's own by default.")
-    ] = None,
+    seed: FirstSeed = 0,
+    time_limit: TimeLimit = None,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     native: Annotated[
         bool, typer.Option("--native", help="Open a window instead of serving a browser.")

@@ -87,7 +87,7 @@ def threads() -> dict[str, Any]:
     shape = envs[most].batches[0].action_spec().shape
     random = np.random.RandomState(0)
     taken = bench.take_turns(
-        {str(n): bench._player(env.step) for n, env in envs.items()},
+        {str(n): bench.player(env.step) for n, env in envs.items()},
         lambda num_steps: random.uniform(-1, 1, (num_steps, *shape)),
         seconds=0.0,
         min_rounds=_ROUNDS,
@@ -147,7 +147,7 @@ def ffmpeg() -> str:
     """The version of the ffmpeg that films are written with."""
     from limberjack import video
 
-    command = [video._find_ffmpeg(), "-version"]
+    command = [video.find_ffmpeg(), "-version"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     words = done.stdout.split()  # ffmpeg version 7.0.2 Copyright ...
     return words[2] if words[:2] == ["ffmpeg", "version"] else "of an unknown version"

@@ -231,19 +231,14 @@ def _name_of(target: Any) -> str:
 
 
 def _of_planner(environment: Any, num_threads: int | None) -> Found:
-    from limberjack import planner
+    from limberjack.planner.library import sources_for
 
     try:
-        planner.cost_for(environment.task)
-    except (TypeError, ValueError) as error:
+        sources = sources_for(environment.task)
+    except ValueError as error:
         raise PolicyError(f"policy {_PLANNER!r}: {error}") from error
-
-    def begin_in(here: Any, seed: int) -> Act:
-        chosen = planner.Planner(here, num_threads, seed)
-        return lambda observation: chosen.act()
-
-    sha256 = _package_hash(planner.__name__)
-    return Found(_PLANNER, sha256, None, policies.EnvironmentPolicy(begin_in))
+    sha256 = _hash(b"".join(file.read_bytes() for file in sources))
+    return Found(_PLANNER, sha256, None, policies.planner_with(num_threads))
 
 
 def _of_saved_model(name: str, environment: Any) -> Found:
@@ -271,10 +266,3 @@ def _module_hash(name: str) -> str | None:
     if file is None or not Path(file).is_file():
         return None
     return _hash(Path(file).read_bytes())
-
-
-def _package_hash(name: str) -> str:
-    """The hash of all source files of a package."""
-    folders = map(Path, importlib.import_module(name).__path__)
-    files = sorted(file for folder in folders for file in folder.rglob("*.py"))
-    return _hash(b"".join(file.read_bytes() for file in files))

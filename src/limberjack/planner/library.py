@@ -5,14 +5,20 @@
 Costs of other tasks are passed to the `Planner` itself.
 """
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from limberjack.planner import costs_humanoid, costs_manipulator, costs_stacker
 from limberjack.planner.cost import Cost
 from limberjack.suite import humanoid, manipulator, stacker
 
-__all__ = ["cost_for"]
+__all__ = ["cost_for", "sources_for"]
+
+_HERE = Path(__file__).parent
+_ALGORITHM = "sampling"  # the module
+_IMPORTED = re.compile(r"^from limberjack\.planner\.(\w+) import", re.MULTILINE)
 
 _MAKERS: dict[type, Callable[[Any], Cost]] = {
     humanoid.Humanoid: costs_humanoid.Move,
@@ -36,3 +42,20 @@ def cost_for(task: Any) -> Cost:
         "should avoid, shape (N,), and pass it as Planner(env, cost=...); docs/planner.md and "
         "examples/planner_cost.py show how"
     )
+
+
+def sources_for(task: Any) -> list[Path]:
+    """The files that decide how it is planned for a task, sorted: other costs are not among them.
+
+    Raises:
+      ValueError: as `cost_for`.
+    """
+    cost_module = type(cost_for(task)).__module__.rpartition(".")[2]
+    found = {_HERE / f"{_ALGORITHM}.py", _HERE / f"{cost_module}.py"}
+    left = list(found)
+    while left:
+        imported = {_HERE / f"{name}.py" for name in _IMPORTED.findall(left.pop().read_text())}
+        new = imported - found - {Path(__file__)}  # this file only knows which cost it is
+        found |= new
+        left += new
+    return sorted(found)

@@ -22,7 +22,6 @@ import mujoco
 import numpy as np
 
 from limberjack.rl.control import Environment
-from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.files import replacing
 
 __all__ = ["Recording", "record_episode", "replay"]
@@ -168,7 +167,7 @@ def _begin(recording: Recording, env: Environment) -> None:
                 "another task or model than the environment"
             )
     start = {name: recording.start[name] for name in own.physics}
-    env.restore(Snapshot(own.origin, start, own.step_count, own.begins, own.streams))
+    env.restore(dataclasses.replace(own, physics=start))
 
 
 def _observed_otherwise(

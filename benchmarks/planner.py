@@ -1,0 +1,176 @@
+"""How long a plan takes: by number of threads, and how much of it is not MuJoCo's.
+
+    python benchmarks/planner.py [--quick] [--json FILE]
+
+One planner for each number of threads looks at the same states of one environment, in turns; they
+must choose the same actions. A plan is timed whole, as `Planner.act` makes it. The exit status is 1
+if a bar is missed.
+"""
+
+import dataclasses
+import statistics
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import mujoco.batch
+import numpy as np
+import typer
+from report import Row, all_met, at_most, print_table, spread, summary, write_json
+
+from limberjack import suite
+from limberjack.planner import Planner
+from limberjack.utils.cores import usable_cores
+
+__all__ = ["main", "measure"]
+
+_Task = tuple[str, str]
+
+_CONTROL_STEPS = 2  # that a plan may take, of wall time
+_THREADS_OF_THE_BAR = 4
+_IN_TIME = at_most(1)
+_NUMPY = at_most(5)  # per cent of a plan
+
+_SEED = 1_000  # none of those that scores are measured on
+_WARM_UP = 3  # plans that are not counted
+_CALLS = ("step", "forward")  # of the batch: what is MuJoCo's
+
+
+@dataclasses.dataclass(frozen=True)
+class _Timing:
+    """One plan, seconds."""
+
+    whole: float
+    in_mujoco: float
+
+
+class _Stopwatch:
+    """Time spent in MuJoCo's batches."""
+
+    seconds = 0.0
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """While the context lasts, each call of a batch is timed."""
+        batch: Any = mujoco.batch.Batch
+        originals = {name: getattr(batch, name) for name in _CALLS}
+        for name, original in originals.items():
+            setattr(batch, name, self._timed(original))
+        try:
+            yield
+        finally:
+            for name, original in originals.items():
+                setattr(batch, name, original)
+
+    def _timed(self, original: Any) -> Any:
+        def call(*args: Any) -> Any:
+            start = time.perf_counter()
+            try:
+                return original(*args)
+            finally:
+                self.seconds += time.perf_counter() - start
+
+        return call
+
+
+def measure(task: _Task, threads: list[int], plans: int) -> list[Row]:
+    """The rows of a task: plan times for each number of threads, and what is NumPy's share."""
+    env = suite.load(*task, task_kwargs={"random": _SEED})
+    taken = _play(env, {count: Planner(env, count, _SEED) for count in threads}, plans)
+    limit = _CONTROL_STEPS * env.control_timestep()
+    subject = ":".join(task)
+    rows = [_row_of_threads(subject, count, taken, limit) for count in threads]
+    alone = taken[threads[0]]
+    parts = [100 * (1 - timing.in_mujoco / timing.whole) for timing in alone]
+    rows.append(
+        Row(
+            measure="not MuJoCo's, of a plan",
+            subject=f"{subject}, {threads[0]} thread",
+            ours=1e3 * statistics.median(t.whole - t.in_mujoco for t in alone),
+            theirs=1e3 * statistics.median(t.in_mujoco for t in alone),
+            unit="ms",
+            value=statistics.median(parts),
+            value_unit="%",
+            bar=_NUMPY,
+            details={"per_cent": spread(parts)},
+        )
+    )
+    return rows
+
+
+def _row_of_threads(
+    subject: str, threads: int, taken: Mapping[int, list[_Timing]], limit: float
+) -> Row:
+    seconds = [timing.whole for timing in taken[threads]]
+    of_one = [timing.whole for timing in taken[min(taken)]]
+    speedups = [slow / fast for slow, fast in zip(of_one, seconds, strict=True)]
+    return Row(
+        measure="plan / two control steps",
+        subject=f"{subject}, {threads} thread{'s' if threads > 1 else ''}",
+        ours=1e3 * statistics.median(seconds),
+        theirs=1e3 * limit,
+        unit="ms",
+        value=statistics.median(seconds) / limit,
+        bar=_IN_TIME if threads == _THREADS_OF_THE_BAR else None,
+        details={
+            "ms": spread([1e3 * s for s in seconds]),
+            "times_one_thread": statistics.median(speedups),
+        },
+    )
+
+
+def _play(env: Any, planners: dict[int, Planner], plans: int) -> dict[int, list[_Timing]]:
+    """Times so many plans of each planner, along one episode.
+
+    Raises:
+      RuntimeError: the planners chose different actions.
+    """
+    stopwatch = _Stopwatch()
+    taken: dict[int, list[_Timing]] = {count: [] for count in planners}
+    interval = next(iter(planners.values())).settings.interval
+    order = list(planners)
+    env.reset()
+    with stopwatch.running():
+        for step in range(-_WARM_UP * interval, plans * interval):
+            actions = {}
+            for count in order:
+                start, before = time.perf_counter(), stopwatch.seconds
+                actions[count] = planners[count].act()
+                whole, in_mujoco = time.perf_counter() - start, stopwatch.seconds - before
+                if step >= 0 and step % interval == 0:
+                    taken[count].append(_Timing(whole, in_mujoco))
+            chosen = actions[order[0]]
+            if not all(np.array_equal(chosen, action) for action in actions.values()):
+                raise RuntimeError(f"step {step}: the number of threads changed the action")
+            env.step(chosen)
+            order.append(order.pop(0))
+    return taken
+
+
+def main(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
+    ] = False,
+    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+) -> None:
+    """Measure plans for all tasks, or one in a quick run, and print each bar."""
+    most = usable_cores()
+    threads = sorted({1, most, *(n for n in (2, _THREADS_OF_THE_BAR) if n <= most)})
+    plans = 2 if quick else 40
+    rows: list[Row] = []
+    for task in suite.ALL_TASKS[: 1 if quick else None]:
+        typer.echo(f"measuring: {':'.join(task)}", err=True)
+        rows += measure(task, threads, plans)
+    rows.sort(key=lambda row: row.measure)
+    if json is not None:
+        write_json(json, rows, {"quick": quick, "threads": threads, "plans": plans})
+    print_table(rows, "limit, MuJoCo")
+    typer.echo(summary(rows))
+    sys.exit(not quick and not all_met(rows))
+
+
+if __name__ == "__main__":
+    typer.run(main)
