@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 import limberjack
+from limberjack import suite
+from limberjack.mujoco.camera import RenderingError
 
 _EXAMPLES = Path(__file__).parents[1] / "examples"
 _SOURCE = Path(limberjack.__file__).parents[1]
@@ -20,6 +22,7 @@ _NEEDS = {
     "batch": ((), ""),
     "gymnasium_vector": ((), ""),
     "planner_cost": ((), ""),
+    "planner_picture": ((), ""),
     "sb3_ppo": (("stable_baselines3",), "sb3"),
     "torchrl_collect": (("torchrl",), "torchrl"),
     "rllib_ppo": (("ray", "torch"), "rllib"),
@@ -70,6 +73,17 @@ def test_planner_cost() -> None:
     printed = _output("planner_cost", "--steps", "90")
     # The pole is up after 60 steps or so and stays there; without the planner it would hang.
     assert re.search(r"^return [2-6]\d\.\d of 90, at last (0\.9\d|1\.00)$", printed, re.MULTILINE)
+
+
+def test_planner_picture(tmp_path: Path) -> None:
+    try:
+        suite.load("manipulator", "bring_ball").physics.render(8, 8)
+    except RenderingError as error:
+        pytest.skip(f"no pictures can be drawn here: {error}")
+    out = tmp_path / "plans.png"
+    printed = _output("planner_picture", "--steps", "4", "--out", str(out))
+    assert re.search(r"^\d+ plans of \d+ steps drawn in ", printed, re.MULTILINE)
+    assert out.read_bytes().startswith(b"\x89PNG")
 
 
 def test_sb3_ppo() -> None:

@@ -14,6 +14,7 @@ from gymnasium.vector import AutoresetMode
 from limberjack.gym.observations import Observations
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import check_actions
+from limberjack.utils.arrays import any_of
 
 __all__ = ["Step", "Transitions"]
 
@@ -72,7 +73,7 @@ class Transitions:
         step_type = time_step.step_type
         last = step_type == _LAST
         truncated = np.zeros(batch.num_envs, bool)
-        any_last = last.any()
+        any_last = any_of(last)
         if any_last:
             truncated = batch.timed_out
         if any_last and self._mode is AutoresetMode.SAME_STEP:
@@ -117,7 +118,7 @@ class Transitions:
     def _drawn(self, begun: np.ndarray) -> dict[str, Any]:
         """What was drawn for the episodes that rows have begun."""
         drawn = self.batch.randomization
-        if not drawn or not begun.any():
+        if not drawn or not any_of(begun):
             return {}
         told = _with_masks({name: values.copy() for name, values in drawn.items()}, begun)
         return {"randomization": told, "_randomization": begun.copy()}

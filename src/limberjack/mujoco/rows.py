@@ -20,6 +20,7 @@ from limberjack.mujoco.camera import Camera, render
 from limberjack.mujoco.rendering.pictures import Style
 from limberjack.mujoco.simulation import read_field
 from limberjack.rl import control
+from limberjack.utils.arrays import any_of
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["Rows"]
@@ -209,12 +210,13 @@ class Rows:
     def step_rows(self, rows: np.ndarray | None, nstep: int) -> np.ndarray:
         """Advances rows, all for None, by `nstep` steps; returns which diverged, (num_envs,)."""
         simulation = self._living()
-        simulation.batch.warning.fill(0)
+        warnings = simulation.batch.warning
+        warnings.fill(0)
         if getattr(self, "legacy_step", True):
             simulation.step(nstep, rows)
         else:
             simulation.step_whole(nstep, rows)
-        if not simulation.batch.warning.any():
+        if not any_of(warnings):
             return np.zeros(simulation.num_envs, bool)
         return simulation.warnings.any(axis=-1)
 

@@ -81,8 +81,9 @@ class BatchEnvironment:
         self._raises = guards.raises_on_divergence(on_divergence)
         self._streams = Streams(seed, self.num_envs)
         self._step_count = np.zeros(self.num_envs, int)
-        self._begins = np.ones(self.num_envs, bool)  # rows whose next step begins an episode
-        self._all_mid = np.full(self.num_envs, _MID)
+        self._all_begin = np.ones(self.num_envs, bool)
+        self._all_mid, self._all_one = np.full(self.num_envs, _MID), np.ones(self.num_envs)
+        self._begins = self._all_begin.copy()  # rows whose next step begins an episode
         self.diverged = np.zeros(self.num_envs, bool)
         self.reward_terms: dict[str, Any] = {}  # of the last step, (num_envs,) each, by name
         self._use = guards.OneUser()
@@ -167,16 +168,16 @@ class BatchEnvironment:
             begins = self._begins
             checked = guards.check_actions(actions, self._action_spec.shape, begins)
             # Until the step is complete: whatever interrupts it, the next one begins anew.
-            self._begins = np.ones(self.num_envs, bool)
+            self._begins = self._all_begin.copy()
             return self._step(checked, begins)
 
     def _step(self, actions: np.ndarray, begins: np.ndarray) -> dm_env.TimeStep:
         physics, task = self._physics, self._task
-        any_begins = bool(begins.any())
+        any_begins = arrays.any_of(begins)
         task.before_step(actions, physics)
         running = np.flatnonzero(~begins) if any_begins else None
         self.diverged = physics.step_rows(running, self._n_sub_steps)
-        if self.diverged.any():
+        if arrays.any_of(self.diverged):
             self._report_divergence()
         if any_begins:
             self._begin(np.flatnonzero(begins))
@@ -350,7 +351,7 @@ class BatchEnvironment:
         reward = np.array(reward, float)
         if reward.shape != (num_envs,):
             reward = np.broadcast_to(reward, num_envs).copy()
-        discount = np.ones(num_envs)
+        discount = self._all_one.copy()
         step_type = self._all_mid.copy()
         last = self._step_count >= self._step_limit
         if begins is not None:
@@ -364,11 +365,11 @@ class BatchEnvironment:
                 ends &= ~begins
             discount[ends] = np.asarray(termination)[ends]
             last |= ends
-        if self.diverged.any():
+        if arrays.any_of(self.diverged):
             last |= self.diverged
             reward[self.diverged] = 0.0
             discount[self.diverged] = 0.0
-        if last.any():
+        if arrays.any_of(last):
             step_type[last] = _LAST
         self._begins = last
         return dm_env.TimeStep(step_type, reward, discount, observation)

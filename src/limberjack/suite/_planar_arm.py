@@ -65,7 +65,7 @@ class Physics(mujoco.Physics):
 
     def joint_vel(self, joint_names: Sequence[str]) -> np.ndarray:
         """Velocities of joints, (..., n), radians or metres per second."""
-        return self.named.data.qvel[joint_names].copy()
+        return self.named.data.qvel[joint_names]
 
     def body_2d_pose(self, body_names: str | Sequence[str], orientation: bool = True) -> np.ndarray:
         """Planar poses of bodies: x and z in metres, then the quaternion's w and y.

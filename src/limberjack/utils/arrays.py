@@ -12,31 +12,54 @@ What they do not do: broadcast a batch against a single simulation, or accept li
 import contextlib
 import contextvars
 import functools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 
 import numpy as np
 
-__all__ = ["concat", "minimum_of", "norm", "one_value_per_row", "rotate", "rows_of_a_batch"]
+__all__ = [
+    "any_of",
+    "concat",
+    "minimum_of",
+    "norm",
+    "one_value_per_row",
+    "rotate",
+    "rows_of_a_batch",
+]
 
 _batch_size: contextvars.ContextVar[int | None] = contextvars.ContextVar("batch_size", default=None)
 
 
-@contextlib.contextmanager
-def rows_of_a_batch(num_envs: int) -> Iterator[None]:
+class _RowsOfABatch:
+    """See `rows_of_a_batch`; a generator's context would take twice the time."""
+
+    __slots__ = ("_num_envs", "_token")
+
+    def __init__(self, num_envs: int) -> None:
+        self._num_envs = num_envs
+
+    def __enter__(self) -> None:
+        self._token = _batch_size.set(self._num_envs)
+
+    def __exit__(self, *error: object) -> None:
+        _batch_size.reset(self._token)
+
+
+def rows_of_a_batch(num_envs: int) -> contextlib.AbstractContextManager[None]:
     """Within this context a `(num_envs,)` array is one value per simulation, not a vector.
 
     Only powers care: see `limberjack.utils.rewards.tolerance`.
     """
-    token = _batch_size.set(num_envs)
-    try:
-        yield
-    finally:
-        _batch_size.reset(token)
+    return _RowsOfABatch(num_envs)
 
 
 def one_value_per_row(x: object) -> bool:
     """Whether `x` holds one value for each simulation of the batch being read."""
     return isinstance(x, np.ndarray) and x.ndim == 1 and x.shape[0] == _batch_size.get()
+
+
+def any_of(mask: np.ndarray) -> bool:
+    """Whether any element is true; quicker than `mask.any()`, which batches ask several times."""
+    return bool(np.count_nonzero(mask))
 
 
 def norm(x: np.ndarray) -> np.ndarray:
