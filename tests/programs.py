@@ -8,10 +8,12 @@ from pathlib import Path
 
 import limberjack
 
-__all__ = ["INSTALL", "run"]
+__all__ = ["INSTALL", "run", "run_benchmark"]
 
 _SOURCE = Path(limberjack.__file__).parents[1]
-_LIMIT = 300  # seconds; a program that hangs fails, on the slowest machine too
+_BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+# Seconds; a program that hangs fails, on the slowest machine too.
+_LIMIT, _LIMIT_OF_BENCHMARKS = 300, 600
 
 INSTALL = "import limberjack; limberjack.install_as_dm_control()"
 
@@ -21,17 +23,33 @@ def run(program: str, *arguments: str, path: Path | None = None, warnings: str =
 
     `path` comes before all else that it can import; `warnings` is what becomes of warnings.
     """
-    places = [str(place) for place in (path, _SOURCE) if place is not None]
-    known = os.environ.get("PYTHONPATH")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(places + ([known] if known else []))}
     done = subprocess.run(
         [sys.executable, "-W", warnings, "-c", textwrap.dedent(program), *arguments],
         capture_output=True,
         text=True,
-        env=environment,
+        env=_environment(path),
         timeout=_LIMIT,
         check=False,
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     return done.stdout
+
+
+def run_benchmark(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """What a script of benchmarks/ did."""
+    return subprocess.run(
+        [sys.executable, str(_BENCHMARKS / script), *arguments],
+        capture_output=True,
+        text=True,
+        env=_environment(),
+        timeout=_LIMIT_OF_BENCHMARKS,
+        check=False,
+    )
+
+
+def _environment(first: Path | None = None) -> dict[str, str]:
+    """This process' variables, with a path that has the package on it."""
+    places = [str(place) for place in (first, _SOURCE) if place is not None]
+    known = os.environ.get("PYTHONPATH")
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(places + ([known] if known else []))}

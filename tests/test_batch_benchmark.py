@@ -2,10 +2,8 @@
 
 import importlib.util
 import json
-import os
 import re
 import socket
-import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -14,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import typer.testing
+from programs import run_benchmark
 
 import limberjack
 from limberjack import bench, suite
@@ -21,27 +20,15 @@ from limberjack.cli import app
 
 _SOURCE = Path(limberjack.__file__).parents[1]
 _BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
-_LIMIT = 600  # seconds; more than the slowest machine needs
-
-
-def _run(*arguments: str) -> subprocess.CompletedProcess[str]:
-    known = os.environ.get("PYTHONPATH")
-    path = os.pathsep.join([str(_SOURCE), *([known] if known else [])])
-    return subprocess.run(
-        [sys.executable, str(_BENCHMARKS / "steps_per_second.py"), *arguments],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path},
-        timeout=_LIMIT,
-        check=False,
-    )
 
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     """What a quick run without other packages prints, and the text of its JSON."""
     file = tmp_path_factory.mktemp("benchmarks") / "results" / "quick.json"
-    done = _run("--quick", "--without-peers", "--threads", "2", "--json", str(file))
+    done = run_benchmark(
+        "steps_per_second.py", "--quick", "--without-peers", "--threads", "2", "--json", str(file)
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout, file.read_text(encoding="utf-8")
 

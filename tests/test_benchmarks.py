@@ -2,45 +2,29 @@
 
 import importlib.util
 import json
-import os
 import socket
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from programs import run_benchmark
 
 import limberjack
 from limberjack import suite
 
 _SOURCE = Path(limberjack.__file__).parents[1]
-_BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
 _TASKS = [f"{domain}:{task}" for domain, task in suite.ALL_TASKS]
-_LIMIT = 600  # seconds; more than the slowest machine needs
 
 _OF_EACH_TASK = ["steps per second", "added to MuJoCo's calls", "load / compile", "reset"]
 _OF_ALL = ["import adds", "OpenGL modules", "first load / compile", "memory grows by"]
-
-
-def _run(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    known = os.environ.get("PYTHONPATH")
-    path = os.pathsep.join([str(_SOURCE), *([known] if known else [])])
-    return subprocess.run(
-        [sys.executable, str(_BENCHMARKS / script), *arguments],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path},
-        timeout=_LIMIT,
-        check=False,
-    )
 
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     """What a quick run prints, and the text of its JSON."""
     file = tmp_path_factory.mktemp("benchmarks") / "results" / "quick.json"
-    done = _run("overhead.py", "--quick", "--json", str(file))
+    done = run_benchmark("overhead.py", "--quick", "--json", str(file))
     assert done.returncode == 0, done.stderr
     return done.stdout, file.read_text(encoding="utf-8")
 
@@ -92,5 +76,5 @@ def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[st
 @pytest.mark.slow
 def test_memory_stays_flat_over_steps_and_loads() -> None:
     # A tenth of what the benchmark itself does.
-    done = _run("memory.py", "--steps", "100000", "--loads", "500")
+    done = run_benchmark("memory.py", "--steps", "100000", "--loads", "500")
     assert done.returncode == 0, done.stdout + done.stderr

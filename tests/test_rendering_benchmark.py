@@ -2,22 +2,15 @@
 
 import importlib.util
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
+from programs import run_benchmark
 
-import limberjack
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
 
-_SCRIPT = Path(__file__).parents[1] / "benchmarks" / "rendering.py"
-_SOURCE = Path(limberjack.__file__).parents[1]
 _HAS_DM_CONTROL = importlib.util.find_spec("dm_control") is not None
-_LIMIT = 300  # seconds; more than the slowest machine needs
 
 
 @pytest.fixture(scope="module")
@@ -28,16 +21,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, Any]
     except RenderingError as error:
         pytest.skip(f"no pictures can be drawn here: {error}")
     file = tmp_path_factory.mktemp("rendering") / "quick.json"
-    known = os.environ.get("PYTHONPATH")
-    path = os.pathsep.join([str(_SOURCE), *([known] if known else [])])
-    done = subprocess.run(
-        [sys.executable, str(_SCRIPT), "--quick", "--json", str(file)],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path},
-        timeout=_LIMIT,
-        check=False,
-    )
+    done = run_benchmark("rendering.py", "--quick", "--json", str(file))
     assert done.returncode == 0, done.stderr
     return done.stdout, json.loads(file.read_text(encoding="utf-8"))
 

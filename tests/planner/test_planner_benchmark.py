@@ -1,31 +1,16 @@
 """The benchmark of plans runs, and says what it measured. What the figures are is its to say."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
-import limberjack
-from limberjack.utils.cores import usable_cores
+from programs import run_benchmark
 
-_SCRIPT = Path(__file__).parents[2] / "benchmarks" / "planner.py"
-_SOURCE = Path(limberjack.__file__).parents[1]
-_LIMIT = 300  # seconds; more than the slowest machine needs
+from limberjack.utils.cores import usable_cores
 
 
 def test_a_plan_is_timed_for_each_number_of_threads(tmp_path: Path) -> None:
     file = tmp_path / "quick.json"
-    known = os.environ.get("PYTHONPATH")
-    path = os.pathsep.join([str(_SOURCE), *([known] if known else [])])
-    done = subprocess.run(
-        [sys.executable, str(_SCRIPT), "--quick", "--json", str(file)],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONPATH": path},
-        timeout=_LIMIT,
-        check=False,
-    )
+    done = run_benchmark("planner.py", "--quick", "--json", str(file))
     assert done.returncode == 0, done.stderr
     rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
     timed = [row["subject"] for row in rows if row["measure"] == "plan / two control steps"]

@@ -160,14 +160,19 @@ class Planner:
         """What following each sample would cost, (samples,); infinite where physics diverges."""
         batch, count = self._batch, len(samples)
         batch.load_rows({name: np.repeat(v, count, axis=0) for name, v in saved.items()}, None)
+        settings = self._settings
         places = self._env.control_timestep() / self._spacing * np.arange(self._steps)
+        # Counted from the end, so that the last state counts.
+        looks = (np.arange(self._steps)[::-1] % settings.cost_interval == 0).tolist()
         qpos, qvel = batch.data.qpos, batch.data.qvel
         costs = np.zeros(count)
         with rows_of_a_batch(count):
-            for place in places.tolist():
+            for place, looks_now in zip(places.tolist(), looks, strict=True):
                 targets = targets_at(samples, place)
                 batch.set_control(self._law.controls(targets, qpos, qvel))
                 costs[batch.step_rows(None, self._substeps)] = np.inf
+                if not looks_now:
+                    continue
                 cost = np.asarray(self._cost.step_cost(batch))
                 if cost.shape != costs.shape:
                     raise ValueError(
@@ -175,7 +180,7 @@ class Planner:
                         f"expected {costs.shape}, one cost for each simulation of the batch"
                     )
                 costs += cost
-        return costs / self._steps
+        return costs / sum(looks)
 
 
 def _weighted_mean(samples: np.ndarray, costs: np.ndarray, temperature: float) -> np.ndarray:
