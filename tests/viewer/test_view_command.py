@@ -117,6 +117,32 @@ def test_launch_takes_a_function_and_returns_after_ctrl_c(tmp_path: Path) -> Non
     assert "this environment is closed" in rest  # launch made it, so launch closed it
 
 
+def test_a_process_may_launch_one_viewer_after_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    program = """
+        import gc, threading, time
+        from limberjack import suite, viewer
+
+        gc.disable()  # what it would free happens to be freed in time
+        env = suite.load("humanoid", "stand", task_kwargs={"random": 0})
+        for _ in range(2):
+            left = iter(range(20))
+
+            def act(time_step):
+                if next(left, None) is None:
+                    raise KeyboardInterrupt
+                return env.action_spec().generate_value()
+
+            viewer.launch(env, act, announce=lambda url: None)
+            print([thread.name for thread in threading.enumerate() if "run" in thread.name])
+        time.sleep(1.0)  # where a viewer that hangs would crash
+    """
+    # Studio leaves sockets to the garbage collector.
+    assert run(program, warnings="ignore") == "[]\n[]\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

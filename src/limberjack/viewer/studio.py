@@ -336,6 +336,15 @@ class _WebViewer(web_viewer.WebViewer):
     def _on_post_model(self, event: messages.PostModelEvent) -> None:
         self._update_model()
 
+    def close(self) -> None:
+        """Stops serving, and makes way for the next viewer of this process.
+
+        Studio's interface holds a place of which a process has one. It leaves it when it is freed,
+        and the viewer, which is part of a cycle, is freed too late: the next viewer would hang.
+        """
+        super().close()
+        vars(self).pop("_headless_ui", None)
+
     def get_drop_file(self) -> str:
         """No file: what is dropped on the page is forgotten."""
         with contextlib.suppress(queue.Empty):
