@@ -176,6 +176,19 @@ def test_a_gif_may_have_any_size_and_a_single_frame(tmp_path: Path, size: tuple[
     assert path.read_bytes().startswith(b"GIF89a")
 
 
+@pytest.mark.parametrize("name", ["12:30.mp4", "12:30.gif", "run:1/film.mp4", "100%d '?.gif"])
+def test_a_film_may_have_any_name(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # an absolute path is never taken for an address
+    path = Path(name)
+    path.parent.mkdir(exist_ok=True)
+    writer = Writer(path, 16, 16, 20.0)
+    writer.write(np.zeros((16, 16, 3), np.uint8))
+    writer.finish()
+    assert list(path.parent.iterdir()) == [path]
+
+
 @pytest.mark.parametrize("name", ["film.mp4", "film.gif"])
 def test_a_video_that_cannot_be_written_names_itself_and_leaves_nothing(
     tmp_path: Path, name: str
@@ -197,7 +210,7 @@ def test_a_video_that_cannot_be_written_names_itself_and_leaves_nothing(
             print(error)
         writer.discard()
     """
-    assert f"{name} cannot be written: " in run(program)
+    assert f"{name} cannot be written: ffmpeg was ended: File size limit" in run(program)
     assert not list(tmp_path.iterdir())
 
 

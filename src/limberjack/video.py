@@ -16,6 +16,7 @@ import contextlib
 import fractions
 import math
 import os
+import signal
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
@@ -159,7 +160,8 @@ class Writer:
         raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
         raw += ["-r", str(self._frame_rate), "-i", "-", "-an"]
         is_gif = self._ending == ".gif"
-        coded = [*_LOSSLESS, str(self._lossless)] if is_gif else [*_H264, str(self._partial)]
+        file = _address(self._lossless if is_gif else self._partial)
+        coded = [*(_LOSSLESS if is_gif else _H264), file]
         return subprocess.Popen(
             [self._ffmpeg, "-y", "-v", "error", *raw, *coded],
             stdin=subprocess.PIPE,
@@ -179,10 +181,10 @@ class Writer:
 
     def _write_gif(self) -> int:
         """Reads the frames twice, for their colours and for themselves; returns the exit status."""
-        frames = ["-i", str(self._lossless)]
+        frames = ["-i", _address(self._lossless)]
         graph = ["-filter_complex", f"[0:v]{_COLOURS}[colours];[1:v][colours]{_COLOURED}"]
         return subprocess.run(
-            [self._ffmpeg, "-y", "-v", "error", *frames, *frames, *graph, str(self._partial)],
+            [self._ffmpeg, "-y", "-v", "error", *frames, *frames, *graph, _address(self._partial)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=self._complaints,
@@ -196,7 +198,7 @@ class Writer:
         if self._encoder is None:
             why = "it has no frames"
         elif not why:
-            why = f"ffmpeg ended with status {self._encoder.returncode}"
+            why = _ending_of(self._encoder.returncode)
         return OSError(f"{self._path} cannot be written: {why}")
 
 
@@ -264,6 +266,18 @@ def _ending(path: Path) -> str:
     if ending not in _MAX_FRAME_RATES:
         raise ValueError(f"a film called {path.name!r}; expected a name that ends in .mp4 or .gif")
     return ending
+
+
+def _ending_of(status: int) -> str:
+    """In words, how the encoder ended that said nothing itself."""
+    if status < 0:  # a signal, such as that of a limit on the size of files
+        return f"ffmpeg was ended: {signal.strsignal(-status)}"
+    return f"ffmpeg ended with status {status}"
+
+
+def _address(path: Path) -> str:
+    """What ffmpeg takes for the file, even where it has a colon: `12:30.mp4` is no protocol."""
+    return f"file:{path}"
 
 
 def find_ffmpeg() -> str:
