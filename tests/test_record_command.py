@@ -137,6 +137,7 @@ def test_time_and_reward_are_drawn_in_a_corner_and_colours_change(tmp_path: Path
         (["--out", "film.avi"], "a film called 'film.avi'; expected a name that ends in .mp4 or"),
         (["--out", "film"], "expected a name that ends in .mp4 or .gif"),
         (["--out", "nowhere/film.mp4"], "there is no directory nowhere"),
+        (["--rows", "3", "--seed", str(2**32 - 2)], "last row's seed is 4294967296; expected"),
         (["--camera", "sied"], "sied"),
         (["--camera", "7"], "camera_id is 7"),
         (["--height", "99"], "H.264 needs even numbers"),
@@ -160,6 +161,16 @@ def test_a_mistake_is_one_line_and_status_2_and_leaves_nothing(
     assert done.stderr.startswith("limberjack: ")
     assert done.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("_drawing")
+def test_a_directory_is_refused_before_anything_is_filmed(tmp_path: Path) -> None:
+    path = tmp_path / "film.mp4"
+    path.mkdir()
+    done = _invoke(*_WALK, *_SIZE, "--out", path)
+    assert done.exit_code == 2
+    assert done.stderr == f"limberjack: --out is {path}, a directory; expected a file's name\n"
+    assert list(tmp_path.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("task", [["humanid", "walk"], ["humanoid", "wlak"]])

@@ -59,6 +59,9 @@ def _record(
     """
     with _failures_reported(out):
         with misuse_reported():
+            if seed + rows > SEEDS:
+                last = seed + rows - 1
+                raise ValueError(f"the last row's seed is {last}; expected below {SEEDS}")
             stage = _Stage(domain, task, seed, seconds, visualize_reward)
             acts = _find_policies(policy, rows)
             stage.look(camera, height, width, rows, overlay)
@@ -122,6 +125,8 @@ class _Stage:
 
         if not path.parent.is_dir():
             raise ValueError(f"--out is {path}; there is no directory {path.parent}")
+        if path.is_dir():
+            raise ValueError(f"--out is {path}, a directory; expected a file's name")
         height, width = self._size
         timestep = self._environment.control_timestep()
         self._film = Film(path, timestep, height=height, width=width)
