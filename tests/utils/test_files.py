@@ -1,5 +1,7 @@
 """Files that appear whole or not at all."""
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -29,3 +31,15 @@ def test_a_file_stays_as_it_was_if_writing_fails(tmp_path: Path) -> None:
         write_in_part()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_error_of_writing_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "name.txt"
+
+    def write() -> None:
+        with replacing(path):  # as write() does on a full disk, which knows no name
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(OSError, match=r"No space left on device: '.*name\.txt'$"):
+        write()
+    assert not list(tmp_path.iterdir())

@@ -26,12 +26,15 @@ def partial_path(path: Path) -> Path:
 def replacing(path: Path) -> Iterator[Path]:
     """A path to write to; on a clean exit what was written takes the place of `path`.
 
-    If the body raises, what was written is removed and `path` stays as it was.
+    If the body raises, what was written is removed and `path` stays as it was. An error of writing,
+    as on a full disk, which does not say where, is given the file's name.
     """
     partial = partial_path(path)
     try:
         yield partial
         os.replace(partial, path)
-    except BaseException:
+    except BaseException as error:
         partial.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            error.filename = str(path)
         raise
