@@ -68,6 +68,11 @@ def test_several_frames_are_a_film(frames: Any) -> None:
     assert b"ftyp" in _content(shown, "video/mp4")[:12]
 
 
+def test_a_generator_of_frames_is_a_film() -> None:
+    shown = limberjack.show(_PICTURE for _ in range(3))
+    assert 'aria-label="3 rendered frames"' in _html(shown)
+
+
 def test_small_pictures_are_enlarged_whole_times() -> None:
     assert "width: 336px" in _html(limberjack.show(np.zeros((84, 84, 3), np.uint8)))
     assert "width: 640px" in _html(limberjack.show(np.zeros((480, 640, 3), np.uint8)))
@@ -77,6 +82,8 @@ def test_small_pictures_are_enlarged_whole_times() -> None:
     ("frames", "fps", "message"),
     [
         ([], 30, r"frames have shape \(0,\)"),
+        ([_PICTURE, _PICTURE[:4]], 30, r"shapes \[\(4, 8, 3\), \(6, 8, 3\)\]; expected one shape"),
+        (np.zeros((2, 0, 6, 8, 3), np.uint8), 30, r"frames have shape \(2, 0, 6, 8, 3\)"),
         (np.zeros((4, 4)), 30, r"frames have shape \(4, 4\) and dtype float64; expected uint8"),
         (np.zeros((4, 4, 3)), 30, "dtype float64; expected uint8"),
         (np.zeros((4, 4, 1), np.uint8), 30, r"\(4, 4, 1\)"),

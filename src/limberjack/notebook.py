@@ -12,6 +12,7 @@ picture nothing.
 import base64
 import math
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -42,16 +43,22 @@ def show(frames: object, fps: float = 30.0) -> Shown:
     """A picture or a film that a notebook shows inline when it is a cell's last line.
 
     Args:
-      frames: an array, or a sequence of arrays, of uint8: a picture (height, width, 3), or a film
-        (frames, height, width, 3), or a film of a batch (frames, rows, height, width, 3).
+      frames: an array, or arrays, in a list or from a generator, of uint8: a picture
+        (height, width, 3), or a film (frames, height, width, 3), or a film of a batch
+        (frames, rows, height, width, 3).
       fps: frames per second; in real time that is 1 / env.control_timestep().
 
     Raises:
       ImportError: it is a film, and the extra 'video' is not installed.
       ValueError: these are no pictures, or `fps` is no positive number.
     """
+    if isinstance(frames, Iterable) and not isinstance(frames, np.ndarray):
+        frames = list(frames)
+        shapes = sorted({np.shape(frame) for frame in frames})
+        if len(shapes) > 1:
+            raise ValueError(f"frames have shapes {shapes}; expected one shape, of all of them")
     pictures = np.asarray(frames)
-    if pictures.ndim == 5:
+    if pictures.ndim == 5 and pictures.size:
         pictures = np.stack([mosaic(rows) for rows in pictures])
     is_rgb = pictures.ndim in (3, 4) and pictures.shape[-1] == 3 and pictures.size
     if not is_rgb or pictures.dtype != np.uint8:
