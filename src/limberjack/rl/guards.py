@@ -79,12 +79,12 @@ def as_rows(ids: Any, num_envs: int) -> np.ndarray:
             raise ValueError(f"the mask has shape {rows.shape}; expected ({num_envs},)")
         return np.flatnonzero(rows)
     if rows.ndim != 1 or (rows.size and rows.dtype.kind not in "iu"):
-        raise ValueError(f"ids are {ids!r}; expected a list of row numbers or a mask")
+        raise ValueError(f"rows are {ids!r}; expected a list of row numbers or a mask")
     if rows.size and (rows.min() < 0 or rows.max() >= num_envs):
-        raise ValueError(f"ids are {ids!r}; expected numbers from 0 to {num_envs - 1}")
+        raise ValueError(f"rows are {ids!r}; expected numbers from 0 to {num_envs - 1}")
     rows = rows.astype(int)
     if np.any(np.diff(rows) <= 0):
-        raise ValueError(f"ids are {ids!r}; expected them sorted and without repeats")
+        raise ValueError(f"rows are {ids!r}; expected them sorted and without repeats")
     return rows
 
 

@@ -149,7 +149,11 @@ class _Canvas:
         except mujoco.FatalError as error:
             backend.make_current(None)
             backend.destroy(self._context)
-            raise RenderingError(f"OpenGL by {backend.renderer!r} cannot draw: {error}") from error
+            size = f"{model.vis.global_.offheight} by {model.vis.global_.offwidth}"
+            raise RenderingError(
+                f"OpenGL by {backend.renderer!r} cannot draw into the model's off-screen buffer of "
+                f"{size} pixels, which may be larger than it can have: {error}"
+            ) from error
 
     def has_room(self, size: tuple[int, int]) -> bool:
         """Whether a picture of that height and width fits into its buffer."""
