@@ -84,7 +84,7 @@ def _figures(result: Mapping[str, Any]) -> str:
     if len(returns) > 1:
         figures.append(("Mean return", f"{np.mean(returns):.3f}"))
         figures.append(("Standard deviation", f"{np.std(returns, ddof=1):.3f}"))
-        figures.append(("Least and greatest", f"{min(returns):.1f} to {max(returns):.1f}"))
+        figures.append(("Least and greatest", f"{min(returns):.4g} to {max(returns):.4g}"))
     else:
         figures.append(("Return", _number(episodes[0]["return"])))
     mean = sum(returns) / steps if returns else math.nan
