@@ -141,7 +141,7 @@ def test_time_and_reward_are_drawn_in_a_corner_and_colours_change(tmp_path: Path
         (["--camera", "sied"], "sied"),
         (["--camera", "7"], "camera_id is 7"),
         (["--height", "99"], "H.264 needs even numbers"),
-        (["--height", "20000"], "image height 20000 >"),
+        (["--height", "20000"], "image height 20000 > 2160"),
         (["--rows", "10000"], "too small for 10000 rows"),
         (["--seconds", "0"], "time_limit is 0.0; expected a positive number"),
         (["--seconds", "nan"], "time_limit is nan"),
@@ -161,6 +161,16 @@ def test_a_mistake_is_one_line_and_status_2_and_leaves_nothing(
     assert done.stderr.startswith("limberjack: ")
     assert done.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("_drawing")
+@pytest.mark.parametrize("rows", [1, 2])
+def test_a_film_may_be_larger_than_the_models_own_pictures(tmp_path: Path, rows: int) -> None:
+    path = tmp_path / "film.mp4"
+    size = ["--height", 720, "--width", 1300]
+    done = _invoke(*_WALK[:3], "--seconds", "0.025", *size, "--rows", rows, "--out", path)
+    assert done.exit_code == 0, done.output
+    assert _frames(path)[1].shape == (2, 720, 1300, 3)
 
 
 @pytest.mark.usefixtures("_drawing")

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__: list[str] = []
 
+_LARGEST = 2160, 3840  # height and width of a picture, pixels; beyond it memory may run out
 _TABLE_WIDTH = 320  # pixels; on narrower pictures a table of three lines would hide too much
 
 
@@ -117,6 +118,10 @@ class _Stage:
         self._view: dict[str, Any] = {"camera_id": int(camera) if number else camera}
         self._view |= {"height": height // down, "width": width // across}
         self._overlay = overlay
+        # The suite's models have a buffer of 480 by 640; no other environment has this model.
+        buffer, (most_height, most_width) = self._environment.physics.model.vis.global_, _LARGEST
+        buffer.offheight = max(buffer.offheight, min(self._view["height"], most_height))
+        buffer.offwidth = max(buffer.offwidth, min(self._view["width"], most_width))
         self._environment.physics.render(**self._view)
 
     def begin_film(self, path: Path) -> None:
