@@ -71,6 +71,28 @@ def test_copies_and_pickles_of_a_batch_have_its_future(task: tuple[str, str]) ->
             _assert_same(twin.step(action), expected)
 
 
+@pytest.mark.parametrize("kwargs", [{"randomize": _RANDOMIZE}, {"legacy_step": False}])
+@pytest.mark.parametrize("num_envs", [None, 3])
+@pytest.mark.parametrize("task", [("humanoid", "run"), ("stacker", "stack_2")], ids="-".join)
+def test_copies_and_pickles_keep_how_an_environment_is_run(
+    task: tuple[str, str], num_envs: int | None, kwargs: dict[str, Any]
+) -> None:
+    if num_envs is None:
+        env: Any = suite.load(*task, {"random": 3, **_short(task[0])}, kwargs)
+    else:
+        env = suite.load_batch(*task, num_envs, 2, 3, _short(task[0]), kwargs)
+    env.reset()
+    actions = _actions(env, 45)  # into the next episodes, whose fields are drawn by the copy
+    for action in actions[:9]:
+        env.step(action)
+    twins = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    twins.append(copy.deepcopy(twins[0]))
+    for action in actions[9:]:
+        expected = env.step(action)
+        for twin in twins:
+            _assert_same(twin.step(action), expected)
+
+
 @_TASKS
 def test_one_row_goes_into_any_row_of_any_batch(task: tuple[str, str]) -> None:
     single = suite.load(*task, {"random": 5, **_short(task[0])})

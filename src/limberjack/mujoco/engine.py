@@ -303,14 +303,16 @@ class Physics(Rows, _control.Physics):
           share_model: let both use one model, so that editing it changes both.
         """
         new = type(self).__new__(type(self))
-        new._reload_from_data(self._data._make_copy(share_model=share_model))
+        new.__setstate__((self._data._make_copy(share_model=share_model), self._settings()))
         return new
 
-    def __getstate__(self) -> wrapper.MjData:
-        return self._data
+    def __getstate__(self) -> tuple[wrapper.MjData, dict[str, Any]]:
+        return self._data, self._settings()
 
-    def __setstate__(self, data: wrapper.MjData) -> None:
+    def __setstate__(self, state: tuple[wrapper.MjData, dict[str, Any]]) -> None:
+        data, settings = state
         self._reload_from_data(data)
+        vars(self).update(settings)
 
     def control(self) -> np.ndarray:
         """The control signals, (nu,)."""

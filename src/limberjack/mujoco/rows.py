@@ -26,6 +26,7 @@ from limberjack.utils.suggest import did_you_mean
 __all__ = ["Rows"]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
+_SETTINGS = ("legacy_step", "_constants")
 _OF_STYLE = ("overlays", "depth", "segmentation", "render_flag_overrides", "quality")
 # The keyword arguments of `Physics.render`, with their defaults.
 _HOW = {p.name: p.default for p in list(inspect.signature(render).parameters.values())[1:]}
@@ -76,7 +77,12 @@ class Rows:
         batch._forget_arrays()
         simulation.forget_arrays = weakref.WeakMethod(batch._forget_arrays)
         batch._scratch = cls.from_model(self._data.model.copy())
+        vars(batch._scratch).update(self._settings())
         return batch
+
+    def _settings(self) -> dict[str, Any]:
+        """What says how a simulation is run, which its copies have too."""
+        return {name: vars(self)[name] for name in _SETTINGS if name in vars(self)}
 
     @contextlib.contextmanager
     def episode(self, row: int) -> Iterator[Any]:

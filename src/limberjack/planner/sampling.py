@@ -112,7 +112,6 @@ class Planner:
         env, settings = self._env, self._settings
         fields = [name for name in env.snapshot().physics if name not in _NOT_FIELDS]
         twin = env.physics.copy()
-        twin._constants = env.physics._constants
         if settings.timestep is not None:
             twin.model.opt.timestep = settings.timestep
         substeps = control.compute_n_steps(env.control_timestep(), twin.timestep())

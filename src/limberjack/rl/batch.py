@@ -247,8 +247,6 @@ class BatchEnvironment:
         single, num_envs, num_threads = state.pop("making")
         vars(self).update(state)
         self._use = guards.OneUser()
-        if self._randomizer is not None:
-            single.nominal_fields(self._randomizer.fields)
         self._physics = single.replicate(num_envs, num_threads, self._saved_fields)
         self._frames = Frames.of(self.pixels, self._physics)
         self.restore(snapshot)
