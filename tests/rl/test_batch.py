@@ -339,6 +339,17 @@ def test_an_interrupted_step_lets_every_row_begin_anew() -> None:
     assert (batch.step(zero).step_type == 1).all()
 
 
+def test_changes_of_the_model_it_was_made_from_do_not_reach_a_batch() -> None:
+    env = suite.load("humanoid", "walk", {"random": 0})
+    batch = BatchEnvironment.from_environment(env, 2, 1, seed=0)
+    mass = env.physics.named.model.body_mass["torso"]
+    env.physics.named.model.body_mass["torso"] = 50.0
+    assert batch.physics.named.model.body_mass["torso"] == mass
+    assert batch.physics.model.body_mass[1] == mass
+    with pytest.raises(ValueError, match="read-only"):
+        batch.physics.named.model.body_mass["torso"] = 1.0
+
+
 def test_threads_are_by_default_the_cores_that_may_be_used() -> None:
     assert 1 <= cores.usable_cores() <= (os.cpu_count() or 1)
     batch = suite.load_batch("stacker", "stack_2", 64)

@@ -84,6 +84,7 @@ class BatchSimulation(Busy):
           constants: whether constants of the model follow from those.
         """
         self.model = model
+        self._compiled = model._model
         self._constants = constants
         # Called in a forked child, where the arrays that were handed out are no longer live.
         self.forget_arrays: Callable[[], Callable[[], None] | None] = lambda: None
@@ -96,7 +97,7 @@ class BatchSimulation(Busy):
 
     def _make(self) -> None:
         """Makes the official batch, whose threads belong to this process."""
-        model = self.model._model
+        model = self._compiled
         # What remembers more than its state must not share an `MjData`.
         remembers = model.nplugin > 0 or bool(model.opt.enableflags & _SLEEP_OR_IPC)
         num_envs = self.num_envs or 1
@@ -240,7 +241,11 @@ class BatchSimulation(Busy):
         self.revive()
         if name in self._fields:
             return self._fields[name], True
-        return getattr(self.model.ptr, name), False
+        field = getattr(self._compiled, name)
+        if isinstance(field, np.ndarray):
+            field = field.view()
+            field.flags.writeable = False  # the rows would not notice
+        return field, False
 
     def set_fields(self, values: dict[str, np.ndarray], row: int, constants: bool) -> None:
         """As `SingleSimulation.set_fields`, of one row."""

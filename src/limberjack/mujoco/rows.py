@@ -70,13 +70,13 @@ class Rows:
         vars(batch).update(
             (k, v) for k, v in vars(self).items() if k not in ("_data", "_simulation", "named")
         )
-        simulation = BatchSimulation(
-            self._data.model, num_envs, num_threads, episode_fields, self._constants
-        )
+        # A copy, which costs nothing while it is not changed: neither's changes reach the other.
+        model = self._data.model.copy()
+        simulation = BatchSimulation(model, num_envs, num_threads, episode_fields, self._constants)
         batch._simulation = simulation
         batch._forget_arrays()
         simulation.forget_arrays = weakref.WeakMethod(batch._forget_arrays)
-        batch._scratch = cls.from_model(self._data.model.copy())
+        batch._scratch = cls.from_model(model.copy())
         vars(batch._scratch).update(self._settings())
         return batch
 
