@@ -339,6 +339,26 @@ def test_an_interrupted_step_lets_every_row_begin_anew() -> None:
     assert (batch.step(zero).step_type == 1).all()
 
 
+def test_an_interrupted_reset_lets_its_rows_begin_anew() -> None:
+    batch = _walkers()
+    num_envs, start, calls = batch.num_envs, batch.task.initialize_episode, []
+    zero = np.zeros(batch.action_spec().shape)
+    batch.step(zero)
+
+    def interrupt_the_second(physics: Any) -> None:
+        calls.append(physics)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        start(physics)
+
+    batch.task.initialize_episode = interrupt_the_second
+    with pytest.raises(KeyboardInterrupt):
+        batch.reset(range(1, num_envs))
+    del batch.task.initialize_episode
+    assert batch.step(zero).step_type.tolist() == [1, *[0] * (num_envs - 1)]
+    assert (batch.step(zero).step_type == 1).all()
+
+
 def test_changes_of_the_model_it_was_made_from_do_not_reach_a_batch() -> None:
     env = suite.load("humanoid", "walk", {"random": 0})
     batch = BatchEnvironment.from_environment(env, 2, 1, seed=0)

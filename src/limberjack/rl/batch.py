@@ -143,11 +143,11 @@ class BatchEnvironment:
         rows = self._rows(ids)
         streams = guards.streams_of_seeds(seeds, len(rows))
         with self._use, arrays.rows_of_a_batch(self.num_envs):
+            self._begins[rows] = True  # until they have been seen: an interrupt begins anew
             for row, stream in zip(rows.tolist(), streams, strict=True):
                 if stream is not None:
                     self._streams.replace(row, stream)
             self._begin(rows)
-            self._begins[rows] = True  # until they have been seen: an interrupt begins anew
             observation = self._observe(is_step=False)
             self._begins[rows] = False
         step_type = np.where(self._step_count == 0, _FIRST, _MID)
@@ -331,7 +331,6 @@ class BatchEnvironment:
         if self._frames is not None:
             self._frames.forget(rows)
         self._step_count[rows] = 0
-        self._begins[rows] = False
 
     def _show_drawn(self, drawn: dict[str, np.ndarray], rows: Any) -> None:
         """Keeps what was drawn where users find it."""
