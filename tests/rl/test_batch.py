@@ -359,6 +359,17 @@ def test_an_interrupted_reset_lets_its_rows_begin_anew() -> None:
     assert (batch.step(zero).step_type == 1).all()
 
 
+def test_ctrl_c_as_the_batch_is_taken_or_given_back_does_not_lock_it() -> None:
+    batch = _walkers()
+    batch._use._lock.acquire()  # as Ctrl-C leaves it that comes right after, or before the release
+    zero = np.zeros(batch.action_spec().shape)
+    batch.step(zero)
+    other = threading.Thread(target=batch.step, args=(zero,))
+    other.start()
+    other.join()
+    assert (batch._step_count == 2).all()
+
+
 def test_changes_of_the_model_it_was_made_from_do_not_reach_a_batch() -> None:
     env = suite.load("humanoid", "walk", {"random": 0})
     batch = BatchEnvironment.from_environment(env, 2, 1, seed=0)

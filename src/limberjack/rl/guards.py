@@ -29,6 +29,7 @@ class OneUser:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._process = os.getpid()
+        self._user = threading.get_ident()  # the thread that is within, or was last
         self.what_is_wrong: str | None = None
 
     def __enter__(self) -> None:
@@ -36,13 +37,17 @@ class OneUser:
             self._lock, self._process = threading.Lock(), os.getpid()
         if self.what_is_wrong is not None:
             raise RuntimeError(self.what_is_wrong)
-        if not self._lock.acquire(blocking=False):
+        user = threading.get_ident()
+        # If this very thread has it, then Ctrl-C came as it was taken or given back.
+        if not self._lock.acquire(blocking=False) and self._user != user:
             raise RuntimeError(
                 "this batch is used from two threads at once: give each thread a batch of its own"
             )
+        self._user = user
 
     def __exit__(self, *error: object) -> None:
-        self._lock.release()
+        if self._lock.locked():
+            self._lock.release()
 
 
 def at_least_one(name: str, value: Any) -> int:
