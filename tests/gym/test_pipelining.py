@@ -171,11 +171,25 @@ def test_divergence_is_raised_where_it_is_received() -> None:
     for half in (0, 1):
         envs.send(np.zeros((2, 21)), half)
     envs.recv()
-    with pytest.raises(control.PhysicsError, match=r"rows \[0\]"):
+    with pytest.raises(control.PhysicsError, match=r"rows \[2\]"):
         envs.recv()
     with pytest.raises(RuntimeError, match="nothing was sent"):
         envs.recv()
     envs.reset()
+    envs.close()
+
+
+def test_a_plain_step_names_the_rows_of_both_halves_and_leaves_neither_behind() -> None:
+    envs = gym.load_vector("humanoid", "walk", 4, pipelined=True, on_divergence="raise")
+    envs.reset(seed=0)
+    actions = np.zeros((4, 21))
+    actions[3, 0] = np.nan
+    with pytest.raises(ValueError, match=r"rows \[3\]"):
+        envs.step(actions)
+    envs.batches[1].physics.data.qpos[0, 2] = np.nan
+    with pytest.raises(control.PhysicsError, match=r"rows \[2\]"):
+        envs.step(np.zeros((4, 21)))
+    assert all(batch.begins.all() for batch in envs.batches)
     envs.close()
 
 

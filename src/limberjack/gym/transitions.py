@@ -88,7 +88,12 @@ class Transitions:
         """A copy of the actions, refused now if `step` would refuse them."""
         self.check_begun()
         batch = self.batch
-        return np.array(check_actions(actions, batch.action_spec().shape, batch.begins))
+        shape = batch.action_spec().shape
+        return np.array(check_actions(actions, shape, batch.begins, batch.first_row))
+
+    def begin_anew(self) -> None:
+        """Has every row begin an episode with the next step, or wait for a reset."""
+        self.batch._begins[:] = True
 
     def check_begun(self) -> None:
         """Raises ResetNeeded if rows wait for a reset that the mode leaves to the user."""
@@ -96,8 +101,9 @@ class Transitions:
             return
         waiting = np.flatnonzero(self.batch.begins)
         if waiting.size:
+            rows = (waiting + self.batch.first_row).tolist()
             raise error.ResetNeeded(
-                f"no episode is running in rows {waiting.tolist()}: reset them with "
+                f"no episode is running in rows {rows}: reset them with "
                 "options={'reset_mask': mask}; nothing was stepped"
             )
 

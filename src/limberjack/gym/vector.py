@@ -93,6 +93,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         sizes = [batch.num_envs for batch in batches]
         self.num_envs = sum(sizes)
         self.halves = tuple(slice(sum(sizes[:i]), sum(sizes[: i + 1])) for i in range(len(batches)))
+        for batch, rows in zip(batches, self.halves, strict=True):
+            batch.first_row = rows.start
         self._set_spaces(flat, dtype)
         self._parts = [Transitions(batch, mode, self._observations, copy) for batch in batches]
         self._workers = Workers(len(batches))
@@ -165,7 +167,12 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         # All of them before anything is stepped.
         halves = zip(self._parts, self.halves, strict=True)
         checked = [part.checked(np.asarray(actions)[rows]) for part, rows in halves]
-        steps = [part.step(given) for part, given in zip(self._parts, checked, strict=True)]
+        try:
+            steps = [part.step(given) for part, given in zip(self._parts, checked, strict=True)]
+        except BaseException:  # what the other half did is lost
+            for part in self._parts:
+                part.begin_anew()
+            raise
         observation, *flags, info = (self._joined(parts) for parts in zip(*steps, strict=True))
         return observation, flags[0], flags[1], flags[2], info
 

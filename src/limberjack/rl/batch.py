@@ -67,6 +67,7 @@ class BatchEnvironment:
           ValueError: the task is not batch-safe, or `on_divergence` is something else.
         """
         self.num_envs: int = physics.num_envs
+        self.first_row = 0  # what messages call the first one: halves of a batch go on counting
         self._physics = physics
         self._task = task
         self._n_sub_steps = n_sub_steps
@@ -390,8 +391,7 @@ class BatchEnvironment:
         return observations.of_rows(observation, self.num_envs, self._flat_observation)
 
     def _report_divergence(self) -> None:
-        rows = np.flatnonzero(self.diverged).tolist()
+        rows = (np.flatnonzero(self.diverged) + self.first_row).tolist()
         if self._raises:
-            self._begins |= self.diverged
             raise control.PhysicsError(f"the simulations of rows {rows} diverged")
         log.warning("the simulations of rows %s diverged; their episodes end here", rows)

@@ -108,13 +108,16 @@ def streams_of_seeds(
     return [None if seed is None else np.random.RandomState(seed) for seed in seeds]
 
 
-def check_actions(actions: Any, shape: tuple[int, ...], begins: np.ndarray) -> np.ndarray:
+def check_actions(
+    actions: Any, shape: tuple[int, ...], begins: np.ndarray, first_row: int = 0
+) -> np.ndarray:
     """The actions as an array.
 
     Args:
       actions: what came.
       shape: what is expected, (num_envs, ...).
       begins: rows that ignore their action, so that it may be anything, (num_envs,).
+      first_row: what the message calls the first row.
 
     Raises:
       TypeError: they are not numbers.
@@ -131,7 +134,8 @@ def check_actions(actions: Any, shape: tuple[int, ...], begins: np.ndarray) -> n
     if bad is not None:
         rows = np.flatnonzero(bad.reshape(shape[0], -1).any(axis=-1) & ~begins)
         if rows.size:
-            raise ValueError(f"actions are not finite in rows {rows.tolist()}; nothing was stepped")
+            named = (rows + first_row).tolist()
+            raise ValueError(f"actions are not finite in rows {named}; nothing was stepped")
     return given
 
 
