@@ -157,6 +157,16 @@ def test_a_row_that_begins_ignores_its_action() -> None:
     assert (batch.step(zero * np.nan).step_type == 0).all()
 
 
+@pytest.mark.parametrize(
+    ("seed", "error"), [(-1, ValueError), (2**32 - 1, ValueError), (1.5, TypeError)]
+)
+def test_seeds_that_rows_cannot_have_are_refused(seed: Any, error: Any) -> None:
+    with pytest.raises(error, match=r"seed is .*; expected a whole number"):
+        suite.load_batch("stacker", "stack_2", 2, seed=seed)
+    with pytest.raises(error, match=r"seed is .*; expected a whole number"):
+        _walkers(2).reset(seeds=[0, 2**32 if seed == 2**32 - 1 else seed])
+
+
 @pytest.mark.parametrize("kwargs", [{"num_envs": 0}, {"num_envs": 2.0}, {"num_envs": True}])
 def test_bad_sizes_are_refused(kwargs: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="num_envs is"):
@@ -294,7 +304,7 @@ def test_a_row_can_begin_the_first_episode_of_any_seed() -> None:
     ours, theirs = batch.step(action), other.step(action[:2])
     for name, value in ours.observation.items():
         np.testing.assert_array_equal(value[1], theirs.observation[name][0])
-    for seeds, message in (([1], "there are 1 seeds; expected 4"), ([0, 1, 2, -1], "Seed must")):
+    for seeds, message in (([1], "there are 1 seeds; expected 4"), ([0, 1, 2, -1], "seed is -1")):
         state = batch.physics.data.state.copy()
         with pytest.raises(ValueError, match=message):
             batch.reset(seeds=seeds)

@@ -1,12 +1,12 @@
 """Checks of what users give to `Env` and `VectorEnv`; nothing has changed when one raises."""
 
-import operator
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from limberjack.rl.streams import seed_of_a_stream
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -16,28 +16,10 @@ __all__ = [
     "render_mode",
     "reset_mask",
     "row_seeds",
-    "seed_of_a_stream",
     "task_arguments",
 ]
 
 RENDER_MODES = ["rgb_array"]
-_MAX_SEED = 2**32 - 1  # of a numpy.random.RandomState
-
-
-def seed_of_a_stream(seed: Any) -> int:
-    """A seed as an int.
-
-    Raises:
-      TypeError: it is no whole number.
-      ValueError: it is not between 0 and 2**32 - 1.
-    """
-    try:
-        number = operator.index(seed)
-    except TypeError:
-        raise TypeError(f"seed is {seed!r}; expected a whole number") from None
-    if not 0 <= number <= _MAX_SEED:
-        raise ValueError(f"seed is {number}; expected a whole number from 0 to 2**32 - 1")
-    return number
 
 
 def row_seeds(seed: Any, num_envs: int) -> list[int | None]:

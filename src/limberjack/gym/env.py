@@ -22,6 +22,7 @@ from limberjack.gym.observations import Part, action_space
 from limberjack.gym.pixels import observations_of
 from limberjack.rl import control
 from limberjack.rl.pixels import render_arguments
+from limberjack.rl.streams import seed_of_a_stream
 
 __all__ = ["Env", "load"]
 
@@ -91,7 +92,7 @@ class Env(gymnasium.Env):
         """
         self._check_open()
         if seed is not None:
-            number = arguments.seed_of_a_stream(seed)
+            number = seed_of_a_stream(seed)
             super().reset(seed=number)
             self._environment.reseed(number)
         observation = self._environment.reset().observation

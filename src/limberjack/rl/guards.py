@@ -9,6 +9,7 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl.actions import not_finite
+from limberjack.rl.streams import seed_of_a_stream
 from limberjack.utils import arrays
 
 __all__ = [
@@ -99,13 +100,15 @@ def streams_of_seeds(
     """A random stream for each seed, None for None.
 
     Raises:
-      ValueError: there are not as many as rows, or one is not between 0 and 2**32 - 1.
+      ValueError, TypeError: there are not as many as rows, or see `seed_of_a_stream`.
     """
     if seeds is None:
         return [None] * count
     if len(seeds) != count:
         raise ValueError(f"there are {len(seeds)} seeds; expected {count}, one for each row")
-    return [None if seed is None else np.random.RandomState(seed) for seed in seeds]
+    return [
+        None if seed is None else np.random.RandomState(seed_of_a_stream(seed)) for seed in seeds
+    ]
 
 
 def check_actions(

@@ -7,21 +7,45 @@
 A row's draws do not depend on the other rows.
 """
 
+import operator
 from typing import Any
 
 import numpy as np
 
 from limberjack.rl.randomize import stream_beside
 
-__all__ = ["Streams"]
+__all__ = ["Streams", "seed_of_a_stream"]
+
+_MAX_SEED = 2**32 - 1  # of a numpy.random.RandomState
+
+
+def seed_of_a_stream(seed: Any) -> int:
+    """A seed as an int.
+
+    Raises:
+      TypeError: it is no whole number.
+      ValueError: it is not between 0 and 2**32 - 1.
+    """
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        raise TypeError(f"seed is {seed!r}; expected a whole number") from None
+    if not 0 <= number <= _MAX_SEED:
+        raise ValueError(f"seed is {number}; expected a whole number from 0 to 2**32 - 1")
+    return number
 
 
 class Streams:
     """For each row the stream of its starts, and one beside it for the fields of its model."""
 
     def __init__(self, seed: int | None, count: int) -> None:
-        """Makes those of `RandomState(seed + i)`; None for any seed."""
-        first = np.random.RandomState().randint(2**31) if seed is None else seed
+        """Makes those of `RandomState(seed + i)`; None for any seed.
+
+        Raises:
+          TypeError, ValueError: the first or the last seed is none: see `seed_of_a_stream`.
+        """
+        first = np.random.RandomState().randint(2**31) if seed is None else seed_of_a_stream(seed)
+        seed_of_a_stream(first + count - 1)
         self.own = [np.random.RandomState(first + i) for i in range(count)]
         self.beside = [stream_beside(stream) for stream in self.own]
 
