@@ -34,6 +34,18 @@ def test_a_row_draws_and_moves_as_the_single_environment(task: tuple[str, str]) 
         told = [env.step(a) for env, a in zip(singles, action, strict=True)]
 
 
+@pytest.mark.parametrize("task", [("stacker", "stack_4"), ("manipulator", "insert_peg")])
+def test_sizes_differ_by_row_in_the_reward_too(task: tuple[str, str]) -> None:
+    environment = {"randomize": {"geom_size": scale(0.9, 1)}}
+    batch = suite.load_batch(*task, 3, 2, 5, environment_kwargs=environment)
+    batch.reset()
+    reward = batch.step(np.zeros((3, 5))).reward
+    for row in range(3):
+        env = suite.load(*task, {"random": 5 + row}, environment)
+        env.reset()
+        assert env.step(np.zeros(5)).reward == reward[row]
+
+
 @pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
 def test_starts_stay_those_without_randomisation(task: tuple[str, str]) -> None:
     plain, randomized = (
