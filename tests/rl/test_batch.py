@@ -330,6 +330,7 @@ def test_data_fields_can_be_set_and_only_known_ones() -> None:
     batch = _walkers()
     batch.physics.data.ctrl = 0.25
     assert (batch.physics.control() == 0.25).all()
+    assert batch.physics.state().shape == (4, 28 + 27)
     with pytest.raises(AttributeError, match="qvle"):
         batch.physics.data.qvle = 0
 

@@ -264,7 +264,7 @@ class Physics(Rows, _control.Physics):
             solver's warm start; `mjSTATE_INTEGRATION` is everything a step depends on.
         """
         if sig is None:
-            return np.concatenate(self._physics_state_items())
+            return np.concatenate(self._physics_state_items(), axis=-1)
         model = self.model._model
         state = np.empty(mujoco.mj_stateSize(model, sig))
         mujoco.mj_getState(model, self._data._data, state, sig)
@@ -323,7 +323,7 @@ class Physics(Rows, _control.Physics):
         return self._data._data.act.copy()
 
     def state(self) -> np.ndarray:
-        """Positions, velocities and activations: `get_state()`."""
+        """Positions, velocities and activations, (nq + nv + na,): `get_state()`."""
         return self.get_state()
 
     def position(self) -> np.ndarray:
