@@ -335,6 +335,23 @@ def test_data_fields_can_be_set_and_only_known_ones() -> None:
         batch.physics.data.qvle = 0
 
 
+def test_a_state_that_was_set_is_stepped_from_as_after_forward() -> None:
+    batch = _walkers()
+    env = suite.load("humanoid", "walk", {"random": 1})
+    env.reset()
+    zero = np.zeros(batch.action_spec().shape)
+    batch.step(zero)
+    env.step(zero[1])
+    batch.physics.data.qpos[1, 8] += 0.1
+    env.physics.data.qpos[8] += 0.1
+    env.physics.forward()
+    expected = env.step(zero[1]).observation
+    for name, value in batch.step(zero).observation.items():
+        np.testing.assert_array_equal(value[1], expected[name])
+    with pytest.raises(AttributeError, match=r"without forward\(\)"):
+        batch.physics.forward()
+
+
 def test_an_interrupted_step_lets_every_row_begin_anew() -> None:
     batch = _walkers()
 

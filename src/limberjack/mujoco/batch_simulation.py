@@ -95,6 +95,12 @@ class BatchSimulation(Busy):
         _alive.add(self)
         watch(self)
 
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(
+            f"a batch of simulations has no {name!r}: its BatchEnvironment steps and resets it, "
+            "not its physics; the next step goes from the state that you set, without forward()"
+        )
+
     def _make(self) -> None:
         """Makes the official batch, whose threads belong to this process."""
         model = self._compiled
