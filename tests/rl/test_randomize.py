@@ -95,6 +95,8 @@ def test_the_stream_beside_follows_from_the_other_and_leaves_it_alone() -> None:
         ({"geom_type": scale(1, 2)}, ValueError, "part of the model's structure"),
         ({"opt.timestep": scale(1, 2)}, ValueError, "part of the model's structure"),
         ({"body_mass": 3}, TypeError, "expected scale"),
+        ({"body_mass": scale}, TypeError, "expected scale"),
+        (["body_mass"], TypeError, "expected a mapping"),
         ({"body_mass": lambda random, nominal: 1.0}, ValueError, r"shape \(\); expected .*\(17,\)"),
         ({"body_mass": lambda random, nominal: nominal * np.nan}, ValueError, "finite"),
     ],

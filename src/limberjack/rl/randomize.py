@@ -61,10 +61,12 @@ class Randomizer:
 
         Raises:
           ValueError: the model has no such field, or it is part of the model's structure.
-          TypeError: a draw is not a function.
+          TypeError: it is no mapping, or a draw is not a function.
         """
+        if not isinstance(mapping, Mapping):
+            raise TypeError(f"randomize is {mapping!r}; expected a mapping of fields to draws")
         for name, draw in mapping.items():
-            if not callable(draw):
+            if not callable(draw) or isinstance(draw, type):
                 raise TypeError(
                     f"randomize[{name!r}] is {draw!r}; expected scale(...), shift(...) or a "
                     "function of a RandomState and the nominal values"
