@@ -65,7 +65,9 @@ class Physics(mujoco.Physics):
 
     def joint_vel(self, joint_names: Sequence[str]) -> np.ndarray:
         """Velocities of joints, (..., n), radians or metres per second."""
-        return self.named.data.qvel[joint_names]
+        velocities = self.named.data.qvel[joint_names]
+        # A list of names gives a copy, one name a view.
+        return velocities.copy() if isinstance(joint_names, str) else velocities
 
     def body_2d_pose(self, body_names: str | Sequence[str], orientation: bool = True) -> np.ndarray:
         """Planar poses of bodies: x and z in metres, then the quaternion's w and y.
