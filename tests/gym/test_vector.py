@@ -534,3 +534,8 @@ def test_make_vec_and_gymnasiums_own_vector_environments_agree() -> None:
     assert_same(ours.reset(seed=0)[0], theirs.reset(seed=0)[0])
     for envs in (ours, theirs):
         envs.close()
+
+
+def test_a_misspelt_argument_is_told_the_right_one() -> None:
+    with pytest.raises(TypeError, match=r"no argument 'time_limt'\. Did you mean 'time_limit'\?"):
+        gym.load_vector("humanoid", "walk", 2, time_limt=1)

@@ -1,5 +1,6 @@
 """Checks of what users give to `Env` and `VectorEnv`; nothing has changed when one raises."""
 
+import inspect
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,6 +14,7 @@ __all__ = [
     "RENDER_MODES",
     "autoreset_mode",
     "environment_arguments",
+    "refuse_unknown",
     "render_mode",
     "reset_mask",
     "row_seeds",
@@ -85,6 +87,26 @@ def render_mode(mode: str | None) -> str | None:
             f"render_mode is {mode!r}; expected None or one of: {', '.join(RENDER_MODES)}"
         )
     return mode
+
+
+def refuse_unknown(kwargs: Mapping[str, Any], *callables: Any) -> None:
+    """Raises unless each name is a keyword that one of the callables takes.
+
+    Raises:
+      TypeError: one is not; with a suggestion.
+    """
+    known = [
+        name
+        for one in callables
+        for name, parameter in inspect.signature(one).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY
+    ]
+    for name in kwargs:
+        if name not in known:
+            raise TypeError(
+                f"there is no argument {name!r}.{did_you_mean(name, known)} There are: "
+                f"{', '.join(known)}."
+            )
 
 
 def task_arguments(

@@ -275,7 +275,11 @@ def load_vector(
       on_divergence: see `suite.load_batch`.
       pipelined: make two halves, for `send` and `recv`.
       kwargs: autoreset_mode, flat, dtype, copy, render_mode, render_kwargs: see `VectorEnv`.
+
+    Raises:
+      TypeError: an argument is misspelt; the message has a suggestion.
     """
+    arguments.refuse_unknown(kwargs, VectorEnv, load_vector)
     num_envs = at_least_one("num_envs", num_envs)
     if pipelined and num_envs == 1:
         raise ValueError("num_envs is 1; expected at least 2 for two halves")
