@@ -5,7 +5,15 @@ import pytest
 
 from limberjack import suite
 from limberjack.planner import planar_ik
-from limberjack.planner.planar_ik import GRASP, PINCH, angle_of, direction, hand_poses
+from limberjack.planner.planar_ik import (
+    GRASP,
+    PINCH,
+    angle_of,
+    direction,
+    hand_places,
+    hand_poses,
+    nudged,
+)
 
 _ARM = ["arm_root", "arm_shoulder", "arm_elbow", "arm_wrist"]
 _PLANE = [0, 2]
@@ -50,7 +58,34 @@ def test_what_is_out_of_reach_or_under_the_floor_has_no_pose(point: tuple[float,
     assert poses.shape == (0, 4)
 
 
+def test_fingertips_of_a_given_width_keep_off_the_floor() -> None:
+    point, down = np.array([0.2, 0.045]), angle_of(np.array([0.0, -1.0]))
+
+    def lowest_tip(width: float | None) -> float:
+        random = np.random.default_rng(0)
+        poses = hand_poses(random, point, GRASP, np.zeros(4), 20, down, 1.0, width=width)
+        sides = direction(poses.sum(axis=-1) + np.pi / 2)[:, 1]
+        middles = np.array([planar_ik.hand_places(pose, 0.096)[1] for pose in poses])
+        return float((middles - 0.03 * np.abs(sides)).min())
+
+    assert lowest_tip(None) < 0.005 < lowest_tip(0.03)
+
+
+def test_a_hand_that_is_folded_back_onto_the_arm_is_not_clear() -> None:
+    straight, folded = np.array([0.3, 0.3, 0.3, 0.3]), np.array([0.0, 0.0, 2.6, 1.3])
+    assert planar_ik.is_clear(np.stack([straight, folded]), 0.1).tolist() == [True, False]
+
+
 def test_an_angle_is_that_of_its_direction() -> None:
     for angle in (-2.0, 0.0, 0.5, 3.0):
         assert planar_ik.angle_of(direction(angle)) == pytest.approx(angle)
     assert angle_of(np.array([0.0, 1.0])) == 0.0
+
+
+def test_a_nudge_moves_the_wrist_and_turns_the_hand_as_asked() -> None:
+    random = np.random.default_rng(3)
+    for joints in random.uniform(0.4, 1.2, (20, 4)):  # bent: a straight arm cannot go on
+        moved = nudged(joints, np.array([0.03, -0.02]), 0.1)
+        step = hand_places(moved, 0.0) - hand_places(joints, 0.0)
+        np.testing.assert_allclose(step, [0.03, -0.02], atol=1e-6)  # what iterating leaves
+        np.testing.assert_allclose(moved.sum() - joints.sum(), 0.1, atol=1e-6)

@@ -47,6 +47,17 @@ def test_a_joint_is_pushed_towards_its_target_and_braked() -> None:
     np.testing.assert_allclose(law.controls(targets, qpos, qvel), [0.2, -0.25, 0, 1.0, -0.3])
 
 
+def test_a_tendon_of_joints_follows_their_mean_on_request() -> None:
+    physics = suite.load("manipulator", "bring_ball").physics
+    law = Tracking(physics.model._model, gain=2.0, damping=0.0, tendons=True)
+    qpos, qvel = np.zeros(physics.model.nq), np.zeros(physics.model.nv)
+    names = [physics.model.id2name(joint, "joint") for joint in range(physics.model.njnt)]
+    qpos[names.index("thumb")], qpos[names.index("finger")] = 0.3, 0.1
+    assert law.follows.tolist() == [True] * 5
+    np.testing.assert_allclose(law.held(qpos)[4], 0.2)
+    np.testing.assert_allclose(law.controls(np.full(5, 0.1), qpos, qvel), [0.2] * 4 + [-0.2])
+
+
 def test_a_servo_and_a_tendon_take_their_target_as_control() -> None:
     model = mujoco.MjModel.from_xml_string("""
       <mujoco>

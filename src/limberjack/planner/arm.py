@@ -15,6 +15,8 @@ __all__ = [
     "PLANE",
     "SETTINGS",
     "closing",
+    "finger_angle",
+    "fingers",
     "in_hand",
     "lifts",
     "loose",
@@ -27,6 +29,8 @@ ARM = ["arm_root", "arm_shoulder", "arm_elbow", "arm_wrist"]
 _FINGERS = ["thumb", "finger"]
 OPEN, CLOSED = -1.0, 1.0  # controls of the grasp
 OPEN_ANGLE = np.radians(-10.0)  # of the fingers, at their limit
+_KNUCKLE = 0.03  # metres; from the middle line of the hand to a finger's joint
+_FINGER = 0.053, 0.01  # metres; from that joint to the tip, ahead and aside, at an angle of 0
 PLANE = [0, 2]  # x and z of a position
 
 SETTINGS = Settings(
@@ -42,6 +46,11 @@ SETTINGS = Settings(
 )
 
 
+def fingers(data: Any) -> Any:
+    """The fingers' angle, (...), radians."""
+    return data.qpos[_FINGERS].mean(axis=-1)
+
+
 def closing(data: Any) -> Any:
     """How far the fingers have turned from fully open, (...), radians."""
     return data.qpos[_FINGERS].mean(axis=-1) - OPEN_ANGLE
@@ -54,6 +63,11 @@ def in_hand(data: Any, place: np.ndarray) -> tuple[Any, Any]:
     forward = offset[..., 0] * frame[..., 2] + offset[..., 2] * frame[..., 8]
     sideways = offset[..., 0] * frame[..., 0] + offset[..., 2] * frame[..., 6]
     return forward, sideways
+
+
+def finger_angle(width: float) -> float:
+    """The fingers' angle that has their tips this far from the hand's middle line, radians."""
+    return float(np.arccos((width - _KNUCKLE) / np.hypot(*_FINGER)) - np.arctan2(*_FINGER))
 
 
 def near(distance: Any, scale: float) -> Any:

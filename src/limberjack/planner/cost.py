@@ -33,6 +33,8 @@ class Settings:
         the control step; a longer one is quicker and less exact.
       gain: control per radian between a joint and its target.
       damping: control per radian per second of a joint's velocity.
+      tendons: whether a motor on a fixed tendon follows an angle too: the mean of the joints, each
+        as it counts in the tendon's length. Such joints must have the same limits.
       noise: standard deviation of the most varied samples' targets: radians for joints, parts of
         half the range for actuators that are controlled directly.
       finest: the least varied samples' standard deviation, as a part of `noise`.
@@ -49,6 +51,7 @@ class Settings:
     timestep: float | None = None
     gain: float = 1.5
     damping: float = 0.0
+    tendons: bool = False
     noise: float = 0.5
     finest: float = 0.03
     temperature: float = 0.3
@@ -73,6 +76,7 @@ class Cost:
     """
 
     settings = Settings()
+    breadth = 1.0  # how wide plans are varied, as a part of the settings' noise; `look` may set it
 
     def __init__(self, task: Any) -> None:
         """Takes the environment's task, whose terms of reward a cost may use."""

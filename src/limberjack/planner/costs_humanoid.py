@@ -3,8 +3,12 @@
 Beside the true reward, which is flat for a body on the ground, there are terms that lead there: a
 high head, an upright torso, feet below the point where the body would come to rest (its centre of
 mass plus its velocity times the time constant of falling, known as the capture point).
+
+A body that is down first stands up, as for standing, and goes only then. While it goes, strides of
+many phases, periods and lengths are proposed: chance alone finds a shuffle, hardly a stride.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -18,6 +22,31 @@ _FEET = ["left_foot", "right_foot"]
 _HEAD_HEIGHT = 1.55  # metres; a little above what is rewarded in full
 _FALLING = 0.3  # seconds; the time constant of an inverted pendulum as high as the hips
 _FASTEST = 3.5  # metres per second; about what half a second of foresight is good for
+_DOWN = 1.0  # metres; with the head below this it has fallen and must stand up
+_STANDS = 1.35  # metres; with the head above this, upright and slow, it may go
+_UPRIGHT = 0.9  # cosine of the torso's tilt, from which it counts as upright
+_SLOW = 1.5  # metres per second; less than a fall through standing height has
+
+_STRIDES = 24  # proposed at each planning
+_PERIODS = (0.45, 0.6, 0.75)  # seconds for two steps
+_LENGTHS = (0.4, 1.2)  # parts of the full stride
+_LEANS = (-0.3, 0.1)  # radians added to both hips; negative brings the legs forward
+
+# To stand, wide samples and few of them do; to go, what counts is many samples, and a law that is
+# damped: without that light limbs swing to and fro at the rate of control, and effort is paid for.
+_STILL = Settings(
+    samples=64,
+    horizon=0.6,
+    knots=4,
+    interval=1,
+    timestep=0.0125,
+    gain=2.5,
+    noise=0.5,
+    finest=0.1,
+)
+_GOING = dataclasses.replace(
+    _STILL, samples=96, horizon=0.5, knots=6, gain=3.0, damping=0.03, noise=0.8
+)
 
 # Angles in radians by actuator; others are 0.
 _POSES: list[dict[str, float]] = [
@@ -33,17 +62,6 @@ _POSES: list[dict[str, float]] = [
 class Move(Cost):
     """Stands up, and moves at the task's speed."""
 
-    settings = Settings(
-        samples=64,
-        horizon=0.6,
-        knots=4,
-        interval=1,
-        timestep=0.0125,
-        gain=2.5,
-        noise=0.5,
-        finest=0.1,
-    )
-
     def __init__(self, task: Any) -> None:
         """Takes a `humanoid.Humanoid` task."""
         super().__init__(task)
@@ -51,6 +69,21 @@ class Move(Cost):
         # Running is worth more speed than is safe: the reward grows up to 10 m/s.
         self._aim = min(1.2 * self._speed, _FASTEST)
         self._haste = 1.0 if self._speed < _FASTEST else 3.0
+        self.settings = _GOING if self._speed else _STILL
+        self._goes = False
+
+    def reset(self) -> None:
+        """Stands up first."""
+        self._goes = False
+
+    def look(self, physics: Any) -> None:
+        """Goes once it stands, until it falls."""
+        height = physics.head_height().item()
+        speed = np.linalg.norm(physics.center_of_mass_velocity())
+        if height < _DOWN:
+            self._goes = False
+        elif height > _STANDS and physics.torso_upright().item() > _UPRIGHT and speed < _SLOW:
+            self._goes = self._speed > 0
 
     def step_cost(self, physics: Any) -> np.ndarray:
         """Lowness, tilt, imbalance, haste and the missing reward, (N,)."""
@@ -64,13 +97,20 @@ class Move(Cost):
         resting = centre[..., :2] + _FALLING * velocity[..., :2] - feet[..., :2]
         cost = 2.0 * lowness + 0.5 * is_up * tilt + 0.05 * (physics.control() ** 2).mean(axis=-1)
         cost += self._motion(physics, velocity, is_up, resting)
-        return cost + 2.0 * (1.0 - self.task.get_reward(physics))
+        return cost + 2.0 * (1.0 - self._reward(physics))
+
+    def _reward(self, physics: Any) -> np.ndarray:
+        """The task's reward, (N,); without its speed while standing up."""
+        terms = self.task.reward_terms(physics)
+        if self._speed and not self._goes:
+            terms["movement"] = 1.0
+        return self.task.reward_of(terms)
 
     def _motion(
         self, physics: Any, velocity: np.ndarray, is_up: np.ndarray, resting: np.ndarray
     ) -> np.ndarray:
         """What standing and moving ask for besides being up, (N,)."""
-        if not self._speed:
+        if not self._goes:
             haste = arrays.norm(velocity[..., :2])
             return arrays.norm(resting) + 0.3 * is_up * haste
         heading = physics.named.data.xmat["torso", ["xx", "yx"]]
@@ -85,11 +125,31 @@ class Move(Cost):
         return is_up * (self._haste * short + 0.5 * balance) + (1.0 - is_up) * down
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
-        """Poses held, and random ones."""
+        """Strides while it goes; else poses held, and random ones."""
         names = [physics.model.id2name(i, "actuator") for i in range(physics.model.nu)]
+        if self._goes:
+            return _strides(names, self.settings, random)
         held = [np.array([_angle(pose, name) for name in names]) for pose in _POSES]
         held += list(random.uniform(-1.0, 1.0, (4, len(names))))
         return np.repeat(np.array(held)[:, None], self.settings.knots, axis=1)
+
+
+def _strides(names: list[str], settings: Settings, random: np.random.Generator) -> np.ndarray:
+    """Plans of steady strides at all phases, (n, knots, nu); arms and trunk are at 0."""
+    phases = 2 * np.pi * (np.arange(_STRIDES) + random.uniform(0.0, 1.0, _STRIDES)) / _STRIDES
+    rates = 2 * np.pi / random.choice(_PERIODS, _STRIDES)
+    length = random.uniform(*_LENGTHS, _STRIDES)[:, None]
+    lean = random.uniform(*_LEANS, _STRIDES)[:, None]
+    times = np.linspace(0.0, settings.horizon, settings.knots)
+    plans = np.zeros((_STRIDES, settings.knots, len(names)))
+    for side, lag in (("left", 0.0), ("right", np.pi)):
+        # At 0 the leg is foremost; it goes back on the ground, and forward again from pi on.
+        phase = phases[:, None] + rates[:, None] * times + lag
+        swing, push = np.maximum(-np.sin(phase), 0.0), np.maximum(np.sin(phase - 0.8), 0.0)
+        plans[..., names.index(f"{side}_hip_y")] = lean - length * (0.35 + 0.65 * np.cos(phase))
+        plans[..., names.index(f"{side}_knee")] = -0.25 - 1.3 * length * swing
+        plans[..., names.index(f"{side}_ankle_y")] = -0.2 + 0.6 * length * push
+    return plans
 
 
 def _angle(pose: dict[str, float], actuator: str) -> float:

@@ -2,11 +2,12 @@
 
 The object is fetched first: the open hand comes from ahead of it, then closes. Once it is held,
 being far from the target costs. How well it is held is a number between 0 and 1, so that fetching
-and carrying blend within one plan. What is to be inserted must first come to the mouth of its
-receptacle; there it need no longer be held.
+and carrying blend within one plan. What to do where the object is to be inserted is told in
+`costs_insertion.py`.
 
-The peg can be held by its handle or, to bring it, by its tip: `look` chooses what the arm can
-reach at the target.
+What the hand cannot reach, or not from the side from which it can be held, is raked inwards with a
+fingertip first. A peg that is held is brought along a route of the joints, because the way of the
+object alone would not turn it round.
 """
 
 import dataclasses
@@ -16,12 +17,10 @@ import numpy as np
 
 from limberjack.planner.arm import (
     ARM,
-    CLOSED,
-    OPEN,
     OPEN_ANGLE,
     PLANE,
     SETTINGS,
-    closing,
+    fingers,
     in_hand,
     lifts,
     loose,
@@ -29,101 +28,103 @@ from limberjack.planner.arm import (
     outward_speed,
     path,
 )
+from limberjack.planner.arm_routes import Route, routes
 from limberjack.planner.cost import Cost
-from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses
+from limberjack.planner.grips import (
+    BALL,
+    HANDLE,
+    Grip,
+    Pose,
+    downwards,
+    height_above_ground,
+    in_world,
+    pose_of,
+)
+from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_places, hand_poses
 from limberjack.utils import arrays
 
 __all__ = ["Bring"]
 
-_LOOSE = 6.0  # what an object costs that is not held: more than any that is
+_LOOSE = 8.0  # what an object costs that is not held: more than any that is
 _LONGEST = 0.25  # metres; what scales distances: about half of the arm's reach
 _PLAY = 1.3  # how much better than needed the best hold is: a little slip costs nothing
 _BACK = 0.06  # metres; how far the hand stands off before it closes in
 
 
-@dataclasses.dataclass(frozen=True)
-class _Grip:
-    """A way to hold an object.
-
-    Attributes:
-      place, ahead: sites of the object between which the hand points; the first is to be where the
-        grasp is. The ball may be held from any side, so it has no second one.
-      angle: of the fingers around it, radians, measured.
-      press: the control that holds it. The full one squeezes a peg out of the fingers.
-    """
-
-    place: str
-    ahead: str | None
-    angle: float
-    press: float
-
-
+_HOLDS = 8  # how often between two knots the arm is put back while the object's way is foreseen
 _TIPS = ["fingertip2", "thumbtip2"]  # geoms
+_PRESS = 0.25  # control of the grasp under which an object may slip
+_TURN = 0.7  # per radian; what it costs that the joints are far from the target
+_PEG_REACH = 0.178  # metres; from the wrist to the tip of a peg that is held by its handle
+_NEAR_GOAL = 0.4  # radians; there the peg itself is looked at, no more at twice that
+# Metres and radians per second above which a peg may slip out of the hand.
+_SPEED, _SPIN = 1.5, 10.0
 _AT_REST = 0.02  # metres or radians per second
+_ALOFT = 0.15  # metres above the ground; what is there falls, or lies on the arm
+_AWAY = 0.17  # metres; how far the hand goes away from what it failed to take
+_PATIENCE, _WITHDRAWAL = 25, 10  # plans; how long it tries, and how long it then goes away
 _RAKED = 0.12  # metres; how far beyond the middle a peg is raked
 _TIP_REACH, _TIP_ASIDE = 0.098, 0.04  # metres; where an open fingertip is in the hand
 
-_BALL = _Grip("ball", None, np.radians(20.0), 0.6)
-_HANDLE = _Grip("peg_grasp", "peg_tip", np.radians(32.0), 0.25)
-_TIP = _Grip("peg_tip", "peg_grasp", np.radians(36.0), 0.25)
-
-
-@dataclasses.dataclass(frozen=True)
-class _Mouth:
-    """The way into a receptacle, along its axis.
-
-    Attributes:
-      entering: the site of the object that goes in first, and its place at the target.
-      height: above that place, metres, from which it may go in.
-      width: how far beside the axis it may be then.
-    """
-
-    entering: str
-    place: str
-    height: float
-    width: float
-
-
-# The cup's rim, and the fingers, which reach beyond the ball.
-_CUP = _Mouth("ball", "target_ball", 0.115, 0.012)
-_SLOT = _Mouth("peg_tip", "target_peg_tip", 0.072, 0.006)
-
 
 class Bring(Cost):
-    """Fetches the object, and brings it to the target or inserts it."""
+    """Fetches the object, and brings it to the target."""
 
-    settings = SETTINGS
+    settings = dataclasses.replace(
+        SETTINGS,
+        samples=32,
+        # At longer time steps the fingers are pressed through what they should grasp.
+        timestep=0.0025,
+        # A good plan among many bad ones is rare, and must not be lost in their mean.
+        temperature=0.1,
+        # Fingers that come with the right opening close soon: at most at 2 radians per second.
+        tendons=True,
+    )
 
     def __init__(self, task: Any) -> None:
         """Takes a `manipulator.Bring` task."""
         super().__init__(task)
         self._has_peg: bool = task._use_peg
         self._object = "peg" if self._has_peg else "ball"
-        self._mouth: _Mouth | None = None
-        if task._insert:
-            self._mouth = _SLOT if self._has_peg else _CUP
+        self._grip = HANDLE if self._has_peg else BALL
         self.reset()
 
     def reset(self) -> None:
-        """Chooses the usual grip."""
-        self._grip = _HANDLE if self._has_peg else _BALL
+        """Forgets where the object was going and what was being done about it."""
+        self._coming: list[Pose] = []  # where the object will be at the plan's knots
+        self._routes: list[Route] = []  # to where a peg is at the target
+        self._near_for = 0  # plans in which the hand was near the object without holding it
+        self._withdraws = 0  # plans in which it still goes away, to come again another way
+        self._settles = False  # whether it will soon lie still
         self._rake_to: float | None = None  # x, metres, while the object is out of reach
 
     def step_cost(self, physics: Any) -> np.ndarray:
         """Fetching costs more than carrying, and both less the nearer, (N,)."""
         data = physics.named.data
         low = 5.0 * np.maximum(0.03 - data.site_xpos["grasp", "z"], 0.0)
+        if self._withdraws:
+            hand = data.site_xpos["grasp"]
+            near_by = np.maximum(_AWAY - arrays.norm(hand - data.site_xpos[self._object]), 0.0)
+            moved = arrays.norm(data.qvel[self.task._object_joints][..., :2])
+            return 2.0 * _LOOSE + 20.0 * near_by + 2.0 * moved + low
         if self._rake_to is not None:
             return 2.0 * _LOOSE + self._raking(data, self._rake_to) + low
         held = self._held(data)
-        missing = 1.0 - self.task.get_reward(physics)
-        carry = self._gap(data) + missing + loose(physics, self._grip.press)
-        secure = held
-        if self._mouth is not None:
-            secure = np.maximum(held, self._inside(data))
-            carry = carry + held * self._fingers_in_mouth(data)
+        secure, carry = self._carrying(physics, held)
         fetch = _LOOSE + self._fetching(data)
         return secure * carry + (1.0 - secure) * fetch + low
+
+    def _carrying(self, physics: Any, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How surely the object needs no fetching, 0 to 1, and what carrying costs, (N,) each."""
+        data = physics.named.data
+        missing = 1.0 - self.task.get_reward(physics)
+        carry = self._along_route(data, self._gap(data) + missing) + loose(physics, _PRESS)
+        if self._has_peg:
+            velocity = data.qvel[self.task._object_joints]
+            speed, spin = arrays.norm(velocity[..., :2]), np.abs(velocity[..., 2])
+            carry = carry + 0.5 * np.maximum(speed - _SPEED, 0.0)
+            carry = carry + 0.05 * np.maximum(spin - _SPIN, 0.0)
+        return held, carry
 
     def _raking(self, data: Any, goal: float) -> np.ndarray:
         """How far a fingertip is from behind the object, and the object from the goal, (N,)."""
@@ -134,33 +135,49 @@ class Bring(Cost):
 
     def _held(self, data: Any) -> np.ndarray:
         """How well the hand holds the object, 0 to 1, (N,)."""
-        ahead, aside = in_hand(data, data.site_xpos[self._grip.place])
-        closed = np.clip(closing(data) / (self._grip.angle - OPEN_ANGLE), 0.0, 1.0)
-        firm = near(np.hypot(ahead, aside), 0.012) * near(self._misalignment(data), 0.15) * closed
+        ahead, aside = in_hand(data, self._place(data))
+        ahead = ahead - np.clip(ahead, 0.0, self._grip.slack)
+        grip = self._grip
+        closed = np.clip((fingers(data) - grip.ready) / (grip.firm - grip.ready), 0.0, 1.0)
+        firm = near(np.hypot(ahead, aside), 0.012) * closed
+        if grip.forward is not None:
+            firm = firm * near(self._misalignment(data), 0.15)
         # A little play in the hand is no reason to stand still.
         return np.minimum(_PLAY * firm, 1.0)
 
+    def _place(self, data: Any) -> np.ndarray:
+        """Where the grasp site is to be, (..., 3)."""
+        frame = data.site_xmat[self._object]
+        return data.site_xpos[self._object] + in_world(frame, self._grip.place)
+
     def _misalignment(self, data: Any) -> Any:
         """One less the cosine between the hand and the grip's direction, (...)."""
-        if self._grip.ahead is None:
-            return 0.0 * data.site_xpos[self._grip.place][..., 0]
-        forward = data.site_xpos[self._grip.ahead] - data.site_xpos[self._grip.place]
-        forward = forward / arrays.norm(forward)[..., None]
+        if self._grip.forward is None:
+            forward = downwards(data.site_xpos[self._object])
+        else:
+            forward = in_world(data.site_xmat[self._object], self._grip.forward)
         frame = data.site_xmat["grasp"]
         return 1.0 - forward[..., 0] * frame[..., 2] - forward[..., 2] * frame[..., 8]
 
     def _fetching(self, data: Any) -> np.ndarray:
         """How far the hand is from holding the object, (N,)."""
-        ahead, aside = in_hand(data, data.site_xpos[self._grip.place])
-        distance = np.hypot(ahead, aside)
+        ahead, aside = in_hand(data, self._place(data))
+        distance = np.hypot(ahead - np.clip(ahead, 0.0, self._grip.slack), aside)
         turn = self._misalignment(data)
+        if self._grip.forward is None:
+            turn = np.maximum(turn - 0.06, 0.0)
         # With the object beside it the hand must first back off: the fingers are in the way.
         beside = np.abs(aside) - 0.012 + 0.05 * turn
         detour = np.maximum(np.clip(1.5 * beside, 0.0, 0.07) - ahead, 0.0)
-        is_far = np.clip((distance - 0.02) / 0.03, 0.0, 1.0)
-        shut = np.clip(closing(data) / (self._grip.angle - OPEN_ANGLE) - 0.4, 0.0, 2.0)
+        is_far = np.clip((distance - 0.006) / 0.012, 0.0, 1.0)
+        unready = np.abs(fingers(data) - self._grip.ready)
         outwards = outward_speed(data, self.task._object_joints[0], self._object)
-        return 4.0 * (distance + detour) + 0.5 * turn + 0.5 * is_far * shut + outwards
+        # What lies on the arm must fall before the hand can have it.
+        aloft = np.maximum(height_above_ground(data.site_xpos[self._object]) - _ALOFT, 0.0)
+        trouble = 0.5 * turn + 2.0 * is_far * unready + outwards + 4.0 * aloft
+        way = distance + detour
+        # Steeper near the object, where it would else not pay to risk a touch.
+        return 4.0 * way + 0.5 * way / (way + 0.03) + trouble
 
     def _gap(self, data: Any) -> np.ndarray:
         """How far the object is from its place, by the way that it can go, (N,), about 0 to 2."""
@@ -170,72 +187,87 @@ class Bring(Cost):
             gap = (gaps[0] + gaps[1]) / 2
         else:
             gap = arrays.norm(places["ball"] - places["target_ball"])
-        if self._mouth is not None:
-            up, beside = self._in_mouth(data)
-            outside = np.clip((beside - self._mouth.width / 2) / self._mouth.width, 0.0, 1.0)
-            gap = gap + np.maximum(outside * self._mouth.height - up, 0.0)
         return gap / _LONGEST
 
-    def _fingers_in_mouth(self, data: Any) -> np.ndarray:
-        """How far a hand that holds the ball is too low to open between the cup's walls, (N,)."""
-        assert self._mouth is not None
-        if self._has_peg:
-            return 0.0 * data.site_xpos["peg"][..., 0]
-        up, _ = self._in_mouth(data)
-        return 2.0 * np.maximum(self._mouth.height - up, 0.0) / _LONGEST
+    def _along_route(self, data: Any, near_cost: np.ndarray) -> np.ndarray:
+        """What is left of the joints' way and, at its end, of the object's, (N,).
 
-    def _in_mouth(self, data: Any) -> tuple[np.ndarray, np.ndarray]:
-        """How far the object is above its place along the axis, and how far beside it, (N,)."""
-        assert self._mouth is not None
-        offset = data.site_xpos[self._mouth.entering] - data.site_xpos[self._mouth.place]
-        frame = data.site_xmat[self._mouth.place]
-        up = offset[..., 0] * frame[..., 2] + offset[..., 2] * frame[..., 8]
-        beside = offset[..., 0] * frame[..., 0] + offset[..., 2] * frame[..., 6]
-        return up, np.abs(beside)
-
-    def _inside(self, data: Any) -> np.ndarray:
-        """How surely the object stays where it is to be without the hand, 0 to 1, (N,)."""
-        assert self._mouth is not None
-        if self._has_peg:
-            return 0.0 * data.site_xpos["peg"][..., 0]
-        up, beside = self._in_mouth(data)
-        above = np.where(up > 0, up, 6.0 * up)  # below it is outside again
-        surely = near(beside, 1.5 * self._mouth.width) * near(above, 1.4 * self._mouth.height)
-        return np.minimum(_PLAY * surely, 1.0)
+        Who only looks at the object does not turn it round when it is near the target.
+        """
+        if not self._routes:
+            return near_cost
+        arm = data.qpos[ARM]
+        ways = [np.abs(arm - r.stations[0]).max(axis=-1) + r.rest for r in self._routes]
+        way = arrays.minimum_of(ways)
+        far = np.clip((way - _NEAR_GOAL) / _NEAR_GOAL, 0.0, 1.0)
+        return far * (_TURN * way + 2.0) + (1.0 - far) * near_cost
 
     def look(self, physics: Any) -> None:
-        """Chooses the grip that is possible here and at the target; without one, rakes."""
+        """Finds the ways to the target or where the object will be; rakes what is out of reach."""
         data = physics.named.data
-        if self._held(data) > 0.3:
-            self._rake_to = None
-            return
         random = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
-        grips = [_HANDLE, _TIP] if self._has_peg and self._mouth is None else [self._grip]
-        usable = [g for g in grips if len(self._poses(data, random, g, "target_", 1))] or grips
-        ready = [grip for grip in usable if len(self._poses(data, random, grip, "", 2))]
-        self._grip = (ready or usable)[0]
-        speed = np.abs(data.qvel[self.task._object_joints]).max()
-        if ready:
+        if self._held(data) > 0.3:
+            self._rake_to, self._near_for, self._withdraws = None, 0, 0
+            if self._has_peg and not self.task._insert:
+                goals = self._poses(data, random, self._grip, "target_", 12)
+                self._routes = routes(random, data.qpos[ARM], goals, _PEG_REACH)
+            return
+        self._lose_patience(data)
+        self._coming = self._foreseen(physics)
+        if len(self._poses(data, random, self._grip, "", 2, at=len(self._coming))):
+            if self._rake_to is not None:
+                self._near_for = 0
             self._rake_to = None
-        elif self._rake_to is not None or speed < _AT_REST:  # what rolls may come by itself
+        elif self._rake_to is not None or self._settles:  # what rolls may come by itself
             self._rake_to = self._rake_goal(data)
+
+    def _lose_patience(self, data: Any) -> None:
+        """Has the hand go away for a while if it has been near the object for long, in vain."""
+        if self._withdraws:
+            self._withdraws -= 1
+            return
+        offset = data.site_xpos["grasp"] - data.site_xpos[self._object]
+        self._near_for += bool(arrays.norm(offset) < 0.75 * _AWAY)
+        if self._near_for > _PATIENCE:
+            self._near_for, self._withdraws = 0, _WITHDRAWAL
+
+    def _foreseen(self, physics: Any) -> list[Pose]:
+        """The object's poses at the plan's knots, if the arm stays where it is; none at rest."""
+        data, state = physics.named.data, physics.get_state()
+        joints = self.task._object_joints
+        self._settles = bool(np.abs(data.qvel[joints]).max() < _AT_REST)
+        if self._settles:
+            return []
+        arm = data.qpos[ARM].copy()
+        span = self.settings.horizon / (self.settings.knots - 1)
+        found: list[Pose] = []
+        for _ in range(self.settings.knots - 1):
+            for _ in range(_HOLDS):
+                physics.step(round(span / _HOLDS / physics.timestep()))
+                data.qpos[ARM], data.qvel[ARM] = arm, 0.0
+            found.append(pose_of(data, self._object))
+        self._settles = bool(np.abs(data.qvel[joints]).max() < 10 * _AT_REST)
+        physics.set_state(state)
+        physics.forward()
+        return found
 
     def _rake_goal(self, data: Any) -> float:
         """Where the object would be in reach: x, metres."""
-        if self._grip.ahead is None:
+        if self._grip.forward is None:
             return 0.0
         # The hand comes from the handle's side, so it needs more room there.
-        ahead = data.site_xpos[self._grip.ahead, "x"] - data.site_xpos[self._grip.place, "x"]
+        ahead = in_world(data.site_xmat[self._object], self._grip.forward)[0]
         return _RAKED if ahead > 0 else -_RAKED
 
     def _poses(
         self,
         data: Any,
         random: np.random.Generator,
-        grip: _Grip,
+        grip: Grip,
         prefix: str,
         count: int,
         back: float = 0.0,
+        at: int = 0,
     ) -> np.ndarray:
         """Arm joints that have the hand at a grip, (n, 4).
 
@@ -246,59 +278,83 @@ class Bring(Cost):
           prefix: 'target_' for the object at the target.
           count: how many at most.
           back: how far the hand is to stand off.
+          at: the knot at which the object is to be met, 0 for now.
         """
-        place = data.site_xpos[prefix + grip.place][PLANE]
+        moves = at > 0 and bool(self._coming)
+        middle, frame = self._coming[at - 1] if moves else pose_of(data, prefix + self._object)
+        place = (middle + in_world(frame, grip.place))[PLANE]
         now = data.qpos[ARM]
-        if grip.ahead is None:
-            if self._mouth is None or not prefix:
-                return hand_poses(random, place, GRASP + back, now, count)
-            axis = data.site_xmat[self._mouth.place][[2, 8]]
-            above = place + self._mouth.height * axis
-            return hand_poses(random, above, GRASP, now, count, angle_of(-axis), 0.6)
-        angle = angle_of(data.site_xpos[prefix + grip.ahead][PLANE] - place)
-        if self._mouth is not None and prefix:
-            axis = data.site_xmat[self._mouth.place][[2, 8]]
-            place = place + back * axis
-            back = 0.0
+        if grip.forward is None:
+            if prefix:
+                return hand_poses(random, place, GRASP, now, count)
+            down = angle_of(downwards(middle)[PLANE])
+            clear = {"width": grip.width, "slack": 1.5 * grip.slack}
+            return hand_poses(random, place, GRASP + back, now, count, down, 0.8, **clear)
+        angle = angle_of(in_world(frame, grip.forward)[PLANE])
         # Exactly at the target, roughly at an object that the hand will straighten.
-        tilt = 0.02 if prefix else 0.3
-        return hand_poses(random, place, GRASP + back, now, count, angle, tilt)
+        tilt = 0.02 if prefix else 0.5
+        return hand_poses(random, place, GRASP + back, now, count, angle, tilt, width=grip.width)
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Straight joint paths that fetch the object or carry it to the target."""
         data = physics.named.data
         now = data.qpos[ARM]
-        count = self.settings.knots
-        press = self._grip.press
-        paths: list[np.ndarray] = []
-        if self._rake_to is not None:
-            middle = data.site_xpos[self._object]
-            behind = _behind(middle, self._rake_to)[PLANE]
-            for pose in hand_poses(random, behind, _TIP_REACH, now, 12, lateral=_TIP_ASIDE):
-                # The root turns from x to -x over the top, and so the other way below.
-                turn = 0.3 * np.sign(self._rake_to - middle[0])
-                inwards = pose + turn * np.array([1.0, 0.0, 0.0, 0.0])
-                paths.append(path(now, [pose], count, [OPEN], 2))
-                paths.append(path(now, [pose, inwards], count, [OPEN], 2))
-        elif self._held(data) > 0.3:
-            heights = [0.0] if self._mouth is None else [0.0, self._mouth.height]
-            for back in heights:
-                for pose in self._poses(data, random, self._grip, "target_", 6, back):
-                    paths.extend(path(now, [pose], count, [press], slow) for slow in (1, 2, 4))
+        if self._withdraws:
             place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
-            paths.extend(lifts(random, place, angle, now, count, press))
-            paths.append(path(now, [now], count, [press]))
+            paths = lifts(random, place, angle, now, self.settings.knots, OPEN_ANGLE)
+        elif self._rake_to is not None:
+            paths = self._raking_paths(data, random, self._rake_to)
+        elif self._held(data) > 0.3:
+            paths = self._carrying_paths(data, random)
         else:
-            paths.append(path(now, [now], count, [CLOSED]))
-            for pose in self._poses(data, random, self._grip, "", 6):
-                paths.append(path(now, [pose], count, [CLOSED]))
-                paths.append(path(now, [pose], count, [OPEN, OPEN, OPEN, CLOSED, CLOSED], 2))
-                paths.append(path(now, [pose], count, [OPEN, OPEN, OPEN, OPEN, CLOSED], 4))
-            for pose in self._poses(data, random, self._grip, "", 8, _BACK):
-                paths.append(path(now, [pose], count, [OPEN], 2))
-        paths.append(path(now, [now], count, [OPEN]))
+            paths = self._fetching_paths(data, random)
+        paths.append(path(now, [now], self.settings.knots, [OPEN_ANGLE]))
         order = random.permutation(len(paths))
         return np.array(paths)[order]
+
+    def _raking_paths(
+        self, data: Any, random: np.random.Generator, goal: float
+    ) -> list[np.ndarray]:
+        """Paths that put a fingertip behind the object, and then pull it inwards."""
+        now, count = data.qpos[ARM], self.settings.knots
+        middle = data.site_xpos[self._object]
+        behind = _behind(middle, goal)[PLANE]
+        # The root turns from x to -x over the top, and so the other way below.
+        turn = 0.3 * np.sign(goal - middle[0]) * np.array([1.0, 0.0, 0.0, 0.0])
+        paths: list[np.ndarray] = []
+        for pose in hand_poses(random, behind, _TIP_REACH, now, 12, lateral=_TIP_ASIDE):
+            paths.append(path(now, [pose], count, [OPEN_ANGLE], 2))
+            paths.append(path(now, [pose, pose + turn], count, [OPEN_ANGLE], 2))
+        return paths
+
+    def _carrying_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """Paths to the target, upwards, and none."""
+        now, count, shut = data.qpos[ARM], self.settings.knots, self._grip.shut
+        paths: list[np.ndarray] = []
+        for pose in self._poses(data, random, self._grip, "target_", 6):
+            paths.extend(path(now, [pose], count, [shut], slow) for slow in (1, 2, 4))
+        for route in self._routes:
+            stations = list(route.stations)
+            paths.extend(path(now, stations, count, [shut], slow) for slow in (1, 2))
+        place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
+        paths.extend(lifts(random, place, angle, now, count, shut))
+        paths.append(path(now, [now], count, [shut]))
+        return paths
+
+    def _fetching_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """Paths to where the object will be, at once or from ahead of it; the hand closes there."""
+        now, count, grip = data.qpos[ARM], self.settings.knots, self._grip
+        paths = [path(now, [now], count, [grip.shut])]
+        for knot, straight, ways in ((1, (1,), ()), (2, (2,), (1,)), (4, (4,), (2,))):
+            grasp = [grip.ready] * knot + [grip.shut]
+            for pose in self._poses(data, random, grip, "", 4, at=knot):
+                paths.extend(path(now, [pose], count, grasp, slow) for slow in straight)
+                angle = float(pose.sum())
+                place = hand_places(pose, GRASP) - _BACK * direction(angle)
+                for before in hand_poses(random, place, GRASP, pose, 1, angle, 0.1):
+                    paths.extend(path(now, [before, pose], count, grasp, slow) for slow in ways)
+                    paths.append(path(now, [before], count, [grip.ready], knot))
+        return paths
 
 
 def _behind(place: np.ndarray, goal: float) -> np.ndarray:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from limberjack.planner import costs_humanoid, costs_manipulator, costs_stacker
+from limberjack.planner import costs_humanoid, costs_insertion, costs_manipulator, costs_stacker
 from limberjack.planner.cost import Cost
 from limberjack.suite import humanoid, manipulator, stacker
 
@@ -20,9 +20,14 @@ _HERE = Path(__file__).parent
 _ALGORITHM = "sampling"  # the module
 _IMPORTED = re.compile(r"^from limberjack\.planner\.(\w+) import", re.MULTILINE)
 
+
+def _bring_or_insert(task: manipulator.Bring) -> Cost:
+    return costs_insertion.Insert(task) if task._insert else costs_manipulator.Bring(task)
+
+
 _MAKERS: dict[type, Callable[[Any], Cost]] = {
     humanoid.Humanoid: costs_humanoid.Move,
-    manipulator.Bring: costs_manipulator.Bring,
+    manipulator.Bring: _bring_or_insert,
     stacker.Stack: costs_stacker.Stack,
 }
 

@@ -12,7 +12,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["GRASP", "PINCH", "angle_of", "direction", "hand_poses"]
+__all__ = [
+    "GRASP",
+    "PINCH",
+    "angle_of",
+    "direction",
+    "hand_places",
+    "hand_poses",
+    "hand_route",
+    "is_clear",
+    "nudged",
+]
 
 # As in the suite's _planar_arm.xml; metres.
 _BASE = 0.4j  # x + z i
@@ -23,6 +33,9 @@ _PALM = 0.045  # from the wrist to the palm
 _LIMITS = np.radians([160.0, 160.0, 140.0]) - 0.05
 # Between a joint or the palm and floor or walls: about a link's radius. Fingers may touch them.
 _CLEARANCE = np.array([0.021, 0.018, 0.016, 0.011])
+_FINGERTIP = 0.096  # from the wrist to the tips of fingers that hold something
+_BESIDE = 0.035  # between the middle of a link and of what is in the hand
+_TIP_CLEARANCE = 0.006  # of their radius of 0.008; the contact gives way
 _WALL = 0.4  # the walls are the planes |x| = z + this
 
 
@@ -36,6 +49,14 @@ def angle_of(vector: np.ndarray) -> float:
     return float(np.arctan2(-vector[0], vector[1]))
 
 
+def hand_places(joints: np.ndarray, forward: float, lateral: float = 0.0) -> np.ndarray:
+    """Where a place of the hand is, for arm joints (..., 4) -> (..., 2)."""
+    pointing = 1j * np.exp(1j * np.cumsum(joints, axis=-1))
+    lengths = np.array([_UPPER, _MIDDLE, _LOWER, forward - 1j * lateral])
+    place = _BASE + (pointing * lengths).sum(axis=-1)
+    return np.stack([place.real, place.imag], axis=-1)
+
+
 def hand_poses(
     random: np.random.Generator,
     point: np.ndarray,
@@ -45,6 +66,8 @@ def hand_poses(
     angle: float | None = None,
     tilt: float = np.pi,
     lateral: float = 0.0,
+    width: float | None = None,
+    slack: float = 0.0,
 ) -> np.ndarray:
     """Arm joints that bring a place of the hand to a point, (n, 4), n <= count.
 
@@ -60,15 +83,21 @@ def hand_poses(
       angle: the hand's angle; None for any.
       tilt: how far from it the hand may be.
       lateral: the place's distance from the hand's middle line.
+      width: from that line to the fingertips, which then keep clear too; None: they need not.
+      slack: how much further ahead in the hand the place may be.
     """
-    draws = 24 * max(count, 1)
+    draws = max(24 * count, 72)
     hand = (0.0 if angle is None else angle) + random.uniform(-tilt, tilt, draws)
     bend = random.uniform(-_LIMITS[2], _LIMITS[2], draws)
     place = complex(*point)
-    wrist = place - np.exp(1j * hand) * (1j * forward + lateral)
-    solutions = _two_link(wrist, hand, bend)
+    ahead = forward + slack * random.uniform(0.0, 1.0, draws)
+    wrist = place - np.exp(1j * hand) * (1j * ahead + lateral)
+    solutions = np.concatenate([_joints(wrist, hand, bend, elbow) for elbow in (1.0, -1.0)])
     solutions[:, 0] += 2 * np.pi * np.round((now[0] - solutions[:, 0]) / (2 * np.pi))
-    usable = solutions[_is_possible(solutions) & _is_clear(solutions)]
+    possible = _is_possible(solutions) & _is_clear(solutions)
+    if width is not None:
+        possible &= _has_room(solutions, width)
+    usable = solutions[possible]
     nearest = np.argsort(np.abs(usable - now).max(axis=-1), kind="stable")
     near, others = nearest[: (count + 1) // 2], nearest[(count + 1) // 2 :]
     # Others too, because the way to the nearest may be blocked.
@@ -76,19 +105,85 @@ def hand_poses(
     return usable[np.concatenate([near, others[drawn]])]
 
 
-def _two_link(wrist: np.ndarray, hand: np.ndarray, bend: np.ndarray) -> np.ndarray:
-    """All joints for wrist places, hand angles and wrist joints: (n,) each -> (2n, 4), or NaN."""
+def hand_route(
+    now: np.ndarray,
+    pose: np.ndarray,
+    points: np.ndarray,
+    parts: np.ndarray,
+    forward: float,
+    lateral: float = 0.0,
+) -> np.ndarray:
+    """Arm joints that bring a place of the hand to points one after the other, (n, 4).
+
+    NaN where the arm cannot reach, and everywhere for an elbow that would have to turn over.
+
+    Args:
+      now: the joints at the start, (4,).
+      pose: those at the end, (4,).
+      points: where to, (n, 2).
+      parts: of the way from `now` to `pose`, 0 to 1, (n,), for the hand's angle and its wrist.
+      forward, lateral: the place in the hand, as for `hand_poses`.
+    """
+    if now[1] * pose[1] < 0:
+        return np.full((len(points), 4), np.nan)
+    hand = now.sum() + parts * (pose.sum() - now.sum())
+    bend = now[3] + parts * (pose[3] - now[3])
+    wrist = points[:, 0] + 1j * points[:, 1] - np.exp(1j * hand) * (1j * forward + lateral)
+    joints = _joints(wrist, hand, bend, float(np.sign(pose[1])))
+    joints[:, 0] = np.unwrap(np.append(now[0], joints[:, 0]))[1:]
+    return joints
+
+
+def nudged(joints: np.ndarray, by: np.ndarray, turn: float) -> np.ndarray:
+    """The joints (4,) that move the wrist by (2,) metres and turn the hand, turning least."""
+    goal = _wrist(joints) + complex(*by)
+    wanted, angle = joints.copy(), joints.sum() + turn
+    for _ in range(4):
+        corners = _corners(wanted)
+        # A joint's turning moves the wrist at right angles to the line between them.
+        moves = 1j * (corners[3] - corners[[0, 1, 2, 3]])
+        jacobian = np.stack([moves.real, moves.imag, np.ones(4)])
+        left = goal - corners[3]
+        error = np.array([left.real, left.imag, angle - wanted.sum()])
+        wanted += np.linalg.pinv(jacobian, rcond=0.02) @ error
+    return wanted
+
+
+def _corners(joints: np.ndarray) -> np.ndarray:
+    """Base, shoulder, elbow and wrist, (4,), x + z i."""
+    pointing = 1j * np.exp(1j * np.cumsum(joints[:3]))
+    return _BASE + np.concatenate([[0], np.cumsum(pointing * (_UPPER, _MIDDLE, _LOWER))])
+
+
+def _wrist(joints: np.ndarray) -> complex:
+    return complex(_corners(joints)[3])
+
+
+def is_clear(joints: np.ndarray, reach: float) -> np.ndarray:
+    """Whether the arm is clear of floor, walls and itself, within its limits, (..., 4) -> (...).
+
+    Args:
+      joints: the arm's.
+      reach: from the wrist to the far end of what is in the hand, metres.
+    """
+    rows = joints.reshape(-1, 4)
+    clear = _is_possible(rows) & _is_clear(rows) & _has_room(rows, 0.0, reach)
+    clear &= _is_unfolded(rows, reach)
+    return clear.reshape(joints.shape[:-1])
+
+
+def _joints(wrist: np.ndarray, hand: np.ndarray, bend: np.ndarray, elbow: float) -> np.ndarray:
+    """All joints for wrist places, hand angles and wrist joints, (n,) each -> (n, 4), or NaN.
+
+    The elbow says to which side the shoulder turns, 1 or -1.
+    """
     lower = hand - bend
-    elbow = wrist - 1j * _LOWER * np.exp(1j * lower) - _BASE
-    cosine = (np.abs(elbow) ** 2 - _UPPER**2 - _MIDDLE**2) / (2 * _UPPER * _MIDDLE)
-    bent = np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
-    solutions: list[np.ndarray] = []
-    for shoulder in (bent, -bent):
-        root = np.angle(elbow) - np.pi / 2 - np.angle(_UPPER + _MIDDLE * np.exp(1j * shoulder))
-        third = lower - root - shoulder
-        third = (third + np.pi) % (2 * np.pi) - np.pi
-        solutions.append(np.stack([root, shoulder, third, bend], axis=-1))
-    return np.concatenate(solutions)
+    middle = wrist - 1j * _LOWER * np.exp(1j * lower) - _BASE
+    cosine = (np.abs(middle) ** 2 - _UPPER**2 - _MIDDLE**2) / (2 * _UPPER * _MIDDLE)
+    shoulder = elbow * np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
+    root = np.angle(middle) - np.pi / 2 - np.angle(_UPPER + _MIDDLE * np.exp(1j * shoulder))
+    third = (lower - root - shoulder + np.pi) % (2 * np.pi) - np.pi
+    return np.stack([root, shoulder, third, bend], axis=-1)
 
 
 def _is_possible(joints: np.ndarray) -> np.ndarray:
@@ -103,5 +198,36 @@ def _is_clear(joints: np.ndarray) -> np.ndarray:
     corners: np.ndarray = _BASE + np.cumsum(1j * pointing[:, :3] * np.array(ahead), axis=-1)
     hand = pointing[:, 3:]
     points = np.concatenate([corners, corners[:, 2:] + 1j * _PALM * hand], axis=-1)
-    wall = (points.imag + _WALL - np.abs(points.real)) / np.sqrt(2)
-    return np.all(np.minimum(points.imag, wall) > _CLEARANCE, axis=-1)
+    return np.all(_height(points) > _CLEARANCE, axis=-1)
+
+
+def _has_room(joints: np.ndarray, width: float, reach: float = _FINGERTIP) -> np.ndarray:
+    """Whether places this far from the hand's middle line and the wrist keep clear, (n,)."""
+    pointing = np.exp(1j * np.cumsum(joints, axis=-1))
+    lengths = np.array([_UPPER, _MIDDLE, _LOWER, reach])
+    ends = _BASE + (1j * pointing * lengths).sum(axis=-1, keepdims=True)
+    tips = ends + pointing[:, 3:] * width * np.array([-1.0, 1.0])
+    return np.all(_height(tips) > _TIP_CLEARANCE, axis=-1)
+
+
+def _is_unfolded(joints: np.ndarray, reach: float) -> np.ndarray:
+    """Whether what is in the hand, and the links, keep clear of earlier links, (n, 4) -> (n,)."""
+    pointing = 1j * np.exp(1j * np.cumsum(joints, axis=-1))
+    lengths = np.array([_UPPER, _MIDDLE, _LOWER])
+    ends = np.cumsum(pointing[:, :3] * lengths, axis=-1)  # from the base
+    held = ends[:, 2:] + pointing[:, 3:] * reach * np.array([0.2, 0.4, 0.6, 0.8, 1.0])
+    lower = ends[:, 1:2] + pointing[:, 2:3] * _LOWER * np.array([0.4, 0.7])
+    starts = ends[:, :2] - pointing[:, :2] * lengths[:2]
+    clear = np.ones(len(joints), bool)
+    for link, points in ((0, held), (0, lower), (1, held)):
+        along = (points - starts[:, link, None]) / pointing[:, link, None]
+        beyond = along - np.clip(along.real, 0.0, lengths[link])
+        clear &= np.all(np.abs(beyond) > _BESIDE, axis=-1)
+    return clear
+
+
+def _height(points: np.ndarray) -> np.ndarray:
+    """Distance from the floor or the nearest wall, (...) complex -> (...)."""
+    above = np.imag(points)
+    wall = (above + _WALL - np.abs(np.real(points))) / np.sqrt(2)
+    return np.minimum(above, wall)

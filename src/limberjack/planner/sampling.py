@@ -67,7 +67,8 @@ class Planner:
         self._seed = seed
         threads = usable_cores() if num_threads is None else num_threads
         self._batch, self._substeps = self._make_batch(threads)
-        self._law = Tracking(env.physics.model._model, self._settings.gain, self._settings.damping)
+        law = self._settings.gain, self._settings.damping, self._settings.tendons
+        self._law = Tracking(env.physics.model._model, *law)
         self._spacing = self._settings.horizon / (self._settings.knots - 1)
         self._steps = max(1, round(self._settings.horizon / env.control_timestep()))
         self.reset()
@@ -141,7 +142,8 @@ class Planner:
         varied = samples[1 + taken :]
         fineness = np.log(settings.finest)
         # Log-uniform: coarse samples find another way, fine ones bring the last millimetre.
-        widths = settings.noise * np.exp(self._random.uniform(fineness, 0.0, len(varied)))
+        widths = np.exp(self._random.uniform(fineness, 0.0, len(varied)))
+        widths *= settings.noise * self._cost.breadth
         noise = self._random.standard_normal(varied.shape)
         varied += widths[:, None, None] * law.scale * noise
         samples[1:] = law.within_limits(samples[1:])

@@ -3,7 +3,8 @@
     law = Tracking(model, gain=1.5, damping=0.0)
     controls = law.controls(targets_at(knots, 0.3), qpos, qvel)  # (..., nu)
 
-A plan is a spline of targets: joint angles for actuators that turn a joint, controls for others.
+A plan is a spline of targets: joint angles for actuators that turn a joint, on request the mean
+angle for one that turns several by a fixed tendon, controls for others.
 Following angles keeps a plan good when the state is not quite what was foreseen; a plan of torques
 would have to foresee it all. It knows nothing of costs or planning.
 """
@@ -15,6 +16,8 @@ import numpy as np
 
 __all__ = ["Tracking", "targets_at"]
 
+_ON_A_TENDON = mujoco.mjtTrn.mjTRN_TENDON.value
+_OF_JOINTS = mujoco.mjtWrap.mjWRAP_JOINT.value
 _ON_A_JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 _ONE_AXIS = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
 
@@ -36,25 +39,28 @@ def targets_at(knots: np.ndarray, place: float) -> np.ndarray:
 class Tracking:
     """A proportional law with damping, within the controls' limits."""
 
-    def __init__(self, model: Any, gain: float, damping: float) -> None:
+    def __init__(self, model: Any, gain: float, damping: float, tendons: bool = False) -> None:
         """Takes a raw `mujoco.MjModel` and the law's constants; see `Settings`."""
-        joints = np.maximum(model.actuator_trnid[:, 0], 0)
-        on_joint = (model.actuator_trntype == _ON_A_JOINT) & np.isin(
-            model.jnt_type[joints], _ONE_AXIS
-        )
+        turned = [_joints_of(model, actuator, tendons) for actuator in range(model.nu)]
+        most = max(map(len, turned), default=0)
         # An actuator that is a servo already takes its target as control.
-        follows = on_joint & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE.value)
+        is_motor = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE.value
+        follows = is_motor & np.array([len(of) > 0 for of in turned])
         self.follows: np.ndarray = follows
+        joints = np.zeros((model.nu, max(most, 1)), int)
+        self._parts: np.ndarray = np.zeros(joints.shape)
+        for actuator in np.flatnonzero(follows):
+            for place, (joint, part) in enumerate(turned[actuator]):
+                joints[actuator, place], self._parts[actuator, place] = joint, part
         self._positions = model.jnt_qposadr[joints]
         self._velocities = model.jnt_dofadr[joints]
         self._gain = np.where(follows, gain, 1.0)
         self._damping = np.where(follows, damping, 0.0)
-        self._part = follows.astype(float)
         limited = model.actuator_ctrllimited.astype(bool)[:, None]
         limits = np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf])
         self.low, self.high = limits[:, 0], limits[:, 1]
-        joint_limited = model.jnt_limited[joints].astype(bool)[:, None]
-        ranges = np.where(joint_limited, model.jnt_range[joints], [-np.inf, np.inf])
+        joint_limited = model.jnt_limited[joints[:, 0]].astype(bool)[:, None]
+        ranges = np.where(joint_limited, model.jnt_range[joints[:, 0]], [-np.inf, np.inf])
         # A target may lie beyond a joint's limit, so that the joint is pressed against it.
         reach = 1.0 / gain
         self._lowest = np.where(follows, ranges[:, 0] - reach, self.low)
@@ -65,7 +71,7 @@ class Tracking:
 
     def held(self, qpos: np.ndarray) -> np.ndarray:
         """The targets that keep the present angles, and no control elsewhere, (nu,)."""
-        return np.clip(self._part * qpos[self._positions], self._lowest, self._highest)
+        return np.clip(self._angles(qpos, self._positions), self._lowest, self._highest)
 
     def within_limits(self, targets: np.ndarray) -> np.ndarray:
         """Targets that make sense, (..., nu): angles and controls within their ranges."""
@@ -73,7 +79,24 @@ class Tracking:
 
     def controls(self, targets: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """What the actuators are to do, (..., nu), given targets (..., nu) and the state."""
-        wanted = self._gain * (targets - self._part * qpos[..., self._positions])
+        wanted = self._gain * (targets - self._angles(qpos, self._positions))
         if self._damping.any():
-            wanted -= self._damping * qvel[..., self._velocities]
+            wanted -= self._damping * self._angles(qvel, self._velocities)
         return np.clip(wanted, self.low, self.high)
+
+    def _angles(self, state: np.ndarray, places: np.ndarray) -> np.ndarray:
+        """What the actuators turn, (..., nu): angles or their velocities; 0 for others."""
+        return (self._parts * state[..., places]).sum(axis=-1)
+
+
+def _joints_of(model: Any, actuator: int, tendons: bool) -> list[tuple[int, float]]:
+    """The joints with one axis that an actuator turns, and their parts in its length."""
+    kind, target = model.actuator_trntype[actuator], int(model.actuator_trnid[actuator, 0])
+    if kind == _ON_A_JOINT:
+        return [(target, 1.0)] if model.jnt_type[target] in _ONE_AXIS else []
+    if kind != _ON_A_TENDON or not tendons:
+        return []
+    wraps = range(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
+    if any(model.wrap_type[wrap] != _OF_JOINTS for wrap in wraps):
+        return []
+    return [(int(model.wrap_objid[wrap]), float(model.wrap_prm[wrap])) for wrap in wraps]

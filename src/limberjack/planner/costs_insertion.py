@@ -1,0 +1,363 @@
+"""What the planner avoids where the manipulator inserts: an object that is not yet in its place.
+
+The object is fetched as to bring it. The arm carries it before the mouth of the receptacle, on a
+way around the receptacle's walls. There the ball is released, and falls or rolls in; the peg is
+pushed in by small straight steps. Who does not succeed tries again from another pose.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.arm import (
+    ARM,
+    OPEN_ANGLE,
+    PLANE,
+    fingers,
+    in_hand,
+    lifts,
+    loose,
+    path,
+)
+from limberjack.planner.costs_manipulator import Bring, in_world
+from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_poses, nudged
+from limberjack.planner.receptacles import Receptacle
+from limberjack.planner.roadmap import Obstacle, Way, clearance, find_way
+from limberjack.utils import arrays
+
+__all__ = ["Insert"]
+
+_LONGEST, _NEAR = 0.25, 0.1  # metres; what scales distances, on the way and before the mouth
+_FACING = 0.7  # cosine between hand and axis, from which on the hand faces the mouth
+_PER_RADIAN = 0.4  # what a radian of the arm's way costs
+_FAR = 4.0  # what the longest way costs
+_FINE = 0.1  # of the usual breadth of plans, for a peg before its slot
+_ASTRAY = 0.8  # radians; so far off its way the arm looks for another
+_ARRIVED = 0.5  # radians; so near its end a way has been gone
+_PRESS = 0.25  # control of the grasp under which an object may slip
+_ATTEMPTS = 8  # spans of patience; after so many the object is approached in another pose
+_PATIENCE = 10  # plannings; after so many another way is looked for
+_GOALS = 96  # poses in which a way may end; many of them are blocked
+_STAND_OFF = 0.06  # metres; how far from the object a way to it ends
+_IDLE = 30  # plannings; whoever makes no headway for so long looks for another way
+_LONG = 60  # plannings; whoever has not inserted by then tries it from elsewhere
+_HEADWAY = 0.1  # radians; less is none
+_BLADE = 0.005  # metres; the peg's radius
+_TOUCHING = -0.004  # metres; fingers may be so near to walls that they touch them
+_STIRRED = 0.03  # metres; so far an object that is raked must move
+_REACHED, _LEFT = 0.07, 0.1  # metres; so near it the object is before the mouth, and no longer
+_FAST = 1.0  # metres per second; what is faster will not be where a way leads to
+_AWRY = 1.3  # radians; how far from the axis a hand may release the ball, if need be
+_OVER = 0.02  # metres; how far above the place before the mouth a way ends
+
+
+class Insert(Bring):
+    """Fetches the object and inserts it."""
+
+    def __init__(self, task: Any) -> None:
+        """Takes a `manipulator.Bring` task that inserts."""
+        self._receptacle = Receptacle.for_object("peg" if task._use_peg else "ball")
+        super().__init__(task)
+
+    def reset(self) -> None:
+        """Forgets the ways."""
+        super().reset()
+        self._way: Way | None = None  # around the receptacle
+        self._holds = False
+        self._at_mouth = False
+        self._patience = 0  # plannings until another way is looked for
+        self._found_at = np.zeros(3)  # where the object was when a way to it was found
+        self._raked_from, self._in_vain = np.zeros(3), 0  # since when it has not moved
+        self._attempts = 0  # to take it
+        self._trials = 0  # to insert what is held now
+        self._least, self._idle = np.inf, 0  # radians left of the way, and since when
+        self._sag = np.zeros(4)
+
+    def look(self, physics: Any) -> None:
+        """As for bringing, and finds the arm's way; what is in its place is left there."""
+        data = physics.named.data
+        self._walls = self._receptacle.walls(physics)
+        holds = bool(self._held(data) > 0.3)
+        if holds != self._holds:
+            self._way, self._patience, self._trials, self._attempts = None, 0, 0, 0
+        self._holds = holds
+        self._at_mouth = self._at_mouth and holds
+        if self._receptacle.holds(data) > 0.5 and not holds:
+            self._rake_to = self._way = None
+            self.breadth = _FINE
+            return
+        super().look(physics)
+        self._turn_rake(data.site_xpos[self._object])
+        # By how much gravity bends the arm away from its targets.
+        force = physics.model.actuator_gear[:4, 0] * self.settings.gain
+        dofs = physics.model.jnt_dofadr[physics.model.actuator_trnid[:4, 0]]
+        self._sag = data.qfrc_bias[dofs] / force
+        self._patience -= 1
+        if self._way is not None:
+            self._way.go_on(data.qpos[ARM])
+        if holds:
+            self._carry_on(physics)
+        else:
+            self._approach(physics)
+        self.breadth = _FINE if self._at_mouth and self._has_peg else 1.0
+
+    def _turn_rake(self, place: np.ndarray) -> None:
+        """Rakes the other way if the object has not moved: it may lean on the receptacle."""
+        if self._rake_to is None or arrays.norm(place - self._raked_from) > _STIRRED:
+            self._raked_from, self._in_vain = place.copy(), 0
+        self._in_vain += 1
+        if self._rake_to is not None and self._in_vain // _IDLE % 2:
+            self._rake_to = -self._rake_to
+
+    def _approach(self, physics: Any) -> None:
+        """Keeps the arm's way to the object, or looks for one if that is blocked."""
+        data = physics.named.data
+        now = data.qpos[ARM][None]
+        place = data.site_xpos[self._object]
+        if self._way is not None:
+            left = float(self._way.remaining(now)[0])
+            if left < _ARRIVED:
+                self._way, self._patience = None, _PATIENCE
+                return
+            moved = arrays.norm(place - self._found_at) > _STAND_OFF
+            if not self._gets_on(left):
+                self._attempts = _ATTEMPTS
+            elif not moved and self._way.astray(now)[0] < _ASTRAY:
+                return
+        elif self._patience >= 0:
+            return
+        self._patience, self._found_at = _PATIENCE, place.copy()
+        self._attempts += 1
+        again = self._attempts > _ATTEMPTS
+        way = self._way_to_object(physics, self._attempts if again else 0)
+        blocked = way is not None and not way.is_straight
+        # Who has left a dead end does not go back there because the way is straight now.
+        self._way = way if blocked or again or self._way is not None else None
+        self._least, self._idle = np.inf, 0
+        if again and way is not None:
+            self._attempts = _ATTEMPTS // 2
+
+    def _carry_on(self, physics: Any) -> None:
+        """Decides whether the object is before the mouth, or else the arm's way there."""
+        data = physics.named.data
+        now = data.qpos[ARM][None]
+        awry = max(_FACING - float(self._receptacle.facing(data)), 0.0)
+        away = self._receptacle.from_mouth(data) + 0.1 * awry
+        is_near = away < (_LEFT if self._at_mouth else _REACHED)
+        arrived = self._way is not None and self._way.remaining(now)[0] < _ARRIVED
+        if self._at_mouth:
+            if is_near and (self._patience >= 0 or self.task.get_reward(physics) > 0.5):
+                return
+            # It took too long, or the object has gone: now from elsewhere.
+            self._at_mouth, self._patience = False, 0
+            self._trials += 1
+        elif arrived or (is_near and self._trials == 0):
+            self._at_mouth, self._way, self._patience = True, None, _LONG
+            return
+        if self._way is not None:
+            if not self._gets_on(float(self._way.remaining(now)[0])):
+                self._way, self._patience = None, 0
+                self._trials += 1
+            elif self._way.astray(now)[0] > _ASTRAY:
+                self._way, self._patience = None, min(self._patience, 0)
+        if self._way is None and self._patience <= 0:
+            self._patience = _PATIENCE
+            self._way = self._way_to_mouth(physics)
+            self._least, self._idle = np.inf, 0
+
+    def _gets_on(self, left: float) -> bool:
+        """Whether the arm has made headway on its way of late."""
+        if left < self._least - _HEADWAY:
+            self._least, self._idle = left, 0
+        self._idle += 1
+        return self._idle < _IDLE
+
+    def _way_to_object(self, physics: Any, attempt: int) -> Way | None:
+        """The arm's way around the receptacle to before the object; 0 for the shortest."""
+        data = physics.named.data
+        speed = np.abs(data.qvel[self.task._object_joints[:2]]).max()
+        if self._rake_to is not None or speed > _FAST:
+            return None
+        random = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
+        goals = self._poses(data, random, self._grip, "", _GOALS, _STAND_OFF)
+        if attempt:
+            few = np.random.default_rng(round(1000 * physics.time())).permutation(len(goals))[
+                : _GOALS // 8
+            ]
+            goals = goals[few]
+        walls = self._walls
+        if self._has_peg:  # whose blade the hand would push away
+            blade = data.site_xpos[["peg", "peg_tip"]][None][..., PLANE]
+            ends, radii = np.concatenate([walls.ends, blade]), np.append(walls.radii, _BLADE)
+            walls = Obstacle(ends, radii)
+        return find_way(data.qpos[ARM], goals, GRASP + 0.02, walls)
+
+    def _way_to_mouth(self, physics: Any) -> Way | None:
+        """The arm's way around the receptacle to before its mouth; another one at each trial."""
+        data = physics.named.data
+        random = np.random.default_rng(self._trials)
+        length = GRASP + (0.113 if self._has_peg else 0.022)
+        over = self._receptacle.before + _OVER
+        goals = self._poses_to(data, random, over, 0.0, _GOALS)
+        if self._trials:  # few: not where it has not succeeded
+            goals = goals[random.permutation(len(goals))[: _GOALS // 8]]
+        way = find_way(data.qpos[ARM], goals, length, self._walls)
+        if way is not None or self._has_peg:
+            return way
+        # Something is there, such as the arm's own base: from beside, each time elsewhere.
+        places = random.uniform([self._receptacle.before - 0.03, -0.04], [over, 0.04], (24, 2))
+        found = [self._poses_to(data, random, u, b, 4, _AWRY) for u, b in places.tolist()]
+        goals = np.concatenate(found)
+        goals = goals[random.uniform(size=len(goals)) < 0.5]
+        return find_way(data.qpos[ARM], goals, length, self._walls)
+
+    def _carrying(self, physics: Any, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How surely the object needs no fetching, 0 to 1, and what inserting it costs, (N,)."""
+        data = physics.named.data
+        missing = 1.0 - self.task.get_reward(physics)
+        cost = missing + held * loose(physics, _PRESS)
+        if self._way is not None and self._holds:
+            left = _PER_RADIAN * self._way.remaining(data.qpos[ARM])
+        else:
+            left = self._receptacle.distance(data) / (_NEAR if self._at_mouth else _LONGEST)
+            left = left + held * np.maximum(_FACING - self._receptacle.facing(data), 0.0)
+        # Always less than what an object costs that is not held.
+        cost = cost + _FAR * np.tanh(left / _FAR)
+        return np.maximum(held, self._receptacle.holds(data)), cost
+
+    def _fetching(self, data: Any) -> np.ndarray:
+        """As for bringing; if the receptacle is in the way, how far the arm has to go, (N,)."""
+        if self._way is None or self._holds:
+            return super()._fetching(data)
+        unready = np.abs(fingers(data) - self._grip.ready)
+        return 2.0 + 1.5 * _PER_RADIAN * self._way.remaining(data.qpos[ARM]) + 2.0 * unready
+
+    def _poses(
+        self,
+        data: Any,
+        random: np.random.Generator,
+        grip: Any,
+        prefix: str,
+        count: int,
+        back: float = 0.0,
+        at: int = 0,
+    ) -> np.ndarray:
+        """As for bringing, less those in which the hand would be in the receptacle's walls."""
+        poses = super()._poses(data, random, grip, prefix, 3 * count, back, at)
+        if not len(poses) or prefix:
+            return poses[:count]
+        poses = poses[clearance(poses, GRASP + 0.02, self._walls)[:, 0] > _TOUCHING]
+        return poses[:: max(1, len(poses) // count)][:count]
+
+    def _poses_to(
+        self,
+        data: Any,
+        random: np.random.Generator,
+        up: float,
+        beside: float,
+        count: int,
+        tilt: float = 0.6,
+    ) -> np.ndarray:
+        """Arm joints that have the held object at a place in the mouth's frame, (n, 4)."""
+        now = data.qpos[ARM]
+        grip = self._grip
+        target = self._receptacle.target
+        axis, across = self._receptacle.axes(data)
+        goal = data.site_xpos[target] + in_world(data.site_xmat[target], grip.place)
+        point = goal[PLANE] + up * axis + beside * across
+        ahead, aside = in_hand(data, self._place(data))
+        angle = angle_of(-axis)
+        if grip.forward is not None:
+            held = angle_of(in_world(data.site_xmat[self._object], grip.forward)[PLANE])
+            angle, tilt = angle + float(now.sum()) - held, 0.01
+        return hand_poses(random, point, GRASP + ahead, now, count, angle, tilt, aside)
+
+    def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+        """As for bringing; once the object is in its place the hand goes away from it."""
+        data = physics.named.data
+        if self._held(data) > 0.3 or self._receptacle.holds(data) < 0.5:
+            found = super().proposals(physics, random)
+            if self._way is not None:
+                press = self._grip.shut if self._holds else OPEN_ANGLE
+                now, count = data.qpos[ARM], self.settings.knots
+                ways = [self._way.ahead(stride) for stride in (2, 4, 7, 12, 18, 26)]
+                found = np.concatenate([[path(now, w, count, [press]) for w in ways], found[:12]])
+            found[..., :4] += self._sag
+            return found
+        now, count = data.qpos[ARM], self.settings.knots
+        paths = [path(now, [now], count, [OPEN_ANGLE])]
+        above = data.site_xpos["grasp"][PLANE] - 0.05 * data.site_xmat["grasp"][[2, 8]]
+        for pose in hand_poses(random, above, GRASP, now, 4, float(now.sum()), 0.3):
+            paths.extend(path(now, [pose], count, [OPEN_ANGLE], slow) for slow in (1, 3))
+        return np.array(paths)
+
+    def _carrying_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """Paths that carry the object to the mouth, and in, (knots, 5) each."""
+        now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
+        mouth = self._receptacle
+        paths = [path(now, [now], count, [press])]
+        up, beside = mouth.offset(data, mouth.sites[0])
+        if np.hypot(up - mouth.before, beside) < 0.06 or (up > 0 and abs(beside) < mouth.width):
+            paths.extend(self._ways_in(data, random))
+            poses = self._poses_to(data, random, mouth.before, 0.0, 2)
+        else:
+            poses = self._poses_to(data, random, mouth.before, 0.0, 6)
+            high = self._poses_to(data, random, mouth.before + 0.06, 0.0, 3)
+            paths.extend(
+                path(now, [pose], count, [press], slow) for pose in high for slow in (1, 3)
+            )
+        paths.extend(
+            path(now, [pose], count, [press], slow) for pose in poses for slow in (1, 2, 4)
+        )
+        place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
+        paths.extend(lifts(random, place, angle, now, count, press)[::2])
+        return paths
+
+    def _ways_in(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """Paths that push the peg in or let the ball fall, (knots, 5) each."""
+        now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
+        paths: list[np.ndarray] = []
+        if self._has_peg:
+            return self._pushes(data, random)
+        for let_go in (OPEN_ANGLE, self._grip.ready):
+            paths.append(path(now, [now], count, [let_go]))
+            paths.append(path(now, [now], count, [press, let_go]))
+            for _ in range(8):
+                place = random.uniform([-0.05, -0.016], [0.03, 0.016])
+                for pose in self._poses_to(
+                    data, random, self._receptacle.before + place[0], place[1], 1
+                ):
+                    paths.append(path(now, [pose], count, [press, let_go]))
+                    paths.append(path(now, [pose], count, [let_go], 2))
+        return paths
+
+    def _pushes(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """Paths that bring the peg over the slot, then along the axis into it, (knots, 5) each."""
+        now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
+        slot = self._receptacle
+        (up, beside), (middle_up, middle_beside) = (
+            (float(u), float(b)) for u, b in (slot.offset(data, site) for site in slot.sites)
+        )
+        lean = np.arctan2(middle_beside - beside, middle_up - up + 0.05)
+        to_world = slot.axes(data)
+        hand = now.sum()
+        to_wrist = data.site_xpos["grasp"][PLANE] - GRASP * direction(hand)
+        to_wrist = to_wrist - data.site_xpos["peg_tip"][PLANE]
+        aside = max(abs(beside), abs(middle_beside))
+        top = min(up, self._receptacle.before)
+        heights = [self._receptacle.before] if aside > 0.75 * slot.width and up > 0.06 else []
+        paths: list[np.ndarray] = []
+        for _ in range(8):
+            off, turn = random.normal(0.0, [0.0015, 0.01])
+            turn = turn + lean
+            cos, sin = np.cos(turn), np.sin(turn)
+            turned = np.array(
+                [cos * to_wrist[0] - sin * to_wrist[1], sin * to_wrist[0] + cos * to_wrist[1]]
+            )
+            stations = [now]
+            for height in [*heights, *np.arange(top - 0.02, -0.02, -0.02).tolist()]:
+                by = np.array([height - up, off - beside]) @ to_world + turned - to_wrist
+                stations.append(nudged(now, by, turn))
+            paths.extend(path(now, stations[1:], count, [press], slow) for slow in (1, 2))
+            paths.append(path(now, stations[1:2], count, [press], 2))
+        return paths

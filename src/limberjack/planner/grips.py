@@ -1,0 +1,90 @@
+"""How the hand holds the manipulator's ball and peg, and where such an object is.
+
+ready = HANDLE.ready  # the fingers' angle with which the hand comes to a peg, radians
+place, frame = pose_of(physics.named.data, "peg")
+grasp = place + in_world(frame, HANDLE.place)
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.arm import finger_angle
+
+__all__ = [
+    "BALL",
+    "HANDLE",
+    "Grip",
+    "Pose",
+    "downwards",
+    "height_above_ground",
+    "in_world",
+    "pose_of",
+]
+
+Pose = tuple[np.ndarray, np.ndarray]  # place (3,) and frame (9,) of a site
+
+
+@dataclasses.dataclass(frozen=True)
+class Grip:
+    """A way to hold an object. Vectors are (x, z) in the frame of the object's site.
+
+    Attributes:
+      place: where the grasp site is to be, metres.
+      forward: where the hand is to point; None for a ball, which may be held from any side.
+      width: from the hand's middle line to a fingertip that touches it, metres.
+      room: how much further from it the fingertips are while the hand comes, metres.
+      slack: how much nearer to the fingertips the object may be, metres.
+      pressed: the target of that width that holds it, metres: a narrow one squeezes a peg out.
+    """
+
+    place: tuple[float, float]
+    forward: tuple[float, float] | None
+    width: float
+    room: float
+    slack: float
+    pressed: float
+
+    @property
+    def ready(self) -> float:
+        """The fingers' angle with which the hand comes, radians."""
+        return finger_angle(self.width + self.room)
+
+    @property
+    def firm(self) -> float:
+        """The fingers' angle around the object, radians."""
+        return finger_angle(self.width)
+
+    @property
+    def shut(self) -> float:
+        """The target of the fingers' angle that holds, radians."""
+        return finger_angle(self.pressed)
+
+
+BALL = Grip((0.0, 0.0), None, 0.03, 0.008, 0.015, 0.011)
+# By the handle, the fingertips between pommel and guard: anywhere else they slip off.
+HANDLE = Grip((0.0, 0.063), (0.0, -1.0), 0.013, 0.007, 0.0, 0.010)
+
+
+def in_world(frame: np.ndarray, vector: tuple[float, float]) -> np.ndarray:
+    """A vector (x, z) of a frame (..., 9), in the world, (..., 3)."""
+    x, z = vector
+    return x * frame[..., 0::3] + z * frame[..., 2::3]
+
+
+def pose_of(data: Any, site: str) -> Pose:
+    """Where a site is, and its frame."""
+    return data.site_xpos[site].copy(), data.site_xmat[site].copy()
+
+
+def height_above_ground(place: np.ndarray) -> np.ndarray:
+    """How far above the floor or a wall a place is, (..., 3) -> (...), metres."""
+    return place[..., 2] - np.maximum(np.abs(place[..., 0]) - 0.4, 0.0)
+
+
+def downwards(place: np.ndarray) -> np.ndarray:
+    """The direction to the floor or, beside it, the wall, (..., 3) -> (..., 3)."""
+    part = np.clip((np.abs(place[..., 0]) - 0.38) / 0.05, 0.0, 1.0) * np.sign(place[..., 0])
+    turned = part * np.pi / 4
+    return np.stack([np.sin(turned), 0.0 * turned, -np.cos(turned)], axis=-1)

@@ -1,0 +1,279 @@
+"""Ways of the planar arm around an obstacle, found in a map of random poses.
+
+    way = find_way(now, goals, held=0.178, obstacle=Obstacle(ends, radii))  # or None
+    way.go_on(now)
+    left = way.remaining(joints)  # (n, 4) -> (n,), radians
+
+The map's poses are the same in every process; each search keeps those that are clear of the
+obstacle and looks for the shortest way through them (A*). Links, hand and what the hand holds keep
+clear of the obstacle, of the arm itself, of floor and walls. It knows nothing of forces: what
+follows a way may cut its corners.
+"""
+
+import dataclasses
+import functools
+import heapq
+
+import numpy as np
+
+__all__ = ["Obstacle", "Way", "clearance", "find_way"]
+
+_BASE = np.array([0.0, 0.4])  # metres; this and the lengths as in the suite's _planar_arm.xml
+_LENGTHS = (0.18, 0.15, 0.12)
+_LIMITS = np.radians([160.0, 160.0, 140.0]) - 0.05
+_WALL = 0.4  # the walls are the planes |x| = z + this
+_MARGIN = 0.008  # metres; how far the arm keeps from everything
+_NODES, _NEIGHBOURS = 2000, 14
+_AT_ENDS = 80  # neighbours of a way's ends, which may be in a corner
+_STEP = 0.12  # radians; between the poses that are checked along a way
+_HAND_TO_FLOOR = 3  # of what is kept clear: from obstacle, from the arm, links and hand from floor
+_LINKS = 3  # of the lines that are checked against the floor: two links and the hand's axis
+_SPACING = 0.1  # radians, of all joints together; between the poses of a way
+_IN_VIEW = 40  # poses of a way; no more are passed within a plan
+_RETURN = 1.3  # how much a radian beside a way counts, against one along it
+
+# The hand's and fingers' middle lines in the hand's frame, metres: (aside, ahead) of both ends.
+_HAND = np.array(
+    [
+        [[0.0, 0.0], [0.0, 0.03]],
+        [[0.0, 0.03], [-0.034, 0.045]],
+        [[0.0, 0.03], [0.034, 0.045]],
+        [[-0.034, 0.045], [-0.034, 0.098]],
+        [[0.034, 0.045], [0.034, 0.098]],
+    ]
+)
+_RADII = np.array([0.02, 0.017, 0.014, 0.011, 0.008, 0.008, 0.01, 0.01, 0.005])
+_ITSELF = ((0, 2), (0, 3), (0, 6), (0, 7), (0, 8), (1, 3), (1, 6), (1, 7), (1, 8))
+
+
+@dataclasses.dataclass(frozen=True)
+class Obstacle:
+    """Thick lines: ends (m, 2, 2) and radii (m,), metres."""
+
+    ends: np.ndarray
+    radii: np.ndarray
+
+
+class Way:
+    """Poses to pass one after the other.
+
+    Attributes:
+      is_straight: there is nothing in the way to the goal.
+    """
+
+    def __init__(self, stations: np.ndarray) -> None:
+        """Takes the poses at which the way bends, and its ends, (n, 4)."""
+        self.is_straight = len(stations) == 2
+        lengths = np.abs(np.diff(stations, axis=0)).sum(axis=-1)
+        passed = np.concatenate([[0.0], lengths.cumsum()])
+        places = np.linspace(0.0, passed[-1], 2 + int(passed[-1] / _SPACING))
+        self._poses = np.stack([np.interp(places, passed, s) for s in stations.T], axis=-1)
+        self._left = passed[-1] - places
+        self._passed = 0  # poses
+
+    def go_on(self, joints: np.ndarray) -> None:
+        """Notes how far the arm has come, whose joints are these now, (4,)."""
+        self._passed += int(self._aside(joints[None])[0].argmin())
+
+    def remaining(self, joints: np.ndarray) -> np.ndarray:
+        """How far it is to the end, (n, 4) -> (n,), radians of all joints together."""
+        left = self._left[self._passed : self._passed + _IN_VIEW]
+        return (_RETURN * self._aside(joints) + left).min(axis=-1)
+
+    def astray(self, joints: np.ndarray) -> np.ndarray:
+        """How far joints are from the way, (n, 4) -> (n,), radians of all joints together."""
+        return self._aside(joints).min(axis=-1)
+
+    def ahead(self, stride: int) -> list[np.ndarray]:
+        """Poses to pass from now on, one in so many, the last one always."""
+        return [*self._poses[self._passed + stride :: stride], self._poses[-1]]
+
+    def _aside(self, joints: np.ndarray) -> np.ndarray:
+        """How far joints (n, 4) are from each pose that is next, (n, poses)."""
+        # Not from all: the end may be near, but behind what the way goes around.
+        poses = self._poses[self._passed : self._passed + _IN_VIEW]
+        return np.abs(joints[:, None] - poses).sum(axis=-1)
+
+
+def find_way(now: np.ndarray, goals: np.ndarray, held: float, obstacle: Obstacle) -> Way | None:
+    """A way from now to one of the goals, or None; straight to the nearest if that is possible.
+
+    Args:
+      now: the arm's joints, (4,).
+      goals: joints, (m, 4).
+      held: how far ahead of the wrist the end of what is held is, metres.
+      obstacle: what to keep clear of.
+    """
+    # What is nearer than the margin to begin with may be as near all the way.
+    if not len(goals):
+        return None
+    allowed = np.minimum(clearance(now[None], held, obstacle)[0] - 0.001, _MARGIN)
+    # So may fingers be to the floor, on which the object may lie.
+    floor = np.median(clearance(goals, held, obstacle)[:, _HAND_TO_FLOOR])
+    allowed[_HAND_TO_FLOOR] = min(allowed[_HAND_TO_FLOOR], floor - 0.001)
+    scene = _Scene(held, obstacle, allowed)
+    goals = goals[scene.is_free(goals)]
+    if not len(goals):
+        return None
+    goals = now + _between(now, goals)
+    nearest = np.argsort(np.abs(goals - now).sum(axis=-1), kind="stable")
+    for goal in goals[nearest[:6]]:
+        if scene.is_way_free(now, goal - now):
+            return Way(np.stack([now, goal]))
+    chain = _search(now, goals, scene)
+    return None if chain is None else Way(_shortened(_unwrapped(chain), scene))
+
+
+def _search(now: np.ndarray, goals: np.ndarray, scene: "_Scene") -> np.ndarray | None:
+    """Poses of the map from now to a goal, both included, (n, 4); A*."""
+    nodes, neighbours = _map()
+    poses = np.concatenate([nodes, now[None], goals])
+    usable = scene.is_free(poses)
+    start, first_goal = len(nodes), len(nodes) + 1
+    goals_near: dict[int, list[int]] = {}
+    for goal in range(first_goal, len(poses)):
+        for node in _nearest(poses[goal], nodes, _AT_ENDS):
+            goals_near.setdefault(node, []).append(goal)
+    ahead = np.min([_distance(poses, goal) for goal in goals], axis=0)
+    came: dict[int, int] = {}
+    queue = [(float(ahead[start]), 0.0, start, -1)]
+    while queue:
+        _, passed, node, before = heapq.heappop(queue)
+        # Only ways that a shortest one may use are looked at closely.
+        if node in came:
+            continue
+        if before >= 0 and not scene.is_way_free(
+            poses[before], _between(poses[before], poses[node])
+        ):
+            continue
+        came[node] = before
+        if node >= first_goal:
+            chain = [node]
+            while came[chain[-1]] >= 0:
+                chain.append(came[chain[-1]])
+            return poses[chain[::-1]]
+        near = neighbours[node] if node < start else _nearest(now, nodes, _AT_ENDS)
+        others = [n for n in [*near, *goals_near.get(node, [])] if usable[n] and n not in came]
+        lengths = passed + _distance(poses[others], poses[node])
+        for other, length in zip(others, lengths.tolist(), strict=True):
+            heapq.heappush(queue, (length + float(ahead[other]), length, other, node))
+    return None
+
+
+@functools.cache
+def _map() -> tuple[np.ndarray, list[list[int]]]:
+    """Poses (n, 4) and the nearest others of each."""
+    random = np.random.default_rng(0)
+    widest = np.array([np.pi, *_LIMITS])
+    poses = random.uniform(-widest, widest, (_NODES, 4))
+    return poses, [_nearest(pose, poses, 1 + _NEIGHBOURS)[1:] for pose in poses]
+
+
+def _nearest(pose: np.ndarray, others: np.ndarray, count: int) -> list[int]:
+    return np.argsort(_distance(others, pose), kind="stable")[:count].tolist()
+
+
+def _distance(poses: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """From poses (n, 4) to another one, (n,), radians of all joints together."""
+    return np.abs(_between(other, poses)).sum(axis=-1)
+
+
+def _between(pose: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """From one pose to others, (..., 4), the root by the shorter way round."""
+    way = others - pose
+    way[..., 0] = (way[..., 0] + np.pi) % (2 * np.pi) - np.pi
+    return way
+
+
+def _unwrapped(poses: np.ndarray) -> np.ndarray:
+    """The same poses with the root turning without jumps, (n, 4)."""
+    ways = _between(poses[:-1], poses[1:])
+    return np.concatenate([poses[:1], poses[0] + np.cumsum(ways, axis=0)])
+
+
+def _shortened(stations: np.ndarray, scene: "_Scene") -> np.ndarray:
+    """The same way without the stations that are not needed, (n, 4)."""
+    kept, last = [0], len(stations) - 1
+    while kept[-1] < last:
+        here, there = kept[-1], last
+        while there > here + 1 and not scene.is_way_free(
+            stations[here], stations[there] - stations[here]
+        ):
+            there -= 1
+        kept.append(there)
+    return stations[kept]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Scene:
+    """What an arm that holds something must keep clear of, and how far: see `clearance`."""
+
+    held: float
+    obstacle: Obstacle
+    allowed: np.ndarray
+
+    def is_free(self, poses: np.ndarray) -> np.ndarray:
+        """Whether poses (n, 4) are within limits and clear of everything, (n,)."""
+        within = np.all(np.abs(poses[:, 1:]) <= _LIMITS + 0.05, axis=-1)
+        return within & np.all(clearance(poses, self.held, self.obstacle) > self.allowed, axis=-1)
+
+    def is_way_free(self, begin: np.ndarray, way: np.ndarray) -> bool:
+        """Whether an arm can go straight on from a pose, (4,) each."""
+        parts = np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(way).max() / _STEP)))[1:, None]
+        return bool(self.is_free(begin + parts * way).all())
+
+
+def clearance(poses: np.ndarray, held: float, obstacle: Obstacle) -> np.ndarray:
+    """How far poses (n, 4) are from the obstacle, from themselves, from floor and walls, (n, 4)."""
+    lines = _lines(poses, held)
+    gaps = _gaps(lines[:, :, None], obstacle.ends[None, None])
+    apart = gaps - _RADII[:, None] - obstacle.radii
+    first, second = np.array(_ITSELF).T
+    itself = _gaps(lines[:, first], lines[:, second]) - _RADII[first] - _RADII[second]
+    x, z = lines[:, 1:, :, 0], lines[:, 1:, :, 1]
+    wall = np.minimum(z, (z + _WALL - np.abs(x)) / np.sqrt(2)) - _RADII[1:, None]
+    links, hand = wall[:, :_LINKS].min(axis=(1, 2)), wall[:, _LINKS:].min(axis=(1, 2))
+    return np.stack([apart.min(axis=(1, 2)), itself.min(axis=1), links, hand], axis=-1)
+
+
+def _lines(poses: np.ndarray, held: float) -> np.ndarray:
+    """The middle lines of links, hand, fingers and what is held, (n, 9, 2, 2), metres."""
+    angles = np.cumsum(poses, axis=-1)
+    ahead = np.stack([-np.sin(angles), np.cos(angles)], axis=-1)
+    joints = _BASE + np.cumsum(ahead[:, :3] * np.array(_LENGTHS)[:, None], axis=1)
+    starts = np.concatenate([np.broadcast_to(_BASE, (len(poses), 1, 2)), joints[:, :2]], axis=1)
+    links = np.stack([starts, joints], axis=2)
+    forward = ahead[:, 3]
+    sideways = np.stack([forward[:, 1], -forward[:, 0]], axis=-1)
+    parts = np.concatenate([_HAND, [[[0.0, 0.065], [0.0, held]]]])
+    hand = (
+        joints[:, 2, None, None]
+        + parts[..., :1] * sideways[:, None, None]
+        + parts[..., 1:] * forward[:, None, None]
+    )
+    return np.concatenate([links, hand], axis=1)
+
+
+def _gaps(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Distances between lines, both (..., 2, 2) of ends -> (...); 0 where they cross."""
+    first, second = np.broadcast_arrays(first, second)
+    gaps = [_gap_to(first[..., i, :], second) for i in (0, 1)]
+    gaps += [_gap_to(second[..., i, :], first) for i in (0, 1)]
+    crossing = (_side(first, second[..., 0, :]) * _side(first, second[..., 1, :]) < 0) & (
+        _side(second, first[..., 0, :]) * _side(second, first[..., 1, :]) < 0
+    )
+    return np.where(crossing, 0.0, np.minimum.reduce(gaps))
+
+
+def _side(line: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """On which side of a line a point is: the sign, (...)."""
+    along, to = line[..., 1, :] - line[..., 0, :], point - line[..., 0, :]
+    return along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0]
+
+
+def _gap_to(point: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """How far a point is from a line with two ends, (...)."""
+    along, to = line[..., 1, :] - line[..., 0, :], point - line[..., 0, :]
+    part = np.clip((along * to).sum(axis=-1) / (along * along).sum(axis=-1), 0.0, 1.0)
+    offset = to - part[..., None] * along
+    return np.hypot(offset[..., 0], offset[..., 1])

@@ -1,0 +1,43 @@
+"""Ways of the planar arm around obstacles."""
+
+import numpy as np
+
+from limberjack.planner.planar_ik import GRASP, hand_poses
+from limberjack.planner.roadmap import Obstacle, clearance, find_way
+
+_HELD = GRASP + 0.022  # metres
+_START = np.array([1.2, 0.8, 0.6, 0.4])
+_BEAM = Obstacle(np.array([[[0.0, 0.6], [0.0, 0.8]]]), np.array([0.01]))  # above the arm
+
+
+def _goals() -> np.ndarray:
+    """Poses of the hand on the other side of the beam."""
+    random = np.random.default_rng(0)
+    return hand_poses(random, np.array([0.3, 0.4]), GRASP, -_START, 24)
+
+
+def test_a_way_leads_to_a_goal_around_the_obstacle() -> None:
+    goals = _goals()
+    way = find_way(_START, goals, _HELD, _BEAM)
+    assert way is not None
+    assert not way.is_straight
+    poses = np.array([_START, *way.ahead(1)])
+    assert (clearance(poses, _HELD, _BEAM) > 0.0).all()
+    gaps = (poses[-1] - goals + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(gaps).sum(axis=-1).min() < 1e-9
+
+
+def test_what_is_left_of_a_way_falls_as_it_is_gone() -> None:
+    way = find_way(_START, _goals(), _HELD, _BEAM)
+    assert way is not None
+    left = []
+    for pose in way.ahead(1):
+        way.go_on(pose)
+        left.append(float(way.remaining(pose[None])[0]))
+    assert (np.diff(left) <= 1e-9).all()
+    assert left[-1] == 0.0
+
+
+def test_there_is_no_way_to_a_goal_within_the_obstacle() -> None:
+    around = Obstacle(np.array([[[0.3, 0.35], [0.3, 0.45]]]), np.array([0.2]))
+    assert find_way(_START, _goals(), _HELD, around) is None
