@@ -6,8 +6,8 @@ Other packages are installed by this script, each in a virtual environment of it
 a temporary folder. The exit status is 1 if a bar is missed. What is missed at first is measured
 once more at the end, and both measurements are pooled.
 
-All that is compared may use as many cores as it is given threads, where the system can bind it to
-them: a peer whose calling thread works beside its threads would else have one core more.
+With --bound all that is compared may use as many cores as it is given threads, where the system can
+bind it to them: a peer whose calling thread works beside its threads has one core more otherwise.
 """
 
 import dataclasses
@@ -180,15 +180,15 @@ def main(
     threads: Annotated[
         int | None, typer.Option(min=1, help="Of everything; by default the cores now free.")
     ] = None,
-    unbound: Annotated[
-        bool, typer.Option("--unbound", help="Let everything use all cores, not one per thread.")
+    bound: Annotated[
+        bool, typer.Option("--bound", help="Keep everything to as many cores as threads.")
     ] = False,
     json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
 ) -> None:
     """Measure batches beside their peers and print each bar and whether it is met."""
     effort = _QUICK if quick else _FULL
     num_threads = threads or batch_costs.free_cores()
-    cores = None if unbound else _bind(num_threads)
+    cores = _bind(num_threads) if bound else None
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as temporary:
         folder = None if without_peers else peers or Path(temporary)
