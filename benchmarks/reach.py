@@ -1,13 +1,13 @@
-"""How many starts of the arm's tasks let the hand take what it must, and bring it where it must.
+"""How many starts of the arm's tasks let the hand get at what it must take and bring.
 
     python benchmarks/reach.py [--episodes 1000] [--json FILE]
 
 Each episode's objects fall for two seconds while nothing is done. Where they lie then, inverse
-kinematics looks for joints of the arm that have its fingers around the object, and for joints that
-have the object at the target in the same grip; joints' limits, floor and walls count, other objects
-do not. A start without both is out of reach. It may be won all the same, by an arm that catches the
-object as it falls or rakes it out of its corner, so `cap` is no law: it is what taking and bringing
-alone can reach, 1,000 for each start within reach and the return of doing nothing for others.
+kinematics looks for joints of the arm that have its fingers around the object (`taken`), or else a
+fingertip behind it, to rake it inwards (`raked`); and for joints that have the object at the target
+in the same grip (`brought`). Joints' limits, floor and walls count, other objects do not. `cap` is
+what is left to reach: 1,000 for each start whose object can be taken or raked, and be brought, and
+the return of doing nothing for others. An arm that catches the object as it falls can do better.
 """
 
 import json
@@ -19,7 +19,7 @@ import numpy as np
 import typer
 
 from limberjack import suite
-from limberjack.planner.planar_ik import PINCH, angle_of, hand_poses
+from limberjack.planner.planar_ik import GRASP, PINCH, angle_of, hand_poses
 
 __all__ = ["main", "measure"]
 
@@ -27,10 +27,11 @@ _TASKS = [task for task in suite.ALL_TASKS if task[0] in ("manipulator", "stacke
 _FALL = 200  # control steps of 10 ms
 _FULL = 1_000.0
 _TRIES = 16  # poses that are looked for
-_FREE = np.pi  # any angle of the hand
-_ROUGHLY, _EXACTLY = 0.3, 0.1  # radians between the hand and the object, before and after
+_ROUGHLY, _EXACTLY = 0.5, 0.1  # radians between the hand and the object, before and after
 _DOWN, _STEEP = np.array([0.0, -1.0]), 0.5
 _ABOVE = 0.045  # metres; how far above a box's centre the fingertips' site is when it is held
+_TIP, _TIP_ASIDE = 0.098, 0.04  # metres; where an open fingertip is in the hand
+_BEHIND = np.array([0.03, 0.02])  # metres; outwards and above an object, where it is raked from
 _PLANE = [0, 2]
 
 _Places = dict[str, np.ndarray]  # of the sites, (2,) each
@@ -60,59 +61,68 @@ def measure(domain: str, task: str, episodes: int, zero_returns: Sequence[float]
         [within(batch.task, dict(zip(names, row, strict=True)), _reaches(random)) for row in places]
     )
     batch.close()
-    takes, brings = found.T
-    best = np.where(takes & brings, _FULL, zero_returns)
+    takes, rakes, brings = found.T
+    best = np.where((takes | rakes) & brings, _FULL, zero_returns)
     return {
         "domain": domain,
         "task": task,
         "episodes": episodes,
-        "object_within_reach": float(takes.mean()),
-        "target_within_reach": float(brings.mean()),
-        "both": float((takes & brings).mean()),
+        "taken": float(takes.mean()),
+        "raked": float((rakes & ~takes).mean()),
+        "brought": float(brings.mean()),
         "cap": float(best.mean()),
     }
 
 
 def _reaches(random: np.random.Generator) -> _Reaches:
-    """Whether the fingertips can be at a point, with the hand at an angle, give or take a tilt."""
+    """Whether a place of the hand can be at a point, the hand at an angle, give or take a tilt."""
 
-    def reaches(point: np.ndarray, angle: float | None, tilt: float) -> bool:
-        return len(hand_poses(random, point, PINCH, np.zeros(4), _TRIES, angle, tilt)) > 0
+    def reaches(
+        point: np.ndarray,
+        forward: float,
+        angle: float | None = None,
+        tilt: float = np.pi,
+        lateral: float = 0.0,
+    ) -> bool:
+        now = np.zeros(4)
+        return len(hand_poses(random, point, forward, now, _TRIES, angle, tilt, lateral)) > 0
 
     return reaches
 
 
-def _manipulator(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool]:
-    """Whether the object can be taken, and be brought in one of the grips that can take it."""
+def _manipulator(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool, bool]:
+    """Whether the object can be taken, the peg by its handle, or raked; and be brought."""
+    place = places["peg" if task._use_peg else "ball"]
+    outwards = np.sign(place[0])
+    rakes = reaches(place + _BEHIND * [outwards, 1.0], _TIP, lateral=_TIP_ASIDE)
     if not task._use_peg:
-        target = places["target_ball"]
-        return reaches(places["ball"], None, _FREE), reaches(target, None, _FREE)
-    grips = [("peg_grasp", "peg_tip")]
-    if not task._insert:  # the tip must be free to go in
-        grips.append(("peg_tip", "peg_grasp"))
-    taken = [grip for grip in grips if _along(places, grip, "", _ROUGHLY, reaches)]
-    brought = [g for g in taken or grips if _along(places, g, "target_", _EXACTLY, reaches)]
-    return bool(taken), bool(brought)
+        return reaches(place, PINCH), rakes, reaches(places["target_ball"], PINCH)
+    takes = _by_handle(places, "", _ROUGHLY, reaches)
+    return takes, rakes, _by_handle(places, "target_", _EXACTLY, reaches)
 
 
-def _along(
-    places: _Places, grip: tuple[str, str], prefix: str, tilt: float, reaches: _Reaches
-) -> bool:
-    at, ahead = (places[prefix + name] for name in grip)
-    return reaches(at, angle_of(ahead - at), tilt)
+def _by_handle(places: _Places, prefix: str, tilt: float, reaches: _Reaches) -> bool:
+    at, ahead = places[f"{prefix}peg_grasp"], places[f"{prefix}peg_tip"]
+    return reaches(at, GRASP, angle_of(ahead - at), tilt)
 
 
-def _stacker(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool]:
-    """Whether enough boxes can be taken from above, and put at the target."""
+def _stacker(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool, bool]:
+    """Whether enough boxes can be taken from above, or raked; and be put at the target."""
     down = angle_of(_DOWN)
 
     def from_above(place: np.ndarray) -> bool:
-        return reaches(place - _ABOVE * _DOWN, down, _STEEP)
+        return reaches(place - _ABOVE * _DOWN, PINCH, down, _STEEP)
+
+    def raked(place: np.ndarray) -> bool:
+        behind = place + _BEHIND * [np.sign(place[0]), 1.0]
+        return reaches(behind, _TIP, lateral=_TIP_ASIDE)
 
     target = places["target"]
     half = min(places[box][1] for box in task._boxes)  # of a box, which lies on the floor
     levels = round((target[1] / half - 1) / 2) + 1
-    return sum(from_above(places[box]) for box in task._boxes) >= levels, from_above(target)
+    taken = [from_above(places[box]) for box in task._boxes]
+    got = [take or raked(places[box]) for take, box in zip(taken, task._boxes, strict=True)]
+    return sum(taken) >= levels, sum(got) >= levels, from_above(target)
 
 
 def main(
@@ -127,9 +137,8 @@ def main(
         returns = [episode["return"] for episode in played[:episodes]]
         result = measure(domain, task, episodes, returns)
         typer.echo(
-            f"{domain}:{task}: object {result['object_within_reach']:.1%}, target "
-            f"{result['target_within_reach']:.1%}, both {result['both']:.1%}, "
-            f"cap {result['cap']:.0f}"
+            f"{domain}:{task}: taken {result['taken']:.1%}, raked {result['raked']:.1%}, "
+            f"brought {result['brought']:.1%}, cap {result['cap']:.0f}"
         )
         results.append(result)
     if json_file is not None:
