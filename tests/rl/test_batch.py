@@ -389,7 +389,7 @@ def test_an_interrupted_reset_lets_its_rows_begin_anew() -> None:
 
 def test_ctrl_c_as_the_batch_is_taken_or_given_back_does_not_lock_it() -> None:
     batch = _walkers()
-    batch._use._lock.acquire()  # as Ctrl-C leaves it that comes right after, or before the release
+    batch._use.__enter__()  # as Ctrl-C leaves it that comes right after, or before the release
     zero = np.zeros(batch.action_spec().shape)
     batch.step(zero)
     other = threading.Thread(target=batch.step, args=(zero,))

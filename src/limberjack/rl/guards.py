@@ -28,27 +28,25 @@ class OneUser:
     """A context that one thread at a time can be in: the simulations cannot serve two."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        # The thread that is within. Taken and noted at once by `setdefault`, so that it is known
+        # whose it is wherever Ctrl-C comes, and that thread can go on.
+        self._user: dict[str, int] = {}
         self._process = os.getpid()
-        self._user = threading.get_ident()  # the thread that is within, or was last
         self.what_is_wrong: str | None = None
 
     def __enter__(self) -> None:
         if self._process != os.getpid():  # forked, perhaps while another thread was within
-            self._lock, self._process = threading.Lock(), os.getpid()
+            self._user, self._process = {}, os.getpid()
         if self.what_is_wrong is not None:
             raise RuntimeError(self.what_is_wrong)
-        user = threading.get_ident()
-        # If this very thread has it, then Ctrl-C came as it was taken or given back.
-        if not self._lock.acquire(blocking=False) and self._user != user:
+        here = threading.get_ident()
+        if self._user.setdefault("thread", here) != here:
             raise RuntimeError(
                 "this batch is used from two threads at once: give each thread a batch of its own"
             )
-        self._user = user
 
     def __exit__(self, *error: object) -> None:
-        if self._lock.locked():
-            self._lock.release()
+        self._user.pop("thread", None)
 
 
 def at_least_one(name: str, value: Any) -> int:
