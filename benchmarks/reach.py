@@ -19,6 +19,7 @@ import numpy as np
 import typer
 
 from limberjack import suite
+from limberjack.planner.arm import PLANE, TIP_ASIDE, TIP_REACH
 from limberjack.planner.planar_ik import GRASP, PINCH, angle_of, hand_poses
 
 __all__ = ["main", "measure"]
@@ -30,9 +31,7 @@ _TRIES = 16  # poses that are looked for
 _ROUGHLY, _EXACTLY = 0.5, 0.1  # radians between the hand and the object, before and after
 _DOWN, _STEEP = np.array([0.0, -1.0]), 0.5
 _ABOVE = 0.045  # metres; how far above a box's centre the fingertips' site is when it is held
-_TIP, _TIP_ASIDE = 0.098, 0.04  # metres; where an open fingertip is in the hand
 _BEHIND = np.array([0.03, 0.02])  # metres; outwards and above an object, where it is raked from
-_PLANE = [0, 2]
 
 _Places = dict[str, np.ndarray]  # of the sites, (2,) each
 _Reaches = Callable[..., bool]
@@ -54,7 +53,7 @@ def measure(domain: str, task: str, episodes: int, zero_returns: Sequence[float]
         batch.step(still)
     sites = batch.physics.named.data.site_xpos
     names = sites.axes.row.names
-    places = sites[names][..., _PLANE]
+    places = sites[names][..., PLANE]
     random = np.random.default_rng(0)
     within = _stacker if domain == "stacker" else _manipulator
     found = np.array(
@@ -94,7 +93,7 @@ def _manipulator(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, b
     """Whether the object can be taken, the peg by its handle, or raked; and be brought."""
     place = places["peg" if task._use_peg else "ball"]
     outwards = np.sign(place[0])
-    rakes = reaches(place + _BEHIND * [outwards, 1.0], _TIP, lateral=_TIP_ASIDE)
+    rakes = reaches(place + _BEHIND * [outwards, 1.0], TIP_REACH, lateral=TIP_ASIDE)
     if not task._use_peg:
         return reaches(place, PINCH), rakes, reaches(places["target_ball"], PINCH)
     takes = _by_handle(places, "", _ROUGHLY, reaches)
@@ -115,7 +114,7 @@ def _stacker(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool,
 
     def raked(place: np.ndarray) -> bool:
         behind = place + _BEHIND * [np.sign(place[0]), 1.0]
-        return reaches(behind, _TIP, lateral=_TIP_ASIDE)
+        return reaches(behind, TIP_REACH, lateral=TIP_ASIDE)
 
     target = places["target"]
     half = min(places[box][1] for box in task._boxes)  # of a box, which lies on the floor

@@ -1,10 +1,11 @@
-"""The benchmark of plans runs, and says what it measured. What the figures are is its to say."""
+"""The benchmarks of plans and of reach run, and say what they measured; figures are theirs."""
 
 import json
 from pathlib import Path
 
 from programs import run_benchmark
 
+from limberjack import suite
 from limberjack.utils.cores import usable_cores
 
 
@@ -18,3 +19,17 @@ def test_a_plan_is_timed_for_each_number_of_threads(tmp_path: Path) -> None:
     assert any(subject.startswith(f"humanoid:stand, {usable_cores()} ") for subject in timed)
     assert all(row["value"] > 0 for row in rows)
     assert "bars met" in done.stdout
+
+
+def test_what_is_within_reach_is_told_for_each_task_of_the_arm(tmp_path: Path) -> None:
+    file = tmp_path / "reach.json"
+    done = run_benchmark("reach.py", "--episodes", "3", "--json", str(file))
+    assert done.returncode == 0, done.stderr
+    results = json.loads(file.read_text(encoding="utf-8"))
+    assert [result["task"] for result in results] == [
+        task for domain, task in suite.ALL_TASKS if domain != "humanoid"
+    ]
+    for result in results:
+        assert result["taken"] + result["raked"] <= 1
+        assert 0 <= result["brought"] <= 1
+        assert 1000 * (result["taken"] + result["brought"] - 1) <= result["cap"] <= 1000

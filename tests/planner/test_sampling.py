@@ -112,7 +112,25 @@ def test_a_plan_reaches_the_last_of_its_intervals() -> None:
     settings = dataclasses.replace(_Towards.settings, interval=3)
     planner = Planner(env, num_threads=1, cost=Looking(env.task), settings=settings)
     _actions(env, planner, 7)
-    np.testing.assert_allclose(looks, [0.0, 0.075, 0.15], atol=1e-12)
+    # Simulated time is a sum of time steps, which rounds.
+    np.testing.assert_allclose(looks, [0.0, 0.075, 0.15], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("interval", "expected"), [(1, 6), (2, 3), (4, 2), (6, 1)])
+def test_a_plans_cost_is_looked_at_as_often_as_is_asked(interval: int, expected: int) -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    looks = []
+
+    class Looking(_Towards):
+        def step_cost(self, physics: Any) -> np.ndarray:
+            looks.append(float(physics.data.time[0]))
+            return super().step_cost(physics)
+
+    settings = dataclasses.replace(_Towards.settings, cost_interval=interval)
+    Planner(env, num_threads=1, cost=Looking(env.task), settings=settings).act()
+    assert len(looks) == expected
+    assert looks[-1] == pytest.approx(_Towards.settings.horizon)  # the last state counts
 
 
 def test_an_episode_that_has_begun_is_planned_anew() -> None:

@@ -10,10 +10,14 @@ from limberjack.planner.planar_ik import GRASP, hand_poses
 __all__ = [
     "ARM",
     "CLOSED",
+    "LONGEST",
     "OPEN",
     "OPEN_ANGLE",
     "PLANE",
+    "PLAY",
     "SETTINGS",
+    "TIP_ASIDE",
+    "TIP_REACH",
     "closing",
     "finger_angle",
     "fingers",
@@ -31,7 +35,10 @@ OPEN, CLOSED = -1.0, 1.0  # controls of the grasp
 OPEN_ANGLE = np.radians(-10.0)  # of the fingers, at their limit
 _KNUCKLE = 0.03  # metres; from the middle line of the hand to a finger's joint
 _FINGER = 0.053, 0.01  # metres; from that joint to the tip, ahead and aside, at an angle of 0
+TIP_REACH, TIP_ASIDE = 0.098, 0.04  # metres; where an open fingertip is in the hand
 PLANE = [0, 2]  # x and z of a position
+LONGEST = 0.25  # metres; what scales distances: about half of the arm's reach
+PLAY = 1.3  # how much better than needed the best hold is: a little slip costs nothing
 
 SETTINGS = Settings(
     samples=64,
@@ -53,7 +60,7 @@ def fingers(data: Any) -> Any:
 
 def closing(data: Any) -> Any:
     """How far the fingers have turned from fully open, (...), radians."""
-    return data.qpos[_FINGERS].mean(axis=-1) - OPEN_ANGLE
+    return fingers(data) - OPEN_ANGLE
 
 
 def in_hand(data: Any, place: np.ndarray) -> tuple[Any, Any]:

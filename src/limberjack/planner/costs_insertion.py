@@ -11,6 +11,7 @@ import numpy as np
 
 from limberjack.planner.arm import (
     ARM,
+    LONGEST,
     OPEN_ANGLE,
     PLANE,
     fingers,
@@ -19,7 +20,8 @@ from limberjack.planner.arm import (
     loose,
     path,
 )
-from limberjack.planner.costs_manipulator import Bring, in_world
+from limberjack.planner.costs_manipulator import Bring
+from limberjack.planner.grips import in_world
 from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_poses, nudged
 from limberjack.planner.receptacles import Receptacle
 from limberjack.planner.roadmap import Obstacle, Way, clearance, find_way
@@ -27,7 +29,7 @@ from limberjack.utils import arrays
 
 __all__ = ["Insert"]
 
-_LONGEST, _NEAR = 0.25, 0.1  # metres; what scales distances, on the way and before the mouth
+_NEAR = 0.1  # metres; what scales distances before the mouth, where they are short
 _FACING = 0.7  # cosine between hand and axis, from which on the hand faces the mouth
 _PER_RADIAN = 0.4  # what a radian of the arm's way costs
 _FAR = 4.0  # what the longest way costs
@@ -219,7 +221,7 @@ class Insert(Bring):
         if self._way is not None and self._holds:
             left = _PER_RADIAN * self._way.remaining(data.qpos[ARM])
         else:
-            left = self._receptacle.distance(data) / (_NEAR if self._at_mouth else _LONGEST)
+            left = self._receptacle.distance(data) / (_NEAR if self._at_mouth else LONGEST)
             left = left + held * np.maximum(_FACING - self._receptacle.facing(data), 0.0)
         # Always less than what an object costs that is not held.
         cost = cost + _FAR * np.tanh(left / _FAR)

@@ -17,9 +17,13 @@ import numpy as np
 
 from limberjack.planner.arm import (
     ARM,
+    LONGEST,
     OPEN_ANGLE,
     PLANE,
+    PLAY,
     SETTINGS,
+    TIP_ASIDE,
+    TIP_REACH,
     fingers,
     in_hand,
     lifts,
@@ -46,11 +50,7 @@ from limberjack.utils import arrays
 __all__ = ["Bring"]
 
 _LOOSE = 8.0  # what an object costs that is not held: more than any that is
-_LONGEST = 0.25  # metres; what scales distances: about half of the arm's reach
-_PLAY = 1.3  # how much better than needed the best hold is: a little slip costs nothing
 _BACK = 0.06  # metres; how far the hand stands off before it closes in
-
-
 _HOLDS = 8  # how often between two knots the arm is put back while the object's way is foreseen
 _TIPS = ["fingertip2", "thumbtip2"]  # geoms
 _PRESS = 0.25  # control of the grasp under which an object may slip
@@ -64,7 +64,6 @@ _ALOFT = 0.15  # metres above the ground; what is there falls, or lies on the ar
 _AWAY = 0.17  # metres; how far the hand goes away from what it failed to take
 _PATIENCE, _WITHDRAWAL = 25, 10  # plans; how long it tries, and how long it then goes away
 _RAKED = 0.12  # metres; how far beyond the middle a peg is raked
-_TIP_REACH, _TIP_ASIDE = 0.098, 0.04  # metres; where an open fingertip is in the hand
 
 
 class Bring(Cost):
@@ -143,7 +142,7 @@ class Bring(Cost):
         if grip.forward is not None:
             firm = firm * near(self._misalignment(data), 0.15)
         # A little play in the hand is no reason to stand still.
-        return np.minimum(_PLAY * firm, 1.0)
+        return np.minimum(PLAY * firm, 1.0)
 
     def _place(self, data: Any) -> np.ndarray:
         """Where the grasp site is to be, (..., 3)."""
@@ -187,7 +186,7 @@ class Bring(Cost):
             gap = (gaps[0] + gaps[1]) / 2
         else:
             gap = arrays.norm(places["ball"] - places["target_ball"])
-        return gap / _LONGEST
+        return gap / LONGEST
 
     def _along_route(self, data: Any, near_cost: np.ndarray) -> np.ndarray:
         """What is left of the joints' way and, at its end, of the object's, (N,).
@@ -322,7 +321,7 @@ class Bring(Cost):
         # The root turns from x to -x over the top, and so the other way below.
         turn = 0.3 * np.sign(goal - middle[0]) * np.array([1.0, 0.0, 0.0, 0.0])
         paths: list[np.ndarray] = []
-        for pose in hand_poses(random, behind, _TIP_REACH, now, 12, lateral=_TIP_ASIDE):
+        for pose in hand_poses(random, behind, TIP_REACH, now, 12, lateral=TIP_ASIDE):
             paths.append(path(now, [pose], count, [OPEN_ANGLE], 2))
             paths.append(path(now, [pose, pose + turn], count, [OPEN_ANGLE], 2))
         return paths

@@ -13,10 +13,14 @@ import numpy as np
 from limberjack.planner.arm import (
     ARM,
     CLOSED,
+    LONGEST,
     OPEN,
     OPEN_ANGLE,
     PLANE,
+    PLAY,
     SETTINGS,
+    TIP_ASIDE,
+    TIP_REACH,
     closing,
     in_hand,
     loose,
@@ -38,18 +42,15 @@ from limberjack.utils import arrays
 __all__ = ["Stack"]
 
 _LOOSE = 9.0  # what a box costs that is not held: more than any that is
-_LONGEST = 0.25  # metres; what scales distances: about half of the arm's reach
 _HALF = 0.022  # metres; half a box
 
 # The grip.
-_PLAY = 1.3  # how much better than needed the best hold is
 _GRIP_ANGLE = np.radians(20.0)  # of the fingers around a box, measured
 _EMPTY = np.radians(35.0)  # fingers that have closed by more than this hold nothing
 _PRESS = 0.5  # control of the grasp that holds a box
 _HIGH = 0.026  # metres; how far above a box's centre the grasp is: higher it slips, lower it tips
 _SLIP = 0.012  # metres; by how much that may be more or less
 _UNDER_HAND = 0.045  # metres; what the open fingers need below the grasp
-_TIP_REACH, _TIP_ASIDE = 0.098, 0.04  # metres; where an open fingertip is in the hand
 _FREE = 0.066  # metres; from box to box, so that a finger fits between
 _FROM_WALL = 0.355  # metres; a box further out than this has no room for a finger behind it
 
@@ -151,8 +152,6 @@ class Stack(Cost):
         cost = cost + 4.0 * self._in_the_way(data)
         hand = data.site_xpos["grasp"]
         cost = cost + 5.0 * np.maximum(0.045 - hand[..., 2], 0.0)
-        loose_boxes = [box for box in self._boxes if box not in self._placed]
-        aloft = [np.maximum(data.site_xpos[box, "z"] - _ALOFT, 0.0) for box in loose_boxes]
         if self._next is None:
             distance = arrays.norm(hand - data.site_xpos["target"])
             return cost + 5.0 * np.maximum(_AWAY - distance, 0.0)
@@ -161,6 +160,8 @@ class Stack(Cost):
         closed = 0.15 * (1.0 + physics.control()[..., -1])
         grasp = np.where(standing < 0.5, loose(physics, _PRESS), closed)
         carry = self._way(data) + grasp + 0.5 * (1.0 + data.site_xmat["grasp", "zz"])
+        loose_boxes = [box for box in self._boxes if box not in self._placed]
+        aloft = [np.maximum(data.site_xpos[box, "z"] - _ALOFT, 0.0) for box in loose_boxes]
         fetch = _LOOSE + self._fetching(data) + self._crowd(data) + 3.0 * sum(aloft)
         return cost + secure * carry + (1.0 - secure) * fetch
 
@@ -198,7 +199,7 @@ class Stack(Cost):
         closed = np.clip(turned / (_GRIP_ANGLE - OPEN_ANGLE), 0.0, 1.0) * (1.0 - empty)
         slip = np.maximum(np.abs(ahead - _HIGH) - _SLIP, 0.0)
         firm = near(np.hypot(slip, aside), 0.012) * near(self._askew(data), 0.1) * closed
-        return np.minimum(_PLAY * firm, 1.0)
+        return np.minimum(PLAY * firm, 1.0)
 
     def _askew(self, data: Any) -> Any:
         """0 for a hand whose fingers are parallel to the next box's sides, up to 0.25, (...)."""
@@ -232,7 +233,7 @@ class Stack(Cost):
         gap = np.hypot(up, beside) + np.minimum(3.0 * np.maximum(over - up, 0.0), 0.2)
         low = np.maximum(self._hurdle - data.site_xpos[self._next][..., 2], 0.0)
         gap = gap + np.clip(beside / _HALF - 1.5, 0.0, 1.0) * np.minimum(8.0 * low, 0.6)
-        return gap / _LONGEST + 0.5 * turned + 1.0 - near(np.hypot(up, beside), 2.0 * _PLACED)
+        return gap / LONGEST + 0.5 * turned + 1.0 - near(np.hypot(up, beside), 2.0 * _PLACED)
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Ways that fetch the next box, carry it, or take the hand away."""
@@ -293,10 +294,10 @@ class Stack(Cost):
         outwards = -np.sign(near_by[0])
         steps = np.array([[0.01, 0.05], [0.01, 0.02], [0.05, 0.01], [0.1, 0.0]])
         points = box[PLANE] + steps * [outwards, 1.0]
-        aside = outwards * _TIP_ASIDE
+        aside = outwards * TIP_ASIDE
         ways: list[np.ndarray] = []
-        for pose in hand_poses(random, points[0], _TIP_REACH, now, 4, angle_of(_DOWN), 0.4, aside):
-            route = hand_route(pose, pose, points, np.zeros(4), _TIP_REACH, aside)
+        for pose in hand_poses(random, points[0], TIP_REACH, now, 4, angle_of(_DOWN), 0.4, aside):
+            route = hand_route(pose, pose, points, np.zeros(4), TIP_REACH, aside)
             if np.isfinite(route).all():
                 count = self.settings.knots
                 ways.extend(path(now, list(route[first:]), count, [OPEN]) for first in range(3))

@@ -13,8 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 
 __all__ = [
+    "BASE_HEIGHT",
     "GRASP",
+    "LENGTHS",
+    "LIMITS",
     "PINCH",
+    "WALL",
     "angle_of",
     "direction",
     "hand_places",
@@ -25,18 +29,19 @@ __all__ = [
 ]
 
 # As in the suite's _planar_arm.xml; metres.
-_BASE = 0.4j  # x + z i
-_UPPER, _MIDDLE, _LOWER = 0.18, 0.15, 0.12
+BASE_HEIGHT = 0.4
+LENGTHS = _UPPER, _MIDDLE, _LOWER = 0.18, 0.15, 0.12
+_BASE = BASE_HEIGHT * 1j  # x + z i
 GRASP, PINCH = 0.065, 0.09  # from the wrist to the sites between the fingers
 _PALM = 0.045  # from the wrist to the palm
 # Limits of shoulder, elbow and wrist, less a margin in which the limits' springs push back.
-_LIMITS = np.radians([160.0, 160.0, 140.0]) - 0.05
+LIMITS = np.radians([160.0, 160.0, 140.0]) - 0.05
 # Between a joint or the palm and floor or walls: about a link's radius. Fingers may touch them.
 _CLEARANCE = np.array([0.021, 0.018, 0.016, 0.011])
 _FINGERTIP = 0.096  # from the wrist to the tips of fingers that hold something
 _BESIDE = 0.035  # between the middle of a link and of what is in the hand
 _TIP_CLEARANCE = 0.006  # of their radius of 0.008; the contact gives way
-_WALL = 0.4  # the walls are the planes |x| = z + this
+WALL = 0.4  # the walls are the planes |x| = z + this
 
 
 def direction(angle: np.ndarray | float) -> np.ndarray:
@@ -88,7 +93,7 @@ def hand_poses(
     """
     draws = max(24 * count, 72)
     hand = (0.0 if angle is None else angle) + random.uniform(-tilt, tilt, draws)
-    bend = random.uniform(-_LIMITS[2], _LIMITS[2], draws)
+    bend = random.uniform(-LIMITS[2], LIMITS[2], draws)
     place = complex(*point)
     ahead = forward + slack * random.uniform(0.0, 1.0, draws)
     wrist = place - np.exp(1j * hand) * (1j * ahead + lateral)
@@ -188,7 +193,7 @@ def _joints(wrist: np.ndarray, hand: np.ndarray, bend: np.ndarray, elbow: float)
 
 def _is_possible(joints: np.ndarray) -> np.ndarray:
     """Whether there is a solution, within the limits, (n, 4) -> (n,)."""
-    return np.all(np.abs(joints[:, 1:]) <= _LIMITS, axis=-1)  # False for NaN
+    return np.all(np.abs(joints[:, 1:]) <= LIMITS, axis=-1)  # False for NaN
 
 
 def _is_clear(joints: np.ndarray) -> np.ndarray:
@@ -229,5 +234,5 @@ def _is_unfolded(joints: np.ndarray, reach: float) -> np.ndarray:
 def _height(points: np.ndarray) -> np.ndarray:
     """Distance from the floor or the nearest wall, (...) complex -> (...)."""
     above = np.imag(points)
-    wall = (above + _WALL - np.abs(np.real(points))) / np.sqrt(2)
+    wall = (above + WALL - np.abs(np.real(points))) / np.sqrt(2)
     return np.minimum(above, wall)

@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm import PLANE, near
+from limberjack.planner.arm import PLANE, PLAY, near
 from limberjack.planner.roadmap import Obstacle
 
 __all__ = ["Receptacle"]
 
-_PLAY = 1.3  # how much better than needed an object is in its place: a little play costs nothing
 _RIM = 0.04  # metres; so far below the mouth the way around the walls counts fully
 
 
@@ -92,7 +91,7 @@ class Receptacle:
         up, beside = self.offset(data, self.sites[0])
         above = np.where(up > 0, up, 6.0 * up)  # below it is outside again
         height, width = self.falls
-        return np.minimum(_PLAY * near(above, height) * near(beside, width), 1.0)
+        return np.minimum(PLAY * near(above, height) * near(beside, width), 1.0)
 
     def walls(self, physics: Any) -> Obstacle:
         """Its capsules and boxes as thick lines."""

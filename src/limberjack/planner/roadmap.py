@@ -16,12 +16,11 @@ import heapq
 
 import numpy as np
 
+from limberjack.planner.planar_ik import BASE_HEIGHT, LENGTHS, LIMITS, WALL
+
 __all__ = ["Obstacle", "Way", "clearance", "find_way"]
 
-_BASE = np.array([0.0, 0.4])  # metres; this and the lengths as in the suite's _planar_arm.xml
-_LENGTHS = (0.18, 0.15, 0.12)
-_LIMITS = np.radians([160.0, 160.0, 140.0]) - 0.05
-_WALL = 0.4  # the walls are the planes |x| = z + this
+_BASE = np.array([0.0, BASE_HEIGHT])  # metres
 _MARGIN = 0.008  # metres; how far the arm keeps from everything
 _NODES, _NEIGHBOURS = 2000, 14
 _AT_ENDS = 80  # neighbours of a way's ends, which may be in a corner
@@ -164,7 +163,7 @@ def _search(now: np.ndarray, goals: np.ndarray, scene: "_Scene") -> np.ndarray |
 def _map() -> tuple[np.ndarray, list[list[int]]]:
     """Poses (n, 4) and the nearest others of each."""
     random = np.random.default_rng(0)
-    widest = np.array([np.pi, *_LIMITS])
+    widest = np.array([np.pi, *LIMITS])
     poses = random.uniform(-widest, widest, (_NODES, 4))
     return poses, [_nearest(pose, poses, 1 + _NEIGHBOURS)[1:] for pose in poses]
 
@@ -214,7 +213,7 @@ class _Scene:
 
     def is_free(self, poses: np.ndarray) -> np.ndarray:
         """Whether poses (n, 4) are within limits and clear of everything, (n,)."""
-        within = np.all(np.abs(poses[:, 1:]) <= _LIMITS + 0.05, axis=-1)
+        within = np.all(np.abs(poses[:, 1:]) <= LIMITS + 0.05, axis=-1)
         return within & np.all(clearance(poses, self.held, self.obstacle) > self.allowed, axis=-1)
 
     def is_way_free(self, begin: np.ndarray, way: np.ndarray) -> bool:
@@ -231,7 +230,7 @@ def clearance(poses: np.ndarray, held: float, obstacle: Obstacle) -> np.ndarray:
     first, second = np.array(_ITSELF).T
     itself = _gaps(lines[:, first], lines[:, second]) - _RADII[first] - _RADII[second]
     x, z = lines[:, 1:, :, 0], lines[:, 1:, :, 1]
-    wall = np.minimum(z, (z + _WALL - np.abs(x)) / np.sqrt(2)) - _RADII[1:, None]
+    wall = np.minimum(z, (z + WALL - np.abs(x)) / np.sqrt(2)) - _RADII[1:, None]
     links, hand = wall[:, :_LINKS].min(axis=(1, 2)), wall[:, _LINKS:].min(axis=(1, 2))
     return np.stack([apart.min(axis=(1, 2)), itself.min(axis=1), links, hand], axis=-1)
 
@@ -240,7 +239,7 @@ def _lines(poses: np.ndarray, held: float) -> np.ndarray:
     """The middle lines of links, hand, fingers and what is held, (n, 9, 2, 2), metres."""
     angles = np.cumsum(poses, axis=-1)
     ahead = np.stack([-np.sin(angles), np.cos(angles)], axis=-1)
-    joints = _BASE + np.cumsum(ahead[:, :3] * np.array(_LENGTHS)[:, None], axis=1)
+    joints = _BASE + np.cumsum(ahead[:, :3] * np.array(LENGTHS)[:, None], axis=1)
     starts = np.concatenate([np.broadcast_to(_BASE, (len(poses), 1, 2)), joints[:, :2]], axis=1)
     links = np.stack([starts, joints], axis=2)
     forward = ahead[:, 3]

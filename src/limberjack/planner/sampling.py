@@ -161,10 +161,9 @@ class Planner:
         """What following each sample would cost, (samples,); infinite where physics diverges."""
         batch, count = self._batch, len(samples)
         batch.load_rows({name: np.repeat(v, count, axis=0) for name, v in saved.items()}, None)
-        settings = self._settings
         places = self._env.control_timestep() / self._spacing * np.arange(self._steps)
         # Counted from the end, so that the last state counts.
-        looks = (np.arange(self._steps)[::-1] % settings.cost_interval == 0).tolist()
+        looks = (np.arange(self._steps)[::-1] % self._settings.cost_interval == 0).tolist()
         qpos, qvel = batch.data.qpos, batch.data.qvel
         costs = np.zeros(count)
         with rows_of_a_batch(count):
