@@ -31,6 +31,8 @@ class Settings:
       interval: control steps from one planning to the next.
       timestep: time step of the physics in the plan; None for the environment's. It must divide
         the control step; a longer one is quicker and less exact.
+      solver_iterations: of the constraint solver in the plan, at most; None for the environment's.
+        What is grasped needs many for the last digits, which a plan does not.
       gain: control per radian between a joint and its target.
       damping: control per radian per second of a joint's velocity.
       tendons: whether a motor on a fixed tendon follows an angle too: the mean of the joints, each
@@ -49,6 +51,7 @@ class Settings:
     knots: int = 5
     interval: int = 1
     timestep: float | None = None
+    solver_iterations: int | None = None
     gain: float = 1.5
     damping: float = 0.0
     tendons: bool = False
@@ -62,6 +65,11 @@ class Settings:
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
                 raise ValueError(f"{name} is {value!r}; expected a whole number from {least} up")
+        if self.solver_iterations is not None and self.solver_iterations < 1:
+            raise ValueError(
+                f"solver_iterations is {self.solver_iterations!r}; expected None or a whole number "
+                "from 1 up"
+            )
         for name in ("horizon", "gain", "noise", "finest", "temperature"):
             value = getattr(self, name)
             if not (value > 0 and np.isfinite(value)):  # also NaN

@@ -115,6 +115,8 @@ class Planner:
         twin = env.physics.copy()
         if settings.timestep is not None:
             twin.model.opt.timestep = settings.timestep
+        if settings.solver_iterations is not None:
+            twin.model.opt.iterations = settings.solver_iterations
         substeps = control.compute_n_steps(env.control_timestep(), twin.timestep())
         # At the end of a control step all quantities then belong to the state that it led to.
         twin.legacy_step = True
