@@ -7,6 +7,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.planner import Planner, cost_for
+from limberjack.rl.control import PhysicsError
 from limberjack.utils.arrays import rows_of_a_batch
 
 every_task = pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
@@ -59,6 +60,32 @@ def test_proposals_are_plans_of_the_right_shape(domain: str, task: str) -> None:
     assert found is not None
     assert found.shape[1:] == (cost.settings.knots, env.physics.model.nu)
     assert np.isfinite(found).all()
+
+
+@pytest.mark.parametrize("allowed", [0, 11])
+def test_where_foresight_fails_the_ball_is_fetched_from_as_far_as_it_was_seen(
+    monkeypatch: pytest.MonkeyPatch, allowed: int
+) -> None:
+    env = suite.load("manipulator", "bring_ball", task_kwargs={"random": 1000})
+    env.reset()
+    physics = env.physics.copy()
+    physics.named.data.qvel["ball_x"] = 0.5
+    state, step, calls = physics.get_state(), physics.step, []
+
+    def fails_later(nstep: int = 1) -> None:
+        calls.append(nstep)
+        if len(calls) > allowed:
+            raise PhysicsError("diverged")
+        step(nstep)
+
+    monkeypatch.setattr(physics, "step", fails_later)
+    cost = cost_for(env.task)
+    cost.look(physics)
+    found = cost.proposals(physics, np.random.default_rng(0))
+    assert len(calls) == allowed + 1
+    assert found is not None
+    assert np.isfinite(found).all()
+    np.testing.assert_array_equal(physics.get_state(), state)
 
 
 def _play(domain: str, task: str, seed: int, seconds: float) -> np.ndarray:

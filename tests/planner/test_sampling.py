@@ -217,6 +217,7 @@ def test_what_is_no_environment_of_ours_is_refused() -> None:
     [
         ({"samples": 1}, "samples is 1; expected a whole number from 2 up"),
         ({"knots": 2.5}, "knots is 2.5; expected a whole number"),
+        ({"solver_iterations": 0}, "solver_iterations is 0; expected None or a whole number"),
         ({"horizon": float("nan")}, "horizon is nan; expected a positive number"),
         ({"timestep": 0.004}, "must be an integer multiple"),
     ],

@@ -10,6 +10,7 @@ fingertip first. A peg that is held is brought along a route of the joints, beca
 object alone would not turn it round.
 """
 
+import contextlib
 import dataclasses
 from typing import Any
 
@@ -45,6 +46,7 @@ from limberjack.planner.grips import (
     pose_of,
 )
 from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_places, hand_poses
+from limberjack.rl.control import PhysicsError
 from limberjack.utils import arrays
 
 __all__ = ["Bring"]
@@ -240,11 +242,13 @@ class Bring(Cost):
         arm = data.qpos[ARM].copy()
         span = self.settings.horizon / (self.settings.knots - 1)
         found: list[Pose] = []
-        for _ in range(self.settings.knots - 1):
-            for _ in range(_HOLDS):
-                physics.step(round(span / _HOLDS / physics.timestep()))
-                data.qpos[ARM], data.qvel[ARM] = arm, 0.0
-            found.append(pose_of(data, self._object))
+        # The arm is put back by force, which physics may not bear: then this is all that is seen.
+        with contextlib.suppress(PhysicsError):
+            for _ in range(self.settings.knots - 1):
+                for _ in range(_HOLDS):
+                    physics.step(round(span / _HOLDS / physics.timestep()))
+                    data.qpos[ARM], data.qvel[ARM] = arm, 0.0
+                found.append(pose_of(data, self._object))
         self._settles = bool(np.abs(data.qvel[joints]).max() < 10 * _AT_REST)
         physics.set_state(state)
         physics.forward()
@@ -280,7 +284,8 @@ class Bring(Cost):
           at: the knot at which the object is to be met, 0 for now.
         """
         moves = at > 0 and bool(self._coming)
-        middle, frame = self._coming[at - 1] if moves else pose_of(data, prefix + self._object)
+        meeting = min(at, len(self._coming))
+        middle, frame = self._coming[meeting - 1] if moves else pose_of(data, prefix + self._object)
         place = (middle + in_world(frame, grip.place))[PLANE]
         now = data.qpos[ARM]
         if grip.forward is None:
