@@ -220,14 +220,19 @@ import os, signal
 import numpy as np
 
 class Interrupted:
+    signal = signal.SIGINT
+
     def reset(self):
         self.step = 0
 
     def act(self, observation):
         self.step += 1
         if self.step == 5:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), self.signal)
         return np.zeros(21)
+
+class Terminated(Interrupted):
+    signal = signal.SIGTERM
 
 def wrong(observation):
     return np.full(21, np.nan)
@@ -240,6 +245,7 @@ def wrong(observation):
     ("policy", "status", "message"),
     [
         ("Interrupted", 130, "limberjack: interrupted: film.mp4 is not written"),
+        ("Terminated", 143, "limberjack: interrupted: film.mp4 is not written"),
         ("wrong", 1, "returned nan at index"),
     ],
 )

@@ -519,6 +519,18 @@ def test_there_are_one_or_two_batches() -> None:
         gym.VectorEnv()
 
 
+def test_halves_are_two_batches_of_the_same_kind() -> None:
+    walk = suite.load_batch(*_WALK, 2, 1)
+    with pytest.raises(ValueError, match="both halves are the same batch; load another one"):
+        gym.VectorEnv(walk, walk)
+    with pytest.raises(ValueError, match="halves differ in their task: Humanoid and Bring; load"):
+        gym.VectorEnv(walk, suite.load_batch("manipulator", "bring_ball", 2, 1))
+    pure = suite.load_batch("humanoid", "run_pure_state", 2, 1)
+    with pytest.raises(ValueError, match=r"halves differ in their observations: .*'position'"):
+        gym.VectorEnv(walk, pure)
+    gym.VectorEnv(walk, suite.load_batch(*_WALK, 3, 1)).close()
+
+
 def test_one_that_could_not_be_made_leaves_its_batch_open() -> None:
     batch = suite.load_batch(*_WALK, 2, 1)
     with pytest.raises(ValueError, match="dtype"):

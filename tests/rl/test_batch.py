@@ -216,7 +216,7 @@ def test_a_batch_is_closed_once_and_says_so() -> None:
     batch = _walkers()
     batch.close()
     batch.close()
-    for call in (batch.reset, batch.snapshot, lambda: batch.step(0)):
+    for call in (batch.reset, batch.snapshot, batch.control_timestep, lambda: batch.step(0)):
         with pytest.raises(RuntimeError, match="closed"):
             call()
 

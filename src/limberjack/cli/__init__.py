@@ -5,7 +5,8 @@
     limberjack bench humanoid walk --num-envs 256
 
 Tables go to standard output; the progress bar, notes and errors go to standard error. The exit
-status is 0, 1 if a run failed, 2 for a mistake on the command line, 130 after Ctrl-C.
+status is 0, 1 if a run failed, 2 for a mistake on the command line, 130 after Ctrl-C, 143 after
+SIGTERM, which ends a command as tidily.
 
 A command is a module here that adds itself to `app`. Everything heavy is imported by the command
 that needs it, when it runs, so that `--help` answers at once.

@@ -1,10 +1,13 @@
 """The command that the others are parts of."""
 
-from typing import Annotated
+import signal
+import sys
+from typing import Annotated, Any
 
 import typer
 
 import limberjack
+from limberjack.cli.output import INTERRUPTED, TERMINATED
 
 __all__ = ["app", "main"]
 
@@ -18,8 +21,21 @@ app = typer.Typer(
 
 
 def main() -> None:
-    """Runs the command line and exits."""
-    app(prog_name="limberjack")
+    """Runs the command line and exits. SIGTERM, as clusters send it, ends it as Ctrl-C does."""
+    terminated = False
+
+    def terminate(*_: Any) -> None:
+        nonlocal terminated
+        terminated = True
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, terminate)
+    try:
+        app(prog_name="limberjack")
+    except SystemExit as end:
+        if terminated and end.code == INTERRUPTED:
+            sys.exit(TERMINATED)
+        raise
 
 
 def _print_version(wanted: bool) -> None:

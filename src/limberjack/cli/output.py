@@ -20,6 +20,7 @@ __all__ = [
     "INTERRUPTED",
     "MISUSED",
     "SEEDS",
+    "TERMINATED",
     "Progress",
     "complain",
     "console",
@@ -32,7 +33,7 @@ __all__ = [
 # Exit statuses.
 FAILED = 1
 MISUSED = 2
-INTERRUPTED = 130  # as shells report a program that Ctrl-C ended
+INTERRUPTED, TERMINATED = 130, 143  # as shells report what Ctrl-C or SIGTERM ended
 
 SEEDS = 2**32  # numpy.random.RandomState takes seeds below this
 _PIPE_WIDTH = 200  # columns where there is no terminal: no row is broken

@@ -82,10 +82,10 @@ class VectorEnv(gymnasium_vector.VectorEnv):
           render_kwargs: keyword arguments of `Physics.render`, such as {'camera': 'side'}.
 
         Raises:
-          ValueError: there are not one or two batches, or no such mode or dtype.
+          ValueError: there are not one or two batches, they do not fit together, or there is no
+            such mode or dtype.
         """
-        if len(batches) not in (1, 2):
-            raise ValueError(f"there are {len(batches)} batches; expected one, or two halves")
+        _check_halves(batches)
         mode = arguments.autoreset_mode(autoreset_mode)
         self.render_mode = arguments.render_mode(render_mode)
         self._render_kwargs = render_arguments(render_kwargs or {})
@@ -242,6 +242,31 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._check_open()
         if not self._was_reset:
             raise error.ResetNeeded("no episode is running: call reset() before step()")
+
+
+def _check_halves(batches: Sequence[BatchEnvironment]) -> None:
+    if len(batches) not in (1, 2):
+        raise ValueError(f"there are {len(batches)} batches; expected one, or two halves")
+    if batches[0] is batches[-1] and len(batches) == 2:
+        raise ValueError("both halves are the same batch; load another one for the second half")
+    first, last = map(_described, (batches[0], batches[-1]))
+    for what, value in first.items():
+        if last[what] != value:
+            raise ValueError(
+                f"the halves differ in their {what}: {value} and {last[what]}; load both for the "
+                "same task with the same arguments"
+            )
+
+
+def _described(batch: BatchEnvironment) -> dict[str, Any]:
+    """What halves must have in common."""
+    shapes = specs_of_one_row(batch.observation_spec())
+    return {
+        "task": type(batch.task).__name__,
+        "control timestep": batch.control_timestep(),
+        "actions": batch.action_spec().shape[1:],
+        "observations": {name: (spec.shape, str(spec.dtype)) for name, spec in shapes.items()},
+    }
 
 
 def load_vector(

@@ -291,6 +291,7 @@ class BatchEnvironment:
 
     def control_timestep(self) -> float:
         """Time between two actions, seconds."""
+        self._use.check()
         return self._physics.single.timestep() * self._n_sub_steps
 
     def render(self, rows: Any = None, **kwargs: Any) -> np.ndarray:

@@ -37,8 +37,7 @@ class OneUser:
     def __enter__(self) -> None:
         if self._process != os.getpid():  # forked, perhaps while another thread was within
             self._user, self._process = {}, os.getpid()
-        if self.what_is_wrong is not None:
-            raise RuntimeError(self.what_is_wrong)
+        self.check()
         here = threading.get_ident()
         if self._user.setdefault("thread", here) != here:
             raise RuntimeError(
@@ -47,6 +46,11 @@ class OneUser:
 
     def __exit__(self, *error: object) -> None:
         self._user.pop("thread", None)
+
+    def check(self) -> None:
+        """Raises `RuntimeError` if nobody can use it any more."""
+        if self.what_is_wrong is not None:
+            raise RuntimeError(self.what_is_wrong)
 
 
 def at_least_one(name: str, value: Any) -> int:
