@@ -73,6 +73,53 @@ def test_a_recording_that_was_changed_is_found_out(changed: str, message: str) -
     assert difference.startswith(message)
 
 
+def test_the_first_observation_is_compared_too() -> None:
+    recording = _record("manipulator", "bring_ball")
+    recording.observations["touch"][0] += 1
+    difference = replay(recording, _load("manipulator", "bring_ball"))
+    assert difference == "the start's observation 'touch' differs from the recorded one by up to 1"
+
+
+def test_an_observation_that_was_taken_out_is_missed() -> None:
+    recording = _record("humanoid", "stand")
+    del recording.observations["velocity"]
+    with pytest.raises(ValueError, match=r"'torso_vertical'\]; expected .* 'velocity'\]"):
+        replay(recording, _load("humanoid", "stand"))
+
+
+@pytest.mark.parametrize(
+    ("time_limit", "message"),
+    [
+        (0.1, "step 3: the episode ends here; the recorded one has 8 steps"),
+        (0.4, "step 7: the episode goes on; the recorded one has 8 steps"),
+    ],
+)
+def test_an_episode_of_another_length_is_another_episode(time_limit: float, message: str) -> None:
+    env = suite.load("humanoid", "stand", {"time_limit": time_limit})
+    assert replay(_record("humanoid", "stand"), env) == message
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("actions", lambda actions: actions[:5], "'rewards' has length 8; expected 5, for 5 steps"),
+        ("rewards", lambda rewards: rewards[:5], "'rewards' has length 5; expected 8, for 8 steps"),
+        ("states", lambda states: states[:8], "'states' has length 8; expected 9, for 8 steps"),
+        ("actions", lambda actions: actions[:0], "it has no step"),
+        ("rewards", lambda rewards: rewards.astype(str), "'rewards' has dtype <U"),
+        ("about", lambda about: [], "'about' is a list; expected a dictionary"),
+    ],
+)
+def test_a_recording_with_parts_missing_is_refused(
+    name: str, change: Any, message: str, tmp_path: Path
+) -> None:
+    recording = _record("humanoid", "stand")
+    broken = dataclasses.replace(recording, **{name: change(getattr(recording, name))})
+    broken.save(tmp_path / "episode.npz")
+    with pytest.raises(ValueError, match=f"is no recording of an episode .*{message}"):
+        Recording.load(tmp_path / "episode.npz")
+
+
 def test_a_recording_of_another_task_is_refused() -> None:
     with pytest.raises(ValueError, match="it is of another task or model than the environment"):
         replay(_record("manipulator", "bring_ball"), _load("stacker", "stack_4"))
@@ -83,7 +130,15 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
     text.write_text("not a recording")
     other = tmp_path / "other.npz"
     np.savez(other, actions=np.zeros(3))
-    for path in (text, other):
+    array = tmp_path / "array.npz"
+    with array.open("wb") as file:
+        np.save(file, np.zeros(3))
+    damaged = tmp_path / "damaged.npz"
+    _record("humanoid", "stand").save(damaged)
+    content = bytearray(damaged.read_bytes())
+    content[100] ^= 0xFF
+    damaged.write_bytes(content)
+    for path in (text, other, array, damaged):
         with pytest.raises(ValueError, match=f"{path.name} is no recording of an episode"):
             Recording.load(path)
     with pytest.raises(FileNotFoundError):

@@ -68,8 +68,8 @@ def test_what_cannot_be_played_is_refused(arguments: list[str], message: str) ->
 
 
 def test_a_recording_that_does_not_say_its_task_is_refused(tmp_path: Path) -> None:
-    none = np.zeros((0, 5))
-    Recording({}, {}, none, np.zeros(0), none, {}).save(tmp_path / "bare.npz")
+    states = np.zeros((2, 5))
+    Recording({}, {}, states[:1], np.zeros(1), states, {}).save(tmp_path / "bare.npz")
     result = _invoke("replay", str(tmp_path / "bare.npz"))
     assert result.exit_code == 2
     assert "does not say its domain, task, time_limit" in result.stderr

@@ -14,6 +14,7 @@ a fingerprint in `about` say which one it was.
 import dataclasses
 import json
 import zipfile
+import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,8 @@ __all__ = ["Recording", "record_episode", "replay"]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 _START, _OBSERVATION = "start.", "observation."  # how the names of arrays begin
+# What NumPy says of files that are something else, such as a .npy, besides the errors of zip files.
+_UNREADABLE = (AttributeError, EOFError, KeyError, TypeError, ValueError)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,12 +79,15 @@ class Recording:
                 arrays = {name: file[name] for name in file.files}
             about = json.loads(str(arrays.pop("about")))
             plain = {name: arrays.pop(name) for name in ("actions", "rewards", "states")}
-        except (AttributeError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+            start, observations = _part(arrays, _START), _part(arrays, _OBSERVATION)
+            recording = cls(about, start, **plain, observations=observations)
+            _check_whole(recording)
+        except (*_UNREADABLE, zipfile.BadZipFile, zlib.error) as error:
             raise ValueError(
                 f"{path} is no recording of an episode ({error}); expected an episode-*.npz that "
                 "`limberjack solve --out` wrote"
             ) from error
-        return cls(about, _part(arrays, _START), **plain, observations=_part(arrays, _OBSERVATION))
+        return recording
 
 
 def record_episode(
@@ -135,10 +141,12 @@ def replay(
     Raises:
       ValueError: the recording is of another task or model than the environment.
     """
-    _begin(recording, env)
+    first = _begin(recording, env)
     if on_step is not None:
         on_step()
-    difference = _difference(recording.states[0], _state(env), "the start's state")
+    difference = _difference(
+        recording.states[0], _state(env), "the start's state"
+    ) or _observed_otherwise(recording, 0, first)
     for step, action in enumerate(recording.actions):
         if difference is not None:
             return difference
@@ -150,12 +158,13 @@ def replay(
             _difference(recording.states[step + 1], _state(env), f"{where} state")
             or _difference(recording.rewards[step], time_step.reward, f"{where} reward")
             or _observed_otherwise(recording, step + 1, time_step.observation)
+            or _ends_otherwise(recording, step, time_step.last())
         )
     return difference
 
 
-def _begin(recording: Recording, env: Environment) -> None:
-    """Puts the environment at the recording's start."""
+def _begin(recording: Recording, env: Environment) -> Mapping[str, Any]:
+    """Puts the environment at the recording's start; returns what it observes, without pictures."""
     env.reset()
     own = env.snapshot()
     for name, value in own.physics.items():
@@ -167,27 +176,68 @@ def _begin(recording: Recording, env: Environment) -> None:
                 "another task or model than the environment"
             )
     start = {name: recording.start[name] for name in own.physics}
+    expected = set(env.observation_spec())
+    if recording.observations.keys() != expected:
+        raise ValueError(
+            f"the recording's observations are {sorted(recording.observations)}; expected "
+            f"{sorted(expected)}: it is of another task or model than the environment"
+        )
     env.restore(dataclasses.replace(own, physics=start))
+    return env._observe(draws=False)
 
 
 def _observed_otherwise(
     recording: Recording, index: int, observation: Mapping[str, Any]
 ) -> str | None:
-    for name, recorded in recording.observations.items():
-        what = f"step {index - 1}: the observation {name!r}"
-        if name not in observation:
-            return f"{what} is missing"
-        difference = _difference(recorded[index], observation[name], what)
+    where = f"step {index - 1}: the" if index else "the start's"
+    for name, found in observation.items():
+        recorded = recording.observations[name][index]
+        difference = _difference(recorded, found, f"{where} observation {name!r}")
         if difference is not None:
             return difference
     return None
 
 
+def _ends_otherwise(recording: Recording, step: int, last: bool) -> str | None:
+    """Whether only one of the two episodes ends with this step."""
+    recorded = len(recording.actions)
+    if last == (step + 1 == recorded):
+        return None
+    here = "ends here" if last else "goes on"
+    return f"step {step}: the episode {here}; the recorded one has {recorded} steps"
+
+
 def _difference(recorded: Any, found: Any, what: str) -> str | None:
     if np.array_equal(recorded, found, equal_nan=True):
         return None
+    if np.shape(recorded) != np.shape(found):
+        return f"{what} has shape {np.shape(found)}; the recorded one has {np.shape(recorded)}"
     gap = np.abs(np.asarray(recorded) - np.asarray(found)).max()
     return f"{what} differs from the recorded one by up to {gap:.3g}"
+
+
+def _check_whole(recording: Recording) -> None:
+    """Raises ValueError unless there are numbers of each kind for every step."""
+    if not isinstance(recording.about, dict):
+        raise ValueError(f"'about' is a {type(recording.about).__name__}; expected a dictionary")
+    of_steps = {"actions": recording.actions, "rewards": recording.rewards}
+    of_states = {"states": recording.states}
+    of_states |= {_OBSERVATION + name: value for name, value in recording.observations.items()}
+    starts = {_START + name: value for name, value in recording.start.items()}
+    for name, value in {**of_steps, **of_states, **starts}.items():
+        if value.dtype.kind not in "biuf" or not value.ndim:
+            raise ValueError(
+                f"{name!r} has dtype {value.dtype} and shape {value.shape}; expected numbers"
+            )
+    steps = len(recording.actions)
+    if not steps:
+        raise ValueError("it has no step")
+    for arrays, expected in ((of_steps, steps), (of_states, steps + 1)):
+        for name, value in arrays.items():
+            if len(value) != expected:
+                raise ValueError(
+                    f"{name!r} has length {len(value)}; expected {expected}, for {steps} steps"
+                )
 
 
 def _state(env: Environment) -> np.ndarray:
