@@ -5,10 +5,12 @@
     store.scores["random"][score.seed]
 
 The file is episodes.jsonl: a line says whose results these are, and each other line is one episode
-of one policy. A line that a kill left unfinished is dropped; its episode is played again.
+of one policy. A line that a kill left unfinished is dropped; its episode is played again. One
+process at a time may write: others are refused, where the system knows locks.
 """
 
 import collections
+import contextlib
 import dataclasses
 import json
 import os
@@ -17,6 +19,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from limberjack.evaluation.statistics import Score
+
+try:
+    import fcntl
+except ImportError:  # Windows has none
+    fcntl = None
 
 __all__ = ["EPISODES", "RESULT", "Store"]
 
@@ -35,7 +42,8 @@ class Store:
           identity: all that an episode depends on but its seed, as JSON has it.
 
         Raises:
-          ValueError: the directory holds the results of something else; it is left as it is.
+          ValueError: the directory holds the results of something else, or another process writes
+            there; it is left as it is.
           OSError: it cannot be read or written.
         """
         self.scores: dict[str, dict[int, Score]] = collections.defaultdict(dict)
@@ -43,24 +51,29 @@ class Store:
         if directory is None:
             return
         path = directory / EPISODES
-        if path.exists():
-            self._read(path, identity)
-        elif (directory / RESULT).exists():
+        if (directory / RESULT).exists() and not path.exists():
             raise ValueError(
                 f"{directory} holds a {RESULT} but no {EPISODES}, so the results of something "
                 "else: choose another folder"
             )
         directory.mkdir(parents=True, exist_ok=True)
-        has_episodes = any(self.scores.values())
+        self._path = path
         # Unbuffered: each line reaches the system in one piece, whatever then kills the process.
-        self._file = path.open("ab" if has_episodes else "wb", buffering=0)
-        if not has_episodes:
-            self._write(identity)
+        self._file = path.open("ab", buffering=0)
+        try:
+            _lock(self._file, directory)
+            self._read(path, identity)
+            if not any(self.scores.values()):
+                self._file.truncate(0)
+                self._write(identity)
+        except BaseException:
+            self.close()
+            raise
 
     def add(self, policy: str, score: Score) -> None:
         """Keeps an episode."""
-        self.scores[policy][score.seed] = score
         self._write({"policy": policy, **dataclasses.asdict(score)})
+        self.scores[policy][score.seed] = score
 
     def close(self) -> None:
         """Closes the file; closing twice is fine."""
@@ -68,8 +81,15 @@ class Store:
             self._file.close()
 
     def _write(self, entry: Mapping[str, Any]) -> None:
-        if self._file is not None:
-            self._file.write(json.dumps(entry).encode() + b"\n")
+        if self._file is None:
+            return
+        left = json.dumps(entry).encode() + b"\n"
+        try:
+            while left:  # a disk that is nearly full takes a part, and says so the next time
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            error.filename = str(self._path)
+            raise
 
     def _read(self, path: Path, identity: Mapping[str, Any]) -> None:
         """Reads what is there, and drops a line that has no end."""
@@ -88,6 +108,19 @@ class Store:
             self.scores[policy].setdefault(score.seed, score)
         if len(complete) < len(content):
             os.truncate(path, len(complete))
+
+
+def _lock(file: BinaryIO, directory: Path) -> None:
+    """Keeps other processes from writing until the file is closed; raises if one does."""
+    if fcntl is None:
+        return
+    with contextlib.suppress(OSError):  # some network file systems have no locks
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise ValueError(
+                f"another process evaluates in {directory}: wait for it, or choose another folder"
+            ) from None
 
 
 def _parsed(path: Path, number: int, line: bytes) -> dict[str, Any]:
