@@ -330,7 +330,9 @@ def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory:
     result = _call(*arguments, directory=directory)
     assert result.returncode == 1
     assert "Traceback" in result.stderr
-    assert result.stderr.rstrip().endswith("KeyError: 'no such key'")
+    assert result.stderr.rstrip().endswith(
+        "KeyError: 'no such key'\npolicy 'my_policies:Broken', step 4 of the episode with seed 1"
+    )
     assert len(_result(directory / "out")["episodes"]) == 1
 
 

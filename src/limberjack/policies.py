@@ -203,7 +203,12 @@ def _user_policy(
 
         def checked(observation: Mapping[str, Any]) -> np.ndarray:
             where = f"policy {name!r}, step {next(steps)} of the episode with seed {seed}"
-            return _checked_action(where, act(observation), spec)
+            try:
+                returned = act(observation)
+            except Exception as error:
+                error.add_note(where)
+                raise
+            return _checked_action(where, returned, spec)
 
         return checked
 

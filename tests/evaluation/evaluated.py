@@ -17,11 +17,13 @@ __all__ = [
     "Leaning",
     "Linear",
     "NotANumber",
+    "Raising",
     "Remembering",
     "TooShort",
     "WithoutEnd",
     "leaning",
     "linear",
+    "raising",
     "sinking",
     "too_long",
 ]
@@ -122,6 +124,18 @@ class WithoutEnd:
 
     def act_batch(self, observations: Mapping[str, np.ndarray]) -> list[str]:
         return ["left"] * 64
+
+
+def raising(observation: Mapping[str, Any]) -> np.ndarray:
+    """Fails in itself."""
+    raise ValueError("a mistake of the policy's own")
+
+
+class Raising:
+    """The same on batches."""
+
+    def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
+        return raising(observations)
 
 
 def too_long(observation: Mapping[str, Any]) -> np.ndarray:

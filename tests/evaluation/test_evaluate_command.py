@@ -116,6 +116,25 @@ def test_a_policy_that_fails_is_status_1_and_finished_episodes_are_kept(tmp_path
     )
 
 
+def test_a_policy_that_fails_in_its_first_step_is_status_1_too(tmp_path: Path) -> None:
+    kept = ["--seeds", "0:2", "--out", str(tmp_path), "--policy"]
+    assert _invoke(*_STAND, *kept, "evaluated:too_long").exit_code == 1
+    result = _invoke(*_STAND, *kept, "evaluated:TooShort")
+    assert result.exit_code == 1
+    assert "; 0 of 6 episodes finished, and are kept in" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["raising", "Raising"])
+def test_what_a_policy_raises_is_told_with_seed_step_and_what_is_kept(name: str) -> None:
+    result = _invoke(*_STAND, "--policy", f"evaluated:{name}", "--seeds", "5:7")
+    assert result.exit_code == 1
+    assert isinstance(result.exception, ValueError)
+    assert result.exception.__notes__ == [
+        f"policy 'evaluated:{name}', step 0 of the episode with seed 5",
+        "limberjack: 0 of 6 episodes finished; with --out they would have been kept",
+    ]
+
+
 def test_an_interrupt_is_status_130_and_says_how_to_go_on(tmp_path: Path) -> None:
     (tmp_path / "interrupting.py").write_text(_INTERRUPTING)
     policy = ["--policy", "interrupting:Interrupting", "--seeds", "0:100", "--out", "out"]

@@ -187,8 +187,8 @@ def test_a_task_or_number_that_cannot_be_makes_no_folder(tmp_path: Path) -> None
 def test_progress_counts_the_episodes_of_all_policies() -> None:
     told: list[tuple[str, int, float]] = []
     _evaluate("random", range(2), on_progress=lambda *now: told.append(now))
-    # After each of four steps of two episodes at once, then after each episode.
-    one = [(0, 0.5), (0, 1.0), (0, 1.5), (0, 2.0), (1, 1.0), (2, 0.0)]
+    # At first, after each of four steps of two episodes at once, then after each episode.
+    one = [(0, 0.0), (0, 0.5), (0, 1.0), (0, 1.5), (0, 2.0), (1, 1.0), (2, 0.0)]
     expected = [("random", finished, part) for finished, part in one]
     assert told == expected + [("zero", 2 + finished, part) for finished, part in one]
 

@@ -145,11 +145,13 @@ def _run(progress: _Progress, *what: Any, **how: Any) -> "Evaluation":
             raise typer.Exit(MISUSED) from None
         complain(f"{error}; {_done(progress, how['out'])}")
         raise typer.Exit(FAILED) from None
-    except ValueError as error:
-        if progress.finished is not None:
-            raise
-        complain(error)
-        raise typer.Exit(MISUSED) from None
+    except Exception as error:
+        if progress.finished is None and isinstance(error, ValueError):
+            complain(error)
+            raise typer.Exit(MISUSED) from None
+        if progress.finished is not None:  # a policy's own error: its traceback says where
+            error.add_note(f"limberjack: {_done(progress, how['out'])}")
+        raise
 
 
 def _done(progress: _Progress, out: Path | None) -> str:

@@ -120,7 +120,12 @@ class Batched:
         """See `Actor`."""
         make: Any = type(observation)
         shown = make((name, _filled(values)) for name, values in observation.items())
-        returned = self._checked(self._act_batch(shown), rows)
+        try:
+            returned = self._act_batch(shown)
+        except Exception as error:
+            error.add_note(self._where(rows[0]))
+            raise
+        returned = self._checked(returned, rows)
         self._steps[rows] += 1
         num_envs = len(next(iter(observation.values())))
         actions = np.zeros((num_envs, *self._shape))

@@ -115,8 +115,9 @@ def evaluate(
         been killed, are not played again.
       num_threads: threads that step the batch; by default the cores that this process may use.
       time_limit: seconds per episode; the task's own by default.
-      on_progress: called after each step and episode with the policy that plays, how many episodes
-        of all policies have finished, and what has been played of running ones, in episodes.
+      on_progress: called before a policy's first step, and after each step and episode, with the
+        policy that plays, how many episodes of all policies have finished, and what has been played
+        of running ones, in episodes.
 
     Raises:
       ValueError: there is no such task, policy or seed, a number is out of range, or the folder
@@ -182,6 +183,8 @@ class _Course:
             steps += count
             tell()
 
+        if missing:
+            tell()
         for score in self._scores(found, missing, on_steps) if missing else ():
             self._store.add(found.name, self._with_start(score))
             self._finished += 1
