@@ -127,15 +127,7 @@ def find(name: str) -> Policy:
     """
     if name in _BUILT_IN:
         return _BUILT_IN[name]
-    module_name, colon, path = name.partition(":")
-    if not (module_name and colon and path):
-        raise PolicyError(
-            f"policy {name!r} is none of zero, random, planner and MODULE:CALLABLE."
-            f"{did_you_mean(name, _BUILT_IN)}"
-        )
-    target = _find_attribute(name, _import_module(name, module_name), path)
-    if inspect.isclass(target):
-        target = _make(name, target)
+    target = _named(name)
     act = getattr(target, "act", target)
     if not callable(act):
         raise PolicyError(
@@ -143,6 +135,22 @@ def find(name: str) -> Policy:
             "observation, or an object with act(observation)"
         )
     return _user_policy(name, act, getattr(target, "reset", None))
+
+
+def _named(name: str) -> Any:
+    """What MODULE:CALLABLE names; an object of it if it is a class.
+
+    Raises:
+      PolicyError: there is none of that name, or the class needs arguments.
+    """
+    module_name, colon, path = name.partition(":")
+    if not (module_name and colon and path):
+        raise PolicyError(
+            f"policy {name!r} is none of zero, random, planner and MODULE:CALLABLE."
+            f"{did_you_mean(name, _BUILT_IN)}"
+        )
+    target = _find_attribute(name, _import_module(name, module_name), path)
+    return _make(name, target) if inspect.isclass(target) else target
 
 
 def _import_module(name: str, module_name: str) -> Any:

@@ -14,6 +14,8 @@ from limberjack.suite import humanoid
 __all__ = [
     "FALLS_FROM",
     "Arm",
+    "Compiled",
+    "Forgetful",
     "Leaning",
     "Linear",
     "NotANumber",
@@ -95,6 +97,20 @@ class Arm:
 
     def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
         return np.clip(-observations["arm_vel"][:, :5], -1, 1)
+
+
+class Compiled:
+    """Gets its function only as it is made, as one that is compiled then."""
+
+    def __init__(self) -> None:
+        self.act_batch = lambda observations: np.zeros((64, 21))
+
+
+class Forgetful(Arm):
+    """Has a state, and a reset that no batch calls."""
+
+    def reset(self) -> None:
+        """Forgets."""
 
 
 class TooShort:

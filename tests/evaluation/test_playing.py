@@ -181,12 +181,19 @@ def test_what_is_no_action_is_named_with_seed_and_step(policy: str, message: str
         ("radnom", "Did you mean 'random'?"),
         ("no_module:act", "there is no module 'no_module'"),
         ("evaluated:too_lnog", "Did you mean 'too_long'?"),
-        (3, "policy is of type int; expected a name, a function of an observation"),
+        (3, "is of type int; expected a function of an observation, or an object with act"),
+        ("evaluated:FALLS_FROM", "policy 'evaluated:FALLS_FROM' is of type float; expected a"),
+        ("evaluated:Forgetful", "has act_batch and reset, which a batch never calls: write reset"),
     ],
 )
 def test_a_policy_that_is_not_there_is_refused(policy: Any, message: str) -> None:
     with pytest.raises(PolicyError, match=message.replace("?", r"\?")):
         actors.find(policy, None)
+
+
+def test_a_policy_may_make_its_functions_as_it_is_made() -> None:
+    found = actors.find("evaluated:Compiled", None)
+    assert isinstance(found.actor, Batched)
 
 
 def test_a_policys_hash_is_that_of_its_source() -> None:

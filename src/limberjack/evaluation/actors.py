@@ -17,9 +17,7 @@ of one episode, and plays one at a time.
 """
 
 import dataclasses
-import functools
 import hashlib
-import importlib
 import inspect
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -189,24 +187,8 @@ def find(policy: Any, environment: Any, num_threads: int | None = None) -> Found
     if ":" not in policy:
         found = policies.find(policy)
         return Found(policy, _hash(inspect.getsource(found).encode()), EachRow(found), None)
-    target = _named(policy)
-    if hasattr(target, "act_batch"):
-        found = _of_object(policy, target)
-        return dataclasses.replace(found, sha256=_module_hash(policy.partition(":")[0]))
-    one = policies.find(policy)
-    sha256 = _module_hash(policy.partition(":")[0])
-    if callable(getattr(target, "reset", None)):
-        return Found(policy, sha256, None, one)
-    return Found(policy, sha256, EachRow(one), None)
-
-
-def _named(name: str) -> Any:
-    """What MODULE:CALLABLE names, or None: `policies.find` then says what is wrong."""
-    module_name, _, path = name.partition(":")
-    try:
-        return functools.reduce(getattr, path.split("."), importlib.import_module(module_name))
-    except (AttributeError, ImportError, TypeError, ValueError):
-        return None
+    found = _of_object(policy, policies._named(policy))
+    return dataclasses.replace(found, sha256=_module_hash(policy.partition(":")[0]))
 
 
 def _of_object(name: str, target: Any) -> Found:
@@ -214,13 +196,18 @@ def _of_object(name: str, target: Any) -> Found:
     sha256 = _module_hash(getattr(target, "__module__", ""))
     if inspect.isclass(target):
         target = policies._make(name, target)
-    if hasattr(target, "act_batch"):
-        actor = Batched(name, target.act_batch, getattr(target, "reset_batch", None))
-        return Found(name, sha256, actor, None)
     act, reset = getattr(target, "act", target), getattr(target, "reset", None)
+    if hasattr(target, "act_batch"):
+        reset_batch = getattr(target, "reset_batch", None)
+        if reset is not None and reset_batch is None:
+            raise PolicyError(
+                f"policy {name!r} has act_batch and reset, which a batch never calls: write "
+                "reset_batch(rows, seeds), called where episodes begin in some of the rows"
+            )
+        return Found(name, sha256, Batched(name, target.act_batch, reset_batch), None)
     if not callable(act):
         raise PolicyError(
-            f"policy is of type {type(target).__name__}; expected a name, a function of an "
+            f"policy {name!r} is of type {type(target).__name__}; expected a function of an "
             "observation, or an object with act(observation) or act_batch(observations)"
         )
     policy = policies._user_policy(name, act, reset)
