@@ -1,10 +1,12 @@
 """A whole evaluation: what it says, what it keeps, and how it goes on after a kill."""
 
 import json
+import linecache
 import os
 import re
 import subprocess
 import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -144,6 +146,29 @@ def test_a_policy_whose_source_has_changed_is_another_policy(
     module.write_text("import numpy as np\n\ndef act(observation):\n    return np.ones(21)\n")
     with pytest.raises(ValueError, match="holds an evaluation with policy_sha256"):
         _evaluate("changing_policy:act", out=tmp_path / "out")
+
+
+def test_a_policy_that_was_typed_in_is_known_by_its_source_or_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "typed_in", types.ModuleType("typed_in"))
+    cells = {f"<cell {n}>": f"def act(o):\n    return np.full(21, {n})\n" for n in (0, 1)}
+    act = []
+    for name, source in cells.items():
+        module: dict[str, Any] = {"__name__": "typed_in", "np": np}
+        exec(compile(source, name, "exec"), module)
+        act.append(module["act"])
+    _evaluate(act[0], out=tmp_path / "unknown")
+    with pytest.raises(ValueError, match="'typed_in:act', whose source is not known here"):
+        _evaluate(act[0], out=tmp_path / "unknown")
+    # As in a notebook: what was typed is kept where `inspect` looks.
+    for name, source in cells.items():
+        lines = len(source), None, source.splitlines(keepends=True), name
+        monkeypatch.setitem(linecache.cache, name, lines)
+    expected = _evaluate(act[0], out=tmp_path / "known")
+    assert _evaluate(act[0], out=tmp_path / "known") == expected
+    with pytest.raises(ValueError, match="holds an evaluation with policy_sha256"):
+        _evaluate(act[1], out=tmp_path / "known")
 
 
 def test_a_policy_that_fails_keeps_the_episodes_before(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Episodes in batches are those of single environments, bit for bit."""
 
+import functools
 from typing import Any
 
 import evaluated
@@ -208,3 +209,9 @@ def test_a_policy_at_hand_has_the_name_and_hash_that_it_would_be_found_by() -> N
         at_hand = actors.find(getattr(evaluated, name), None)
         named = actors.find(f"evaluated:{name}", None)
         assert (at_hand.name, at_hand.sha256) == (named.name, named.sha256)
+
+
+def test_a_partial_is_called_what_its_function_is() -> None:
+    at_hand = actors.find(functools.partial(evaluated.linear), None)
+    named = actors.find("evaluated:linear", None)
+    assert (at_hand.name, at_hand.sha256) == (named.name, named.sha256)

@@ -17,6 +17,7 @@ of one episode, and plays one at a time.
 """
 
 import dataclasses
+import functools
 import hashlib
 import inspect
 import sys
@@ -58,7 +59,7 @@ class Found:
     """A policy."""
 
     name: str
-    sha256: str | None  # of its source or its file; None if it has none, as in a notebook
+    sha256: str | None  # of its source or its file; None if that is not known
     actor: Actor | None  # None: it plays one episode at a time,
     alone: Policy | None  # as this
 
@@ -193,7 +194,7 @@ def find(policy: Any, environment: Any, num_threads: int | None = None) -> Found
 
 def _of_object(name: str, target: Any) -> Found:
     """A policy that is at hand."""
-    sha256 = _module_hash(getattr(target, "__module__", ""))
+    sha256 = _source_hash(target)
     if inspect.isclass(target):
         target = policies._make(name, target)
     act, reset = getattr(target, "act", target), getattr(target, "reset", None)
@@ -218,7 +219,7 @@ def _of_object(name: str, target: Any) -> Found:
 
 def _name_of(target: Any) -> str:
     """MODULE:CALLABLE of a function or class, or of an object's class."""
-    named = target if hasattr(target, "__qualname__") else type(target)
+    named = _defined(target)
     return f"{named.__module__}:{named.__qualname__}"
 
 
@@ -250,6 +251,25 @@ def _of_saved_model(name: str, environment: Any) -> Found:
 
 def _hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
+
+
+def _defined(target: Any) -> Any:
+    """The function or class that a policy is, is made of, or is an object of."""
+    while isinstance(target, functools.partial):
+        target = target.func
+    return target if hasattr(target, "__qualname__") else type(target)
+
+
+def _source_hash(target: Any) -> str | None:
+    """The hash of the module that defines it, or of what was typed in; None if unknown."""
+    named = _defined(target)
+    of_module = _module_hash(named.__module__)
+    if of_module is not None:
+        return of_module
+    try:
+        return _hash(inspect.getsource(named).encode())  # a notebook knows what was typed
+    except (OSError, TypeError):
+        return None
 
 
 def _module_hash(name: str) -> str | None:

@@ -136,6 +136,13 @@ def evaluate(
     directory = None if out is None else Path(out)
     identity = _identity(domain, task, found, environment)
     store = Store(directory, identity)
+    if found.sha256 is None and store.scores[found.name]:
+        store.close()
+        raise ValueError(
+            f"{directory} holds episodes of {found.name!r}, whose source is not known here, so "
+            "another policy of that name may have played them: choose another folder, or keep the "
+            "policy in a file"
+        )
     everyone = [found, *(actors.find(n, environment) for n in FLOORS if n != found.name)]
     course = _Course(environment, suite.load(domain, task), store, checked, num_threads)
     try:
