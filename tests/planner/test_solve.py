@@ -41,6 +41,31 @@ def test_solve_shows_the_same_numbers_without_files() -> None:
     assert len(first.stdout.splitlines()) == 3
 
 
+def test_solve_adds_to_its_own_folder_and_refuses_that_of_another_task(tmp_path: Path) -> None:
+    assert _invoke(*_SOLVE, "--out", str(tmp_path)).exit_code == 0
+    assert _invoke(*_SOLVE, "--seed", "1", "--out", str(tmp_path)).exit_code == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    other = ["solve", "stacker", "stack_2", *_SOLVE[3:], "--out", str(tmp_path)]
+    result = _invoke(*other)
+    assert result.exit_code == 2
+    assert "holds results with domain 'manipulator', and these have 'stacker'" in result.stderr
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_solve_refuses_the_folder_of_an_evaluation_or_a_run(tmp_path: Path) -> None:
+    for command, message in (
+        ("evaluate", "holds an evaluation: choose another folder"),
+        ("run", "holds results with policy 'zero', and these have 'planner'"),
+    ):
+        out = str(tmp_path / command)
+        played = ["--time-limit", "0.02", "--out", out]
+        counted = ["--seeds", "0:2"] if command == "evaluate" else []
+        assert _invoke(command, *_SOLVE[1:3], *played, *counted).exit_code == 0
+        result = _invoke(*_SOLVE, "--out", out)
+        assert result.exit_code == 2
+        assert message in result.stderr
+
+
 def test_replay_says_where_a_recording_differs(tmp_path: Path) -> None:
     _invoke(*_SOLVE, "--out", str(tmp_path))
     path = tmp_path / "episode-0.npz"

@@ -1,5 +1,6 @@
 """`limberjack solve`: episodes of a task with the planner."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -58,6 +59,8 @@ class _Solving(Playing):
         """Checks everything that was asked for; raises ValueError or OSError."""
         self._out = out
         self._threads = threads
+        if out is not None:
+            _check_folder(out, {"domain": domain, "task": task, "policy": "planner"})
         super().__init__(domain, task, seeds, "planner", time_limit, out)
 
     def _prepare(self, environment: Any) -> None:
@@ -87,3 +90,22 @@ class _Solving(Playing):
             recording.save(path)
             self._recordings.append(path)
         return Episode(seed, start[0], recording.rewards)
+
+
+def _check_folder(out: Path, expected: dict[str, str]) -> None:
+    """Raises ValueError if the folder holds results that recordings must not be mixed with."""
+    if (out / "episodes.jsonl").exists():
+        raise ValueError(f"{out} holds an evaluation: choose another folder")
+    try:
+        result = json.loads((out / "result.json").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return
+    except ValueError:
+        result = None
+    told = result if isinstance(result, dict) else {}
+    for name, value in expected.items():
+        if told.get(name) != value:
+            raise ValueError(
+                f"{out} holds results with {name} {told.get(name)!r}, and these have {value!r}: "
+                "choose another folder"
+            )
