@@ -18,6 +18,7 @@ __all__ = [
     "Forgetful",
     "Leaning",
     "Linear",
+    "Network",
     "NotANumber",
     "Raising",
     "Remembering",
@@ -97,6 +98,19 @@ class Arm:
 
     def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
         return np.clip(-observations["arm_vel"][:, :5], -1, 1)
+
+
+class Network:
+    """Two layers in float32."""
+
+    def __init__(self) -> None:
+        random = np.random.RandomState(1)
+        self.layers = [random.standard_normal(s).astype("f") for s in ((12, 256), (256, 21))]
+
+    def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
+        first, second = self.layers
+        hidden = np.maximum(observations["extremities"].astype("f") @ first, 0)
+        return np.tanh(hidden @ second / 20)
 
 
 class Compiled:

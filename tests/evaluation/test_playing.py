@@ -114,6 +114,17 @@ def test_a_policy_on_batches_is_shown_64_rows_however_few_are_in_use() -> None:
     assert len(few) == 3  # Linear itself checks the shape
 
 
+def test_an_episode_of_a_policy_in_float32_does_not_depend_on_the_others() -> None:
+    # A product of matrices in float32 rounds by the row.
+    found = actors.find(evaluated.Network, evaluated.sinking())
+    assert found.actor is not None
+    whole = {s.seed: s for s in play(evaluated.sinking(), found.actor, range(70), 1)}
+    for seeds in ([69], [64, 0, 128, 5], list(range(69, 2, -1))):
+        scores = list(play(evaluated.sinking(), found.actor, seeds, 1))
+        assert sorted(score.seed for score in scores) == sorted(seeds)
+        assert [whole.get(s.seed, s) for s in scores] == scores
+
+
 def test_the_number_of_threads_changes_nothing() -> None:
     seeds = list(range(20))
     one, two = (

@@ -10,8 +10,10 @@ A policy that acts on batches is an object, or a class without arguments, with
     act_batch(observations)       a dictionary of arrays of (64, ...) -> actions of (64, nu)
     reset_batch(rows, seeds)      optional: episodes with these seeds begin in these rows
 
-It is always shown 64 rows, so that its arithmetic does not depend on how many are in use; those
-that are not, and those whose episode is over, do not count. All else is what `limberjack.policies`
+It is always shown 64 rows, and an episode always in row `seed % 64`: how a matrix product rounds
+depends on the number of rows, and in float32 on which of them it is. Thus an episode is the same
+whichever others are played. Rows that are not in use, or whose episode is over, do not count. All
+else is what `limberjack.policies`
 takes: a function of one observation is called for row after row; an object with `reset` has a state
 of one episode, and plays one at a time.
 """
@@ -103,6 +105,8 @@ class Batched:
         self._name = name
         self._act_batch = act_batch
         self._reset_batch = reset_batch
+        # By the environment's rows; those that the policy is shown are others.
+        self._shown_in = np.zeros(ROWS, int)
         self._seeds = np.zeros(ROWS, np.int64)
         self._steps = np.zeros(ROWS, int)
         self._shape: tuple[int, ...] = ()
@@ -112,13 +116,15 @@ class Batched:
         self._shape = spec.shape
         self._seeds[rows] = seeds
         self._steps[rows] = 0
+        self._shown_in[rows] = self._seeds[rows] % ROWS
         if self._reset_batch is not None:
-            self._reset_batch(rows.copy(), self._seeds[rows])
+            self._reset_batch(self._shown_in[rows], self._seeds[rows])
 
     def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """See `Actor`."""
         make: Any = type(observation)
-        shown = make((name, _filled(values)) for name, values in observation.items())
+        places = self._shown_in[rows]
+        shown = make((n, _spread(values[rows], places)) for n, values in observation.items())
         try:
             returned = self._act_batch(shown)
         except Exception as error:
@@ -128,11 +134,11 @@ class Batched:
         self._steps[rows] += 1
         num_envs = len(next(iter(observation.values())))
         actions = np.zeros((num_envs, *self._shape))
-        actions[rows] = returned[rows]
+        actions[rows] = returned
         return actions
 
     def _checked(self, returned: Any, rows: np.ndarray) -> np.ndarray:
-        """What the policy returned as an array, or `PolicyError`."""
+        """What the policy returned for these rows as an array, or `PolicyError`."""
         expected = (ROWS, *self._shape)
         try:
             actions = np.asarray(returned)
@@ -146,10 +152,11 @@ class Batched:
                 f"{actions.dtype} and shape {actions.shape}; expected numbers of shape {expected}, "
                 f"for all {ROWS} rows"
             )
-        finite = np.isfinite(actions[rows]).reshape(len(rows), -1)
+        actions = actions[self._shown_in[rows]]
+        finite = np.isfinite(actions).reshape(len(rows), -1)
         if not finite.all():
             first = int(np.flatnonzero(~finite.all(axis=-1))[0])
-            action, is_bad = actions[rows[first]].ravel(), ~finite[first]
+            action, is_bad = actions[first].ravel(), ~finite[first]
             raise PolicyError(
                 f"{self._where(rows[first])}: returned {action[is_bad][0]} at index "
                 f"{np.flatnonzero(is_bad).tolist()}; expected finite numbers"
@@ -161,10 +168,11 @@ class Batched:
         return f"policy {self._name!r}, step {step} of the episode with seed {seed}"
 
 
-def _filled(values: np.ndarray) -> np.ndarray:
-    """The rows that there are, and copies of the first up to 64."""
-    missing = ROWS - len(values)
-    return values if not missing else np.concatenate([values, np.repeat(values[:1], missing, 0)])
+def _spread(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """64 rows with the values at their places, and copies of the first elsewhere."""
+    shown = np.repeat(values[:1], ROWS, axis=0)
+    shown[places] = values
+    return shown
 
 
 def find(policy: Any, environment: Any, num_threads: int | None = None) -> Found:

@@ -4,6 +4,7 @@
         print(score.seed, score.total)
 
 Each row of a batch plays one seed's episode; a row whose episode has ended takes the next seed.
+Seeds that are equal modulo 64 play one after the other, so that an actor can tell rows by that.
 Scores come as episodes end; kinds of starts are not told. Each episode is `rollout.run_episode` of
 an environment with that seed, bit for bit, as long as the policy gives a row the same action
 whatever the other rows are. Where that would raise `PhysicsError`, the episode ends and says so.
@@ -61,7 +62,7 @@ class _Playing:
         rows = batch.num_envs
         self._batch = batch
         self._actor = actor
-        self._waiting = iter(seeds)
+        self._waiting = list(seeds)
         self._running = np.zeros(rows, bool)
         self._seeds = np.zeros(rows, np.int64)
         self._lengths = np.zeros(rows, int)
@@ -70,7 +71,7 @@ class _Playing:
     def episodes(self, on_steps: _OnSteps | None) -> Iterator[Score]:
         """Plays all seeds."""
         batch = self._batch
-        time_step = self._begin(np.arange(batch.num_envs))
+        time_step = self._begin()
         while self._running.any():
             assert time_step is not None
             running = np.flatnonzero(self._running)
@@ -81,13 +82,14 @@ class _Playing:
             ended = running[time_step.step_type[running] == _LAST]
             if ended.size:
                 yield from [self._score(row) for row in ended.tolist()]
-                time_step = self._begin(ended) or time_step
+                self._running[ended] = False
+                time_step = self._begin() or time_step
 
-    def _begin(self, rows: np.ndarray) -> dm_env.TimeStep | None:
-        """Has rows take the next seeds, as far as there are any; None if there is none."""
-        seeds = [seed for _, seed in zip(rows, self._waiting, strict=False)]
-        taking = rows[: len(seeds)]
-        self._running[rows] = False
+    def _begin(self) -> dm_env.TimeStep | None:
+        """Has idle rows take the next seeds, as far as there are any; None if there is none."""
+        idle = np.flatnonzero(~self._running)
+        seeds = self._taken(len(idle))
+        taking = idle[: len(seeds)]
         if not seeds:
             return None
         self._running[taking] = True
@@ -96,6 +98,20 @@ class _Playing:
         time_step = self._batch.reset(taking, seeds=seeds)
         self._actor.begin(self._batch.task.action_spec(self._batch.physics.single), taking, seeds)
         return time_step
+
+    def _taken(self, most: int) -> list[int]:
+        """The next seeds that no running one equals modulo 64; they wait no longer."""
+        places = set((self._seeds[self._running] % ROWS).tolist())
+        taken: list[int] = []
+        passed: list[int] = []
+        for seed in self._waiting:
+            if len(taken) == most:
+                break
+            free = seed % ROWS not in places
+            places.add(seed % ROWS)
+            (taken if free else passed).append(seed)
+        self._waiting = passed + self._waiting[len(taken) + len(passed) :]
+        return taken
 
     def _note(self, reward: np.ndarray, running: np.ndarray) -> None:
         """Keeps the rewards of a step."""
