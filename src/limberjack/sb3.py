@@ -15,10 +15,11 @@ this: `gymnasium.make` makes what SB3 takes.
 The only file that imports stable_baselines3.
 """
 
+import contextlib
 import operator
 import pickle
 import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -283,13 +284,12 @@ class SavedPolicy:
           OSError: it cannot be read.
           ValueError: it is no model, or one of other observations or actions.
         """
+        if path.is_dir():  # 'sb3:' without a path, too
+            raise ValueError(f"{path} is a folder; expected the file that model.save wrote")
         if not path.exists() and path.suffix != ".zip":
             path = path.with_name(f"{path.name}.zip")
         beside = path.with_suffix(".vecnormalize.pkl")
         self.files = [path, *([beside] if beside.exists() else [])]
-        self._normalise: Any = None
-        if beside.exists():
-            self._normalise = pickle.loads(beside.read_bytes()).normalize_obs
         data, parameters = _saved_model(path)
         space = data["observation_space"]
         is_dict = hasattr(space, "spaces")
@@ -297,6 +297,7 @@ class SavedPolicy:
         self._observations = Observations(environment.observation_spec(), not is_dict, dtype)
         _check_space("observations", space, self._observations.space)
         _check_space("actions", data["action_space"], environment.action_spec())
+        self._normalise = _saved_normalisation(beside, space) if beside.exists() else None
         kwargs = dict(data["policy_kwargs"])
         if data.get("use_sde"):
             kwargs["use_sde"] = True
@@ -322,11 +323,34 @@ def _saved_model(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
                 f"{path} is no model of Stable-Baselines3; expected what model.save wrote"
             )
         file.seek(0)
-        data, parameters, _ = save_util.load_from_zip_file(file, device="cpu")
+        with _damage_named(path, "what model.save wrote"):
+            data, parameters, _ = save_util.load_from_zip_file(file, device="cpu")
     needed = {"action_space", "observation_space", "policy_class", "policy_kwargs"}
     if not (data and parameters and needed <= data.keys() and "policy" in parameters):
         raise ValueError(f"{path} holds no policy; expected what model.save wrote")
     return data, parameters
+
+
+def _saved_normalisation(path: Path, space: Any) -> Callable[[Any], Any]:
+    """What `VecNormalize.save` wrote, as a function of observations of the model's space."""
+    with _damage_named(path, "what VecNormalize.save wrote"):
+        saved = pickle.loads(path.read_bytes())
+        normalise, of_saved = saved.normalize_obs, saved.observation_space
+    if _shape(of_saved) != _shape(space):
+        raise ValueError(
+            f"{path} is of observations of shape {_shape(of_saved)}; the model's have "
+            f"{_shape(space)}"
+        )
+    return normalise
+
+
+@contextlib.contextmanager
+def _damage_named(path: Path, expected: str) -> Iterator[None]:
+    """Turns whatever pickle, zipfile and torch say of a damaged file into one error."""
+    try:
+        yield
+    except Exception as error:
+        raise ValueError(f"{path} cannot be read ({error}); expected {expected}") from error
 
 
 def _check_space(what: str, of_model: Any, here: Any) -> None:

@@ -1,6 +1,8 @@
 """Models that Stable-Baselines3 has saved."""
 
+import pickle
 import sys
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -116,7 +118,39 @@ def test_files_that_are_no_models_of_the_task_are_refused(tmp_path: Path) -> Non
     for name, message in (
         ("text.zip", "is no model of Stable-Baselines3; expected what model.save wrote"),
         ("none.zip", "No such file"),
+        ("", "is a folder; expected the file that model.save wrote"),
         ("other.zip", r"the model's observations have shape \(55,\); the task's have \(67,\)"),
     ):
         with pytest.raises(PolicyError, match=message):
             _find(tmp_path / name)
+
+
+def test_a_damaged_model_is_one_error_that_names_the_file(tmp_path: Path) -> None:
+    _saved(tmp_path / "whole.zip")
+    with (
+        zipfile.ZipFile(tmp_path / "whole.zip") as whole,
+        zipfile.ZipFile(tmp_path / "cut.zip", "w") as cut,
+    ):
+        for name in whole.namelist():
+            content = whole.read(name)
+            cut.writestr(name, content[:1000] if name == "policy.pth" else content)
+    with pytest.raises(PolicyError, match=r"cut.zip cannot be read .*expected what model.save"):
+        _find(tmp_path / "cut.zip")
+
+
+@pytest.mark.parametrize("content", [b"", b"no pickle", pickle.dumps({"obs_rms": 1})])
+def test_a_damaged_normalisation_is_one_error_that_names_the_file(
+    content: bytes, tmp_path: Path
+) -> None:
+    _saved(tmp_path / "model.zip")
+    (tmp_path / "model.vecnormalize.pkl").write_bytes(content)
+    with pytest.raises(PolicyError, match=r"pkl cannot be read .*expected what VecNormalize.save"):
+        _find(tmp_path / "model.zip")
+
+
+def test_a_normalisation_of_other_observations_is_refused(tmp_path: Path) -> None:
+    _saved(tmp_path / "model.zip")
+    other = vec_env.VecNormalize(_envs("run_pure_state"))
+    other.save(tmp_path / "model.vecnormalize.pkl")
+    with pytest.raises(PolicyError, match=r"of observations of shape \(55,\); the model's have"):
+        _find(tmp_path / "model.zip")
