@@ -116,6 +116,26 @@ def test_a_plan_reaches_the_last_of_its_intervals() -> None:
     np.testing.assert_allclose(looks, [0.0, 0.075, 0.15], rtol=0, atol=1e-12)
 
 
+def test_anchored_knots_keep_their_moments_until_they_have_passed() -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    found = []
+
+    class Looking(_Towards):
+        settings = Settings(samples=2, horizon=0.15, knots=5, anchored=True, timestep=0.0125)
+
+        def continued(self, plan: np.ndarray) -> np.ndarray:
+            found.append((env.physics.time(), len(plan)))
+            return super().continued(plan)
+
+    planner = Planner(env, num_threads=1, cost=Looking(env.task))
+    assert planner.settings.spacing == pytest.approx(0.05)  # two control steps
+    _actions(env, planner, 6)
+    assert [count for _, count in found] == [5, 5]
+    # Simulated time is a sum of time steps, which rounds.
+    np.testing.assert_allclose([time for time, _ in found], [0.05, 0.1], rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize(("interval", "expected"), [(1, 6), (2, 3), (4, 2), (6, 1)])
 def test_a_plans_cost_is_looked_at_as_often_as_is_asked(interval: int, expected: int) -> None:
     env = _load("humanoid", "stand")
@@ -216,6 +236,7 @@ def test_what_is_no_environment_of_ours_is_refused() -> None:
     ("setting", "message"),
     [
         ({"samples": 1}, "samples is 1; expected a whole number from 2 up"),
+        ({"knots": 2, "anchored": True}, "knots is 2; expected a whole number from 3 up"),
         ({"knots": 2.5}, "knots is 2.5; expected a whole number"),
         ({"solver_iterations": 0}, "solver_iterations is 0; expected None or a whole number"),
         ({"horizon": float("nan")}, "horizon is nan; expected a positive number"),

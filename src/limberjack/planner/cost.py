@@ -27,7 +27,11 @@ class Settings:
     Attributes:
       samples: plans that are simulated each time, the present one included.
       horizon: how far a plan reaches.
-      knots: points of a plan's spline, at equal distances from now to the horizon.
+      knots: points of a plan's spline, at equal distances from now to the horizon; if they are
+        anchored, the last of them lies beyond it.
+      anchored: whether knots keep their moments from one planning to the next. Otherwise a plan is
+        cut anew from its spline at each planning, which takes its edges off: good where what is
+        done is slow, not for a stride.
       interval: control steps from one planning to the next.
       timestep: time step of the physics in the plan; None for the environment's. It must divide
         the control step; a longer one is quicker and less exact.
@@ -49,6 +53,7 @@ class Settings:
     samples: int = 64
     horizon: float = 0.5
     knots: int = 5
+    anchored: bool = False
     interval: int = 1
     timestep: float | None = None
     solver_iterations: int | None = None
@@ -61,7 +66,9 @@ class Settings:
     cost_interval: int = 1
 
     def __post_init__(self) -> None:
-        for name, least in (("samples", 2), ("knots", 2), ("interval", 1), ("cost_interval", 1)):
+        fewest = 3 if self.anchored else 2
+        at_least = {"samples": 2, "knots": fewest, "interval": 1, "cost_interval": 1}
+        for name, least in at_least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
                 raise ValueError(f"{name} is {value!r}; expected a whole number from {least} up")
@@ -75,6 +82,11 @@ class Settings:
             if not (value > 0 and np.isfinite(value)):  # also NaN
                 raise ValueError(f"{name} is {value!r}; expected a positive number")
 
+    @property
+    def spacing(self) -> float:
+        """Seconds from one knot to the next."""
+        return self.horizon / (self.knots - (2 if self.anchored else 1))
+
 
 class Cost:
     """What a plan should avoid; see the module's docstring.
@@ -85,6 +97,9 @@ class Cost:
 
     settings = Settings()
     breadth = 1.0  # how wide plans are varied, as a part of the settings' noise; `look` may set it
+    place = (
+        0.0  # where in a plan the present is, in knots; the planner sets it if they are anchored
+    )
 
     def __init__(self, task: Any) -> None:
         """Takes the environment's task, whose terms of reward a cost may use."""
@@ -124,3 +139,16 @@ class Cost:
           control for others. At most half of the samples are taken from them, from the first on.
         """
         return None
+
+    def continued(self, plan: np.ndarray) -> np.ndarray:
+        """The targets of the knot after a plan's last one, (nu,): by default the same.
+
+        Called when the first of a plan's anchored knots has passed.
+
+        Args:
+          plan: the present plan, (knots, nu).
+        """
+        return plan[-1]
+
+    def followed(self, targets: np.ndarray) -> None:
+        """Called at each control step with the targets that are followed from then on, (nu,)."""

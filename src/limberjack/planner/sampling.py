@@ -29,6 +29,7 @@ from limberjack.utils.cores import usable_cores
 __all__ = ["Planner"]
 
 _GOOD_PART = 8  # one sample in so many is good
+_ROUNDING = 1e-6  # knots
 _NOT_FIELDS = ("state", "sensordata")  # of what a snapshot holds of the physics
 
 
@@ -69,7 +70,7 @@ class Planner:
         self._batch, self._substeps = self._make_batch(threads)
         law = self._settings.gain, self._settings.damping, self._settings.tendons
         self._law = Tracking(env.physics.model._model, *law)
-        self._spacing = self._settings.horizon / (self._settings.knots - 1)
+        self._spacing = self._settings.spacing
         self._steps = max(1, round(self._settings.horizon / env.control_timestep()))
         self.reset()
 
@@ -83,6 +84,7 @@ class Planner:
         self._cost.reset()
         self._random = np.random.default_rng(self._seed)
         self._plan: np.ndarray | None = None  # (knots, nu)
+        self._cost.place = 0.0
         self._age = 0  # control steps since the plan was made
         self._time = -np.inf
 
@@ -104,9 +106,14 @@ class Planner:
         if plan is None or self._age >= self._settings.interval:
             plan = self._plan = self._improved()
             self._age = 0
-        targets = targets_at(plan, self._age * self._env.control_timestep() / self._spacing)
+        targets = targets_at(plan, self._cost.place + self._passed())
         self._age += 1
+        self._cost.followed(targets)
         return self._law.controls(targets, physics.position(), physics.velocity())
+
+    def _passed(self) -> float:
+        """Knots since the present plan was made."""
+        return self._age * self._env.control_timestep() / self._spacing
 
     def _make_batch(self, threads: int) -> tuple[Any, int]:
         """The simulations that plans are tried in, and their time steps per control step."""
@@ -154,16 +161,23 @@ class Planner:
     def _shifted(self, now: Any) -> np.ndarray:
         """The present plan as seen from now, (knots, nu)."""
         knots = np.arange(self._settings.knots)
-        if self._plan is None:
+        plan, passed = self._plan, self._passed()
+        if plan is None:
             return np.repeat(self._law.held(now.position())[None], len(knots), axis=0)
-        passed = self._age * self._env.control_timestep() / self._spacing
-        return np.stack([targets_at(self._plan, place + passed) for place in knots])
+        if not self._settings.anchored:
+            return np.stack([targets_at(plan, knot + passed) for knot in knots])
+        self._cost.place += passed
+        while self._cost.place > 1.0 - _ROUNDING:
+            plan = np.concatenate([plan[1:], self._cost.continued(plan)[None]])
+            self._cost.place -= 1.0
+        return plan
 
     def _costs(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
         """What following each sample would cost, (samples,); infinite where physics diverges."""
         batch, count = self._batch, len(samples)
         batch.load_rows({name: np.repeat(v, count, axis=0) for name, v in saved.items()}, None)
-        places = self._env.control_timestep() / self._spacing * np.arange(self._steps)
+        pace = self._env.control_timestep() / self._spacing
+        places = self._cost.place + pace * np.arange(self._steps)
         # Counted from the end, so that the last state counts.
         looks = (np.arange(self._steps)[::-1] % self._settings.cost_interval == 0).tolist()
         qpos, qvel = batch.data.qpos, batch.data.qvel
