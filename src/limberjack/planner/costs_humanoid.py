@@ -1,4 +1,4 @@
-"""What the planner avoids in the humanoid's tasks: a low head, a fall, standing where it should go.
+"""What the planner avoids for a humanoid: a low head, a fall, standing where it should go.
 
 Beside the true reward, which is flat for a body on the ground, there are terms that lead there: a
 high head, an upright torso, feet below the point where the body would come to rest (its centre of
@@ -16,12 +16,12 @@ import numpy as np
 from limberjack.planner.cost import Cost, Settings
 from limberjack.utils import arrays
 
-__all__ = ["Move"]
+__all__ = ["GOING", "Move", "actuators"]
 
 _FEET = ["left_foot", "right_foot"]
 _HEAD_HEIGHT = 1.55  # metres; a little above what is rewarded in full
 _FALLING = 0.3  # seconds; the time constant of an inverted pendulum as high as the hips
-_FASTEST = 3.5  # metres per second; about what half a second of foresight is good for
+_SPARE = 1.2  # times the task's speed is aimed at: it must hold throughout a stride
 _DOWN = 1.0  # metres; with the head below this it has fallen and must stand up
 _STANDS = 1.35  # metres; with the head above this, upright and slow, it may go
 _UPRIGHT = 0.9  # cosine of the torso's tilt, from which it counts as upright
@@ -44,7 +44,7 @@ _STILL = Settings(
     noise=0.5,
     finest=0.1,
 )
-_GOING = dataclasses.replace(
+GOING = dataclasses.replace(
     _STILL, samples=96, horizon=0.5, knots=6, gain=3.0, damping=0.03, noise=0.8
 )
 
@@ -66,10 +66,9 @@ class Move(Cost):
         """Takes a `humanoid.Humanoid` task."""
         super().__init__(task)
         self._speed = float(task._move_speed)
-        # Running is worth more speed than is safe: the reward grows up to 10 m/s.
-        self._aim = min(1.2 * self._speed, _FASTEST)
-        self._haste = 1.0 if self._speed < _FASTEST else 3.0
-        self.settings = _GOING if self._speed else _STILL
+        self._aim = _SPARE * self._speed
+        self._haste = 1.0
+        self.settings = GOING if self._speed else _STILL
         self._goes = False
 
     def reset(self) -> None:
@@ -119,19 +118,29 @@ class Move(Cost):
         short = np.maximum(self._aim - ahead, 0.0) / self._aim
         forward = (resting * heading).sum(axis=-1) / length
         sideways = np.abs(resting[..., 0] * heading[..., 1] - resting[..., 1] * heading[..., 0])
-        balance = sideways / length + np.abs(forward - _FALLING * np.minimum(ahead, self._aim))
+        forward -= _FALLING * np.minimum(ahead, self._aim)
+        imbalance = self._imbalance(np.abs(forward), sideways / length)
         # More than standing still would cost, else it would pay to stay down.
         down = self._haste + 0.5 + arrays.norm(resting)
-        return is_up * (self._haste * short + 0.5 * balance) + (1.0 - is_up) * down
+        return is_up * (self._haste * short + imbalance) + (1.0 - is_up) * down
+
+    def _imbalance(self, forward: np.ndarray, sideways: np.ndarray) -> np.ndarray:
+        """What it costs that the body would not come to rest above its feet, (N,); in metres."""
+        return 0.5 * (sideways + forward)
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Strides while it goes; else poses held, and random ones."""
-        names = [physics.model.id2name(i, "actuator") for i in range(physics.model.nu)]
+        names = actuators(physics)
         if self._goes:
             return _strides(names, self.settings, random)
         held = [np.array([_angle(pose, name) for name in names]) for pose in _POSES]
         held += list(random.uniform(-1.0, 1.0, (4, len(names))))
         return np.repeat(np.array(held)[:, None], self.settings.knots, axis=1)
+
+
+def actuators(physics: Any) -> list[str]:
+    """The actuators' names, in their order; they are those of the joints that they turn."""
+    return [physics.model.id2name(i, "actuator") for i in range(physics.model.nu)]
 
 
 def _strides(names: list[str], settings: Settings, random: np.random.Generator) -> np.ndarray:
@@ -140,7 +149,7 @@ def _strides(names: list[str], settings: Settings, random: np.random.Generator) 
     rates = 2 * np.pi / random.choice(_PERIODS, _STRIDES)
     length = random.uniform(*_LENGTHS, _STRIDES)[:, None]
     lean = random.uniform(*_LEANS, _STRIDES)[:, None]
-    times = np.linspace(0.0, settings.horizon, settings.knots)
+    times = np.linspace(0.0, settings.spacing * (settings.knots - 1), settings.knots)
     plans = np.zeros((_STRIDES, settings.knots, len(names)))
     for side, lag in (("left", 0.0), ("right", np.pi)):
         # At 0 the leg is foremost; it goes back on the ground, and forward again from pi on.

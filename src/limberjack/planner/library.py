@@ -10,7 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from limberjack.planner import costs_humanoid, costs_insertion, costs_manipulator, costs_stacker
+from limberjack.planner import (
+    costs_humanoid,
+    costs_insertion,
+    costs_manipulator,
+    costs_running,
+    costs_stacker,
+)
 from limberjack.planner.cost import Cost
 from limberjack.suite import humanoid, manipulator, stacker
 
@@ -18,6 +24,7 @@ __all__ = ["cost_for", "sources_for"]
 
 _HERE = Path(__file__).parent
 _ALGORITHM = "sampling"  # the module
+_WALKING = 2.0  # metres per second; a humanoid that must be faster runs
 _IMPORTED = re.compile(r"^from limberjack\.planner\.(\w+) import", re.MULTILINE)
 
 
@@ -25,8 +32,13 @@ def _bring_or_insert(task: manipulator.Bring) -> Cost:
     return costs_insertion.Insert(task) if task._insert else costs_manipulator.Bring(task)
 
 
+def _move_or_run(task: humanoid.Humanoid) -> Cost:
+    runs = task._move_speed > _WALKING
+    return costs_running.Run(task) if runs else costs_humanoid.Move(task)
+
+
 _MAKERS: dict[type, Callable[[Any], Cost]] = {
-    humanoid.Humanoid: costs_humanoid.Move,
+    humanoid.Humanoid: _move_or_run,
     manipulator.Bring: _bring_or_insert,
     stacker.Stack: costs_stacker.Stack,
 }
