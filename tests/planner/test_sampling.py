@@ -164,6 +164,55 @@ def test_an_episode_that_has_begun_is_planned_anew() -> None:
     np.testing.assert_array_equal(found[0], found[1])
 
 
+def test_an_episode_that_has_begun_after_a_single_step_is_planned_anew() -> None:
+    env = _load("manipulator", "bring_ball")
+    planner = Planner(env, num_threads=1, settings=_small(env))
+    found = []
+    for _ in range(3):
+        env.reseed(5)
+        env.reset()
+        env.step(np.zeros(5))
+        env.reset()  # another start at the same time
+        assert env.physics.time() == 0
+        found += [planner.act(), planner.act()]  # asked again, it says the same
+        env.reseed(6)
+        env.reset()
+        assert (planner.act() != found[0]).any()
+    for action in found:
+        np.testing.assert_array_equal(action, found[0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"num_threads": 0}, "num_threads is 0; expected a whole number of at least 1"),
+        ({"cost": _Towards}, "cost is _Towards itself; expected an object of a subclass"),
+        ({"settings": {"samples": 3}}, r"settings is dict; expected Settings\(...\)"),
+    ],
+)
+def test_what_cannot_be_planned_with_is_named(arguments: Any, message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=message):
+        Planner(_load("humanoid", "stand"), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("proposals", "message"),
+    [
+        (np.zeros((2, 3, 21)), r"proposals of Proposing returned shape \(2, 3, 21\); expected"),
+        (np.full((2, 2, 21), np.nan), "proposals of Proposing returned what is not finite"),
+    ],
+)
+def test_proposals_that_are_no_plans_are_named(proposals: np.ndarray, message: str) -> None:
+    class Proposing(_Towards):
+        def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+            return proposals
+
+    env = _load("humanoid", "stand")
+    env.reset()
+    with pytest.raises(ValueError, match=message):
+        Planner(env, num_threads=1, cost=Proposing(env.task)).act()
+
+
 def test_without_an_episode_there_is_nothing_to_plan_for() -> None:
     env = _load("humanoid", "stand", time_limit=0.05)
     planner = Planner(env, num_threads=1, settings=_small(env))
@@ -210,7 +259,7 @@ def test_a_cost_of_the_wrong_shape_is_named() -> None:
     env = _own_environment()
     env.reset()
     planner = Planner(env, num_threads=1, cost=Wrong(env.task))
-    with pytest.raises(ValueError, match=r"step_cost of Wrong returned shape \(64, 1\); expected"):
+    with pytest.raises(ValueError, match=r"step_cost of Wrong returned shape \(64, 1\) and dtype"):
         planner.act()
 
 
@@ -239,7 +288,12 @@ def test_what_is_no_environment_of_ours_is_refused() -> None:
         ({"knots": 2, "anchored": True}, "knots is 2; expected a whole number from 3 up"),
         ({"knots": 2.5}, "knots is 2.5; expected a whole number"),
         ({"solver_iterations": 0}, "solver_iterations is 0; expected None or a whole number"),
+        ({"solver_iterations": 1.5}, "solver_iterations is 1.5; expected None or a whole number"),
         ({"horizon": float("nan")}, "horizon is nan; expected a positive number"),
+        ({"gain": "much"}, "gain is 'much'; expected a positive number"),
+        ({"timestep": 0}, "timestep is 0; expected a positive number"),
+        ({"damping": float("nan")}, "damping is nan; expected a number from 0 up"),
+        ({"finest": 2.0}, "finest is 2.0; expected a part of `noise`, 1 at most"),
         ({"timestep": 0.004}, "must be an integer multiple"),
     ],
 )

@@ -72,20 +72,30 @@ class Settings:
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
                 raise ValueError(f"{name} is {value!r}; expected a whole number from {least} up")
-        if self.solver_iterations is not None and self.solver_iterations < 1:
+        iterations = self.solver_iterations
+        if iterations is not None and (not isinstance(iterations, int) or iterations < 1):
             raise ValueError(
                 f"solver_iterations is {self.solver_iterations!r}; expected None or a whole number "
                 "from 1 up"
             )
-        for name in ("horizon", "gain", "noise", "finest", "temperature"):
+        numbers = ["horizon", "gain", "noise", "finest", "temperature"]
+        for name in numbers if self.timestep is None else [*numbers, "timestep"]:
             value = getattr(self, name)
-            if not (value > 0 and np.isfinite(value)):  # also NaN
+            if not (_is_number(value) and value > 0):
                 raise ValueError(f"{name} is {value!r}; expected a positive number")
+        if not (_is_number(self.damping) and self.damping >= 0):
+            raise ValueError(f"damping is {self.damping!r}; expected a number from 0 up")
+        if self.finest > 1:
+            raise ValueError(f"finest is {self.finest!r}; expected a part of `noise`, 1 at most")
 
     @property
     def spacing(self) -> float:
         """Seconds from one knot to the next."""
         return self.horizon / (self.knots - (2 if self.anchored else 1))
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float | np.number) and bool(np.isfinite(value))
 
 
 class Cost:
@@ -97,9 +107,7 @@ class Cost:
 
     settings = Settings()
     breadth = 1.0  # how wide plans are varied, as a part of the settings' noise; `look` may set it
-    place = (
-        0.0  # where in a plan the present is, in knots; the planner sets it if they are anchored
-    )
+    place = 0.0  # in knots: where in a plan the present is; the planner sets it if anchored
 
     def __init__(self, task: Any) -> None:
         """Takes the environment's task, whose terms of reward a cost may use."""

@@ -17,12 +17,14 @@ seed gives the same actions at any number of threads.
 
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from limberjack.planner.cost import Cost, Settings
 from limberjack.planner.library import cost_for
 from limberjack.planner.tracking import Tracking, targets_at
 from limberjack.rl import control
+from limberjack.rl.guards import at_least_one
 from limberjack.utils.arrays import rows_of_a_batch
 from limberjack.utils.cores import usable_cores
 
@@ -30,6 +32,7 @@ __all__ = ["Planner"]
 
 _GOOD_PART = 8  # one sample in so many is good
 _ROUNDING = 1e-6  # knots
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 _NOT_FIELDS = ("state", "sensordata")  # of what a snapshot holds of the physics
 
 
@@ -55,13 +58,15 @@ class Planner:
 
         Raises:
           ValueError: no cost is known for the task, or a setting does not fit the environment.
-          TypeError: `env` is something else, such as a Gymnasium environment.
+          TypeError: `env` is something else, such as a Gymnasium environment; or `cost` or
+            `settings` is no object of that class.
         """
         if not isinstance(env, control.Environment):
             raise TypeError(
                 f"env is of type {type(env).__name__}; expected a limberjack.rl.control."
                 "Environment, as suite.load returns"
             )
+        _check_arguments(env, num_threads, cost, settings)
         self._env = env
         self._cost = cost_for(env.task) if cost is None else cost
         self._settings = self._cost.settings if settings is None else settings
@@ -87,11 +92,14 @@ class Planner:
         self._cost.place = 0.0
         self._age = 0  # control steps since the plan was made
         self._time = -np.inf
+        self._state: np.ndarray | None = None  # the simulator's, at that time
+        self._action = np.zeros(0)  # for that state
 
     def act(self) -> np.ndarray:
         """The action for the environment's present state, (nu,), within the bounds.
 
-        An episode that has begun since the last call is noticed by its time and planned anew.
+        An episode that has begun since the last call is noticed by its time and planned anew. Asked
+        again of the same state, it gives the same action.
 
         Raises:
           RuntimeError: no episode is running, so there is no state to plan from.
@@ -99,9 +107,11 @@ class Planner:
         if not self._env.is_running:
             raise RuntimeError("no episode is running: call env.reset() before planner.act()")
         physics = self._env.physics
-        if physics.time() < self._time:
+        time, state = physics.time(), physics.get_state(_STATE)
+        if time <= self._time:
+            if self._state is not None and np.array_equal(state, self._state):
+                return self._action.copy()
             self.reset()
-        self._time = physics.time()
         plan = self._plan
         if plan is None or self._age >= self._settings.interval:
             plan = self._plan = self._improved()
@@ -109,7 +119,9 @@ class Planner:
         targets = targets_at(plan, self._cost.place + self._passed())
         self._age += 1
         self._cost.followed(targets)
-        return self._law.controls(targets, physics.position(), physics.velocity())
+        self._action = self._law.controls(targets, physics.position(), physics.velocity())
+        self._time, self._state = time, state
+        return self._action.copy()
 
     def _passed(self) -> float:
         """Knots since the present plan was made."""
@@ -144,10 +156,9 @@ class Planner:
         settings, law = self._settings, self._law
         present = self._shifted(now)
         samples = np.repeat(present[None], settings.samples, axis=0)
-        proposals = self._cost.proposals(now, self._random)
-        taken = 0 if proposals is None else min(len(proposals), settings.samples // 2)
-        if proposals is not None:
-            samples[1 : 1 + taken] = proposals[:taken]
+        proposals = self._proposals(now, present.shape)
+        taken = len(proposals)
+        samples[1 : 1 + taken] = proposals
         varied = samples[1 + taken :]
         fineness = np.log(settings.finest)
         # Log-uniform: coarse samples find another way, fine ones bring the last millimetre.
@@ -157,6 +168,26 @@ class Planner:
         varied += widths[:, None, None] * law.scale * noise
         samples[1:] = law.within_limits(samples[1:])
         return samples
+
+    def _proposals(self, now: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """What the cost proposes, as far as it is tried, (n, knots, nu)."""
+        returned = self._cost.proposals(now, self._random)
+        if returned is None:
+            return np.zeros((0, *shape))
+        proposals = np.asarray(returned, float)
+        if proposals.shape[1:] != shape:
+            raise ValueError(
+                f"proposals of {type(self._cost).__name__} returned shape {proposals.shape}; "
+                f"expected (n, {shape[0]}, {shape[1]}), for {shape[0]} knots (as the planner's "
+                "settings say) and the actuators"
+            )
+        proposals = proposals[: self._settings.samples // 2]
+        if not np.isfinite(proposals).all():
+            raise ValueError(
+                f"proposals of {type(self._cost).__name__} returned what is not finite; expected "
+                "finite targets"
+            )
+        return proposals
 
     def _shifted(self, now: Any) -> np.ndarray:
         """The present plan as seen from now, (knots, nu)."""
@@ -190,13 +221,35 @@ class Planner:
                 if not looks_now:
                     continue
                 cost = np.asarray(self._cost.step_cost(batch))
-                if cost.shape != costs.shape:
+                if cost.shape != costs.shape or cost.dtype.kind not in "biuf":
                     raise ValueError(
-                        f"step_cost of {type(self._cost).__name__} returned shape {cost.shape}; "
-                        f"expected {costs.shape}, one cost for each simulation of the batch"
+                        f"step_cost of {type(self._cost).__name__} returned shape {cost.shape} and "
+                        f"dtype {cost.dtype}; expected numbers of shape {costs.shape}, one cost "
+                        "for each simulation of the batch"
                     )
                 costs += cost
         return costs / sum(looks)
+
+
+def _check_arguments(
+    env: Any, num_threads: int | None, cost: Cost | None, settings: Settings | None
+) -> None:
+    """Raises ValueError or TypeError for what cannot be planned with."""
+    if num_threads is not None:
+        at_least_one("num_threads", num_threads)
+    for name, value, kind in (("cost", cost, Cost), ("settings", settings, Settings)):
+        if value is not None and not isinstance(value, kind):
+            given = f"{value.__name__} itself" if isinstance(value, type) else type(value).__name__
+            made = "an object of a subclass, such as MyCost(env.task)"
+            expected = made if kind is Cost else "Settings(...)"
+            raise TypeError(f"{name} is {given}; expected {expected}")
+    controls = (env.physics.model.nu,)
+    actions = env.action_spec().shape
+    if actions != controls or not controls[0]:
+        raise ValueError(
+            f"actions have shape {actions} and the model {controls[0]} actuators; expected an "
+            "action to be the controls of one actuator or more, which is what is planned"
+        )
 
 
 def _weighted_mean(samples: np.ndarray, costs: np.ndarray, temperature: float) -> np.ndarray:

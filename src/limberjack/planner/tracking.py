@@ -45,7 +45,7 @@ class Tracking:
         most = max(map(len, turned), default=0)
         # An actuator that is a servo already takes its target as control.
         is_motor = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE.value
-        follows = is_motor & np.array([len(of) > 0 for of in turned])
+        follows = is_motor & np.array([len(of) > 0 for of in turned], bool)
         self.follows: np.ndarray = follows
         joints = np.zeros((model.nu, max(most, 1)), int)
         self._parts: np.ndarray = np.zeros(joints.shape)
