@@ -35,8 +35,8 @@ class Settings:
       interval: control steps from one planning to the next.
       timestep: time step of the physics in the plan; None for the environment's. It must divide
         the control step; a longer one is quicker and less exact.
-      solver_iterations: of the constraint solver in the plan, at most; None for the environment's.
-        What is grasped needs many for the last digits, which a plan does not.
+      armature: kg m2 that each hinge of the actuated bodies gains in the plan. Light fingers that
+        press on something shake at a long time step, and what they hold slips in the plan alone.
       gain: control per radian between a joint and its target.
       damping: control per radian per second of a joint's velocity.
       tendons: whether a motor on a fixed tendon follows an angle too: the mean of the joints, each
@@ -46,6 +46,8 @@ class Settings:
       finest: the least varied samples' standard deviation, as a part of `noise`.
       temperature: how much worse a sample may be and still count, as a part of the difference
         between the best sample and the worst of the best eighth.
+      flowing: whether proposals begin at the targets of the present plan. A joint that moves is
+        behind its target: if that were where the joint is now, it would stop at once.
       cost_interval: control steps of a plan from one look at its cost to the next. Where steps are
         short, every second one tells as much and takes half of the time outside of MuJoCo.
     """
@@ -56,13 +58,14 @@ class Settings:
     anchored: bool = False
     interval: int = 1
     timestep: float | None = None
-    solver_iterations: int | None = None
+    armature: float = 0.0
     gain: float = 1.5
     damping: float = 0.0
     tendons: bool = False
     noise: float = 0.5
     finest: float = 0.03
     temperature: float = 0.3
+    flowing: bool = False
     cost_interval: int = 1
 
     def __post_init__(self) -> None:
@@ -72,19 +75,15 @@ class Settings:
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
                 raise ValueError(f"{name} is {value!r}; expected a whole number from {least} up")
-        iterations = self.solver_iterations
-        if iterations is not None and (not isinstance(iterations, int) or iterations < 1):
-            raise ValueError(
-                f"solver_iterations is {self.solver_iterations!r}; expected None or a whole number "
-                "from 1 up"
-            )
         numbers = ["horizon", "gain", "noise", "finest", "temperature"]
         for name in numbers if self.timestep is None else [*numbers, "timestep"]:
             value = getattr(self, name)
             if not (_is_number(value) and value > 0):
                 raise ValueError(f"{name} is {value!r}; expected a positive number")
-        if not (_is_number(self.damping) and self.damping >= 0):
-            raise ValueError(f"damping is {self.damping!r}; expected a number from 0 up")
+        for name in ("damping", "armature"):
+            value = getattr(self, name)
+            if not (_is_number(value) and value >= 0):
+                raise ValueError(f"{name} is {value!r}; expected a number from 0 up")
         if self.finest > 1:
             raise ValueError(f"finest is {self.finest!r}; expected a part of `noise`, 1 at most")
 

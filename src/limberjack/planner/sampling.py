@@ -134,8 +134,8 @@ class Planner:
         twin = env.physics.copy()
         if settings.timestep is not None:
             twin.model.opt.timestep = settings.timestep
-        if settings.solver_iterations is not None:
-            twin.model.opt.iterations = settings.solver_iterations
+        if settings.armature:
+            twin.model._model.dof_armature[_actuated_hinges(twin.model._model)] += settings.armature
         substeps = control.compute_n_steps(env.control_timestep(), twin.timestep())
         # At the end of a control step all quantities then belong to the state that it led to.
         twin.legacy_step = True
@@ -159,6 +159,8 @@ class Planner:
         proposals = self._proposals(now, present.shape)
         taken = len(proposals)
         samples[1 : 1 + taken] = proposals
+        if settings.flowing:
+            samples[1 : 1 + taken, 0, law.follows] = present[0, law.follows]
         varied = samples[1 + taken :]
         fineness = np.log(settings.finest)
         # Log-uniform: coarse samples find another way, fine ones bring the last millimetre.
@@ -250,6 +252,17 @@ def _check_arguments(
             f"actions have shape {actions} and the model {controls[0]} actuators; expected an "
             "action to be the controls of one actuator or more, which is what is planned"
         )
+
+
+def _actuated_hinges(model: Any) -> np.ndarray:
+    """Whether a degree of freedom is a hinge of what actuators move, (nv,)."""
+    joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE.value)
+    hinges = model.jnt_dofadr[joints]
+    moved = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT.value
+    trees = model.dof_treeid[model.jnt_dofadr[model.actuator_trnid[moved, 0]]]
+    found = np.zeros(model.nv, bool)
+    found[hinges[np.isin(model.dof_treeid[hinges], trees)]] = True
+    return found
 
 
 def _weighted_mean(samples: np.ndarray, costs: np.ndarray, temperature: float) -> np.ndarray:
