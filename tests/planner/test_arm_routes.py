@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from limberjack.planner.arm_routes import routes
-from limberjack.planner.planar_ik import GRASP, hand_places, hand_poses, is_clear
+from limberjack.planner.planar_ik import GRASP, hand_gap, hand_places, hand_poses, is_clear, nudged
 
 _REACH = 0.178
 
@@ -18,7 +18,7 @@ def _goals(point: tuple[float, float], angle: float) -> np.ndarray:
 def test_all_of_a_route_is_clear_and_it_ends_at_a_goal() -> None:
     now = hand_poses(np.random.default_rng(0), np.array([0.2, 0.15]), GRASP, np.zeros(4), 1)[0]
     goals = _goals((-0.2, 0.2), 1.5)
-    found = routes(np.random.default_rng(2), now, goals, _REACH)
+    found = routes(np.random.default_rng(2), now, goals[:, None], _REACH)
     assert 0 < len(found) <= 6
     lengths = []
     for route in found:
@@ -29,12 +29,47 @@ def test_all_of_a_route_is_clear_and_it_ends_at_a_goal() -> None:
         ends = np.array([hand_places(goal, GRASP) for goal in goals])
         place = hand_places(route.stations[-1], GRASP)
         assert np.abs(ends - place).max(axis=-1).min() < 1e-9
-        lengths.append(np.abs(np.diff(stations, axis=0)).max(axis=-1).sum())
-        np.testing.assert_allclose(route.rest, lengths[-1] - np.abs(stations[1] - now).max())
+        # Shorter where the joints of its two parts turn at different rates.
+        assert 0.8 * route.length <= route.remaining(now[None])[0] <= 1.001 * route.length
+        np.testing.assert_allclose(route.remaining(stations[-1][None]), 0.0, atol=1e-12)
+        lengths.append(route.length)
     assert lengths == sorted(lengths)
 
 
 def test_there_is_no_route_to_nowhere_nor_through_the_floor() -> None:
-    assert routes(np.random.default_rng(0), np.zeros(4), np.zeros((0, 4)), _REACH) == []
-    under = np.array([[np.pi, 0.0, 0.0, 0.0]])
+    assert routes(np.random.default_rng(0), np.zeros(4), np.zeros((0, 1, 4)), _REACH) == []
+    under = np.array([[[np.pi, 0.0, 0.0, 0.0]]])
     assert routes(np.random.default_rng(0), np.zeros(4), under, _REACH) == []
+
+
+def test_a_route_is_gone_in_equal_strides_to_its_end() -> None:
+    goals = _goals((-0.2, 0.2), 1.5)[:, None]
+    route = routes(np.random.default_rng(2), np.zeros(4), goals, _REACH)[0]
+    ahead = route.ahead(route.length / 4, 6)
+    left = route.remaining(ahead)
+    expected = route.length * np.array([0.75, 0.5, 0.25, 0, 0, 0])
+    # As far as its points are apart.
+    np.testing.assert_allclose(left, expected, atol=0.05)
+    np.testing.assert_array_equal(ahead[-1], route.stations[-1])
+
+
+def test_a_known_route_is_not_lost() -> None:
+    now, goals = np.array([1.0, 1.0, 1.0, 0.5]), _goals((-0.2, 0.2), 1.5)[:, None]
+    found = routes(np.random.default_rng(2), now, goals, _REACH)
+    again = routes(np.random.default_rng(3), now, goals, _REACH, known=found)
+    assert again[0].length <= found[0].length
+
+
+def test_a_route_goes_around_a_line_and_first_where_it_is_told() -> None:
+    line = np.array([[0.1, 0.03], [0.2, 0.01]])
+    above = hand_poses(np.random.default_rng(0), np.array([0.15, 0.2]), GRASP, np.zeros(4), 1)[0]
+    goals = _goals((0.0, 0.05), -2.0)[:, None]
+    lifted = nudged(above, np.array([0.0, 0.02]), 0.0)
+    found = routes(np.random.default_rng(2), above, goals, 0.1, around=line, first=lifted)
+    assert found
+    for route in found:
+        stations = np.stack([lifted, *route.stations])
+        for start, end in itertools.pairwise(stations):
+            between = start + np.arange(1, 7)[:, None] / 6 * (end - start)
+            assert (hand_gap(between, line) > 0.0249).all()
+        np.testing.assert_allclose(route.remaining(lifted[None])[0], route.length, atol=0.2)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from limberjack.planner.cost import Settings
-from limberjack.planner.planar_ik import GRASP, hand_poses
+from limberjack.planner.planar_ik import GRASP, direction, hand_poses, nudged
 
 __all__ = [
     "ARM",
@@ -16,8 +16,10 @@ __all__ = [
     "PLANE",
     "PLAY",
     "SETTINGS",
+    "TIPS",
     "TIP_ASIDE",
     "TIP_REACH",
+    "approaches",
     "closing",
     "finger_angle",
     "fingers",
@@ -27,6 +29,7 @@ __all__ = [
     "near",
     "outward_speed",
     "path",
+    "sag",
 ]
 
 ARM = ["arm_root", "arm_shoulder", "arm_elbow", "arm_wrist"]
@@ -36,8 +39,10 @@ OPEN_ANGLE = np.radians(-10.0)  # of the fingers, at their limit
 _KNUCKLE = 0.03  # metres; from the middle line of the hand to a finger's joint
 _FINGER = 0.053, 0.01  # metres; from that joint to the tip, ahead and aside, at an angle of 0
 TIP_REACH, TIP_ASIDE = 0.098, 0.04  # metres; where an open fingertip is in the hand
+TIPS = ["fingertip2", "thumbtip2"]  # geoms
 PLANE = [0, 2]  # x and z of a position
 LONGEST = 0.25  # metres; what scales distances: about half of the arm's reach
+_APPROACH = 0.06, 0.03, 0.0  # metres from what is taken; where a hand passes that comes straight on
 PLAY = 1.3  # how much better than needed the best hold is: a little slip costs nothing
 
 SETTINGS = Settings(
@@ -102,6 +107,26 @@ def lifts(
         for pose in hand_poses(random, above, GRASP, now, 3, angle, 0.3):
             found.extend(path(now, [pose], knots, [press], slow) for slow in (1, 3))
     return found
+
+
+def approaches(
+    now: np.ndarray, pose: np.ndarray, knots: int, ready: float, shut: float
+) -> list[np.ndarray]:
+    """Paths that bring the open hand straight on to a pose, in which it closes, (knots, 5) each."""
+    ahead = direction(pose.sum())
+    line = [nudged(pose, -back * ahead, 0.0) for back in _APPROACH]
+    found: list[np.ndarray] = []
+    for first, slow in ((0, 1), (1, 1), (2, 1), (2, 2), (2, 3)):
+        grasp = [ready] * (1 + slow * (len(line) - first)) + [shut]
+        found.append(path(now, line[first:], knots, grasp, slow))
+    return found
+
+
+def sag(physics: Any, gain: float) -> np.ndarray:
+    """By how much gravity bends the arm away from its targets, (4,), radians."""
+    force = physics.model.actuator_gear[:4, 0] * gain
+    dofs = physics.model.jnt_dofadr[physics.model.actuator_trnid[:4, 0]]
+    return physics.data.qfrc_bias[dofs] / force
 
 
 def outward_speed(data: Any, joint: str, site: str) -> Any:

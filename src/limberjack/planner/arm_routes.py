@@ -1,75 +1,130 @@
 """Routes of the planar arm that keep clear of floor and walls.
 
-    found = routes(random, now=qpos[:4], goals=poses, reach=0.178)  # shortest first
+    found = routes(random, now=qpos[:4], goals=poses[:, None], reach=0.178)  # shortest first
 
 A route is a straight joint path to one of the goals, or two by way of a stop that is drawn. It
 knows nothing of objects on the way.
 """
 
-import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
-from limberjack.planner.planar_ik import is_clear
+from limberjack.planner.planar_ik import hand_gap, hand_height, is_clear
 
 __all__ = ["Route", "routes"]
 
 _STOPS = 80  # that are drawn
 _POINTS = np.arange(1, 7) / 6  # of a straight path, where it is looked at
+_ENDS = 24  # that are tried at least, of goals with the root a turn further or less
+_TIMES = np.array([0.67, 0.75, 1.0, 1.0])  # of a radian of each joint at most speed, to the wrist's
+_SPACING = 0.1  # radians; between the points of a route that are compared with
+_RETURN = 1.3  # how much a radian beside a route counts, against one along it
+# Radians beside the route from which on what is behind a bend is not gone to straight, and how much
+# one more counts: there is a reason for the bend.
+_CORNER, _CUT = 0.35, 5.0
+_KEPT = 0.012  # metres; how far a hand's middle lines keep from floor and walls
+_GAP = 0.025  # metres; between that and what the hand goes around
 
 
-@dataclasses.dataclass(frozen=True)
 class Route:
     """Where to go next, and then.
 
     Attributes:
-      stations: joints, (1 or 2, 4); the last are a goal.
-      rest: radians from the first to the last.
+      stations: joints to pass, (n, 4).
+      stop: the first of them if that is not a goal's, (4,), or None.
+      length: radians of the wrist, which turns as long as the route takes.
     """
 
-    stations: np.ndarray
-    rest: float
+    def __init__(self, begin: np.ndarray, goal: np.ndarray, stop: np.ndarray | None = None) -> None:
+        """Takes the joints at the beginning (k, 4), a goal's (m, 4), and those to pass before."""
+        stations = goal if stop is None else np.concatenate([stop[None], goal])
+        self.stations, self.stop = stations, stop
+        bends = np.concatenate([begin, stations])
+        passed = np.concatenate([[0.0], _far(bends[:-1], bends[1:]).cumsum()])
+        self._bends, self._passed = bends, passed
+        self.length = float(passed[-1])
+        places = np.linspace(0.0, self.length, 2 + int(self.length / _SPACING))
+        self._points = np.stack([np.interp(places, passed, j) for j in bends.T], axis=-1)
+        self._left = self.length - places
+        self._is_behind = places > passed[1]  # the first bend
+
+    def remaining(self, joints: np.ndarray) -> np.ndarray:
+        """How long the way is from joints to the end, (n, 4) -> (n,), radians."""
+        aside = _far(joints[:, None], self._points)
+        cut = self._is_behind * np.maximum(aside - _CORNER, 0.0)
+        return (_RETURN * aside + _CUT * cut + self._left).min(axis=-1)
+
+    def ahead(self, stride: float, count: int) -> np.ndarray:
+        """Joints to pass, (count, 4), a stride in radians from one to the next."""
+        places = stride * np.arange(1, count + 1)
+        return np.stack([np.interp(places, self._passed, j) for j in self._bends.T], axis=-1)
 
 
 def routes(
-    random: np.random.Generator, now: np.ndarray, goals: np.ndarray, reach: float, count: int = 6
+    random: np.random.Generator,
+    now: np.ndarray,
+    goals: np.ndarray,
+    reach: float,
+    count: int = 6,
+    known: Sequence[Route] = (),
+    around: np.ndarray | None = None,
+    first: np.ndarray | None = None,
 ) -> list[Route]:
     """The shortest clear routes, at most `count`; none if nothing is clear.
 
     Args:
       random: draws the stops.
       now: the arm's joints, (4,).
-      goals: joints to reach, (n, 4); the root may turn either way.
+      goals: joints to reach, and others to pass from there on in any case, (n, m, 4); the root may
+        turn either way.
       reach: from the wrist to the far end of what is in the hand, metres.
       count: how many at most.
+      known: routes of before, whose stops are tried again: who looks for a new way at each step
+        gets nowhere.
+      around: a line that the hand keeps clear of up to the goal, (2, 2) of its ends, metres.
+      first: joints to pass first, (4,), to get away from where nothing is clear.
     """
     if not len(goals):
         return []
-    turn = 2 * np.pi * np.array([[1.0, 0.0, 0.0, 0.0]])
-    ends = np.concatenate([goals, goals + turn, goals - turn])
-    stops = now + random.uniform(-1.0, 1.0, (_STOPS, 4)) * np.array([np.pi, 3.0, 3.0, 2.5])
-    stops = stops[is_clear(stops, reach) & _is_straight_clear(now, stops, reach)]
-    left = np.abs(ends - stops[:, None]).max(axis=-1)
-    onwards = _is_straight_clear(stops[:, None], ends, reach)
+    begin = now[None] if first is None else np.stack([now, first])
+    now = begin[-1]
+    turn = 2 * np.pi * np.array([1.0, 0.0, 0.0, 0.0])
+    goals = np.concatenate([goals, goals + turn, goals - turn])
+    nearest = np.argsort(_far(now, goals[:, 0]), kind="stable")
+    goals = goals[nearest[: max(len(goals) // 3, _ENDS)]]
+    ends = goals[:, 0]
+    draws = _STOPS if known else 4 * _STOPS  # who has to choose now looks further
+    stops = now + random.uniform(-1.0, 1.0, (draws, 4)) * np.array([np.pi, 3.0, 3.0, 2.5])
+    before = [route.stop[None] for route in known if route.stop is not None]
+    stops = np.concatenate([*before, stops])
+    stops = stops[is_clear(stops, reach) & _is_straight_clear(now, stops, reach, around)]
+    left = _far(stops[:, None], ends)
+    onwards = _is_straight_clear(stops[:, None], ends, reach, around)
     left = np.where(onwards, left, np.inf)
-    direct = _is_straight_clear(now, ends, reach)
-    found = [(_far(now, end), Route(end[None], 0.0)) for end in ends[direct]]
+    direct = _is_straight_clear(now, ends, reach, around)
+    found = [Route(begin, goal) for goal in goals[direct][:count]]
     for stop, ways in zip(stops, left, strict=True):
         best = int(np.argmin(ways))
         if np.isfinite(ways[best]):
-            route = Route(np.stack([stop, ends[best]]), float(ways[best]))
-            found.append((_far(now, stop) + route.rest, route))
-    order = np.argsort([length for length, _ in found], kind="stable")
-    return [found[place][1] for place in order[:count]]
+            found.append(Route(begin, goals[best], stop))
+    return sorted(found, key=lambda route: route.length)[:count]
 
 
-def _far(start: np.ndarray, end: np.ndarray) -> float:
-    """How far the joint turns that turns furthest, radians."""
-    return float(np.abs(end - start).max())
+def _far(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """How far the joint turns that takes longest, (..., 4) -> (...), radians of the wrist."""
+    return (_TIMES * np.abs(end - start)).max(axis=-1)
 
 
-def _is_straight_clear(start: np.ndarray, ends: np.ndarray, reach: float) -> np.ndarray:
+def _is_straight_clear(
+    start: np.ndarray, ends: np.ndarray, reach: float, around: np.ndarray | None
+) -> np.ndarray:
     """Whether straight joint paths keep clear, (..., 4) -> (...)."""
     start = np.broadcast_to(start, np.broadcast_shapes(start.shape, ends.shape))[..., None, :]
     points = start + _POINTS[:, None] * (ends[..., None, :] - start)
-    return np.all(is_clear(points, reach), axis=-1)
+    # What is nearer to the floor now, such as a hand that takes something up, may be as near later.
+    low = np.minimum(hand_height(start) - 0.001, _KEPT)
+    clear = is_clear(points, reach) & (hand_height(points) > low)
+    if around is not None:
+        clear &= hand_gap(points, around) > np.minimum(hand_gap(start, around) - 0.001, _GAP)
+    return np.all(clear, axis=-1)

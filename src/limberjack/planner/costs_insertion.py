@@ -19,6 +19,7 @@ from limberjack.planner.arm import (
     lifts,
     loose,
     path,
+    sag,
 )
 from limberjack.planner.costs_manipulator import Bring
 from limberjack.planner.grips import in_world
@@ -73,7 +74,6 @@ class Insert(Bring):
         self._attempts = 0  # to take it
         self._trials = 0  # to insert what is held now
         self._least, self._idle = np.inf, 0  # radians left of the way, and since when
-        self._sag = np.zeros(4)
 
     def look(self, physics: Any) -> None:
         """As for bringing, and finds the arm's way; what is in its place is left there."""
@@ -86,14 +86,12 @@ class Insert(Bring):
         self._at_mouth = self._at_mouth and holds
         if self._receptacle.holds(data) > 0.5 and not holds:
             self._rake_to = self._way = None
+            self._sag = np.zeros(4)
             self.breadth = _FINE
             return
         super().look(physics)
         self._turn_rake(data.site_xpos[self._object])
-        # By how much gravity bends the arm away from its targets.
-        force = physics.model.actuator_gear[:4, 0] * self.settings.gain
-        dofs = physics.model.jnt_dofadr[physics.model.actuator_trnid[:4, 0]]
-        self._sag = data.qfrc_bias[dofs] / force
+        self._sag = sag(physics, self.settings.gain)
         self._patience -= 1
         if self._way is not None:
             self._way.go_on(data.qpos[ARM])
@@ -166,6 +164,10 @@ class Insert(Bring):
             self._patience = _PATIENCE
             self._way = self._way_to_mouth(physics)
             self._least, self._idle = np.inf, 0
+
+    def _find_way(self, physics: Any) -> None:
+        """None but the one around the receptacle."""
+        self._ways.forget()
 
     def _gets_on(self, left: float) -> bool:
         """Whether the arm has made headway on its way of late."""
@@ -243,9 +245,10 @@ class Insert(Bring):
         count: int,
         back: float = 0.0,
         at: int = 0,
+        tilt: float = 0.5,
     ) -> np.ndarray:
         """As for bringing, less those in which the hand would be in the receptacle's walls."""
-        poses = super()._poses(data, random, grip, prefix, 3 * count, back, at)
+        poses = super()._poses(data, random, grip, prefix, 3 * count, back, at, tilt)
         if not len(poses) or prefix:
             return poses[:count]
         poses = poses[clearance(poses, GRASP + 0.02, self._walls)[:, 0] > _TOUCHING]
@@ -274,17 +277,16 @@ class Insert(Bring):
             angle, tilt = angle + float(now.sum()) - held, 0.01
         return hand_poses(random, point, GRASP + ahead, now, count, angle, tilt, aside)
 
-    def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+    def _tried(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """As for bringing; once the object is in its place the hand goes away from it."""
         data = physics.named.data
         if self._held(data) > 0.3 or self._receptacle.holds(data) < 0.5:
-            found = super().proposals(physics, random)
+            found = super()._tried(physics, random)
             if self._way is not None:
                 press = self._grip.shut if self._holds else OPEN_ANGLE
                 now, count = data.qpos[ARM], self.settings.knots
                 ways = [self._way.ahead(stride) for stride in (2, 4, 7, 12, 18, 26)]
                 found = np.concatenate([[path(now, w, count, [press]) for w in ways], found[:12]])
-            found[..., :4] += self._sag
             return found
         now, count = data.qpos[ARM], self.settings.knots
         paths = [path(now, [now], count, [OPEN_ANGLE])]

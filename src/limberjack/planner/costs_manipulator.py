@@ -23,8 +23,7 @@ from limberjack.planner.arm import (
     PLANE,
     PLAY,
     SETTINGS,
-    TIP_ASIDE,
-    TIP_REACH,
+    approaches,
     fingers,
     in_hand,
     lifts,
@@ -32,8 +31,8 @@ from limberjack.planner.arm import (
     near,
     outward_speed,
     path,
+    sag,
 )
-from limberjack.planner.arm_routes import Route, routes
 from limberjack.planner.cost import Cost
 from limberjack.planner.grips import (
     BALL,
@@ -45,22 +44,31 @@ from limberjack.planner.grips import (
     in_world,
     pose_of,
 )
-from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_places, hand_poses
+from limberjack.planner.peg_ways import BACK, PegWays, across, grasp_of, opening
+from limberjack.planner.planar_ik import (
+    GRASP,
+    angle_of,
+    direction,
+    hand_places,
+    hand_poses,
+    nudged,
+)
+from limberjack.planner.raking import raking_cost, raking_paths
 from limberjack.rl.control import PhysicsError
 from limberjack.utils import arrays
 
 __all__ = ["Bring"]
 
 _LOOSE = 8.0  # what an object costs that is not held: more than any that is
-_BACK = 0.06  # metres; how far the hand stands off before it closes in
+_ALIGNED = 0.1  # radians; a hand that comes to a peg so far from straight on takes it
+_ROLLS = 2.0  # metres or radians per second; no way is looked for to a peg that moves so fast
+_DOUBTS = 2  # plans that find the contrary of what was known of a peg's reach, before it counts
+_GOALS, _TAKES = 24, 12  # poses at the target and at a peg to which ways are looked for
+_KICK = 1.0  # per metre per second; what it costs that a peg moves that is not held
 _HOLDS = 8  # how often between two knots the arm is put back while the object's way is foreseen
-_TIPS = ["fingertip2", "thumbtip2"]  # geoms
 _PRESS = 0.25  # control of the grasp under which an object may slip
-_TURN = 0.7  # per radian; what it costs that the joints are far from the target
-_PEG_REACH = 0.178  # metres; from the wrist to the tip of a peg that is held by its handle
-_NEAR_GOAL = 0.4  # radians; there the peg itself is looked at, no more at twice that
 # Metres and radians per second above which a peg may slip out of the hand.
-_SPEED, _SPIN = 1.5, 10.0
+_SPEED, _SPIN = 3.0, 10.0
 _AT_REST = 0.02  # metres or radians per second
 _ALOFT = 0.15  # metres above the ground; what is there falls, or lies on the arm
 _AWAY = 0.17  # metres; how far the hand goes away from what it failed to take
@@ -93,7 +101,9 @@ class Bring(Cost):
     def reset(self) -> None:
         """Forgets where the object was going and what was being done about it."""
         self._coming: list[Pose] = []  # where the object will be at the plan's knots
-        self._routes: list[Route] = []  # to where a peg is at the target
+        self._ways = PegWays()
+        self._sag = np.zeros(4)  # radians by which gravity bends the arm away from its targets
+        self._doubts = 0  # plans that found the contrary of what is known of a peg's reach
         self._near_for = 0  # plans in which the hand was near the object without holding it
         self._withdraws = 0  # plans in which it still goes away, to come again another way
         self._settles = False  # whether it will soon lie still
@@ -109,7 +119,7 @@ class Bring(Cost):
             moved = arrays.norm(data.qvel[self.task._object_joints][..., :2])
             return 2.0 * _LOOSE + 20.0 * near_by + 2.0 * moved + low
         if self._rake_to is not None:
-            return 2.0 * _LOOSE + self._raking(data, self._rake_to) + low
+            return 2.0 * _LOOSE + raking_cost(data, self._object, self._rake_to) + low
         held = self._held(data)
         secure, carry = self._carrying(physics, held)
         fetch = _LOOSE + self._fetching(data)
@@ -119,20 +129,16 @@ class Bring(Cost):
         """How surely the object needs no fetching, 0 to 1, and what carrying costs, (N,) each."""
         data = physics.named.data
         missing = 1.0 - self.task.get_reward(physics)
-        carry = self._along_route(data, self._gap(data) + missing) + loose(physics, _PRESS)
+        carry = self._gap(data) + missing
+        if self._has_peg:
+            carry = self._ways.cost_to_target(data.qpos[ARM], carry)
+        carry = carry + loose(physics, _PRESS)
         if self._has_peg:
             velocity = data.qvel[self.task._object_joints]
             speed, spin = arrays.norm(velocity[..., :2]), np.abs(velocity[..., 2])
             carry = carry + 0.5 * np.maximum(speed - _SPEED, 0.0)
             carry = carry + 0.05 * np.maximum(spin - _SPIN, 0.0)
         return held, carry
-
-    def _raking(self, data: Any, goal: float) -> np.ndarray:
-        """How far a fingertip is from behind the object, and the object from the goal, (N,)."""
-        middle = data.site_xpos[self._object]
-        behind = _behind(middle, goal)
-        tips = [arrays.norm(data.geom_xpos[tip] - behind) for tip in _TIPS]
-        return 4.0 * arrays.minimum_of(tips) + 10.0 * np.abs(middle[..., 0] - goal)
 
     def _held(self, data: Any) -> np.ndarray:
         """How well the hand holds the object, 0 to 1, (N,)."""
@@ -171,14 +177,21 @@ class Bring(Cost):
         beside = np.abs(aside) - 0.012 + 0.05 * turn
         detour = np.maximum(np.clip(1.5 * beside, 0.0, 0.07) - ahead, 0.0)
         is_far = np.clip((distance - 0.006) / 0.012, 0.0, 1.0)
-        unready = np.abs(fingers(data) - self._grip.ready)
+        ready = opening(ahead, aside) if self._has_peg else self._grip.ready
+        unready = np.abs(fingers(data) - ready)
         outwards = outward_speed(data, self.task._object_joints[0], self._object)
+        if self._has_peg:  # which a hand that comes too fast kicks
+            speed = arrays.norm(data.qvel[self.task._object_joints][..., :2])
+            outwards = outwards + _KICK * np.minimum(speed, 2.0)
         # What lies on the arm must fall before the hand can have it.
         aloft = np.maximum(height_above_ground(data.site_xpos[self._object]) - _ALOFT, 0.0)
         trouble = 0.5 * turn + 2.0 * is_far * unready + outwards + 4.0 * aloft
         way = distance + detour
         # Steeper near the object, where it would else not pay to risk a touch.
-        return 4.0 * way + 0.5 * way / (way + 0.03) + trouble
+        near_by = 4.0 * way + 0.5 * way / (way + 0.03)
+        if self._has_peg:
+            near_by = self._ways.cost_to_peg(data.qpos[ARM], near_by) + across(data, turn)
+        return near_by + trouble
 
     def _gap(self, data: Any) -> np.ndarray:
         """How far the object is from its place, by the way that it can go, (N,), about 0 to 2."""
@@ -190,37 +203,62 @@ class Bring(Cost):
             gap = arrays.norm(places["ball"] - places["target_ball"])
         return gap / LONGEST
 
-    def _along_route(self, data: Any, near_cost: np.ndarray) -> np.ndarray:
-        """What is left of the joints' way and, at its end, of the object's, (N,).
-
-        Who only looks at the object does not turn it round when it is near the target.
-        """
-        if not self._routes:
-            return near_cost
-        arm = data.qpos[ARM]
-        ways = [np.abs(arm - r.stations[0]).max(axis=-1) + r.rest for r in self._routes]
-        way = arrays.minimum_of(ways)
-        far = np.clip((way - _NEAR_GOAL) / _NEAR_GOAL, 0.0, 1.0)
-        return far * (_TURN * way + 2.0) + (1.0 - far) * near_cost
-
     def look(self, physics: Any) -> None:
         """Finds the ways to the target or where the object will be; rakes what is out of reach."""
         data = physics.named.data
         random = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
+        if self._has_peg:
+            self._sag = sag(physics, self.settings.gain)
         if self._held(data) > 0.3:
             self._rake_to, self._near_for, self._withdraws = None, 0, 0
-            if self._has_peg and not self.task._insert:
-                goals = self._poses(data, random, self._grip, "target_", 12)
-                self._routes = routes(random, data.qpos[ARM], goals, _PEG_REACH)
+            if self._has_peg:
+                self._find_way(physics)
             return
         self._lose_patience(data)
         self._coming = self._foreseen(physics)
-        if len(self._poses(data, random, self._grip, "", 2, at=len(self._coming))):
+        within = len(self._poses(data, random, self._grip, "", 2, at=len(self._coming))) > 0
+        if self._has_peg:
+            within = self._is_sure(within)
+        if within:
             if self._rake_to is not None:
                 self._near_for = 0
             self._rake_to = None
         elif self._rake_to is not None or self._settles:  # what rolls may come by itself
             self._rake_to = self._rake_goal(data)
+        if self._has_peg:
+            self._find_way_there(physics)
+
+    def _is_sure(self, within: bool) -> bool:
+        """Whether a peg is within reach, which a few plans must agree on to change it."""
+        if within == (self._rake_to is None):
+            self._doubts = 0
+            return within
+        self._doubts += 1
+        return within if self._doubts > _DOUBTS else not within
+
+    def _find_way_there(self, physics: Any) -> None:
+        """Looks for a way to a peg, unless it moves or has to be raked first."""
+        data = physics.named.data
+        speed = np.abs(data.qvel[self.task._object_joints]).max()
+        if self._withdraws or speed > _ROLLS or self._rake_to is not None:
+            self._ways.forget()
+            return
+        self._ways.look_for_peg(
+            np.random.default_rng(round(1000 * physics.time())),
+            data.qpos[ARM],
+            pose_of(data, self._object),
+            lambda random: self._poses(data, random, self._grip, "", _TAKES, tilt=_ALIGNED),
+        )
+
+    def _find_way(self, physics: Any) -> None:
+        """Looks for a way to the target with a peg in the hand."""
+        data = physics.named.data
+        self._ways.look_for_target(
+            np.random.default_rng(round(1000 * physics.time())),
+            data.qpos[ARM],
+            -downwards(data.site_xpos["grasp"])[PLANE],
+            lambda random: self._poses(data, random, self._grip, "target_", _GOALS),
+        )
 
     def _lose_patience(self, data: Any) -> None:
         """Has the hand go away for a while if it has been near the object for long, in vain."""
@@ -271,6 +309,7 @@ class Bring(Cost):
         count: int,
         back: float = 0.0,
         at: int = 0,
+        tilt: float = 0.5,
     ) -> np.ndarray:
         """Arm joints that have the hand at a grip, (n, 4).
 
@@ -282,6 +321,7 @@ class Bring(Cost):
           count: how many at most.
           back: how far the hand is to stand off.
           at: the knot at which the object is to be met, 0 for now.
+          tilt: how far from straight on a hand may come to a peg that it will straighten.
         """
         moves = at > 0 and bool(self._coming)
         meeting = min(at, len(self._coming))
@@ -295,41 +335,36 @@ class Bring(Cost):
             clear = {"width": grip.width, "slack": 1.5 * grip.slack}
             return hand_poses(random, place, GRASP + back, now, count, down, 0.8, **clear)
         angle = angle_of(in_world(frame, grip.forward)[PLANE])
-        # Exactly at the target, roughly at an object that the hand will straighten.
-        tilt = 0.02 if prefix else 0.5
+        if prefix:
+            tilt = 0.02
+        else:
+            place, angle = grasp_of((middle, frame))
         return hand_poses(random, place, GRASP + back, now, count, angle, tilt, width=grip.width)
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Straight joint paths that fetch the object or carry it to the target."""
+        found = self._tried(physics, random)
+        found[..., :4] += self._sag
+        return found
+
+    def _tried(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+        """The same for an arm that follows exactly, (n, knots, 5)."""
         data = physics.named.data
         now = data.qpos[ARM]
         if self._withdraws:
             place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
             paths = lifts(random, place, angle, now, self.settings.knots, OPEN_ANGLE)
         elif self._rake_to is not None:
-            paths = self._raking_paths(data, random, self._rake_to)
+            place, count = data.site_xpos[self._object], self.settings.knots
+            paths = raking_paths(random, place, self._rake_to, now, count)
         elif self._held(data) > 0.3:
             paths = self._carrying_paths(data, random)
         else:
             paths = self._fetching_paths(data, random)
         paths.append(path(now, [now], self.settings.knots, [OPEN_ANGLE]))
         order = random.permutation(len(paths))
-        return np.array(paths)[order]
-
-    def _raking_paths(
-        self, data: Any, random: np.random.Generator, goal: float
-    ) -> list[np.ndarray]:
-        """Paths that put a fingertip behind the object, and then pull it inwards."""
-        now, count = data.qpos[ARM], self.settings.knots
-        middle = data.site_xpos[self._object]
-        behind = _behind(middle, goal)[PLANE]
-        # The root turns from x to -x over the top, and so the other way below.
-        turn = 0.3 * np.sign(goal - middle[0]) * np.array([1.0, 0.0, 0.0, 0.0])
-        paths: list[np.ndarray] = []
-        for pose in hand_poses(random, behind, TIP_REACH, now, 12, lateral=TIP_ASIDE):
-            paths.append(path(now, [pose], count, [OPEN_ANGLE], 2))
-            paths.append(path(now, [pose, pose + turn], count, [OPEN_ANGLE], 2))
-        return paths
+        along = self._ways.paths(now, self.settings.knots)
+        return np.array(along + [paths[place] for place in order])
 
     def _carrying_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
         """Paths to the target, upwards, and none."""
@@ -337,9 +372,6 @@ class Bring(Cost):
         paths: list[np.ndarray] = []
         for pose in self._poses(data, random, self._grip, "target_", 6):
             paths.extend(path(now, [pose], count, [shut], slow) for slow in (1, 2, 4))
-        for route in self._routes:
-            stations = list(route.stations)
-            paths.extend(path(now, stations, count, [shut], slow) for slow in (1, 2))
         place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
         paths.extend(lifts(random, place, angle, now, count, shut))
         paths.append(path(now, [now], count, [shut]))
@@ -349,19 +381,20 @@ class Bring(Cost):
         """Paths to where the object will be, at once or from ahead of it; the hand closes there."""
         now, count, grip = data.qpos[ARM], self.settings.knots, self._grip
         paths = [path(now, [now], count, [grip.shut])]
+        if self._has_peg and not self._coming:
+            back = nudged(now, -BACK * direction(now.sum()), 0.0)
+            paths.extend(path(now, [back], count, [OPEN_ANGLE], slow) for slow in (1, 3))
+            for tilt, few in ((_ALIGNED, 3), (0.5, 2)):
+                for pose in self._poses(data, random, grip, "", few, tilt=tilt):
+                    paths.extend(approaches(now, pose, count, grip.ready, grip.shut))
+            return paths
         for knot, straight, ways in ((1, (1,), ()), (2, (2,), (1,)), (4, (4,), (2,))):
             grasp = [grip.ready] * knot + [grip.shut]
             for pose in self._poses(data, random, grip, "", 4, at=knot):
                 paths.extend(path(now, [pose], count, grasp, slow) for slow in straight)
                 angle = float(pose.sum())
-                place = hand_places(pose, GRASP) - _BACK * direction(angle)
+                place = hand_places(pose, GRASP) - BACK * direction(angle)
                 for before in hand_poses(random, place, GRASP, pose, 1, angle, 0.1):
                     paths.extend(path(now, [before, pose], count, grasp, slow) for slow in ways)
                     paths.append(path(now, [before], count, [grip.ready], knot))
         return paths
-
-
-def _behind(place: np.ndarray, goal: float) -> np.ndarray:
-    """Where a fingertip rakes an object from, towards a goal, (..., 3) -> (..., 3), metres."""
-    outwards = np.where(place[..., :1] < goal, -1.0, 1.0)
-    return place + outwards * np.array([0.03, 0.0, 0.0]) + np.array([0.0, 0.0, 0.02])

@@ -21,6 +21,8 @@ __all__ = [
     "WALL",
     "angle_of",
     "direction",
+    "hand_gap",
+    "hand_height",
     "hand_places",
     "hand_poses",
     "hand_route",
@@ -39,6 +41,8 @@ LIMITS = np.radians([160.0, 160.0, 140.0]) - 0.05
 # Between a joint or the palm and floor or walls: about a link's radius. Fingers may touch them.
 _CLEARANCE = np.array([0.021, 0.018, 0.016, 0.011])
 _FINGERTIP = 0.096  # from the wrist to the tips of fingers that hold something
+# Knuckles and fingertips, in the hand's frame.
+_HAND = np.array([0.045j - 0.034, 0.045j + 0.034, 0.098j - 0.013, 0.098j + 0.013])
 _BESIDE = 0.035  # between the middle of a link and of what is in the hand
 _TIP_CLEARANCE = 0.006  # of their radius of 0.008; the contact gives way
 WALL = 0.4  # the walls are the planes |x| = z + this
@@ -175,6 +179,25 @@ def is_clear(joints: np.ndarray, reach: float) -> np.ndarray:
     clear = _is_possible(rows) & _is_clear(rows) & _has_room(rows, 0.0, reach)
     clear &= _is_unfolded(rows, reach)
     return clear.reshape(joints.shape[:-1])
+
+
+def hand_height(joints: np.ndarray) -> np.ndarray:
+    """How far above floor and walls the middle of a hand's lowest part is, (..., 4) -> (...)."""
+    return _height(_hand_points(joints)).min(axis=-1)
+
+
+def hand_gap(joints: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """How far the middles of a hand's parts are from a line with two ends, (..., 4) -> (...)."""
+    start, end = line[:, 0] + 1j * line[:, 1]
+    along = (_hand_points(joints) - start) / (end - start)
+    return np.abs((along - np.clip(along.real, 0.0, 1.0)) * (end - start)).min(axis=-1)
+
+
+def _hand_points(joints: np.ndarray) -> np.ndarray:
+    """Knuckles and fingertips around something narrow, (..., 4) -> (..., 4), x + z i."""
+    pointing = np.exp(1j * np.cumsum(joints, axis=-1))
+    wrist = _BASE + (1j * pointing[..., :3] * LENGTHS).sum(axis=-1, keepdims=True)
+    return wrist + pointing[..., 3:] * _HAND
 
 
 def _joints(wrist: np.ndarray, hand: np.ndarray, bend: np.ndarray, elbow: float) -> np.ndarray:

@@ -1,0 +1,157 @@
+"""`PegWays`: the arm's ways to a peg that lies still and, once it is held, to the target.
+
+    ways = PegWays()
+    ways.look_for_target(random, now, find_goals)
+    cost = ways.cost_to_target(joints, near_cost)
+
+Far from the end of a way what costs is how long it still is, in the joints; near the end, what the
+hand and the peg tell. Who looks at these alone gets stuck: the peg is not turned round when it is
+near the target, the hand not when it is near the peg.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.arm import OPEN_ANGLE, PLANE, TIPS, path
+from limberjack.planner.arm_routes import Route, routes
+from limberjack.planner.grips import HANDLE, Pose, downwards, in_world
+from limberjack.planner.planar_ik import angle_of, direction, hand_height, nudged
+from limberjack.utils import arrays
+
+__all__ = ["BACK", "PegWays", "across", "grasp_of", "opening"]
+
+BACK = 0.06  # metres; how far the hand stands off before it closes in
+_LENGTH = 0.113  # metres, of a peg
+_HAND, _HAND_AND_PEG = 0.1, 0.178  # metres; from the wrist to the end
+_STEEP, _RAISED = 0.25, 0.002  # radians, metres; how the hand comes to a peg that lies flat
+_DEEP = -0.012  # metres; a guard that is behind the fingertips keeps a peg in the hand
+_CLEAR = 0.04  # metres; how far fingertips keep from a peg that they are not around
+_LIFTED = 0.035  # metres; so high a hand is lifted that holds a peg before it goes on its way
+_MOVED = 0.01  # metres, or of a frame; more changes the ways to a peg
+_STRIDES = 0.3, 1.0, 3.0  # radians of a way from one knot to the next
+# Radians of a way; there hand or peg are looked at, no more at twice that.
+_NEAR_PEG, _NEAR_TARGET = 0.3, 0.4
+_PER_RADIAN, _PER_RADIAN_HELD = 1.0, 1.2  # what it costs to have so far to go
+
+_Goals = Callable[[np.random.Generator], np.ndarray]  # draws joints, (n, 4)
+
+
+class PegWays:
+    """Ways that are kept as long as they are good: who looks for new ones only gets nowhere."""
+
+    def __init__(self) -> None:
+        """Knows no way."""
+        self._to_peg: list[Route] = []  # to before a peg, and on to it
+        self._to_target: list[Route] = []
+        self._goals: np.ndarray | None = None  # joints that have a held peg at the target, (n, 4)
+        self._before = np.zeros((0, 2, 4))  # joints that have the hand before a peg, and at it
+        self._lay = np.zeros(12)  # the peg's pose for which these are
+
+    def forget(self) -> None:
+        """Forgets all ways, as for a peg that moves or is out of reach."""
+        self._to_peg, self._to_target, self._goals = [], [], None
+
+    def look_for_target(
+        self, random: np.random.Generator, now: np.ndarray, up: np.ndarray, find: _Goals
+    ) -> None:
+        """Looks for better ways to the target than those that are known, for a peg in the hand.
+
+        Args:
+          random: draws them.
+          now: the arm's joints, (4,).
+          up: away from the ground, (2,).
+          find: finds those that have the peg at the target.
+        """
+        self._to_peg = []
+        if self._goals is None:
+            self._goals = find(random)
+        lift = _LIFTED - float(hand_height(now))
+        first = nudged(now, lift * up, 0.0) if lift > 0 else None
+        goals, known = self._goals[:, None], self._to_target
+        self._to_target = routes(random, now, goals, _HAND_AND_PEG, known=known, first=first)
+
+    def look_for_peg(
+        self, random: np.random.Generator, now: np.ndarray, peg: Pose, find: _Goals
+    ) -> None:
+        """Looks for better ways to a peg than those that are known, that do not go across it.
+
+        Args:
+          random: draws them.
+          now: the arm's joints, (4,).
+          peg: its pose.
+          find: finds the arm's joints that have the hand around it.
+        """
+        self._to_target, self._goals = [], None
+        pose = np.concatenate(peg)
+        if not self._to_peg or np.abs(pose - self._lay).max() > _MOVED:
+            self._lay, poses = pose, find(random)
+            back = [nudged(pose, -BACK * direction(pose.sum()), 0.0) for pose in poses]
+            self._before = np.stack([np.reshape(back, (-1, 4)), poses], axis=1)
+        place, frame = peg
+        line = np.stack([place + in_world(frame, HANDLE.place), place - 0.05 * frame[2::3]])
+        known, around = self._to_peg, line[:, PLANE]
+        self._to_peg = routes(random, now, self._before, _HAND, known=known, around=around)
+
+    def cost_to_peg(self, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
+        """What is left of the arm's way to the peg and, at its end, of the hand's, (N,)."""
+        if not self._to_peg:
+            return near_cost
+        left = self._to_peg[0].remaining(joints)
+        far = np.clip(left / _NEAR_PEG - 1.0, 0.0, 1.0)
+        return far * (_PER_RADIAN * left + 1.0) + (1.0 - far) * near_cost
+
+    def cost_to_target(self, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
+        """What is left of the arm's way to the target and, at its end, of the peg's, (N,)."""
+        if not self._to_target:
+            return near_cost
+        left = self._to_target[0].remaining(joints)
+        far = np.clip(left / _NEAR_TARGET - 1.0, 0.0, 1.0)
+        return far * (_PER_RADIAN_HELD * left + 2.0) + (1.0 - far) * near_cost
+
+    def paths(self, now: np.ndarray, knots: int) -> list[np.ndarray]:
+        """Targets along the shortest way, at several speeds, (knots, 5) each."""
+        if self._to_target:
+            way, grasp = self._to_target[0], HANDLE.shut
+        elif self._to_peg and self._to_peg[0].length > _NEAR_PEG:
+            way, grasp = self._to_peg[0], HANDLE.ready
+        else:
+            return []
+        return [path(now, list(way.ahead(s, knots - 1)), knots, [grasp]) for s in _STRIDES]
+
+
+def grasp_of(peg: Pose) -> tuple[np.ndarray, float]:
+    """Where the hand is to be to take a peg, (2,), and at which angle."""
+    middle, frame = peg
+    place = (middle + in_world(frame, HANDLE.place))[PLANE]
+    assert HANDLE.forward is not None
+    forward, down = in_world(frame, HANDLE.forward)[PLANE], downwards(middle)[PLANE]
+    # Along a peg that lies flat a finger would be in the floor: the hand comes from above.
+    flat = float(forward[0] * down[1] - forward[1] * down[0])
+    return place - _RAISED * abs(flat) * down, angle_of(forward) + _STEEP * flat
+
+
+def opening(ahead: Any, aside: Any) -> np.ndarray:
+    """The fingers' angle with which the hand comes to a peg, or gives back what is too deep in it.
+
+    Args:
+      ahead, aside: where in the hand the handle is, (...), metres.
+    """
+    is_deep = (ahead < _DEEP) & (ahead > -BACK) & (np.abs(aside) < BACK / 2)
+    return np.where(is_deep, OPEN_ANGLE, HANDLE.ready)
+
+
+def across(data: Any, turn: Any) -> np.ndarray:
+    """How near the fingertips are to a peg that is not between them, (N,): they would pin it.
+
+    Args:
+      data: of a batch.
+      turn: one less the cosine between hand and peg, (N,).
+    """
+    start, end = data.site_xpos["peg_grasp"], data.site_xpos["peg_tip"]
+    along, offset = (end - start)[..., None, :], data.geom_xpos[TIPS] - start[..., None, :]
+    part = np.clip((offset * along).sum(axis=-1) / _LENGTH**2, 0.0, 1.0)
+    gap = arrays.norm(offset - part[..., None] * along)
+    crossed = np.clip(10.0 * turn - 1.0, 0.0, 1.0)
+    return 10.0 * crossed * np.maximum(_CLEAR - gap, 0.0).sum(axis=-1)

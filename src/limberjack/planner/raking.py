@@ -1,0 +1,57 @@
+"""How an object that is out of the hand's reach is raked inwards with a fingertip.
+
+cost = raking_cost(data, "peg", goal=-0.12)  # (N,)
+paths = raking_paths(random, place, -0.12, now, knots=5)
+"""
+
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.arm import OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_REACH, TIPS, path
+from limberjack.planner.planar_ik import hand_poses
+from limberjack.utils import arrays
+
+__all__ = ["raking_cost", "raking_paths"]
+
+
+def raking_cost(data: Any, site: str, goal: float) -> np.ndarray:
+    """How far a fingertip is from behind the object, and the object from the goal, (N,).
+
+    Args:
+      data: of a batch.
+      site: the object's.
+      goal: x, metres.
+    """
+    middle = data.site_xpos[site]
+    behind = _behind(middle, goal)
+    tips = [arrays.norm(data.geom_xpos[tip] - behind) for tip in TIPS]
+    return 4.0 * arrays.minimum_of(tips) + 10.0 * np.abs(middle[..., 0] - goal)
+
+
+def raking_paths(
+    random: np.random.Generator, middle: np.ndarray, goal: float, now: np.ndarray, knots: int
+) -> list[np.ndarray]:
+    """Paths that put a fingertip behind the object, and then pull it inwards, (knots, 5) each.
+
+    Args:
+      random: draws them.
+      middle: where the object is, (3,).
+      goal: x, metres.
+      now: the arm's joints, (4,).
+      knots: points of the spline.
+    """
+    behind = _behind(middle, goal)[PLANE]
+    # The root turns from x to -x over the top, and so the other way below.
+    turn = 0.3 * np.sign(goal - middle[0]) * np.array([1.0, 0.0, 0.0, 0.0])
+    paths: list[np.ndarray] = []
+    for pose in hand_poses(random, behind, TIP_REACH, now, 12, lateral=TIP_ASIDE):
+        paths.append(path(now, [pose], knots, [OPEN_ANGLE], 2))
+        paths.append(path(now, [pose, pose + turn], knots, [OPEN_ANGLE], 2))
+    return paths
+
+
+def _behind(place: np.ndarray, goal: float) -> np.ndarray:
+    """Where a fingertip rakes an object from, towards a goal, (..., 3) -> (..., 3), metres."""
+    outwards = np.where(place[..., :1] < goal, -1.0, 1.0)
+    return place + outwards * np.array([0.03, 0.0, 0.0]) + np.array([0.0, 0.0, 0.02])
