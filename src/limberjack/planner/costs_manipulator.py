@@ -180,11 +180,11 @@ class Bring(Cost):
         ready = opening(ahead, aside) if self._has_peg else self._grip.ready
         unready = np.abs(fingers(data) - ready)
         outwards = outward_speed(data, self.task._object_joints[0], self._object)
-        if self._has_peg:  # which a hand that comes too fast kicks
-            speed = arrays.norm(data.qvel[self.task._object_joints][..., :2])
-            outwards = outwards + _KICK * np.minimum(speed, 2.0)
         # What lies on the arm must fall before the hand can have it.
         aloft = np.maximum(height_above_ground(data.site_xpos[self._object]) - _ALOFT, 0.0)
+        if self._has_peg:  # which a hand that comes too fast kicks
+            speed = arrays.norm(data.qvel[self.task._object_joints][..., :2])
+            outwards = outwards + _KICK * np.minimum(speed, 2.0) * (aloft == 0)
         trouble = 0.5 * turn + 2.0 * is_far * unready + outwards + 4.0 * aloft
         way = distance + detour
         # Steeper near the object, where it would else not pay to risk a touch.
@@ -237,10 +237,11 @@ class Bring(Cost):
         return within if self._doubts > _DOUBTS else not within
 
     def _find_way_there(self, physics: Any) -> None:
-        """Looks for a way to a peg, unless it moves or has to be raked first."""
+        """Looks for a way to a peg, unless it moves, lies on the arm or has to be raked first."""
         data = physics.named.data
-        speed = np.abs(data.qvel[self.task._object_joints]).max()
-        if self._withdraws or speed > _ROLLS or self._rake_to is not None:
+        moves = np.abs(data.qvel[self.task._object_joints]).max() > _ROLLS
+        aloft = height_above_ground(data.site_xpos[self._object]) > _ALOFT
+        if self._withdraws or moves or aloft or self._rake_to is not None:
             self._ways.forget()
             return
         self._ways.look_for_peg(
