@@ -64,6 +64,7 @@ _ALIGNED = 0.1  # radians; a hand that comes to a peg so far from straight on ta
 _ROLLS = 2.0  # metres or radians per second; no way is looked for to a peg that moves so fast
 _DOUBTS = 2  # plans that find the contrary of what was known of a peg's reach, before it counts
 _GOALS, _TAKES = 24, 12  # poses at the target and at a peg to which ways are looked for
+_LIES = 0.08  # metres above the ground; a peg that is higher does not lie on it
 _KICK = 1.0  # per metre per second; what it costs that a peg moves that is not held
 _HOLDS = 8  # how often between two knots the arm is put back while the object's way is foreseen
 _PRESS = 0.25  # control of the grasp under which an object may slip
@@ -184,7 +185,8 @@ class Bring(Cost):
         aloft = np.maximum(height_above_ground(data.site_xpos[self._object]) - _ALOFT, 0.0)
         if self._has_peg:  # which a hand that comes too fast kicks
             speed = arrays.norm(data.qvel[self.task._object_joints][..., :2])
-            outwards = outwards + _KICK * np.minimum(speed, 2.0) * (aloft == 0)
+            lies = height_above_ground(data.site_xpos["peg"]) < _LIES
+            outwards = outwards + _KICK * np.minimum(speed, 2.0) * lies
         trouble = 0.5 * turn + 2.0 * is_far * unready + outwards + 4.0 * aloft
         way = distance + detour
         # Steeper near the object, where it would else not pay to risk a touch.
@@ -240,7 +242,7 @@ class Bring(Cost):
         """Looks for a way to a peg, unless it moves, lies on the arm or has to be raked first."""
         data = physics.named.data
         moves = np.abs(data.qvel[self.task._object_joints]).max() > _ROLLS
-        aloft = height_above_ground(data.site_xpos[self._object]) > _ALOFT
+        aloft = height_above_ground(data.site_xpos[self._object]) > _LIES
         if self._withdraws or moves or aloft or self._rake_to is not None:
             self._ways.forget()
             return
