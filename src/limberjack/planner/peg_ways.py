@@ -45,13 +45,13 @@ class PegWays:
         """Knows no way."""
         self._to_peg: list[Route] = []  # to before a peg, and on to it
         self._to_target: list[Route] = []
-        self._goals: np.ndarray | None = None  # joints that have a held peg at the target, (n, 4)
+        self._goals = np.zeros((0, 4))  # joints that have a held peg at the target
         self._before = np.zeros((0, 2, 4))  # joints that have the hand before a peg, and at it
         self._lay = np.zeros(12)  # the peg's pose for which these are
 
     def forget(self) -> None:
         """Forgets all ways, as for a peg that moves or is out of reach."""
-        self._to_peg, self._to_target, self._goals = [], [], None
+        self._to_peg, self._to_target = [], []
 
     def look_for_target(
         self, random: np.random.Generator, now: np.ndarray, up: np.ndarray, find: _Goals
@@ -65,7 +65,7 @@ class PegWays:
           find: finds those that have the peg at the target.
         """
         self._to_peg = []
-        if self._goals is None:
+        if not self._to_target:  # none yet, or all of these are blocked
             self._goals = find(random)
         lift = _LIFTED - float(hand_height(now))
         first = nudged(now, lift * up, 0.0) if lift > 0 else None
@@ -83,7 +83,7 @@ class PegWays:
           peg: its pose.
           find: finds the arm's joints that have the hand around it.
         """
-        self._to_target, self._goals = [], None
+        self._to_target = []
         pose = np.concatenate(peg)
         if not self._to_peg or np.abs(pose - self._lay).max() > _MOVED:
             self._lay, poses = pose, find(random)
