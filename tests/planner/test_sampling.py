@@ -316,3 +316,17 @@ def test_the_planner_needs_the_environment_itself() -> None:
     policy = policies.find("planner")
     with pytest.raises(policies.PolicyError, match="needs the environment"):
         policy(_load("humanoid", "stand").action_spec(), 0)
+
+
+def test_armature_is_that_of_the_plan_and_of_hinges_that_actuators_move() -> None:
+    env = _load("stacker", "stack_2")
+    before = env.physics.named.model.dof_armature[["arm_root", "thumbtip", "box0_y"]].copy()
+    planner = Planner(env, num_threads=1, settings=_small(env))
+    added = planner.settings.armature
+    joints = planner._batch.single.named.model.dof_armature
+    np.testing.assert_array_equal(joints[["arm_root", "thumbtip"]], before[:2] + added)
+    np.testing.assert_array_equal(joints[["box0_x", "box0_z", "box0_y"]], before[2])
+    unchanged = env.physics.named.model.dof_armature[["arm_root", "thumbtip", "box0_y"]]
+    np.testing.assert_array_equal(unchanged, before)
+    with pytest.raises(ValueError, match="armature is -1; expected a number from 0 up"):
+        Settings(armature=-1)

@@ -11,7 +11,6 @@ object alone would not turn it round.
 """
 
 import contextlib
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from limberjack.planner.arm import (
     OPEN_ANGLE,
     PLANE,
     PLAY,
-    SETTINGS,
     approaches,
     fingers,
     in_hand,
@@ -36,7 +34,9 @@ from limberjack.planner.arm import (
 from limberjack.planner.cost import Cost
 from limberjack.planner.grips import (
     BALL,
+    BALL_SETTINGS,
     HANDLE,
+    PEG_SETTINGS,
     Grip,
     Pose,
     downwards,
@@ -80,21 +80,11 @@ _RAKED = 0.12  # metres; how far beyond the middle a peg is raked
 class Bring(Cost):
     """Fetches the object, and brings it to the target."""
 
-    settings = dataclasses.replace(
-        SETTINGS,
-        samples=32,
-        # At longer time steps the fingers are pressed through what they should grasp.
-        timestep=0.0025,
-        # A good plan among many bad ones is rare, and must not be lost in their mean.
-        temperature=0.1,
-        # Fingers that come with the right opening close soon: at most at 2 radians per second.
-        tendons=True,
-    )
-
     def __init__(self, task: Any) -> None:
         """Takes a `manipulator.Bring` task."""
         super().__init__(task)
         self._has_peg: bool = task._use_peg
+        self.settings = PEG_SETTINGS if self._has_peg else BALL_SETTINGS
         self._object = "peg" if self._has_peg else "ball"
         self._grip = HANDLE if self._has_peg else BALL
         self.reset()

@@ -23,17 +23,16 @@ from limberjack.planner.arm import (
     TIP_REACH,
     closing,
     in_hand,
-    loose,
     near,
     outward_speed,
     path,
 )
+from limberjack.planner.arm_ways import later, ways_over
 from limberjack.planner.cost import Cost
 from limberjack.planner.planar_ik import (
     GRASP,
     angle_of,
     direction,
-    hand_places,
     hand_poses,
     hand_route,
 )
@@ -45,11 +44,11 @@ _LOOSE = 9.0  # what a box costs that is not held: more than any that is
 _HALF = 0.022  # metres; half a box
 
 # The grip.
-_GRIP_ANGLE = np.radians(20.0)  # of the fingers around a box, measured
+_GRIP_ANGLE = np.radians(14.0)  # of the fingers around a box, measured
 _EMPTY = np.radians(35.0)  # fingers that have closed by more than this hold nothing
 _PRESS = 0.5  # control of the grasp that holds a box
-_HIGH = 0.026  # metres; how far above a box's centre the grasp is: higher it slips, lower it tips
-_SLIP = 0.012  # metres; by how much that may be more or less
+_HIGH = 0.028  # metres; how far above a box's centre the grasp is: higher it slips, lower it tips
+_SLIP = 0.016  # metres; by how much that may be more or less
 _UNDER_HAND = 0.045  # metres; what the open fingers need below the grasp
 _FREE = 0.066  # metres; from box to box, so that a finger fits between
 _FROM_WALL = 0.355  # metres; a box further out than this has no room for a finger behind it
@@ -59,19 +58,41 @@ _PLACED = 0.006  # metres; a box nearer to its place than this stands there, til
 _SUPPORT = 0.010  # metres; the same for a box that is to carry others
 _RESTS = 0.1  # metres per second; what is slower may be let go
 _FLAT = 0.01  # of `_turned`: 6 degrees
+_CARRIED = 0.8  # metres per second; a box that is carried faster slips out of the hand
 _OVER = 0.03  # metres; how far above its place a box is carried to it
+_LYING = 0.03  # metres; a box higher than this does not lie on the floor
 _ALOFT = 0.13  # metres; a loose box higher than this is falling, or lies on the arm
+_SHAKE = 1.5  # radians; by how much joints turn to get rid of a box that lies on the arm
 _AWAY = 0.12  # metres; where the hand is rewarded for having gone
 
-_SPEEDS = (0.7, 1.3, 2.2)  # metres per second, at which a way is tried
 _DOWN = np.array([0.0, -1.0])
 _STICKY = 0.1  # metres; by how much nearer another box must be to be taken instead
+
+
+@dataclasses.dataclass(frozen=True)
+class _Grip:
+    """How the hand is to the next box, (...) each.
+
+    Attributes:
+      ahead, aside: where the box is in the hand, metres from the grasp site.
+      askew: 0 for fingers that are parallel to the box's sides, up to 0.25.
+      closed: how far the fingers have turned, radians.
+      tilt: 0 for a hand that points down, up to 2.
+    """
+
+    ahead: Any
+    aside: Any
+    askew: Any
+    closed: Any
+    tilt: Any
 
 
 class Stack(Cost):
     """Builds a tower up to the target, and takes the hand away."""
 
-    settings = dataclasses.replace(SETTINGS, temperature=0.03)
+    settings = dataclasses.replace(
+        SETTINGS, temperature=0.03, armature=1e-3, flowing=True, cost_interval=2
+    )
 
     def __init__(self, task: Any) -> None:
         """Takes a `stacker.Stack` task."""
@@ -83,6 +104,7 @@ class Stack(Cost):
         """Forgets which box was next."""
         self._next: str | None = None
         self._placed: list[str] = []
+        self._others: list[str] = list(self._boxes)  # but the next, those that stand first
         self._places: list[np.ndarray] = []
         self._place = np.zeros(3)
         self._hurdle = 0.0
@@ -90,6 +112,11 @@ class Stack(Cost):
     def look(self, physics: Any) -> None:
         """Decides which boxes stand, which one is next and where it goes."""
         data = physics.named.data
+        waiting = self._decide(data)
+        self._others = self._placed + waiting
+
+    def _decide(self, data: Any) -> list[str]:
+        """Which boxes stand, which one is next and where it goes; returns the others."""
         target = data.site_xpos["target"]
         levels = round((float(target[2]) / _HALF - 1) / 2) + 1
         heights = [_HALF * (2 * level + 1) for level in range(levels)]
@@ -107,9 +134,10 @@ class Stack(Cost):
                 x = float(data.site_xpos[self._next][0])
                 crest = self._crest(data, x, float(place[0]), self._next)
                 self._hurdle = crest + 1.5 * _HALF if crest else 0.0
-                return
+                return [box for box in left if box != self._next]
             self._placed.append(left.pop(nearest))
         self._next = None
+        return left
 
     def _crest(self, data: Any, start: float, end: float, but: str | None) -> float:
         """Height of the highest box between two places, metres; 0 if there is none."""
@@ -121,7 +149,7 @@ class Stack(Cost):
     def _choice(self, data: Any, left: list[str]) -> str:
         """The box to take next, the easiest to fetch; the present one unless it is much worse."""
 
-        if self._next in left and self._held(data) > 0.3:
+        if self._next in left and self._held(self._grip(data)) > 0.3:
             return str(self._next)
 
         def trouble(box: str) -> float:
@@ -146,94 +174,87 @@ class Stack(Cost):
     def step_cost(self, physics: Any) -> np.ndarray:
         """What is missing of the tower, and of the next box's way to it, (N,)."""
         data = physics.named.data
-        missing = 1.0 - self.task.get_reward(physics)
-        gaps = [self._gap_in_tower(data, level) for level in range(len(self._placed))]
-        cost = missing + sum(80.0 * np.maximum(gap - _PLACED, 0.0) for gap in gaps)
-        cost = cost + 4.0 * self._in_the_way(data)
+        others = data.site_xpos[self._others][..., PLANE]
+        placed, waiting = np.split(others, [len(self._placed)], axis=-2)
+        cost = 1.0 - self.task.get_reward(physics) + self._shaken(data, placed)
+        cost += 4.0 * self._in_the_way(waiting)
         hand = data.site_xpos["grasp"]
-        cost = cost + 5.0 * np.maximum(0.045 - hand[..., 2], 0.0)
+        cost += 5.0 * np.maximum(0.045 - hand[..., 2], 0.0)
         if self._next is None:
             distance = arrays.norm(hand - data.site_xpos["target"])
             return cost + 5.0 * np.maximum(_AWAY - distance, 0.0)
-        held, standing = self._held(data), self._standing(data)
+        box = data.site_xpos[self._next][..., PLANE]
+        grip = self._grip(data)
+        offset = box - self._place[PLANE]
+        gap = np.hypot(offset[..., 0], offset[..., 1])
+        held, standing = self._held(grip), near(gap, 2.0 * _PLACED)
         secure = np.maximum(held, standing)
         closed = 0.15 * (1.0 + physics.control()[..., -1])
-        grasp = np.where(standing < 0.5, loose(physics, _PRESS), closed)
-        carry = self._way(data) + grasp + 0.5 * (1.0 + data.site_xmat["grasp", "zz"])
-        loose_boxes = [box for box in self._boxes if box not in self._placed]
-        aloft = [np.maximum(data.site_xpos[box, "z"] - _ALOFT, 0.0) for box in loose_boxes]
-        fetch = _LOOSE + self._fetching(data) + self._crowd(data) + 3.0 * sum(aloft)
+        pressed = 0.3 * np.abs(physics.control()[..., -1] - _PRESS)
+        grasp = np.where(standing < 0.5, pressed, closed)
+        speed = data.qvel[[f"{self._next}_x", f"{self._next}_z"]]
+        thrown = np.maximum(np.hypot(speed[..., 0], speed[..., 1]) - _CARRIED, 0.0)
+        carry = self._way(data, box, gap) + 1.0 - standing + grasp + grip.tilt + 2.0 * thrown
+        lifted = 3.0 * np.maximum(box[..., 1] - _LYING, 0.0)
+        aloft = np.clip((waiting[..., 1] - _ALOFT) / _HALF, 0.0, 1.0).sum(axis=-1)
+        fetch = _LOOSE + self._fetching(data, grip) + self._crowd(box, others) + lifted + aloft
         return cost + secure * carry + (1.0 - secure) * fetch
 
-    def _crowd(self, data: Any) -> np.ndarray:
+    def _crowd(self, box: np.ndarray, others: np.ndarray) -> np.ndarray:
         """How far fingers are from fitting between the next box and those beside it, (N,)."""
-        box = data.site_xpos[self._next]
-        total = 20.0 * np.maximum(np.abs(box[..., 0]) - _FROM_WALL, 0.0)
-        for other in self._boxes:
-            if other != self._next:
-                offset = np.abs(data.site_xpos[other] - box)
-                level = offset[..., 2] < _HALF
-                total = total + 20.0 * level * np.maximum(_FREE - offset[..., 0], 0.0)
-        return total
+        offsets = np.abs(others - box[..., None, :])
+        room = (offsets[..., 1] < _HALF) * np.maximum(_FREE - offsets[..., 0], 0.0)
+        return 20.0 * (room.sum(axis=-1) + np.maximum(np.abs(box[..., 0]) - _FROM_WALL, 0.0))
 
-    def _in_the_way(self, data: Any) -> np.ndarray:
+    def _in_the_way(self, waiting: np.ndarray) -> np.ndarray:
         """How near other loose boxes are to the tower's place, (N,)."""
-        total = 0.0 * data.site_xpos["target"][..., 0]
-        for box in self._boxes:
-            if box != self._next and box not in self._placed:
-                place = data.site_xpos[box]
-                beside = np.abs(place[..., 0] - self._places[0][0])
-                total = total + (place[..., 2] < _ALOFT) * np.maximum(_FREE - beside, 0.0)
-        return total
+        beside = np.abs(waiting[..., 0] - self._places[0][0])
+        return ((waiting[..., 1] < _ALOFT) * np.maximum(_FREE - beside, 0.0)).sum(axis=-1)
 
-    def _gap_in_tower(self, data: Any, level: int) -> np.ndarray:
-        """How far a box that stands has moved from its place, (N,)."""
-        gap = data.site_xpos[self._placed[level]] - self._places[level]
-        return arrays.norm(gap[..., PLANE]) + 0.05 * _turned(data, self._placed[level])
+    def _shaken(self, data: Any, placed: np.ndarray) -> Any:
+        """How far boxes that stand have moved from their places, (N,)."""
+        if not self._placed:
+            return 0.0
+        moved = placed - np.array(self._places[: len(self._placed)])[:, PLANE]
+        gaps = np.hypot(moved[..., 0], moved[..., 1]) + 0.05 * _turned(data, self._placed)
+        return 80.0 * np.maximum(gaps - _PLACED, 0.0).sum(axis=-1)
 
-    def _held(self, data: Any) -> np.ndarray:
-        """How well the hand holds the next box, 0 to 1, (N,)."""
+    def _grip(self, data: Any) -> "_Grip":
+        """How the hand is to the next box."""
         ahead, aside = in_hand(data, data.site_xpos[self._next])
-        turned = closing(data)
-        empty = np.clip((turned - _EMPTY) / np.radians(10.0), 0.0, 1.0)
-        closed = np.clip(turned / (_GRIP_ANGLE - OPEN_ANGLE), 0.0, 1.0) * (1.0 - empty)
-        slip = np.maximum(np.abs(ahead - _HIGH) - _SLIP, 0.0)
-        firm = near(np.hypot(slip, aside), 0.012) * near(self._askew(data), 0.1) * closed
-        return np.minimum(PLAY * firm, 1.0)
-
-    def _askew(self, data: Any) -> Any:
-        """0 for a hand whose fingers are parallel to the next box's sides, up to 0.25, (...)."""
         box, hand = data.xmat[self._next], data.site_xmat["grasp"]
         square = (box[..., 0] * hand[..., 0] + box[..., 6] * hand[..., 6]) ** 2
-        return square * (1.0 - square)
+        return _Grip(ahead, aside, square * (1.0 - square), closing(data), 1.0 + hand[..., 8])
 
-    def _standing(self, data: Any) -> np.ndarray:
-        """How surely the next box is in its place, 0 to 1, (N,)."""
-        gap = (data.site_xpos[self._next] - self._place)[..., PLANE]
-        return near(arrays.norm(gap), 2.0 * _PLACED)
+    def _held(self, grip: "_Grip") -> np.ndarray:
+        """How well the hand holds the next box, 0 to 1, (N,)."""
+        empty = np.clip((grip.closed - _EMPTY) / np.radians(10.0), 0.0, 1.0)
+        closed = _closed(grip) ** 6 * (1.0 - empty)
+        slip = np.maximum(np.abs(grip.ahead - _HIGH) - _SLIP, 0.0)
+        firm = near(np.hypot(slip, grip.aside), 0.012) * near(grip.askew, 0.1) * closed
+        return np.minimum(PLAY * firm, 1.0)
 
-    def _fetching(self, data: Any) -> np.ndarray:
+    def _fetching(self, data: Any, grip: "_Grip") -> np.ndarray:
         """How far the hand is from holding the next box from above, (N,)."""
-        ahead, aside = in_hand(data, data.site_xpos[self._next])
-        distance = np.hypot(ahead - _HIGH, aside)
-        detour = np.maximum(np.clip(3.0 * (np.abs(aside) - 0.01), 0.0, 0.06) + _HIGH - ahead, 0.0)
+        beyond = _HIGH - grip.ahead
+        distance = np.hypot(beyond, grip.aside)
+        above = np.clip(3.0 * (np.abs(grip.aside) - 0.01), 0.0, 0.06)
+        detour = np.maximum(above + beyond, 0.0)
         is_far = np.clip((distance - 0.02) / 0.03, 0.0, 1.0)
-        early = is_far * np.clip(closing(data) / (_GRIP_ANGLE - OPEN_ANGLE), 0.0, 2.0)
-        tilt = 1.0 + data.site_xmat["grasp", "zz"]
+        closed = _closed(grip)
+        early = is_far * closed + (1.0 - is_far) * (1.0 - closed)
         outwards = outward_speed(data, f"{self._next}_x", str(self._next))
-        turn = 0.5 * tilt + 2.0 * self._askew(data)
+        turn = (1.5 - is_far) * grip.tilt + 4.0 * grip.askew
         return 4.0 * (distance + detour) + turn + 0.5 * early + outwards
 
-    def _way(self, data: Any) -> np.ndarray:
+    def _way(self, data: Any, box: np.ndarray, gap: np.ndarray) -> np.ndarray:
         """How far the next box is from its place, by the way over the tower, (N,)."""
-        offset = data.site_xpos[self._next] - self._place
-        up, beside = offset[..., 2], np.abs(offset[..., 0])
+        up, beside = box[..., 1] - self._place[2], np.abs(box[..., 0] - self._place[0])
         over = np.clip((beside - 0.006) / 0.02, 0.0, 1.0) * _OVER
-        turned = _turned(data, str(self._next))
-        gap = np.hypot(up, beside) + np.minimum(3.0 * np.maximum(over - up, 0.0), 0.2)
-        low = np.maximum(self._hurdle - data.site_xpos[self._next][..., 2], 0.0)
-        gap = gap + np.clip(beside / _HALF - 1.5, 0.0, 1.0) * np.minimum(8.0 * low, 0.6)
-        return gap / LONGEST + 0.5 * turned + 1.0 - near(np.hypot(up, beside), 2.0 * _PLACED)
+        way = gap + np.minimum(3.0 * np.maximum(over - up, 0.0), 0.2)
+        low = np.maximum(self._hurdle - box[..., 1], 0.0)
+        way += np.clip(beside / _HALF - 1.5, 0.0, 1.0) * np.minimum(8.0 * low, 0.6)
+        return way / LONGEST + 0.5 * _turned(data, str(self._next))
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Ways that fetch the next box, carry it, or take the hand away."""
@@ -242,7 +263,7 @@ class Stack(Cost):
         stay = [self._still(now, grasp) for grasp in (OPEN, _PRESS, CLOSED)]
         if self._next is None:
             ways = self._leaving(data, now, random)
-        elif self._held(data) > 0.3:
+        elif self._held(self._grip(data)) > 0.3:
             ways = self._carrying(data, now, random)
         else:
             ways = self._reaching(data, now, random)
@@ -259,8 +280,8 @@ class Stack(Cost):
         for back in (0.06, 0.15):
             behind = hand - back * direction(angle)
             for pose in hand_poses(random, behind, GRASP, now, 2, angle, 0.2):
-                ways.extend(self._ways(now, pose, 0.0, GRASP, 0.0, [OPEN, OPEN]))
-        return ways + _later(ways)
+                ways.extend(ways_over(self.settings, now, pose, 0.0, GRASP, 0.0, [OPEN, OPEN]))
+        return ways + later(ways)
 
     def _reaching(
         self, data: Any, now: np.ndarray, random: np.random.Generator
@@ -277,11 +298,18 @@ class Stack(Cost):
         cruise = crest + _UNDER_HAND
         for tilt in (0.1, 0.4):
             for pose in hand_poses(random, box - _HIGH * _DOWN, GRASP, now, 3, down, tilt):
-                ways.extend(self._ways(now, pose, cruise, GRASP, 0.0, [OPEN, CLOSED], back))
+                ways.extend(
+                    ways_over(self.settings, now, pose, cruise, GRASP, 0.0, [OPEN, CLOSED], back)
+                )
         for pose in hand_poses(random, box - 0.09 * _DOWN, GRASP, now, 6, down, 0.4):
             ways.append(path(now, [pose], self.settings.knots, [OPEN], 2))
         if back:
-            ways.extend(_later(ways))
+            ways.extend(later(ways))
+        loose_boxes = [box for box in self._boxes if box not in self._placed]
+        if (data.site_xpos[loose_boxes][:, 2] > _ALOFT + _HALF).any():
+            # One lies on the arm or falls: what throws it off cannot be told beforehand.
+            goals = now + random.uniform(-_SHAKE, _SHAKE, (8, 4))
+            ways = [path(now, [goal], self.settings.knots, [OPEN]) for goal in goals] + ways
         return self._parting(data, now, random) + ways
 
     def _parting(self, data: Any, now: np.ndarray, random: np.random.Generator) -> list[np.ndarray]:
@@ -317,55 +345,8 @@ class Stack(Cost):
             goal = self._place[PLANE] - up * _DOWN
             grasp = [_PRESS, _PRESS if up else OPEN]
             for pose in hand_poses(random, goal, forward, now, count, flat, tilt, aside):
-                ways.extend(self._ways(now, pose, cruise, forward, aside, grasp))
+                ways.extend(ways_over(self.settings, now, pose, cruise, forward, aside, grasp))
         return ways
-
-    def _ways(
-        self,
-        now: np.ndarray,
-        pose: np.ndarray,
-        cruise: float,
-        forward: float,
-        lateral: float,
-        grasp: list[float],
-        back: float = 0.0,
-    ) -> list[np.ndarray]:
-        """Paths up to a height, over the end and down to it, (knots, 5) each.
-
-        Args:
-          now, pose: the arm's joints at the start and the end, (4,).
-          cruise: the least height of what is moved, metres.
-          forward, lateral: where in the hand that is.
-          grasp: its control on the way and at the end.
-          back: how far to back off first, along the hand, metres.
-        """
-        start, end = hand_places(np.array([now, pose]), forward, lateral)
-        stations = np.array([start, start - back * direction(now.sum()), end, end])
-        stations[1:3, 1] = np.maximum(stations[1:3, 1], cruise)
-        lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(stations, axis=0).T)))
-        settings, ways = self.settings, []
-        times = settings.horizon / (settings.knots - 1) * np.arange(settings.knots)
-        for speed in _SPEEDS:
-            gone = speed * times
-            gone[1:] -= max(gone[1] - lengths[1], 0.0) * (lengths[1] > _HALF / 2)
-            gone = np.minimum(gone, lengths[-1])
-            points = np.column_stack([np.interp(gone, lengths, part) for part in stations.T])
-            parts = np.clip((gone - lengths[1]) / max(lengths[3] - lengths[1], 1e-6), 0.0, 1.0)
-            joints = hand_route(now, pose, points, parts, forward, lateral)
-            if np.isfinite(joints).all():
-                hold = np.where(gone < lengths[-1], grasp[0], grasp[1])
-                ways.append(np.column_stack([joints, hold]))
-        straight = path(now, [pose], settings.knots, grasp, 2)
-        straight[:, 4] = np.where(np.arange(settings.knots) < 3, grasp[0], grasp[1])
-        return [*ways, straight]
-
-
-def _later(ways: list[np.ndarray]) -> list[np.ndarray]:
-    """The same paths one knot later, the hand opening first."""
-    delayed = [np.vstack([way[:1], way[:-1]]) for way in ways]
-    for way in delayed:
-        way[0, -1] = OPEN
-    return delayed
 
 
 def _stands(data: Any, box: str, gap: float, allowed: float, stood: bool) -> bool:
@@ -376,7 +357,12 @@ def _stands(data: Any, box: str, gap: float, allowed: float, stood: bool) -> boo
     return bool(gap < allowed and speed < _RESTS and _turned(data, box) < _FLAT)
 
 
-def _turned(data: Any, box: str) -> Any:
-    """0 for a box that lies flat on any of its sides, 0.25 for one on an edge, (...)."""
+def _closed(grip: _Grip) -> np.ndarray:
+    """How far the fingers are closed, 0 to 1 where they touch a box, (...)."""
+    return np.clip(grip.closed / (_GRIP_ANGLE - OPEN_ANGLE), 0.0, 1.0)
+
+
+def _turned(data: Any, box: str | list[str]) -> Any:
+    """0 for boxes that lie flat on any of their sides, 0.25 for one on an edge, (...)."""
     square = data.xmat[box, "xx"] ** 2
     return square * (1.0 - square)

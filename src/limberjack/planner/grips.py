@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm import finger_angle
+from limberjack.planner.arm import SETTINGS, finger_angle
 
 __all__ = [
     "BALL",
+    "BALL_SETTINGS",
     "HANDLE",
+    "PEG_SETTINGS",
     "Grip",
     "Pose",
     "downwards",
@@ -22,6 +24,22 @@ __all__ = [
     "in_world",
     "pose_of",
 ]
+
+BALL_SETTINGS = dataclasses.replace(
+    SETTINGS,
+    samples=32,
+    # Lighter fingers are pressed through what they should grasp.
+    armature=0.001,
+    # A good plan among many bad ones is rare, and must not be lost in their mean.
+    temperature=0.1,
+    # Fingers that come with the right opening close soon: at most at 2 radians per second.
+    tendons=True,
+    cost_interval=2,
+)
+# A peg is taken between floor and fingers, where only true weights and short time steps tell.
+PEG_SETTINGS = dataclasses.replace(
+    BALL_SETTINGS, armature=0.0, timestep=0.0025, flowing=True, cost_interval=1
+)
 
 Pose = tuple[np.ndarray, np.ndarray]  # place (3,) and frame (9,) of a site
 
