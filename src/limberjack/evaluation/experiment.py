@@ -135,14 +135,7 @@ def evaluate(
     found = actors.find(policy, environment, num_threads)
     directory = None if out is None else Path(out)
     identity = _identity(domain, task, found, environment)
-    store = Store(directory, identity)
-    if found.sha256 is None and store.scores[found.name]:
-        store.close()
-        raise ValueError(
-            f"{directory} holds episodes of {found.name!r}, whose source is not known here, so "
-            "another policy of that name may have played them: choose another folder, or keep the "
-            "policy in a file"
-        )
+    store = _store(directory, identity, found)
     everyone = [found, *(actors.find(n, environment) for n in FLOORS if n != found.name)]
     course = _Course(environment, suite.load(domain, task), store, checked, num_threads)
     try:
@@ -155,6 +148,19 @@ def evaluate(
     scores = {one.name: [store.scores[one.name][seed] for seed in checked] for one in everyone}
     evaluation = Evaluation(facts, scores)
     return evaluation if directory is None else _written(evaluation, directory)
+
+
+def _store(directory: Path | None, identity: dict[str, Any], found: actors.Found) -> Store:
+    """Where the episodes are kept; raises if those that are there may be another policy's."""
+    store = Store(directory, identity)
+    if found.sha256 is None and store.scores[found.name]:
+        store.close()
+        raise ValueError(
+            f"{directory} holds episodes of {found.name!r}, whose source is not known here, so "
+            "another policy of that name may have played them: choose another folder, or keep the "
+            "policy in a file"
+        )
+    return store
 
 
 class _Course:
