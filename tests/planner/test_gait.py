@@ -45,6 +45,7 @@ def test_a_steady_gait_goes_on() -> None:
     for time in range(35):
         gait.do(at(np.array(time)))
     assert len(gait) == 35
+    # Sines of multiples of pi, and their sums, round.
     np.testing.assert_allclose(gait.middle(10), 0.0, atol=1e-12)
     times = np.array([-2.0, -1.0, 0.0, 4.0, 9.0, 14.0])
     np.testing.assert_allclose(gait.repeated(times, 10), at(35 + times), atol=1e-12)
@@ -73,4 +74,5 @@ def test_a_runner_proposes_what_it_did() -> None:
     found = cost.proposals(physics, np.random.default_rng(0))
     assert found is not None
     assert found.shape[1:] == (cost.settings.knots, physics.model.nu)
+    # A mean of two values weighted by parts of 1 rounds, and so does a distance from the middle.
     np.testing.assert_allclose(found, np.broadcast_to(found[0, 0], found.shape), atol=1e-12)
