@@ -33,25 +33,26 @@ class Watched(Cost):
         self.settings = cost.settings
         self._cost = cost
         self._site = site
+        self.ways, self.total = np.zeros((0, 0, 3)), np.zeros(0)
         self.reset, self.proposals = cost.reset, cost.proposals
 
     def look(self, physics: Any) -> None:
-        """Begins new notes: a planning begins."""
-        self.places: list[np.ndarray] = []  # (N, 3) after each control step
-        self.total = np.zeros(self.settings.samples)
+        """As the other cost."""
         self._cost.look(physics)
 
     def step_cost(self, physics: Any) -> np.ndarray:
-        """The other cost, noted with the site's places."""
+        """The other cost, noted with the site's ways."""
         cost = self._cost.step_cost(physics)
-        self.places.append(physics.named.data.site_xpos[self._site].copy())
-        self.total = self.total + cost
+        places = physics.named.data.site_xpos[self._site].copy()
+        moments = -1, self.settings.samples
+        self.ways = places.reshape(*moments, 3).swapaxes(0, 1)  # (samples, moments, 3)
+        self.total = cost.reshape(moments).sum(axis=0)
         return cost
 
 
 def draw(env: Any, watched: Watched) -> np.ndarray:
     """A picture of the environment with the noted ways in it."""
-    ways = np.stack(watched.places, axis=1)  # (N, control steps, 3)
+    ways = watched.ways
     order = np.argsort(watched.total)[::-1]  # the best last: it is drawn over the others
 
     def add_ways(physics: Any, scene: Any) -> None:
@@ -89,7 +90,7 @@ def main() -> None:
     for _ in range(given.steps):
         env.step(planner.act())
     given.out.write_bytes(png.encode(draw(env, watched)))
-    print(f"{len(watched.total)} plans of {len(watched.places)} steps drawn in {given.out}")
+    print(f"{len(watched.total)} plans of {watched.ways.shape[1]} steps drawn in {given.out}")
 
 
 if __name__ == "__main__":

@@ -65,19 +65,24 @@ class Rows:
           num_threads: threads that step them, the caller's included.
           episode_fields: fields of the model that an episode's start may set, for its own row.
         """
+        # A copy, which costs nothing while it is not changed: neither's changes reach the other.
+        model = self._data.model.copy()
+        simulation = BatchSimulation(model, num_envs, num_threads, episode_fields, self._constants)
+        batch = self.seen_through(simulation)
+        simulation.forget_arrays = weakref.WeakMethod(batch._forget_arrays)
+        batch._scratch = type(self).from_model(model.copy())
+        vars(batch._scratch).update(self._settings())
+        return batch
+
+    def seen_through(self, simulation: Any) -> Self:
+        """The same quantities, of a batch's fields: a `BatchSimulation` or a `History`."""
         cls: Any = type(self)
         batch = cls.__new__(cls)
         vars(batch).update(
             (k, v) for k, v in vars(self).items() if k not in ("_data", "_simulation", "named")
         )
-        # A copy, which costs nothing while it is not changed: neither's changes reach the other.
-        model = self._data.model.copy()
-        simulation = BatchSimulation(model, num_envs, num_threads, episode_fields, self._constants)
         batch._simulation = simulation
         batch._forget_arrays()
-        simulation.forget_arrays = weakref.WeakMethod(batch._forget_arrays)
-        batch._scratch = cls.from_model(model.copy())
-        vars(batch._scratch).update(self._settings())
         return batch
 
     def _settings(self) -> dict[str, Any]:

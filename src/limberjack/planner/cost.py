@@ -1,4 +1,4 @@
-"""`Cost`: what a plan should avoid, written on arrays with one value per simulation.
+"""`Cost`: what a plan should avoid, written on arrays with one value per state.
 
     class Still(Cost):
         settings = Settings(horizon=0.4, gain=1.5)
@@ -9,7 +9,8 @@
     planner = Planner(env, cost=Still(env.task))
 
 `step_cost` sees a batch of the environment's own `Physics`, so everything that the domain and the
-task measure is there, with the simulations as leading axis: `task.get_reward(physics)` too.
+task measure is there, with the states as leading axis: `task.get_reward(physics)` too. It sees all
+states of all plans at once, because NumPy takes hardly longer for many.
 """
 
 import dataclasses
@@ -124,14 +125,17 @@ class Cost:
         """
 
     def step_cost(self, physics: Any) -> np.ndarray:
-        """The cost of the present states, (N,); a plan's is the mean over its control steps.
+        """The cost of states, (N,); a plan's is the mean of those after its control steps.
+
+        It may be called more than once for the same states.
 
         Args:
-          physics: a batch of N simulations, to be read only.
+          physics: N states that plans lead through, each to be judged by itself, as a batch of
+            simulations; to be read only.
         """
         raise NotImplementedError(
             f"{type(self).__name__} does not define step_cost(physics), which returns the cost of "
-            "each simulation of a batch, shape (N,)"
+            "each state of a batch, shape (N,)"
         )
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray | None:

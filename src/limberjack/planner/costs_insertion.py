@@ -22,13 +22,14 @@ from limberjack.planner.arm import (
     sag,
 )
 from limberjack.planner.costs_manipulator import Bring
+from limberjack.planner.costs_peg import BringPeg
 from limberjack.planner.grips import in_world
 from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_poses, nudged
 from limberjack.planner.receptacles import Receptacle
 from limberjack.planner.roadmap import Obstacle, Way, clearance, find_way
 from limberjack.utils import arrays
 
-__all__ = ["Insert"]
+__all__ = ["Insert", "InsertPeg"]
 
 _NEAR = 0.1  # metres; what scales distances before the mouth, where they are short
 _FACING = 0.7  # cosine between hand and axis, from which on the hand faces the mouth
@@ -55,11 +56,13 @@ _OVER = 0.02  # metres; how far above the place before the mouth a way ends
 
 
 class Insert(Bring):
-    """Fetches the object and inserts it."""
+    """Fetches the ball and inserts it."""
+
+    _has_peg = False
 
     def __init__(self, task: Any) -> None:
         """Takes a `manipulator.Bring` task that inserts."""
-        self._receptacle = Receptacle.for_object("peg" if task._use_peg else "ball")
+        self._receptacle = Receptacle.for_object(self._object)
         super().__init__(task)
 
     def reset(self) -> None:
@@ -164,10 +167,6 @@ class Insert(Bring):
             self._patience = _PATIENCE
             self._way = self._way_to_mouth(physics)
             self._least, self._idle = np.inf, 0
-
-    def _find_way(self, physics: Any) -> None:
-        """None but the one around the receptacle."""
-        self._ways.forget()
 
     def _gets_on(self, left: float) -> bool:
         """Whether the arm has made headway on its way of late."""
@@ -365,3 +364,13 @@ class Insert(Bring):
             paths.extend(path(now, stations[1:], count, [press], slow) for slow in (1, 2))
             paths.append(path(now, stations[1:2], count, [press], 2))
         return paths
+
+
+class InsertPeg(Insert, BringPeg):
+    """Fetches the peg and inserts it."""
+
+    _has_peg = True
+
+    def _find_way_to_target(self, physics: Any) -> None:
+        """None but the one around the receptacle."""
+        self._ways.forget()

@@ -19,6 +19,7 @@ __all__ = [
     "PEG_SETTINGS",
     "Grip",
     "Pose",
+    "against_hand",
     "downwards",
     "height_above_ground",
     "in_world",
@@ -89,6 +90,12 @@ def in_world(frame: np.ndarray, vector: tuple[float, float]) -> np.ndarray:
     """A vector (x, z) of a frame (..., 9), in the world, (..., 3)."""
     x, z = vector
     return x * frame[..., 0::3] + z * frame[..., 2::3]
+
+
+def against_hand(data: Any, forward: np.ndarray) -> Any:
+    """One less the cosine between the hand and a direction, (..., 3) -> (...)."""
+    hand = data.site_xmat["grasp"]
+    return 1.0 - forward[..., 0] * hand[..., 2] - forward[..., 2] * hand[..., 8]
 
 
 def pose_of(data: Any, site: str) -> Pose:

@@ -14,6 +14,7 @@ from limberjack.planner import (
     costs_humanoid,
     costs_insertion,
     costs_manipulator,
+    costs_peg,
     costs_running,
     costs_stacker,
 )
@@ -29,7 +30,9 @@ _IMPORTED = re.compile(r"^from limberjack\.planner\.(\w+) import", re.MULTILINE)
 
 
 def _bring_or_insert(task: manipulator.Bring) -> Cost:
-    return costs_insertion.Insert(task) if task._insert else costs_manipulator.Bring(task)
+    if task._insert:
+        return (costs_insertion.InsertPeg if task._use_peg else costs_insertion.Insert)(task)
+    return (costs_peg.BringPeg if task._use_peg else costs_manipulator.Bring)(task)
 
 
 def _move_or_run(task: humanoid.Humanoid) -> Cost:
@@ -55,7 +58,7 @@ def cost_for(task: Any) -> Cost:
             return _MAKERS[kind](task)
     raise ValueError(
         f"the planner knows no cost for tasks of type {type(task).__name__}: write a subclass of "
-        "limberjack.planner.Cost whose step_cost(physics) returns what each simulation of a batch "
+        "limberjack.planner.Cost whose step_cost(physics) returns what each state of a batch "
         "should avoid, shape (N,), and pass it as Planner(env, cost=...); docs/planner.md and "
         "examples/planner_cost.py show how"
     )

@@ -10,7 +10,7 @@ near the target, the hand not when it is near the peg.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,11 +31,25 @@ _CLEAR = 0.04  # metres; how far fingertips keep from a peg that they are not ar
 _LIFTED = 0.035  # metres; so high a hand is lifted that holds a peg before it goes on its way
 _MOVED = 0.01  # metres, or of a frame; more changes the ways to a peg
 _STRIDES = 0.3, 1.0, 3.0  # radians of a way from one knot to the next
-# Radians of a way; there hand or peg are looked at, no more at twice that.
-_NEAR_PEG, _NEAR_TARGET = 0.3, 0.4
-_PER_RADIAN, _PER_RADIAN_HELD = 1.0, 1.2  # what it costs to have so far to go
 
 _Goals = Callable[[np.random.Generator], np.ndarray]  # draws joints, (n, 4)
+
+
+class _Toll(NamedTuple):
+    """What a way costs.
+
+    Attributes:
+      near: radians from its end within which hand or peg count, and not at twice that.
+      per_radian: for what is left of it.
+      besides: for not being near.
+    """
+
+    near: float
+    per_radian: float
+    besides: float
+
+
+_TO_PEG, _TO_TARGET = _Toll(0.3, 1.0, 1.0), _Toll(0.4, 1.2, 2.0)
 
 
 class PegWays:
@@ -96,29 +110,30 @@ class PegWays:
 
     def cost_to_peg(self, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
         """What is left of the arm's way to the peg and, at its end, of the hand's, (N,)."""
-        if not self._to_peg:
-            return near_cost
-        left = self._to_peg[0].remaining(joints)
-        far = np.clip(left / _NEAR_PEG - 1.0, 0.0, 1.0)
-        return far * (_PER_RADIAN * left + 1.0) + (1.0 - far) * near_cost
+        return _cost(self._to_peg, _TO_PEG, joints, near_cost)
 
     def cost_to_target(self, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
         """What is left of the arm's way to the target and, at its end, of the peg's, (N,)."""
-        if not self._to_target:
-            return near_cost
-        left = self._to_target[0].remaining(joints)
-        far = np.clip(left / _NEAR_TARGET - 1.0, 0.0, 1.0)
-        return far * (_PER_RADIAN_HELD * left + 2.0) + (1.0 - far) * near_cost
+        return _cost(self._to_target, _TO_TARGET, joints, near_cost)
 
     def paths(self, now: np.ndarray, knots: int) -> list[np.ndarray]:
         """Targets along the shortest way, at several speeds, (knots, 5) each."""
         if self._to_target:
             way, grasp = self._to_target[0], HANDLE.shut
-        elif self._to_peg and self._to_peg[0].length > _NEAR_PEG:
+        elif self._to_peg and self._to_peg[0].length > _TO_PEG.near:
             way, grasp = self._to_peg[0], HANDLE.ready
         else:
             return []
         return [path(now, list(way.ahead(s, knots - 1)), knots, [grasp]) for s in _STRIDES]
+
+
+def _cost(ways: list[Route], toll: _Toll, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
+    """What is left of the shortest way and, at its end, what costs there, (N,)."""
+    if not ways:
+        return near_cost
+    left = ways[0].remaining(joints)
+    far = np.clip(left / toll.near - 1.0, 0.0, 1.0)
+    return far * (toll.per_radian * left + toll.besides) + (1.0 - far) * near_cost
 
 
 def grasp_of(peg: Pose) -> tuple[np.ndarray, float]:

@@ -20,6 +20,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.history import History
 from limberjack.planner.cost import Cost, Settings
 from limberjack.planner.library import cost_for
 from limberjack.planner.tracking import Tracking, targets_at
@@ -77,6 +78,8 @@ class Planner:
         self._law = Tracking(env.physics.model._model, *law)
         self._spacing = self._settings.spacing
         self._steps = max(1, round(self._settings.horizon / env.control_timestep()))
+        looks = -(-self._steps // self._settings.cost_interval)
+        self._history = History(self._batch, looks)
         self.reset()
 
     @property
@@ -198,7 +201,7 @@ class Planner:
         if plan is None:
             return np.repeat(self._law.held(now.position())[None], len(knots), axis=0)
         if not self._settings.anchored:
-            return np.stack([targets_at(plan, knot + passed) for knot in knots])
+            return targets_at(plan, knots + passed)
         self._cost.place += passed
         while self._cost.place > 1.0 - _ROUNDING:
             plan = np.concatenate([plan[1:], self._cost.continued(plan)[None]])
@@ -207,30 +210,42 @@ class Planner:
 
     def _costs(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
         """What following each sample would cost, (samples,); infinite where physics diverges."""
-        batch, count = self._batch, len(samples)
-        batch.load_rows({name: np.repeat(v, count, axis=0) for name, v in saved.items()}, None)
+        count, history = len(samples), self._history
+        diverged = self._simulate(saved, samples)
+        cost = self._judged(count)
+        while not history.is_complete:  # it has read what was not noted before, and will be now
+            diverged = self._simulate(saved, samples)
+            cost = self._judged(count)
+        return np.where(diverged, np.inf, cost)
+
+    def _simulate(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
+        """Follows each sample from the saved state; returns where physics diverges, (samples,)."""
+        batch, law, history = self._batch, self._law, self._history
+        batch.load_rows({n: np.repeat(v, len(samples), axis=0) for n, v in saved.items()}, None)
+        history.begin()
         pace = self._env.control_timestep() / self._spacing
-        places = self._cost.place + pace * np.arange(self._steps)
-        # Counted from the end, so that the last state counts.
-        looks = (np.arange(self._steps)[::-1] % self._settings.cost_interval == 0).tolist()
+        plans = targets_at(samples, self._cost.place + pace * np.arange(self._steps))
         qpos, qvel = batch.data.qpos, batch.data.qvel
-        costs = np.zeros(count)
-        with rows_of_a_batch(count):
-            for place, looks_now in zip(places.tolist(), looks, strict=True):
-                targets = targets_at(samples, place)
-                batch.set_control(self._law.controls(targets, qpos, qvel))
-                costs[batch.step_rows(None, self._substeps)] = np.inf
-                if not looks_now:
-                    continue
-                cost = np.asarray(self._cost.step_cost(batch))
-                if cost.shape != costs.shape or cost.dtype.kind not in "biuf":
-                    raise ValueError(
-                        f"step_cost of {type(self._cost).__name__} returned shape {cost.shape} and "
-                        f"dtype {cost.dtype}; expected numbers of shape {costs.shape}, one cost "
-                        "for each simulation of the batch"
-                    )
-                costs += cost
-        return costs / sum(looks)
+        diverged = np.zeros(len(samples), bool)
+        for step, targets in enumerate(plans, 1 - self._steps):
+            batch.set_control(law.controls(targets, qpos, qvel))
+            diverged |= batch.step_rows(None, self._substeps)
+            # Counted from the end, so that the last state counts.
+            if step % self._settings.cost_interval == 0:
+                history.note(step // self._settings.cost_interval - 1)
+        return diverged
+
+    def _judged(self, count: int) -> np.ndarray:
+        """The mean cost of what each of so many samples came through, (count,)."""
+        states = self._history.num_envs
+        with rows_of_a_batch(states):
+            cost = np.asarray(self._cost.step_cost(self._history.physics))
+        if cost.shape != (states,) or cost.dtype.kind not in "biuf":
+            raise ValueError(
+                f"step_cost of {type(self._cost).__name__} returned shape {cost.shape} and dtype "
+                f"{cost.dtype}; expected numbers of shape {(states,)}, one cost for each state"
+            )
+        return cost.reshape(-1, count).mean(axis=0)
 
 
 def _check_arguments(

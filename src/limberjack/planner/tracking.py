@@ -22,18 +22,19 @@ _ON_A_JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
 _ONE_AXIS = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
 
 
-def targets_at(knots: np.ndarray, place: float) -> np.ndarray:
-    """A piecewise linear spline's value, (..., K, nu) -> (..., nu).
+def targets_at(knots: np.ndarray, places: float | np.ndarray) -> np.ndarray:
+    """A piecewise linear spline's values, (..., K, nu) -> (places, ..., nu).
 
     Args:
       knots: targets at the places 0, 1, ... K-1.
-      place: beyond the last knot its value holds.
+      places: one or an array of them; beyond the last knot its value holds.
     """
     last = knots.shape[-2] - 1
-    place = min(max(place, 0.0), float(last))
-    left = min(int(place), last - 1)
-    part = place - left
-    return (1.0 - part) * knots[..., left, :] + part * knots[..., left + 1, :]
+    places = np.minimum(np.maximum(places, 0.0), float(last))
+    left = np.minimum(places.astype(int), last - 1)
+    part = (places - left).reshape(places.shape + (1,) * (knots.ndim - 1))
+    by_knot = np.moveaxis(knots, -2, 0)
+    return (1.0 - part) * by_knot[left] + part * by_knot[left + 1]
 
 
 class Tracking:
@@ -42,25 +43,27 @@ class Tracking:
     def __init__(self, model: Any, gain: float, damping: float, tendons: bool = False) -> None:
         """Takes a raw `mujoco.MjModel` and the law's constants; see `Settings`."""
         turned = [_joints_of(model, actuator, tendons) for actuator in range(model.nu)]
-        most = max(map(len, turned), default=0)
         # An actuator that is a servo already takes its target as control.
         is_motor = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE.value
         follows = is_motor & np.array([len(of) > 0 for of in turned], bool)
         self.follows: np.ndarray = follows
-        joints = np.zeros((model.nu, max(most, 1)), int)
-        self._parts: np.ndarray = np.zeros(joints.shape)
+        # What a state is multiplied with for what the actuators turn: angles, or their velocities.
+        self._positions = np.zeros((model.nq, model.nu))
+        self._velocities = np.zeros((model.nv, model.nu))
+        first = np.zeros(model.nu, int)  # the joint whose limits count
         for actuator in np.flatnonzero(follows):
-            for place, (joint, part) in enumerate(turned[actuator]):
-                joints[actuator, place], self._parts[actuator, place] = joint, part
-        self._positions = model.jnt_qposadr[joints]
-        self._velocities = model.jnt_dofadr[joints]
+            first[actuator] = turned[actuator][0][0]
+            for joint, part in turned[actuator]:
+                self._positions[model.jnt_qposadr[joint], actuator] = part
+                self._velocities[model.jnt_dofadr[joint], actuator] = part
         self._gain = np.where(follows, gain, 1.0)
         self._damping = np.where(follows, damping, 0.0)
+        self._is_damped = bool(self._damping.any())
         limited = model.actuator_ctrllimited.astype(bool)[:, None]
         limits = np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf])
         self.low, self.high = limits[:, 0], limits[:, 1]
-        joint_limited = model.jnt_limited[joints[:, 0]].astype(bool)[:, None]
-        ranges = np.where(joint_limited, model.jnt_range[joints[:, 0]], [-np.inf, np.inf])
+        joint_limited = model.jnt_limited[first].astype(bool)[:, None]
+        ranges = np.where(joint_limited, model.jnt_range[first], [-np.inf, np.inf])
         # A target may lie beyond a joint's limit, so that the joint is pressed against it.
         reach = 1.0 / gain
         self._lowest = np.where(follows, ranges[:, 0] - reach, self.low)
@@ -71,7 +74,7 @@ class Tracking:
 
     def held(self, qpos: np.ndarray) -> np.ndarray:
         """The targets that keep the present angles, and no control elsewhere, (nu,)."""
-        return np.clip(self._angles(qpos, self._positions), self._lowest, self._highest)
+        return np.clip(qpos @ self._positions, self._lowest, self._highest)
 
     def within_limits(self, targets: np.ndarray) -> np.ndarray:
         """Targets that make sense, (..., nu): angles and controls within their ranges."""
@@ -79,14 +82,10 @@ class Tracking:
 
     def controls(self, targets: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """What the actuators are to do, (..., nu), given targets (..., nu) and the state."""
-        wanted = self._gain * (targets - self._angles(qpos, self._positions))
-        if self._damping.any():
-            wanted -= self._damping * self._angles(qvel, self._velocities)
-        return np.clip(wanted, self.low, self.high)
-
-    def _angles(self, state: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """What the actuators turn, (..., nu): angles or their velocities; 0 for others."""
-        return (self._parts * state[..., places]).sum(axis=-1)
+        wanted = self._gain * (targets - qpos @ self._positions)
+        if self._is_damped:
+            wanted -= self._damping * (qvel @ self._velocities)
+        return np.minimum(np.maximum(wanted, self.low), self.high)
 
 
 def _joints_of(model: Any, actuator: int, tendons: bool) -> list[tuple[int, float]]:

@@ -1,0 +1,84 @@
+"""`History`: what the simulations of a batch were at several moments, to be read as one batch.
+
+    history = History(batch, moments=25)
+    for moment in range(25):
+        batch.step_rows(None, 2)
+        history.note(moment)
+    history.physics.named.data.xpos["head", "z"]  # (25 * num_envs,), the first moment's first
+
+Quantities of all moments cost hardly more time than those of one, most of which is Python's. Only
+fields that are read are kept, so that which ones these are is known after the first reading:
+
+    history.is_complete  # False: what was read was not noted; now it would be
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+__all__ = ["History"]
+
+_Field = tuple[np.ndarray, bool]  # and whether each simulation has values of its own
+
+
+class History:
+    """See the module's docstring.
+
+    Attributes:
+      physics: the states that were noted, to be read only: a batch of the same `Physics` with
+        `moments * num_envs` simulations.
+      is_complete: whether all that was read since `begin` had been noted.
+    """
+
+    def __init__(self, batch: Any, moments: int) -> None:
+        """Makes one for a batch of `Physics`; nothing is noted yet."""
+        self._simulation = batch._simulation
+        self._moments = moments
+        self._kept: dict[tuple[str, str], np.ndarray] = {}  # (moments, num_envs, ...) each
+        self._live: list[tuple[np.ndarray, np.ndarray]] = []
+        self.is_complete = True
+        self.num_envs = moments * batch.num_envs
+        self.physics = batch.seen_through(self)
+        self.begin()
+
+    def begin(self) -> None:
+        """Begins anew: looks up where the batch's quantities are."""
+        self.is_complete = True
+        simulation = self._simulation
+        self._live = [(kept, getattr(simulation, r)(n)[0]) for (r, n), kept in self._kept.items()]
+
+    def note(self, moment: int) -> None:
+        """Notes the batch's present quantities as those of a moment, from 0 on."""
+        for kept, live in self._live:
+            kept[moment] = live
+
+    @property
+    def model(self) -> Any:
+        """The model that the simulations have in common."""
+        return self._simulation.model
+
+    def data_field(self, name: str) -> _Field:
+        """A field of the data, one row per simulation and moment."""
+        return self._field(self._simulation.data_field, name)
+
+    def model_field(self, name: str) -> _Field:
+        """A field of the model, and whether each row has values of its own."""
+        return self._field(self._simulation.model_field, name)
+
+    def _field(self, read: Callable[[str], _Field], name: str) -> _Field:
+        key = read.__name__, name
+        if key not in self._kept:
+            live, has_rows = read(name)
+            if not has_rows:
+                return live, False
+            # Until it is noted the present values stand for all moments.
+            self._kept[key] = np.repeat(live[None], self._moments, axis=0)
+            self.is_complete = False
+        kept = self._kept[key]
+        return kept.reshape(self.num_envs, *kept.shape[2:]), True
+
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(
+            f"states that were noted have no {name!r}: they can be read, not stepped or changed"
+        )

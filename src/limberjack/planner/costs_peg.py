@@ -1,0 +1,178 @@
+"""What the planner avoids where a peg is to be brought: other than a ball, it has a direction.
+
+It is taken by the handle, from straight on. A peg that is held is brought along a route of the
+joints, because the way of the peg alone would not turn it round; so is the hand to one that lies
+still. One that cannot be taken from the handle's side is raked inwards first.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.arm import ARM, OPEN_ANGLE, PLANE, approaches, near, path, sag
+from limberjack.planner.costs_manipulator import Bring
+from limberjack.planner.grips import (
+    HANDLE,
+    PEG_SETTINGS,
+    Grip,
+    against_hand,
+    downwards,
+    height_above_ground,
+    in_world,
+    pose_of,
+)
+from limberjack.planner.peg_ways import BACK, PegWays, across, grasp_of, opening
+from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_poses, nudged
+from limberjack.utils import arrays
+
+__all__ = ["BringPeg"]
+
+_ALIGNED = 0.1  # radians; a hand that comes to a peg so far from straight on takes it
+_ROLLS = 2.0  # metres or radians per second; no way is looked for to a peg that moves so fast
+_DOUBTS = 2  # plans that find the contrary of what was known of a peg's reach, before it counts
+_GOALS, _TAKES = 24, 12  # poses at the target and at a peg to which ways are looked for
+_LIES = 0.08  # metres above the ground; a peg that is higher does not lie on it
+_KICK = 1.0  # per metre per second; what it costs that a peg moves that is not held
+# Metres and radians per second above which a peg may slip out of the hand.
+_SPEED, _SPIN = 3.0, 10.0
+_RAKED = 0.12  # metres; how far beyond the middle a peg is raked
+
+
+class BringPeg(Bring):
+    """Fetches the peg, and brings it to the target."""
+
+    settings = PEG_SETTINGS
+    _object, _grip = "peg", HANDLE
+
+    def reset(self) -> None:
+        """Forgets the ways too."""
+        super().reset()
+        self._ways = PegWays()
+        self._doubts = 0  # plans that found the contrary of what is known of the peg's reach
+
+    def look(self, physics: Any) -> None:
+        """As for a ball, for an arm that hangs a little below its targets."""
+        self._sag = sag(physics, self.settings.gain)
+        super().look(physics)
+
+    def _carrying(self, physics: Any, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """As for a ball; who swings a peg loses it."""
+        held, carry = super()._carrying(physics, held)
+        velocity = physics.named.data.qvel[self.task._object_joints]
+        speed, spin = arrays.norm(velocity[..., :2]), np.abs(velocity[..., 2])
+        carry = carry + 0.5 * np.maximum(speed - _SPEED, 0.0)
+        return held, carry + 0.05 * np.maximum(spin - _SPIN, 0.0)
+
+    def _to_target(self, physics: Any) -> np.ndarray:
+        """As for a ball once it is near; before, what is left of the arm's way, (N,)."""
+        return self._ways.cost_to_target(physics.named.data.qpos[ARM], super()._to_target(physics))
+
+    def _gap(self, data: Any) -> np.ndarray:
+        """How far the peg's middle and tip are from theirs at the target, (N,), metres."""
+        places = data.site_xpos
+        gaps = [arrays.norm(places[s] - places[f"target_{s}"]) for s in ("peg", "peg_tip")]
+        return (gaps[0] + gaps[1]) / 2
+
+    def _firm(self, data: Any) -> np.ndarray:
+        """1 where the handle is right between the closed fingers, and along the hand, (N,)."""
+        return super()._firm(data) * near(self._misalignment(data), 0.15)
+
+    def _misalignment(self, data: Any) -> Any:
+        """One less the cosine between the hand and the peg, (...)."""
+        return against_hand(data, _forward(data.site_xmat["peg"]))
+
+    def _opening(self, ahead: Any, aside: Any) -> Any:
+        return opening(ahead, aside)
+
+    def _chased(self, data: Any) -> np.ndarray:
+        """As for a ball; besides, a hand that comes too fast kicks it, (N,)."""
+        speed = arrays.norm(data.qvel[self.task._object_joints][..., :2])
+        lies = height_above_ground(data.site_xpos["peg"]) < _LIES
+        return super()._chased(data) + _KICK * np.minimum(speed, 2.0) * lies
+
+    def _to_object(self, data: Any, way: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """As for a ball once it is near; before, what is left of the arm's way, (N,)."""
+        near_by = super()._to_object(data, way, turn)
+        return self._ways.cost_to_peg(data.qpos[ARM], near_by) + across(data, turn)
+
+    def _is_sure(self, within: bool) -> bool:
+        """Whether the peg is within reach, which a few plans must agree on to change it."""
+        if within == (self._rake_to is None):
+            self._doubts = 0
+            return within
+        self._doubts += 1
+        return within if self._doubts > _DOUBTS else not within
+
+    def _find_way_to_target(self, physics: Any) -> None:
+        data = physics.named.data
+        self._ways.look_for_target(
+            np.random.default_rng(round(1000 * physics.time())),
+            data.qpos[ARM],
+            -downwards(data.site_xpos["grasp"])[PLANE],
+            lambda random: self._poses(data, random, self._grip, "target_", _GOALS),
+        )
+
+    def _find_way_to_object(self, physics: Any) -> None:
+        """Looks for a way to a peg, unless it moves, lies on the arm or has to be raked first."""
+        data = physics.named.data
+        moves = np.abs(data.qvel[self.task._object_joints]).max() > _ROLLS
+        aloft = height_above_ground(data.site_xpos["peg"]) > _LIES
+        if self._withdraws or moves or aloft or self._rake_to is not None:
+            self._ways.forget()
+            return
+        self._ways.look_for_peg(
+            np.random.default_rng(round(1000 * physics.time())),
+            data.qpos[ARM],
+            pose_of(data, "peg"),
+            lambda random: self._poses(data, random, self._grip, "", _TAKES, tilt=_ALIGNED),
+        )
+
+    def _rake_goal(self, data: Any) -> float:
+        """As for a ball; the hand comes from the handle's side, so it needs more room there."""
+        return _RAKED if _forward(data.site_xmat["peg"])[0] > 0 else -_RAKED
+
+    def _poses(
+        self,
+        data: Any,
+        random: np.random.Generator,
+        grip: Grip,
+        prefix: str,
+        count: int,
+        back: float = 0.0,
+        at: int = 0,
+        tilt: float = 0.5,
+    ) -> np.ndarray:
+        """As for a ball, straight on; `tilt` radians from it, since the hand straightens a peg."""
+        peg, now = self._met(data, prefix, at), data.qpos[ARM]
+        if prefix:
+            middle, frame = peg
+            place = (middle + in_world(frame, grip.place))[PLANE]
+            angle, tilt = angle_of(_forward(frame)[PLANE]), 0.02
+        else:
+            place, angle = grasp_of(peg)
+        return hand_poses(random, place, GRASP + back, now, count, angle, tilt, width=grip.width)
+
+    def _tried(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+        """As for a ball; first of all along the way."""
+        found = super()._tried(physics, random)
+        along = self._ways.paths(physics.named.data.qpos[ARM], self.settings.knots)
+        return np.concatenate([along, found]) if along else found
+
+    def _fetching_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """As for a ball while it moves; to one that lies still from straight on."""
+        if self._coming:
+            return super()._fetching_paths(data, random)
+        now, count, grip = data.qpos[ARM], self.settings.knots, self._grip
+        paths = [path(now, [now], count, [grip.shut])]
+        back = nudged(now, -BACK * direction(now.sum()), 0.0)
+        paths.extend(path(now, [back], count, [OPEN_ANGLE], slow) for slow in (1, 3))
+        for tilt, few in ((_ALIGNED, 3), (0.5, 2)):
+            for pose in self._poses(data, random, grip, "", few, tilt=tilt):
+                paths.extend(approaches(now, pose, count, grip.ready, grip.shut))
+        return paths
+
+
+def _forward(frame: np.ndarray) -> np.ndarray:
+    """Where a hand points that holds a peg of this frame, (..., 9) -> (..., 3)."""
+    assert HANDLE.forward is not None
+    return in_world(frame, HANDLE.forward)

@@ -1,0 +1,83 @@
+"""What a batch's simulations were is read as it was seen at the time."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.mujoco.history import History
+
+_MOMENTS = 3
+
+
+def _batch(num_envs: int = 4) -> Any:
+    """A batch of the ball task, each row with a target of its own (a field of the model)."""
+    env = suite.load_batch("manipulator", "bring_ball", num_envs, 1, seed=3)
+    env.reset()
+    return env.physics
+
+
+def _seen(physics: Any) -> list[np.ndarray]:
+    """Quantities of all kinds: state, computed, of the model, of single names, of methods."""
+    data = physics.named.data
+    return [
+        np.array(physics.data.time),
+        np.array(data.qpos["ball_x"]),
+        np.array(data.xmat["ball", ["xx", "zz"]]),
+        np.array(data.site_xpos[["grasp", "ball"]]),
+        np.array(physics.named.model.body_pos["target_ball"]),
+        physics.position(),
+        physics.control(),
+        physics.touch(),
+    ]
+
+
+def _played(physics: Any, history: History) -> list[list[np.ndarray]]:
+    history.begin()
+    live = []
+    for moment in range(_MOMENTS):
+        physics.set_control(np.full((4, 5), 0.3 * moment - 0.4))
+        physics.step_rows(None, 5)
+        history.note(moment)
+        live.append(_seen(physics))
+    return live
+
+
+def test_what_was_noted_is_what_was_seen() -> None:
+    physics = _batch()
+    history = History(physics, _MOMENTS)
+    _seen(history.physics)
+    assert not history.is_complete
+    for _ in range(2):  # a second time with the same arrays
+        live = _played(physics, history)
+        noted = _seen(history.physics)
+        assert history.is_complete
+        for parts, whole in zip(zip(*live, strict=True), noted, strict=True):
+            np.testing.assert_array_equal(whole, np.concatenate(parts))
+    assert len(np.unique(noted[0])) == _MOMENTS
+    assert history.physics.num_envs == history.num_envs == 4 * _MOMENTS
+
+
+def test_what_is_asked_for_late_is_the_present_and_said_to_be_missing() -> None:
+    physics = _batch()
+    history = History(physics, _MOMENTS)
+    live = _played(physics, history)
+    np.testing.assert_array_equal(history.physics.position(), np.tile(live[-1][5], (_MOMENTS, 1)))
+    assert not history.is_complete
+    history.begin()
+    assert history.is_complete
+
+
+def test_what_the_rows_have_in_common_is_the_models() -> None:
+    physics = _batch()
+    history = History(physics, _MOMENTS)
+    assert history.physics.named.model.body_mass["ball"].shape == ()
+    assert history.physics.model.nu == 5
+    assert history.is_complete
+
+
+def test_it_cannot_be_stepped() -> None:
+    history = History(_batch(), _MOMENTS)
+    with pytest.raises(AttributeError, match="can be read, not stepped"):
+        history.physics.step_rows(None, 1)
