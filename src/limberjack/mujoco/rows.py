@@ -68,9 +68,10 @@ class Rows:
         # A copy, which costs nothing while it is not changed: neither's changes reach the other.
         model = self._data.model.copy()
         simulation = BatchSimulation(model, num_envs, num_threads, episode_fields, self._constants)
+        cls: Any = type(self)
         batch = self.seen_through(simulation)
         simulation.forget_arrays = weakref.WeakMethod(batch._forget_arrays)
-        batch._scratch = type(self).from_model(model.copy())
+        batch._scratch = cls.from_model(model.copy())
         vars(batch._scratch).update(self._settings())
         return batch
 
