@@ -182,7 +182,7 @@ class Insert(Bring):
         if self._rake_to is not None or speed > _FAST:
             return None
         random = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
-        goals = self._poses(data, random, self._grip, "", _GOALS, _STAND_OFF)
+        goals = self._poses(data, random, "", _GOALS, _STAND_OFF)
         if attempt:
             few = np.random.default_rng(round(1000 * physics.time())).permutation(len(goals))[
                 : _GOALS // 8
@@ -239,7 +239,6 @@ class Insert(Bring):
         self,
         data: Any,
         random: np.random.Generator,
-        grip: Any,
         prefix: str,
         count: int,
         back: float = 0.0,
@@ -247,7 +246,7 @@ class Insert(Bring):
         tilt: float = 0.5,
     ) -> np.ndarray:
         """As for bringing, less those in which the hand would be in the receptacle's walls."""
-        poses = super()._poses(data, random, grip, prefix, 3 * count, back, at, tilt)
+        poses = super()._poses(data, random, prefix, 3 * count, back, at, tilt)
         if not len(poses) or prefix:
             return poses[:count]
         poses = poses[clearance(poses, GRASP + 0.02, self._walls)[:, 0] > _TOUCHING]

@@ -32,7 +32,6 @@ from limberjack.planner.cost import Cost
 from limberjack.planner.grips import (
     BALL,
     BALL_SETTINGS,
-    Grip,
     Pose,
     against_hand,
     downwards,
@@ -167,7 +166,7 @@ class Bring(Cost):
             return
         self._lose_patience(data)
         self._coming = self._foreseen(physics)
-        within = len(self._poses(data, random, self._grip, "", 2, at=len(self._coming))) > 0
+        within = len(self._poses(data, random, "", 2, at=len(self._coming))) > 0
         if self._is_sure(within):
             if self._rake_to is not None:
                 self._near_for = 0
@@ -226,26 +225,24 @@ class Bring(Cost):
         self,
         data: Any,
         random: np.random.Generator,
-        grip: Grip,
         prefix: str,
         count: int,
         back: float = 0.0,
         at: int = 0,
         tilt: float = 0.5,
     ) -> np.ndarray:
-        """Arm joints that have the hand at a grip, (n, 4).
+        """Arm joints that have the hand around the object, (n, 4).
 
         Args:
           data: of a single simulation.
           random: draws the redundancy.
-          grip: where.
           prefix: 'target_' for the object at the target.
           count: how many at most.
           back: how far the hand is to stand off.
           at: the knot at which the object is to be met, 0 for now.
           tilt: radians that a hand may come from beside what has a direction.
         """
-        middle, now = self._met(data, prefix, at)[0], data.qpos[ARM]
+        middle, now, grip = self._met(data, prefix, at)[0], data.qpos[ARM], self._grip
         if prefix:
             return hand_poses(random, middle[PLANE], GRASP, now, count)
         down = angle_of(downwards(middle)[PLANE])
@@ -285,7 +282,7 @@ class Bring(Cost):
         """Paths to the target, upwards, and none."""
         now, count, shut = data.qpos[ARM], self.settings.knots, self._grip.shut
         paths: list[np.ndarray] = []
-        for pose in self._poses(data, random, self._grip, "target_", 6):
+        for pose in self._poses(data, random, "target_", 6):
             paths.extend(path(now, [pose], count, [shut], slow) for slow in (1, 2, 4))
         place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
         paths.extend(lifts(random, place, angle, now, count, shut))
@@ -298,7 +295,7 @@ class Bring(Cost):
         paths = [path(now, [now], count, [grip.shut])]
         for knot, straight, ways in ((1, (1,), ()), (2, (2,), (1,)), (4, (4,), (2,))):
             grasp = [grip.ready] * knot + [grip.shut]
-            for pose in self._poses(data, random, grip, "", 4, at=knot):
+            for pose in self._poses(data, random, "", 4, at=knot):
                 paths.extend(path(now, [pose], count, grasp, slow) for slow in straight)
                 angle = float(pose.sum())
                 place = hand_places(pose, GRASP) - _BACK * direction(angle)

@@ -14,7 +14,6 @@ from limberjack.planner.costs_manipulator import Bring
 from limberjack.planner.grips import (
     HANDLE,
     PEG_SETTINGS,
-    Grip,
     against_hand,
     downwards,
     height_above_ground,
@@ -109,7 +108,7 @@ class BringPeg(Bring):
             np.random.default_rng(round(1000 * physics.time())),
             data.qpos[ARM],
             -downwards(data.site_xpos["grasp"])[PLANE],
-            lambda random: self._poses(data, random, self._grip, "target_", _GOALS),
+            lambda random: self._poses(data, random, "target_", _GOALS),
         )
 
     def _find_way_to_object(self, physics: Any) -> None:
@@ -124,7 +123,7 @@ class BringPeg(Bring):
             np.random.default_rng(round(1000 * physics.time())),
             data.qpos[ARM],
             pose_of(data, "peg"),
-            lambda random: self._poses(data, random, self._grip, "", _TAKES, tilt=_ALIGNED),
+            lambda random: self._poses(data, random, "", _TAKES, tilt=_ALIGNED),
         )
 
     def _rake_goal(self, data: Any) -> float:
@@ -135,7 +134,6 @@ class BringPeg(Bring):
         self,
         data: Any,
         random: np.random.Generator,
-        grip: Grip,
         prefix: str,
         count: int,
         back: float = 0.0,
@@ -143,7 +141,7 @@ class BringPeg(Bring):
         tilt: float = 0.5,
     ) -> np.ndarray:
         """As for a ball, straight on; `tilt` radians from it, since the hand straightens a peg."""
-        peg, now = self._met(data, prefix, at), data.qpos[ARM]
+        peg, now, grip = self._met(data, prefix, at), data.qpos[ARM], self._grip
         if prefix:
             middle, frame = peg
             place = (middle + in_world(frame, grip.place))[PLANE]
@@ -167,7 +165,7 @@ class BringPeg(Bring):
         back = nudged(now, -BACK * direction(now.sum()), 0.0)
         paths.extend(path(now, [back], count, [OPEN_ANGLE], slow) for slow in (1, 3))
         for tilt, few in ((_ALIGNED, 3), (0.5, 2)):
-            for pose in self._poses(data, random, grip, "", few, tilt=tilt):
+            for pose in self._poses(data, random, "", few, tilt=tilt):
                 paths.extend(approaches(now, pose, count, grip.ready, grip.shut))
         return paths
 
