@@ -47,23 +47,25 @@ def _played(physics: Any, history: History) -> list[list[np.ndarray]]:
 def test_what_was_noted_is_what_was_seen() -> None:
     physics = _batch()
     history = History(physics, _MOMENTS)
-    _seen(history.physics)
+    seen = physics.seen_through(history)
+    _seen(seen)
     assert not history.is_complete
     for _ in range(2):  # a second time with the same arrays
         live = _played(physics, history)
-        noted = _seen(history.physics)
+        noted = _seen(seen)
         assert history.is_complete
         assert len(np.unique(noted[0])) == _MOMENTS
         for parts, whole in zip(zip(*live, strict=True), noted, strict=True):
             np.testing.assert_array_equal(whole, np.concatenate(parts))
-    assert history.physics.num_envs == history.num_envs == 4 * _MOMENTS
+    assert seen.num_envs == history.num_envs == 4 * _MOMENTS
 
 
 def test_what_is_asked_for_late_is_the_present_and_said_to_be_missing() -> None:
     physics = _batch()
     history = History(physics, _MOMENTS)
     live = _played(physics, history)
-    np.testing.assert_array_equal(history.physics.position(), np.tile(live[-1][5], (_MOMENTS, 1)))
+    seen = physics.seen_through(history)
+    np.testing.assert_array_equal(seen.position(), np.tile(live[-1][5], (_MOMENTS, 1)))
     assert not history.is_complete
     history.begin()
     assert history.is_complete
@@ -72,12 +74,14 @@ def test_what_is_asked_for_late_is_the_present_and_said_to_be_missing() -> None:
 def test_what_the_rows_have_in_common_is_the_models() -> None:
     physics = _batch()
     history = History(physics, _MOMENTS)
-    assert history.physics.named.model.body_mass["ball"].shape == ()
-    assert history.physics.model.nu == 5
+    seen = physics.seen_through(history)
+    assert seen.named.model.body_mass["ball"].shape == ()
+    assert seen.model.nu == 5
     assert history.is_complete
 
 
 def test_it_cannot_be_stepped() -> None:
-    history = History(_batch(), _MOMENTS)
+    physics = _batch()
+    seen = physics.seen_through(History(physics, _MOMENTS))
     with pytest.raises(AttributeError, match="can be read, not stepped"):
-        history.physics.step_rows(None, 1)
+        seen.step_rows(None, 1)

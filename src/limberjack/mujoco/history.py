@@ -1,10 +1,11 @@
 """`History`: what the simulations of a batch were at several moments, to be read as one batch.
 
     history = History(batch, moments=25)
+    seen = batch.seen_through(history)  # the same kind of Physics, to be read only
     for moment in range(25):
         batch.step_rows(None, 2)
         history.note(moment)
-    history.physics.named.data.xpos["head", "z"]  # (25 * num_envs,), the first moment's first
+    seen.named.data.xpos["head", "z"]  # (25 * num_envs,), the first moment's first
 
 Quantities of all moments cost hardly more time than those of one, most of which is Python's. Only
 fields that are read are kept, so that which ones these are is known after the first reading:
@@ -26,8 +27,7 @@ class History:
     """See the module's docstring.
 
     Attributes:
-      physics: the states that were noted, to be read only: a batch of the same `Physics` with
-        `moments * num_envs` simulations.
+      num_envs: of the batch that is seen through it: its own so many times as there are moments.
       is_complete: whether all that was read since `begin` had been noted.
     """
 
@@ -39,7 +39,6 @@ class History:
         self._live: list[tuple[np.ndarray, np.ndarray]] = []
         self.is_complete = True
         self.num_envs = moments * batch.num_envs
-        self.physics = batch.seen_through(self)
         self.begin()
 
     def begin(self) -> None:

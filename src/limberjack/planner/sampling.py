@@ -80,6 +80,7 @@ class Planner:
         self._steps = max(1, round(self._settings.horizon / env.control_timestep()))
         looks = -(-self._steps // self._settings.cost_interval)
         self._history = History(self._batch, looks)
+        self._seen = self._batch.seen_through(self._history)
         self.reset()
 
     @property
@@ -239,7 +240,7 @@ class Planner:
         """The mean cost of what each of so many samples came through, (count,)."""
         states = self._history.num_envs
         with rows_of_a_batch(states):
-            cost = np.asarray(self._cost.step_cost(self._history.physics))
+            cost = np.asarray(self._cost.step_cost(self._seen))
         if cost.shape != (states,) or cost.dtype.kind not in "biuf":
             raise ValueError(
                 f"step_cost of {type(self._cost).__name__} returned shape {cost.shape} and dtype "
