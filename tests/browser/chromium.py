@@ -23,7 +23,10 @@ from typing import Any
 
 import pytest
 
-__all__ = ["Chromium", "Page"]
+__all__ = ["SOFTWARE_WEBGL", "Chromium", "Page"]
+
+# Flags without which it refuses to draw WebGL where there is no graphics card.
+SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 _PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _LIMIT = 60.0  # seconds for anything, on the slowest machine too
@@ -106,20 +109,23 @@ class Chromium:
             self._process.wait()
         os.close(self._receive)
 
-    def open(self, address: str, width: int = 1280, height: int = 900) -> "Page":
+    def open(
+        self, address: str, width: int = 1280, height: int = 900, scale: float = 1.0
+    ) -> "Page":
         """A page in a tab of its own, loaded.
 
         Args:
           address: such as `path.as_uri()`.
-          width: of the window, pixels.
-          height: of the window, pixels.
+          width: of the window, CSS pixels.
+          height: of the window, CSS pixels.
+          scale: pixels that are drawn per CSS pixel.
         """
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
         page = Page(self, attached["sessionId"])
         for domain in ("Page", "Runtime", "Log", "Network"):
             page.call(f"{domain}.enable")
-        page.resize(width, height)
+        page.resize(width, height, scale)
         page.call("Page.navigate", url=address)
         page.wait_for("document.readyState == 'complete' && location.href != 'about:blank'")
         return page
@@ -182,6 +188,13 @@ class Page:
         while not self.evaluate(f"Boolean({expression})"):
             assert time.monotonic() < end, f"not true after {_LIMIT:g} seconds: {expression}"
             time.sleep(_POLL)
+
+    def wait_for_frames(self, count: int) -> None:
+        """Waits until the page has drawn so many times."""
+        self.evaluate(
+            f"new Promise(done => {{ let left = {count}; const next = () =>"
+            " left-- > 0 ? requestAnimationFrame(next) : done(true); next(); })"
+        )
 
     def resize(self, width: int, height: int, scale: float = 1.0) -> None:
         """Gives the page a window of so many pixels."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from .chromium import Chromium, Page
+from .chromium import SOFTWARE_WEBGL, Chromium, Page
 
 pytestmark = pytest.mark.browser
 
@@ -24,8 +24,6 @@ _LIMIT = 60.0  # seconds for anything, on the slowest machine too
 _STILL = 1.0  # seconds; forty control steps, were it not paused
 _WIDTH, _HEIGHT = 480, 360  # pixels; few, as they are drawn without a graphics card
 _PANEL_WIDTH = 170  # pixels of the left that the panel may cover
-# Chromium refuses to draw WebGL without a graphics card unless told to.
-_SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 # What the DevTools protocol wants to know of a key.
 _KEYS = {" ": ("Space", 32), "Backspace": ("Backspace", 8), "ArrowRight": ("ArrowRight", 39)}
 
@@ -96,7 +94,7 @@ def viewed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Viewed]:
     (directory / "spies.py").write_text(_SPY)
     arguments = ["view", "humanoid", "stand", "--policy", "spies:Spy", "--time-limit", "1000"]
     with (
-        Chromium(directory, *_SOFTWARE_WEBGL) as browser,
+        Chromium(directory, *SOFTWARE_WEBGL) as browser,
         subprocess.Popen(
             [sys.executable, "-m", "limberjack", *arguments],
             cwd=directory,
