@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from limberjack.planner.planar_ik import GRASP, hand_poses
+from limberjack.planner.planar_ik import GRASP, hand_places, hand_poses
 from limberjack.planner.roadmap import Obstacle, clearance, find_way
 
 _HELD = GRASP + 0.022  # metres
@@ -41,3 +41,16 @@ def test_what_is_left_of_a_way_falls_as_it_is_gone() -> None:
 def test_there_is_no_way_to_a_goal_within_the_obstacle() -> None:
     around = Obstacle(np.array([[[0.3, 0.35], [0.3, 0.45]]]), np.array([0.2]))
     assert find_way(_START, _goals(), _HELD, around) is None
+
+
+def test_a_way_that_begins_within_the_obstacle_leaves_it_and_does_not_go_through_it() -> None:
+    hand = hand_places(_START, GRASP)
+    ends = hand + np.array([[0.0, -0.02], [0.0, 0.02]])
+    walls = np.concatenate([_BEAM.ends, ends[None]])
+    both = Obstacle(walls, np.array([0.01, 0.01]))
+    assert clearance(_START[None], _HELD, both)[0, 0] < -0.01
+    way = find_way(_START, _goals(), _HELD, both)
+    assert way is not None
+    poses = np.array(way.ahead(1))
+    away = np.abs(poses - _START).sum(axis=-1)
+    assert (clearance(poses[away > 1.5], _HELD, both)[:, 0] > 0.0).all()

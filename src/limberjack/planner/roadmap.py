@@ -26,6 +26,7 @@ _NODES, _NEIGHBOURS = 2000, 14
 _AT_ENDS = 80  # neighbours of a way's ends, which may be in a corner
 _STEP = 0.12  # radians; between the poses that are checked along a way
 _HAND_TO_FLOOR = 3  # of what is kept clear: from obstacle, from the arm, links and hand from floor
+_LEAVES = 0.03  # metres per radian; how soon a way leaves what the arm is too near to
 _LINKS = 3  # of the lines that are checked against the floor: two links and the hand's axis
 _SPACING = 0.1  # radians, of all joints together; between the poses of a way
 _IN_VIEW = 40  # poses of a way; no more are passed within a plan
@@ -103,14 +104,15 @@ def find_way(now: np.ndarray, goals: np.ndarray, held: float, obstacle: Obstacle
       held: how far ahead of the wrist the end of what is held is, metres.
       obstacle: what to keep clear of.
     """
-    # What is nearer than the margin to begin with may be as near all the way.
     if not len(goals):
         return None
-    allowed = np.minimum(clearance(now[None], held, obstacle)[0] - 0.001, _MARGIN)
-    # So may fingers be to the floor, on which the object may lie.
+    # What is nearer than the margin to begin with may be as near there, and has to get away.
+    least = clearance(now[None], held, obstacle)[0] - 0.001
+    most = np.full(len(least), _MARGIN)
+    # Fingers may be near to the floor all the way, on which the object may lie.
     floor = np.median(clearance(goals, held, obstacle)[:, _HAND_TO_FLOOR])
-    allowed[_HAND_TO_FLOOR] = min(allowed[_HAND_TO_FLOOR], floor - 0.001)
-    scene = _Scene(held, obstacle, allowed)
+    most[_HAND_TO_FLOOR] = min(least[_HAND_TO_FLOOR], floor - 0.001, _MARGIN)
+    scene = _Scene(held, obstacle, now, least, most)
     goals = goals[scene.is_free(goals)]
     if not len(goals):
         return None
@@ -205,16 +207,28 @@ def _shortened(stations: np.ndarray, scene: "_Scene") -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class _Scene:
-    """What an arm that holds something must keep clear of, and how far: see `clearance`."""
+    """What an arm that holds something must keep clear of, and how far: see `clearance`.
+
+    Attributes:
+      held: how far ahead of the wrist the end of what is held is, metres.
+      obstacle: what to keep clear of.
+      begin: where the way begins, (4,).
+      least: how near to everything it may be there, (4,), metres.
+      most: how far it must keep elsewhere, (4,).
+    """
 
     held: float
     obstacle: Obstacle
-    allowed: np.ndarray
+    begin: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
 
     def is_free(self, poses: np.ndarray) -> np.ndarray:
         """Whether poses (n, 4) are within limits and clear of everything, (n,)."""
         within = np.all(np.abs(poses[:, 1:]) <= LIMITS + 0.05, axis=-1)
-        return within & np.all(clearance(poses, self.held, self.obstacle) > self.allowed, axis=-1)
+        away = _LEAVES * _distance(poses, self.begin)[:, None]
+        allowed = np.minimum(self.least + away, self.most)
+        return within & np.all(clearance(poses, self.held, self.obstacle) > allowed, axis=-1)
 
     def is_way_free(self, begin: np.ndarray, way: np.ndarray) -> bool:
         """Whether an arm can go straight on from a pose, (4,) each."""
