@@ -54,3 +54,13 @@ def test_a_way_that_begins_within_the_obstacle_leaves_it_and_does_not_go_through
     poses = np.array(way.ahead(1))
     away = np.abs(poses - _START).sum(axis=-1)
     assert (clearance(poses[away > 1.5], _HELD, both)[:, 0] > 0.0).all()
+
+
+def test_the_short_cut_to_the_end_of_a_way_counts_no_less_than_the_way() -> None:
+    beside = np.array([0.35, 0.2, 0.2, 0.2])  # the beam, which is between the hand and the goal
+    way = find_way(beside, -beside[None], _HELD, _BEAM)
+    assert way is not None
+    poses = np.array([beside, *way.ahead(1)])
+    length = np.abs(np.diff(poses, axis=0)).sum()
+    assert length > 3.0 * np.abs(2.0 * beside).sum()
+    assert way.remaining(beside[None])[0] > 0.8 * length

@@ -32,6 +32,10 @@ _SPACING = 0.1  # radians, of all joints together; between the poses of a way
 _IN_VIEW = 40  # poses of a way; no more are passed within a plan
 _RETURN = 1.3  # how much a radian beside a way counts, against one along it
 
+# Radians beside poses that are behind what the way goes around, and how much one more counts: who
+# takes the short cut to them ends at the obstacle.
+_CORNER, _CUT = 0.35, 5.0
+
 # The hand's and fingers' middle lines in the hand's frame, metres: (aside, ahead) of both ends.
 _HAND = np.array(
     [
@@ -61,8 +65,8 @@ class Way:
       is_straight: there is nothing in the way to the goal.
     """
 
-    def __init__(self, stations: np.ndarray) -> None:
-        """Takes the poses at which the way bends, and its ends, (n, 4)."""
+    def __init__(self, stations: np.ndarray, scene: "_Scene | None" = None) -> None:
+        """Takes the poses at which the way bends, and its ends, (n, 4), and what it goes around."""
         self.is_straight = len(stations) == 2
         lengths = np.abs(np.diff(stations, axis=0)).sum(axis=-1)
         passed = np.concatenate([[0.0], lengths.cumsum()])
@@ -70,6 +74,10 @@ class Way:
         self._poses = np.stack([np.interp(places, passed, s) for s in stations.T], axis=-1)
         self._left = passed[-1] - places
         self._passed = 0  # poses
+        last = len(places) - 1
+        self._sight = np.full(last + 1, last)  # the last pose to which it is clear straight on
+        if scene is not None:
+            self._sight = _sights(self._poses, scene)
 
     def go_on(self, joints: np.ndarray) -> None:
         """Notes how far the arm has come, whose joints are these now, (4,)."""
@@ -77,8 +85,10 @@ class Way:
 
     def remaining(self, joints: np.ndarray) -> np.ndarray:
         """How far it is to the end, (n, 4) -> (n,), radians of all joints together."""
-        left = self._left[self._passed : self._passed + _IN_VIEW]
-        return (_RETURN * self._aside(joints) + left).min(axis=-1)
+        left, aside = self._left[self._passed : self._passed + _IN_VIEW], self._aside(joints)
+        is_behind = np.arange(len(left)) > self._sight[self._passed] - self._passed
+        cut = is_behind * np.maximum(aside - _CORNER, 0.0)
+        return (_RETURN * aside + _CUT * cut + left).min(axis=-1)
 
     def astray(self, joints: np.ndarray) -> np.ndarray:
         """How far joints are from the way, (n, 4) -> (n,), radians of all joints together."""
@@ -122,7 +132,7 @@ def find_way(now: np.ndarray, goals: np.ndarray, held: float, obstacle: Obstacle
         if scene.is_way_free(now, goal - now):
             return Way(np.stack([now, goal]))
     chain = _search(now, goals, scene)
-    return None if chain is None else Way(_shortened(_unwrapped(chain), scene))
+    return None if chain is None else Way(_shortened(_unwrapped(chain), scene), scene)
 
 
 def _search(now: np.ndarray, goals: np.ndarray, scene: "_Scene") -> np.ndarray | None:
@@ -234,6 +244,17 @@ class _Scene:
         """Whether an arm can go straight on from a pose, (4,) each."""
         parts = np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(way).max() / _STEP)))[1:, None]
         return bool(self.is_free(begin + parts * way).all())
+
+
+def _sights(poses: np.ndarray, scene: _Scene) -> np.ndarray:
+    """For each pose of a way the last one to which the arm can go straight, (n,)."""
+    last, sights = 0, []
+    for here, pose in enumerate(poses):
+        last = max(last, min(here + 1, len(poses) - 1))
+        while last + 1 < len(poses) and scene.is_way_free(pose, poses[last + 1] - pose):
+            last += 1
+        sights.append(last)
+    return np.array(sights)
 
 
 def clearance(poses: np.ndarray, held: float, obstacle: Obstacle) -> np.ndarray:
