@@ -64,3 +64,16 @@ def test_the_short_cut_to_the_end_of_a_way_counts_no_less_than_the_way() -> None
     length = np.abs(np.diff(poses, axis=0)).sum()
     assert length > 3.0 * np.abs(2.0 * beside).sum()
     assert way.remaining(beside[None])[0] > 0.8 * length
+
+
+def test_a_goal_that_is_too_near_to_something_is_gone_to_on_request() -> None:
+    goal = _goals()[0]
+    tip = hand_places(goal, _HELD)
+    ahead = (tip - hand_places(goal, GRASP)) / (_HELD - GRASP)
+    place = tip + (0.005 + 0.01 + 0.005) * ahead  # radii of what is held and of the wall, a gap
+    both = Obstacle(
+        np.concatenate([_BEAM.ends, [[place, place + 0.001 * ahead]]]), np.array([0.01, 0.01])
+    )
+    assert 0.0 < clearance(goal[None], _HELD, both)[0, 0] < 0.008
+    assert find_way(_START, goal[None], _HELD, both) is None
+    assert find_way(_START, goal[None], _HELD, both, close=True) is not None

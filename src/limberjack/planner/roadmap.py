@@ -22,8 +22,10 @@ __all__ = ["Obstacle", "Way", "clearance", "find_way"]
 
 _BASE = np.array([0.0, BASE_HEIGHT])  # metres
 _MARGIN = 0.008  # metres; how far the arm keeps from everything
+_TOUCHING = -0.004  # metres; at the goals it may be so near if need be
 _NODES, _NEIGHBOURS = 2000, 14
 _AT_ENDS = 80  # neighbours of a way's ends, which may be in a corner
+_LOCAL, _AROUND = 64, 0.8  # poses around the beginning, radians
 _STEP = 0.12  # radians; between the poses that are checked along a way
 _HAND_TO_FLOOR = 3  # of what is kept clear: from obstacle, from the arm, links and hand from floor
 _LEAVES = 0.03  # metres per radian; how soon a way leaves what the arm is too near to
@@ -105,7 +107,9 @@ class Way:
         return np.abs(joints[:, None] - poses).sum(axis=-1)
 
 
-def find_way(now: np.ndarray, goals: np.ndarray, held: float, obstacle: Obstacle) -> Way | None:
+def find_way(
+    now: np.ndarray, goals: np.ndarray, held: float, obstacle: Obstacle, close: bool = False
+) -> Way | None:
     """A way from now to one of the goals, or None; straight to the nearest if that is possible.
 
     Args:
@@ -113,6 +117,7 @@ def find_way(now: np.ndarray, goals: np.ndarray, held: float, obstacle: Obstacle
       goals: joints, (m, 4).
       held: how far ahead of the wrist the end of what is held is, metres.
       obstacle: what to keep clear of.
+      close: whether to keep less clear if all goals are near to something.
     """
     if not len(goals):
         return None
@@ -123,7 +128,12 @@ def find_way(now: np.ndarray, goals: np.ndarray, held: float, obstacle: Obstacle
     floor = np.median(clearance(goals, held, obstacle)[:, _HAND_TO_FLOOR])
     most[_HAND_TO_FLOOR] = min(least[_HAND_TO_FLOOR], floor - 0.001, _MARGIN)
     scene = _Scene(held, obstacle, now, least, most)
-    goals = goals[scene.is_free(goals)]
+    is_free = scene.is_free(goals)
+    if close and not is_free.any():
+        usual = np.quantile(clearance(goals, held, obstacle), 0.75, axis=0) - 0.001
+        scene = dataclasses.replace(scene, most=np.minimum(most, np.maximum(usual, _TOUCHING)))
+        is_free = scene.is_free(goals)
+    goals = goals[is_free]
     if not len(goals):
         return None
     goals = now + _between(now, goals)
@@ -138,9 +148,13 @@ def find_way(now: np.ndarray, goals: np.ndarray, held: float, obstacle: Obstacle
 def _search(now: np.ndarray, goals: np.ndarray, scene: "_Scene") -> np.ndarray | None:
     """Poses of the map from now to a goal, both included, (n, 4); A*."""
     nodes, neighbours = _map()
-    poses = np.concatenate([nodes, now[None], goals])
+    # Poses nearby too: an arm that is in a corner first has to get out of it.
+    around = np.random.default_rng(0).uniform(-_AROUND, _AROUND, (_LOCAL, 4))
+    around = now + np.linspace(0.1, 1.0, _LOCAL)[:, None] * around
+    poses = np.concatenate([nodes, now[None], goals, around])
     usable = scene.is_free(poses)
     start, first_goal = len(nodes), len(nodes) + 1
+    first_local = first_goal + len(goals)
     goals_near: dict[int, list[int]] = {}
     for goal in range(first_goal, len(poses)):
         for node in _nearest(poses[goal], nodes, _AT_ENDS):
@@ -158,12 +172,14 @@ def _search(now: np.ndarray, goals: np.ndarray, scene: "_Scene") -> np.ndarray |
         ):
             continue
         came[node] = before
-        if node >= first_goal:
+        if first_goal <= node < first_local:
             chain = [node]
             while came[chain[-1]] >= 0:
                 chain.append(came[chain[-1]])
             return poses[chain[::-1]]
-        near = neighbours[node] if node < start else _nearest(now, nodes, _AT_ENDS)
+        near = neighbours[node] if node < start else _nearest(poses[node], nodes, _AT_ENDS)
+        if node >= start:
+            near = [*near, *range(first_local, len(poses))]
         others = [n for n in [*near, *goals_near.get(node, [])] if usable[n] and n not in came]
         lengths = passed + _distance(poses[others], poses[node])
         for other, length in zip(others, lengths.tolist(), strict=True):
