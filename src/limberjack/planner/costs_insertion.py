@@ -22,20 +22,19 @@ from limberjack.planner.arm import (
     sag,
 )
 from limberjack.planner.costs_manipulator import Bring
-from limberjack.planner.costs_peg import BringPeg
 from limberjack.planner.grips import in_world
-from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_poses, nudged
+from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses
 from limberjack.planner.receptacles import Receptacle
-from limberjack.planner.roadmap import Obstacle, Way, clearance, find_way
+from limberjack.planner.roadmap import Way, clearance, find_way
 from limberjack.utils import arrays
 
-__all__ = ["Insert", "InsertPeg"]
+__all__ = ["Insert"]
 
 _NEAR = 0.1  # metres; what scales distances before the mouth, where they are short
 _FACING = 0.7  # cosine between hand and axis, from which on the hand faces the mouth
 _PER_RADIAN = 0.4  # what a radian of the arm's way costs
 _FAR = 4.0  # what the longest way costs
-_FINE = 0.1  # of the usual breadth of plans, for a peg before its slot
+_FINE = 0.1  # of the usual breadth of plans, once the object is in its place
 _ASTRAY = 0.8  # radians; so far off its way the arm looks for another
 _ARRIVED = 0.5  # radians; so near its end a way has been gone
 _PRESS = 0.25  # control of the grasp under which an object may slip
@@ -46,7 +45,6 @@ _STAND_OFF = 0.06  # metres; how far from the object a way to it ends
 _IDLE = 30  # plannings; whoever makes no headway for so long looks for another way
 _LONG = 60  # plannings; whoever has not inserted by then tries it from elsewhere
 _HEADWAY = 0.1  # radians; less is none
-_BLADE = 0.005  # metres; the peg's radius
 _TOUCHING = -0.004  # metres; fingers may be so near to walls that they touch them
 _STIRRED = 0.03  # metres; so far an object that is raked must move
 _REACHED, _LEFT = 0.07, 0.1  # metres; so near it the object is before the mouth, and no longer
@@ -58,7 +56,7 @@ _OVER = 0.02  # metres; how far above the place before the mouth a way ends
 class Insert(Bring):
     """Fetches the ball and inserts it."""
 
-    _has_peg = False
+    _mouth_breadth = 1.0  # of plans before the mouth, as a part of the usual
 
     def __init__(self, task: Any) -> None:
         """Takes a `manipulator.Bring` task that inserts."""
@@ -93,7 +91,7 @@ class Insert(Bring):
             self.breadth = _FINE
             return
         super().look(physics)
-        self._turn_rake(data.site_xpos[self._object])
+        self._turn_rake(data)
         self._sag = sag(physics, self.settings.gain)
         self._patience -= 1
         if self._way is not None:
@@ -102,10 +100,11 @@ class Insert(Bring):
             self._carry_on(physics)
         else:
             self._approach(physics)
-        self.breadth = _FINE if self._at_mouth and self._has_peg else 1.0
+        self.breadth = self._mouth_breadth if self._at_mouth else 1.0
 
-    def _turn_rake(self, place: np.ndarray) -> None:
+    def _turn_rake(self, data: Any) -> None:
         """Rakes the other way if the object has not moved: it may lean on the receptacle."""
+        place = data.site_xpos[self._object]
         if self._rake_to is None or arrays.norm(place - self._raked_from) > _STIRRED:
             self._raked_from, self._in_vain = place.copy(), 0
         self._in_vain += 1
@@ -135,7 +134,8 @@ class Insert(Bring):
         way = self._way_to_object(physics, self._attempts if again else 0)
         blocked = way is not None and not way.is_straight
         # Who has left a dead end does not go back there because the way is straight now.
-        self._way = way if blocked or again or self._way is not None else None
+        keep = blocked or again or self._way is not None or self._must_be_led()
+        self._way = way if keep else None
         self._least, self._idle = np.inf, 0
         if again and way is not None:
             self._attempts = _ATTEMPTS // 2
@@ -168,6 +168,10 @@ class Insert(Bring):
             self._way = self._way_to_mouth(physics)
             self._least, self._idle = np.inf, 0
 
+    def _must_be_led(self) -> bool:
+        """Whether the arm is to follow a way even if that is straight."""
+        return False
+
     def _gets_on(self, left: float) -> bool:
         """Whether the arm has made headway on its way of late."""
         if left < self._least - _HEADWAY:
@@ -188,24 +192,19 @@ class Insert(Bring):
                 : _GOALS // 8
             ]
             goals = goals[few]
-        walls = self._walls
-        if self._has_peg:  # whose blade the hand would push away
-            blade = data.site_xpos[["peg", "peg_tip"]][None][..., PLANE]
-            ends, radii = np.concatenate([walls.ends, blade]), np.append(walls.radii, _BLADE)
-            walls = Obstacle(ends, radii)
-        return find_way(data.qpos[ARM], goals, GRASP + 0.02, walls)
+        return find_way(data.qpos[ARM], goals, GRASP + 0.02, self._walls)
 
     def _way_to_mouth(self, physics: Any) -> Way | None:
         """The arm's way around the receptacle to before its mouth; another one at each trial."""
         data = physics.named.data
         random = np.random.default_rng(self._trials)
-        length = GRASP + (0.113 if self._has_peg else 0.022)
+        length = GRASP + 0.022
         over = self._receptacle.before + _OVER
         goals = self._poses_to(data, random, over, 0.0, _GOALS)
         if self._trials:  # few: not where it has not succeeded
             goals = goals[random.permutation(len(goals))[: _GOALS // 8]]
         way = find_way(data.qpos[ARM], goals, length, self._walls)
-        if way is not None or self._has_peg:
+        if way is not None:
             return way
         # Something is there, such as the arm's own base: from beside, each time elsewhere.
         places = random.uniform([self._receptacle.before - 0.03, -0.04], [over, 0.04], (24, 2))
@@ -316,11 +315,9 @@ class Insert(Bring):
         return paths
 
     def _ways_in(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
-        """Paths that push the peg in or let the ball fall, (knots, 5) each."""
+        """Paths that let the ball fall, (knots, 5) each."""
         now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
         paths: list[np.ndarray] = []
-        if self._has_peg:
-            return self._pushes(data, random)
         for let_go in (OPEN_ANGLE, self._grip.ready):
             paths.append(path(now, [now], count, [let_go]))
             paths.append(path(now, [now], count, [press, let_go]))
@@ -332,44 +329,3 @@ class Insert(Bring):
                     paths.append(path(now, [pose], count, [press, let_go]))
                     paths.append(path(now, [pose], count, [let_go], 2))
         return paths
-
-    def _pushes(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
-        """Paths that bring the peg over the slot, then along the axis into it, (knots, 5) each."""
-        now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
-        slot = self._receptacle
-        (up, beside), (middle_up, middle_beside) = (
-            (float(u), float(b)) for u, b in (slot.offset(data, site) for site in slot.sites)
-        )
-        lean = np.arctan2(middle_beside - beside, middle_up - up + 0.05)
-        to_world = slot.axes(data)
-        hand = now.sum()
-        to_wrist = data.site_xpos["grasp"][PLANE] - GRASP * direction(hand)
-        to_wrist = to_wrist - data.site_xpos["peg_tip"][PLANE]
-        aside = max(abs(beside), abs(middle_beside))
-        top = min(up, self._receptacle.before)
-        heights = [self._receptacle.before] if aside > 0.75 * slot.width and up > 0.06 else []
-        paths: list[np.ndarray] = []
-        for _ in range(8):
-            off, turn = random.normal(0.0, [0.0015, 0.01])
-            turn = turn + lean
-            cos, sin = np.cos(turn), np.sin(turn)
-            turned = np.array(
-                [cos * to_wrist[0] - sin * to_wrist[1], sin * to_wrist[0] + cos * to_wrist[1]]
-            )
-            stations = [now]
-            for height in [*heights, *np.arange(top - 0.02, -0.02, -0.02).tolist()]:
-                by = np.array([height - up, off - beside]) @ to_world + turned - to_wrist
-                stations.append(nudged(now, by, turn))
-            paths.extend(path(now, stations[1:], count, [press], slow) for slow in (1, 2))
-            paths.append(path(now, stations[1:2], count, [press], 2))
-        return paths
-
-
-class InsertPeg(Insert, BringPeg):
-    """Fetches the peg and inserts it."""
-
-    _has_peg = True
-
-    def _find_way_to_target(self, physics: Any) -> None:
-        """None but the one around the receptacle."""
-        self._ways.forget()

@@ -13,6 +13,7 @@ from typing import Any
 from limberjack.planner import (
     costs_humanoid,
     costs_insertion,
+    costs_insertion_peg,
     costs_manipulator,
     costs_peg,
     costs_running,
@@ -31,7 +32,7 @@ _IMPORTED = re.compile(r"^from limberjack\.planner\.(\w+) import", re.MULTILINE)
 
 def _bring_or_insert(task: manipulator.Bring) -> Cost:
     if task._insert:
-        return (costs_insertion.InsertPeg if task._use_peg else costs_insertion.Insert)(task)
+        return (costs_insertion_peg.InsertPeg if task._use_peg else costs_insertion.Insert)(task)
     return (costs_peg.BringPeg if task._use_peg else costs_manipulator.Bring)(task)
 
 

@@ -1,0 +1,67 @@
+"""How a peg that is held before the slot is pushed in, by small straight steps.
+
+paths = pushes(random, data, slot, now, knots=5, press=HANDLE.shut)  # (5, 5) each
+"""
+
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.arm import PLANE, path
+from limberjack.planner.planar_ik import GRASP, direction, nudged
+from limberjack.planner.receptacles import Receptacle
+
+__all__ = ["pushes"]
+
+_STEP = 0.02  # metres; from one pose to the next along the axis
+_OFF, _TURN = 0.0015, 0.01  # metres, radians; how far the ways differ, as the slot is narrow
+_ABOVE = 0.05  # metres; how soon the peg is to be upright, which leans
+
+
+def pushes(
+    random: np.random.Generator,
+    data: Any,
+    slot: Receptacle,
+    now: np.ndarray,
+    knots: int,
+    press: float,
+) -> list[np.ndarray]:
+    """Paths that bring the peg over the slot, then along the axis into it, (knots, 5) each.
+
+    Args:
+      random: draws them.
+      data: of a single simulation.
+      slot: the receptacle.
+      now: the arm's joints, (4,).
+      knots: points of the spline.
+      press: the control of the grasp.
+    """
+    (up, beside), (middle_up, middle_beside) = (
+        (float(u), float(b)) for u, b in (slot.offset(data, site) for site in slot.sites)
+    )
+    lean = np.arctan2(middle_beside - beside, middle_up - up + _ABOVE)
+    to_world = slot.axes(data)
+    to_wrist = data.site_xpos["grasp"][PLANE] - GRASP * direction(now.sum())
+    to_wrist = to_wrist - data.site_xpos["peg_tip"][PLANE]
+    aside = max(abs(beside), abs(middle_beside))
+    top = min(up, slot.before)
+    heights = [slot.before] if aside > 0.75 * slot.width and up > 0.06 else []
+    heights = [*heights, *np.arange(top - _STEP, -_STEP, -_STEP).tolist()]
+    paths: list[np.ndarray] = []
+    for _ in range(8):
+        off, turn = random.normal(0.0, [_OFF, _TURN])
+        turn = turn + lean
+        turned = _turned(to_wrist, turn)
+        stations = [now]
+        for height in heights:
+            by = np.array([height - up, off - beside]) @ to_world + turned - to_wrist
+            stations.append(nudged(now, by, turn))
+        paths.extend(path(now, stations[1:], knots, [press], slow) for slow in (1, 2))
+        paths.append(path(now, stations[1:2], knots, [press], 2))
+    return paths
+
+
+def _turned(vector: np.ndarray, angle: float) -> np.ndarray:
+    """A vector (2,) turned by an angle."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
