@@ -77,3 +77,18 @@ def test_a_goal_that_is_too_near_to_something_is_gone_to_on_request() -> None:
     assert 0.0 < clearance(goal[None], _HELD, both)[0, 0] < 0.008
     assert find_way(_START, goal[None], _HELD, both) is None
     assert find_way(_START, goal[None], _HELD, both, close=True) is not None
+
+
+def test_a_way_does_not_jump_over_a_thin_wall() -> None:
+    wall = Obstacle(np.array([[[0.3, 0.3], [0.42, 0.3]]]), np.array([0.004]))
+    random = np.random.default_rng(0)
+    above = hand_poses(random, np.array([0.36, 0.45]), GRASP, -_START, 1)[0]
+    below = hand_poses(random, np.array([0.36, 0.15]), GRASP, above, 24)
+    for held in (above, above + np.array([0.0, 0.0, 0.0, 0.3])):
+        way = find_way(held, below, _HELD, wall)
+        if way is None:
+            continue
+        poses = np.array([held, *way.ahead(1)])
+        parts = np.linspace(0.0, 1.0, 10)[:, None, None]
+        between = (poses[:-1] + parts * (poses[1:] - poses[:-1])).reshape(-1, 4)
+        assert clearance(between, _HELD, wall)[:, 0].min() > 0.0

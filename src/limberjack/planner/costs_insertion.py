@@ -2,7 +2,8 @@
 
 The object is fetched as to bring it. The arm carries it before the mouth of the receptacle, on a
 way around the receptacle's walls. There the ball is released, and falls or rolls in; the peg is
-pushed in by small straight steps. Who does not succeed tries again from another pose.
+pushed in by small straight steps. Who does not succeed tries again from another pose. What else is
+done with a ball is told in `costs_insertion_ball.py`, and with a peg in `costs_insertion_peg.py`.
 """
 
 from typing import Any
@@ -38,25 +39,30 @@ _FINE = 0.1  # of the usual breadth of plans, once the object is in its place
 _ASTRAY = 0.8  # radians; so far off its way the arm looks for another
 _ARRIVED = 0.5  # radians; so near its end a way has been gone
 _PRESS = 0.25  # control of the grasp under which an object may slip
-_ATTEMPTS = 8  # spans of patience; after so many the object is approached in another pose
 _PATIENCE = 10  # plannings; after so many another way is looked for
 _GOALS = 96  # poses in which a way may end; many of them are blocked
 _STAND_OFF = 0.06  # metres; how far from the object a way to it ends
 _IDLE = 30  # plannings; whoever makes no headway for so long looks for another way
-_LONG = 60  # plannings; whoever has not inserted by then tries it from elsewhere
 _HEADWAY = 0.1  # radians; less is none
 _TOUCHING = -0.004  # metres; fingers may be so near to walls that they touch them
 _STIRRED = 0.03  # metres; so far an object that is raked must move
 _REACHED, _LEFT = 0.07, 0.1  # metres; so near it the object is before the mouth, and no longer
 _FAST = 1.0  # metres per second; what is faster will not be where a way leads to
-_AWRY = 1.3  # radians; how far from the axis a hand may release the ball, if need be
 _OVER = 0.02  # metres; how far above the place before the mouth a way ends
 
 
 class Insert(Bring):
-    """Fetches the ball and inserts it."""
+    """Fetches the object and inserts it.
 
-    _mouth_breadth = 1.0  # of plans before the mouth, as a part of the usual
+    Attributes:
+      attempts: spans of patience; after so many the object is approached in another pose.
+      long: plannings; whoever has not inserted by then tries it from elsewhere.
+      mouth_breadth: of plans before the mouth, as a part of the usual.
+    """
+
+    attempts = 8
+    long = 60
+    mouth_breadth = 1.0
 
     def __init__(self, task: Any) -> None:
         """Takes a `manipulator.Bring` task that inserts."""
@@ -100,7 +106,7 @@ class Insert(Bring):
             self._carry_on(physics)
         else:
             self._approach(physics)
-        self.breadth = self._mouth_breadth if self._at_mouth else 1.0
+        self.breadth = self.mouth_breadth if self._at_mouth else 1.0
 
     def _turn_rake(self, data: Any) -> None:
         """Rakes the other way if the object has not moved: it may lean on the receptacle."""
@@ -121,16 +127,15 @@ class Insert(Bring):
             if left < _ARRIVED:
                 self._way, self._patience = None, _PATIENCE
                 return
-            moved = arrays.norm(place - self._found_at) > _STAND_OFF
             if not self._gets_on(left):
-                self._attempts = _ATTEMPTS
-            elif not moved and self._way.astray(now)[0] < _ASTRAY:
+                self._attempts = self.attempts
+            elif not self._has_moved(data) and self._way.astray(now)[0] < _ASTRAY:
                 return
         elif self._patience >= 0:
             return
         self._patience, self._found_at = _PATIENCE, place.copy()
         self._attempts += 1
-        again = self._attempts > _ATTEMPTS
+        again = self._attempts > self.attempts
         way = self._way_to_object(physics, self._attempts if again else 0)
         blocked = way is not None and not way.is_straight
         # Who has left a dead end does not go back there because the way is straight now.
@@ -138,7 +143,7 @@ class Insert(Bring):
         self._way = way if keep else None
         self._least, self._idle = np.inf, 0
         if again and way is not None:
-            self._attempts = _ATTEMPTS // 2
+            self._attempts = self.attempts // 2
 
     def _carry_on(self, physics: Any) -> None:
         """Decides whether the object is before the mouth, or else the arm's way there."""
@@ -155,7 +160,7 @@ class Insert(Bring):
             self._at_mouth, self._patience = False, 0
             self._trials += 1
         elif arrived or (is_near and self._trials == 0):
-            self._at_mouth, self._way, self._patience = True, None, _LONG
+            self._at_mouth, self._way, self._patience = True, None, self.long
             return
         if self._way is not None:
             if not self._gets_on(float(self._way.remaining(now)[0])):
@@ -172,6 +177,14 @@ class Insert(Bring):
         """Whether the arm is to follow a way even if that is straight."""
         return False
 
+    def _is_fast(self, data: Any) -> bool:
+        """Whether the object will soon be elsewhere."""
+        return bool(np.abs(data.qvel[self.task._object_joints[:2]]).max() > _FAST)
+
+    def _has_moved(self, data: Any) -> bool:
+        """Whether the object is no longer where the way to it leads."""
+        return bool(arrays.norm(data.site_xpos[self._object] - self._found_at) > _STAND_OFF)
+
     def _gets_on(self, left: float) -> bool:
         """Whether the arm has made headway on its way of late."""
         if left < self._least - _HEADWAY:
@@ -182,17 +195,22 @@ class Insert(Bring):
     def _way_to_object(self, physics: Any, attempt: int) -> Way | None:
         """The arm's way around the receptacle to before the object; 0 for the shortest."""
         data = physics.named.data
-        speed = np.abs(data.qvel[self.task._object_joints[:2]]).max()
-        if self._rake_to is not None or speed > _FAST:
+        if self._rake_to is not None:
             return None
         random = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
-        goals = self._poses(data, random, "", _GOALS, _STAND_OFF)
+        goals = self._before_it(data, random)
         if attempt:
             few = np.random.default_rng(round(1000 * physics.time())).permutation(len(goals))[
                 : _GOALS // 8
             ]
             goals = goals[few]
         return find_way(data.qpos[ARM], goals, GRASP + 0.02, self._walls)
+
+    def _before_it(self, data: Any, random: np.random.Generator) -> np.ndarray:
+        """Arm joints from which the hand can go straight on to the object, (n, 4)."""
+        if self._is_fast(data):
+            return np.zeros((0, 4))
+        return self._poses(data, random, "", _GOALS, _STAND_OFF)
 
     def _way_to_mouth(self, physics: Any) -> Way | None:
         """The arm's way around the receptacle to before its mouth; another one at each trial."""
@@ -203,14 +221,6 @@ class Insert(Bring):
         goals = self._poses_to(data, random, over, 0.0, _GOALS)
         if self._trials:  # few: not where it has not succeeded
             goals = goals[random.permutation(len(goals))[: _GOALS // 8]]
-        way = find_way(data.qpos[ARM], goals, length, self._walls)
-        if way is not None:
-            return way
-        # Something is there, such as the arm's own base: from beside, each time elsewhere.
-        places = random.uniform([self._receptacle.before - 0.03, -0.04], [over, 0.04], (24, 2))
-        found = [self._poses_to(data, random, u, b, 4, _AWRY) for u, b in places.tolist()]
-        goals = np.concatenate(found)
-        goals = goals[random.uniform(size=len(goals)) < 0.5]
         return find_way(data.qpos[ARM], goals, length, self._walls)
 
     def _carrying(self, physics: Any, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -248,8 +258,12 @@ class Insert(Bring):
         poses = super()._poses(data, random, prefix, 3 * count, back, at, tilt)
         if not len(poses) or prefix:
             return poses[:count]
-        poses = poses[clearance(poses, GRASP + 0.02, self._walls)[:, 0] > _TOUCHING]
+        poses = self._clear(poses)
         return poses[:: max(1, len(poses) // count)][:count]
+
+    def _clear(self, poses: np.ndarray) -> np.ndarray:
+        """Those of poses (n, 4) in which the hand is not in the receptacle's walls."""
+        return poses[clearance(poses, GRASP + 0.02, self._walls)[:, 0] > _TOUCHING]
 
     def _poses_to(
         self,

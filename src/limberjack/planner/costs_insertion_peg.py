@@ -40,7 +40,6 @@ _STIRRED = 0.03  # metres; so far a peg that is raked must move
 _PULLED = 0.08  # metres; so far a peg is pulled away from what it leans on
 _IN_VAIN = 24  # plannings; after so many a peg that has not come nearer is raked from elsewhere
 _NEAR, _ON_THE_WAY = 0.14, 0.3  # metres; what counts a planning for which the hand is not so near
-_FAST = 1.0  # metres per second; what is faster will not be where a way leads to
 _MISSES = 2  # ways looked for in vain after which a peg is raked
 _RAKES = 12  # of the paths that are tried
 
@@ -48,7 +47,7 @@ _RAKES = 12  # of the paths that are tried
 class InsertPeg(Insert, BringPeg):
     """Fetches the peg and inserts it."""
 
-    _mouth_breadth = 0.1  # the slot is narrow
+    mouth_breadth = 0.1  # the slot is narrow
 
     def reset(self) -> None:
         """Forgets what was in the way."""
@@ -149,7 +148,7 @@ class InsertPeg(Insert, BringPeg):
             return find_way(now, goals, _HAND, walls, close=True)
         if self._aloft > _CARRIED:
             return find_way(now, random.uniform(-_STRETCHED, _STRETCHED, (8, 4)), _HAND, walls)
-        if np.abs(data.qvel[self.task._object_joints[:2]]).max() > _FAST:
+        if self._is_fast(data):
             return None
         draws = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
         # From where the hand gets on to the peg: there, too, the walls must leave it room.

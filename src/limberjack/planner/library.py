@@ -12,7 +12,7 @@ from typing import Any
 
 from limberjack.planner import (
     costs_humanoid,
-    costs_insertion,
+    costs_insertion_ball,
     costs_insertion_peg,
     costs_manipulator,
     costs_peg,
@@ -31,9 +31,9 @@ _IMPORTED = re.compile(r"^from limberjack\.planner\.(\w+) import", re.MULTILINE)
 
 
 def _bring_or_insert(task: manipulator.Bring) -> Cost:
-    if task._insert:
-        return (costs_insertion_peg.InsertPeg if task._use_peg else costs_insertion.Insert)(task)
-    return (costs_peg.BringPeg if task._use_peg else costs_manipulator.Bring)(task)
+    if task._use_peg:
+        return (costs_insertion_peg.InsertPeg if task._insert else costs_peg.BringPeg)(task)
+    return (costs_insertion_ball.InsertBall if task._insert else costs_manipulator.Bring)(task)
 
 
 def _move_or_run(task: humanoid.Humanoid) -> Cost:

@@ -27,6 +27,7 @@ _NODES, _NEIGHBOURS = 2000, 14
 _AT_ENDS = 80  # neighbours of a way's ends, which may be in a corner
 _LOCAL, _AROUND = 64, 0.8  # poses around the beginning, radians
 _STEP = 0.12  # radians; between the poses that are checked along a way
+_FINER, _NEAR = 4, 0.05  # by so much finer where an obstacle is so near, metres
 _HAND_TO_FLOOR = 3  # of what is kept clear: from obstacle, from the arm, links and hand from floor
 _LEAVES = 0.03  # metres per radian; how soon a way leaves what the arm is too near to
 _LINKS = 3  # of the lines that are checked against the floor: two links and the hand's axis
@@ -252,14 +253,28 @@ class _Scene:
     def is_free(self, poses: np.ndarray) -> np.ndarray:
         """Whether poses (n, 4) are within limits and clear of everything, (n,)."""
         within = np.all(np.abs(poses[:, 1:]) <= LIMITS + 0.05, axis=-1)
-        away = _LEAVES * _distance(poses, self.begin)[:, None]
-        allowed = np.minimum(self.least + away, self.most)
-        return within & np.all(clearance(poses, self.held, self.obstacle) > allowed, axis=-1)
+        return within & np.all(self._gaps(poses) > self._allowed(poses), axis=-1)
 
     def is_way_free(self, begin: np.ndarray, way: np.ndarray) -> bool:
         """Whether an arm can go straight on from a pose, (4,) each."""
-        parts = np.linspace(0.0, 1.0, 1 + int(np.ceil(np.abs(way).max() / _STEP)))[1:, None]
-        return bool(self.is_free(begin + parts * way).all())
+        count = int(np.ceil(np.abs(way).max() / _STEP))
+        poses = begin + np.linspace(0.0, 1.0, 1 + count)[1:, None] * way
+        if not self.is_free(poses).all():
+            return False
+        # From one pose to the next a hand far from the base would jump over a wall.
+        near = self._gaps(poses)[:, 0] < _NEAR
+        back = np.arange(1, _FINER)[:, None, None] / (_FINER * count) * way
+        between = (poses[near] - back).reshape(-1, 4)
+        touched = self._allowed(between)[:, 0] - _MARGIN
+        return bool((self._gaps(between)[:, 0] > touched).all())
+
+    def _gaps(self, poses: np.ndarray) -> np.ndarray:
+        return clearance(poses, self.held, self.obstacle)
+
+    def _allowed(self, poses: np.ndarray) -> np.ndarray:
+        """How near poses (n, 4) may be to everything, (n, 4), metres."""
+        away = _LEAVES * _distance(poses, self.begin)[:, None]
+        return np.minimum(self.least + away, self.most)
 
 
 def _sights(poses: np.ndarray, scene: _Scene) -> np.ndarray:
