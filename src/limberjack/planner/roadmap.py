@@ -253,7 +253,7 @@ class _Scene:
     def is_free(self, poses: np.ndarray) -> np.ndarray:
         """Whether poses (n, 4) are within limits and clear of everything, (n,)."""
         within = np.all(np.abs(poses[:, 1:]) <= LIMITS + 0.05, axis=-1)
-        return within & np.all(self._gaps(poses) > self._allowed(poses), axis=-1)
+        return within & np.all(self._clearance(poses) > self._allowed(poses), axis=-1)
 
     def is_way_free(self, begin: np.ndarray, way: np.ndarray) -> bool:
         """Whether an arm can go straight on from a pose, (4,) each."""
@@ -262,13 +262,13 @@ class _Scene:
         if not self.is_free(poses).all():
             return False
         # From one pose to the next a hand far from the base would jump over a wall.
-        near = self._gaps(poses)[:, 0] < _NEAR
+        near = self._clearance(poses)[:, 0] < _NEAR
         back = np.arange(1, _FINER)[:, None, None] / (_FINER * count) * way
         between = (poses[near] - back).reshape(-1, 4)
         touched = self._allowed(between)[:, 0] - _MARGIN
-        return bool((self._gaps(between)[:, 0] > touched).all())
+        return bool((self._clearance(between)[:, 0] > touched).all())
 
-    def _gaps(self, poses: np.ndarray) -> np.ndarray:
+    def _clearance(self, poses: np.ndarray) -> np.ndarray:
         return clearance(poses, self.held, self.obstacle)
 
     def _allowed(self, poses: np.ndarray) -> np.ndarray:
