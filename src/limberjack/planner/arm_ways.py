@@ -3,13 +3,15 @@
 paths = ways_over(settings, now, pose, 0.1, GRASP, 0.0, [OPEN, CLOSED])  # (knots, 5) each
 """
 
+from typing import Any
+
 import numpy as np
 
-from limberjack.planner.arm import OPEN, path
+from limberjack.planner.arm import ARM, OPEN, PLANE, path
 from limberjack.planner.cost import Settings
-from limberjack.planner.planar_ik import direction, hand_places, hand_route
+from limberjack.planner.planar_ik import GRASP, direction, hand_places, hand_poses, hand_route
 
-__all__ = ["later", "ways_over"]
+__all__ = ["later", "leaving", "ways_over"]
 
 _SPEEDS = (0.4, 0.8, 1.5)  # metres per second, at which a way is tried
 _AT_ONCE = 0.011  # metres; a way back or up that is shorter is no stage of its own
@@ -62,3 +64,15 @@ def later(ways: list[np.ndarray]) -> list[np.ndarray]:
     for way in delayed:
         way[0, -1] = OPEN
     return delayed
+
+
+def leaving(settings: Settings, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+    """Paths of the open hand back along its fingers, at once or when they have opened."""
+    now = data.qpos[ARM]
+    hand, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
+    ways: list[np.ndarray] = []
+    for back in (0.06, 0.15):
+        behind = hand - back * direction(angle)
+        for pose in hand_poses(random, behind, GRASP, now, 2, angle, 0.2):
+            ways.extend(ways_over(settings, now, pose, 0.0, GRASP, 0.0, [OPEN, OPEN]))
+    return ways + later(ways)

@@ -15,9 +15,7 @@ from limberjack.planner.arm import (
     CLOSED,
     LONGEST,
     OPEN,
-    OPEN_ANGLE,
     PLANE,
-    PLAY,
     SETTINGS,
     TIP_ASIDE,
     TIP_REACH,
@@ -27,30 +25,30 @@ from limberjack.planner.arm import (
     outward_speed,
     path,
 )
-from limberjack.planner.arm_ways import later, ways_over
+from limberjack.planner.arm_ways import later, leaving, ways_over
+from limberjack.planner.box_grip import HIGH, PRESS, READY, WIDE, fetching, grip_of, how_held
 from limberjack.planner.cost import Cost
 from limberjack.planner.planar_ik import (
     GRASP,
     angle_of,
-    direction,
     hand_poses,
     hand_route,
 )
+from limberjack.planner.unsticking import Patience, refuge, ways_to
 from limberjack.utils import arrays
 
 __all__ = ["Stack"]
 
-_LOOSE = 9.0  # what a box costs that is not held: more than any that is
+_LOOSE = 10.0  # what a box costs that is not held: more than any that is
 _HALF = 0.022  # metres; half a box
 
-# The grip.
-_GRIP_ANGLE = np.radians(14.0)  # of the fingers around a box, measured
-_EMPTY = np.radians(35.0)  # fingers that have closed by more than this hold nothing
-_PRESS = 0.5  # control of the grasp that holds a box
-_HIGH = 0.028  # metres; how far above a box's centre the grasp is: higher it slips, lower it tips
-_SLIP = 0.016  # metres; by how much that may be more or less
+# The hand and a box.
+_HAS, _LOST = 0.7, 0.3  # of how well a box is held: from when on the hand has it, till when
+_THERE = 0.02  # metres; a hand that is nearer to its place may close
 _UNDER_HAND = 0.045  # metres; what the open fingers need below the grasp
 _FREE = 0.066  # metres; from box to box, so that a finger fits between
+_FREE_OF_TOWER = 0.08  # metres; the same from a tower, so that the hand fits
+_AT_WALL = 0.33  # metres; further out than this the hand does not reach the floor pointing down
 _FROM_WALL = 0.355  # metres; a box further out than this has no room for a finger behind it
 
 # The tower.
@@ -58,33 +56,23 @@ _PLACED = 0.006  # metres; a box nearer to its place than this stands there, til
 _SUPPORT = 0.010  # metres; the same for a box that is to carry others
 _RESTS = 0.1  # metres per second; what is slower may be let go
 _FLAT = 0.01  # of `_turned`: 6 degrees
+_LEANS = 0.08  # of `_turned`: 17 degrees
 _CARRIED = 0.8  # metres per second; a box that is carried faster slips out of the hand
 _OVER = 0.03  # metres; how far above its place a box is carried to it
 _LYING = 0.03  # metres; a box higher than this does not lie on the floor
+_LEANING = 0.06  # metres; one higher than this that is not flat leans on the arm
 _ALOFT = 0.13  # metres; a loose box higher than this is falling, or lies on the arm
-_SHAKE = 1.5  # radians; by how much joints turn to get rid of a box that lies on the arm
 _AWAY = 0.12  # metres; where the hand is rewarded for having gone
 
 _DOWN = np.array([0.0, -1.0])
 _STICKY = 0.1  # metres; by how much nearer another box must be to be taken instead
+_SHUNNED = 1.0  # metres; the same for a box that has been tried in vain
 
-
-@dataclasses.dataclass(frozen=True)
-class _Grip:
-    """How the hand is to the next box, (...) each.
-
-    Attributes:
-      ahead, aside: where the box is in the hand, metres from the grasp site.
-      askew: 0 for fingers that are parallel to the box's sides, up to 0.25.
-      closed: how far the fingers have turned, radians.
-      tilt: 0 for a hand that points down, up to 2.
-    """
-
-    ahead: Any
-    aside: Any
-    askew: Any
-    closed: Any
-    tilt: Any
+# What is done where nothing becomes better; numbers of plannings.
+_PATIENCE = 33  # till then a second
+_NEARER = 0.9  # of a distance: what is no nearer is no better
+_BACKING = 20  # as long the hand goes away
+_CAUGHT = 14  # a box that is aloft for longer lies on the arm: none falls so long
 
 
 class Stack(Cost):
@@ -98,6 +86,7 @@ class Stack(Cost):
         """Takes a `stacker.Stack` task."""
         super().__init__(task)
         self._boxes: list[str] = task._boxes
+        self._patience = Patience(_PATIENCE, _NEARER)
         self.reset()
 
     def reset(self) -> None:
@@ -108,12 +97,48 @@ class Stack(Cost):
         self._places: list[np.ndarray] = []
         self._place = np.zeros(3)
         self._hurdle = 0.0
+        self._shunned: str | None = None
+        self._firm = False  # the hand has the next box
+        self._backing = self._caught = self._tries = 0
+        self._refuge = np.zeros(4)
+        self._patience.reset()
 
     def look(self, physics: Any) -> None:
         """Decides which boxes stand, which one is next and where it goes."""
         data = physics.named.data
+        before = self._next
         waiting = self._decide(data)
         self._others = self._placed + waiting
+        self._backing = max(self._backing - 1, 0)
+        if self._next != before or self._next is None:
+            self._firm = False
+        if self._next is None:
+            self._backing = self._caught = 0
+            self._patience.reset()
+            return
+        self._firm = self._held(data) > (_LOST if self._firm else _HAS)
+        loose = waiting if self._firm else [*waiting, self._next]
+        self._caught = self._caught + 1 if self._is_caught(data, loose) else 0
+        self._await(data)
+
+    def _await(self, data: Any) -> None:
+        """Sends the hand away if the next box has not come nearer for long, nor the hand to it."""
+        box, hand = data.site_xpos[self._next], data.site_xpos["grasp"]
+        lack = float(np.hypot(*(box - (self._place if self._firm else hand))[PLANE]))
+        if self._patience.is_out((self._next, self._firm, len(self._placed)), lack):
+            self._shunned, self._backing = self._next, _BACKING
+            self._refuge = refuge(data, box, self._tries)
+            self._tries += 1
+
+    def _is_caught(self, data: Any, loose: list[str]) -> bool:
+        """Whether a box lies on the arm."""
+        for box in loose:
+            place = data.site_xpos[box]
+            beside = abs(float(place[0] - self._place[0]))
+            leans = place[2] > _LEANING and _turned(data, box) > _FLAT
+            if (leans or place[2] > _ALOFT) and beside > _FREE:
+                return True
+        return False
 
     def _decide(self, data: Any) -> list[str]:
         """Which boxes stand, which one is next and where it goes; returns the others."""
@@ -149,24 +174,25 @@ class Stack(Cost):
     def _choice(self, data: Any, left: list[str]) -> str:
         """The box to take next, the easiest to fetch; the present one unless it is much worse."""
 
-        if self._next in left and self._held(self._grip(data)) > 0.3:
+        if self._next in left and self._held(data) > _LOST:
             return str(self._next)
 
         def trouble(box: str) -> float:
             place = data.site_xpos[box]
             others = [data.site_xpos[other] - place for other in self._boxes if other != box]
             covered = any(abs(o[0]) < 0.04 and 0.02 < o[2] < 0.07 for o in others)
-            beside = sum(abs(o[2]) < 0.03 and abs(o[0]) < 0.065 for o in others)
+            beside = sum(abs(o[2]) < 0.03 and abs(o[0]) < _FREE for o in others)
             aloft = place[2] > _ALOFT
-            reach = max(0.0, float(np.hypot(place[0], place[2] + _HIGH - 0.4)) - 0.5)
+            cornered = max(0.0, abs(float(place[0])) - _FROM_WALL)
             way = abs(float(place[0] - self._place[0]))
             return (
                 way
                 + 2.0 * aloft
                 + 0.5 * covered
-                + 0.15 * beside
-                + 5.0 * reach
+                + 0.4 * beside
+                + 15.0 * cornered
                 - _STICKY * (box == self._next)
+                + _SHUNNED * (box == self._shunned)
             )
 
         return min(left, key=trouble)
@@ -184,27 +210,56 @@ class Stack(Cost):
             distance = arrays.norm(hand - data.site_xpos["target"])
             return cost + 5.0 * np.maximum(_AWAY - distance, 0.0)
         box = data.site_xpos[self._next][..., PLANE]
-        grip = self._grip(data)
+        if self._caught > _CAUGHT:
+            height = np.maximum(waiting[..., 1] - _LYING, 0.0).sum(axis=-1)
+            return cost + 5.0 * (height + np.maximum(box[..., 1] - _LYING, 0.0))
+        if self._backing:
+            return cost + np.abs(data.qpos[ARM] - self._refuge).sum(axis=-1)
         offset = box - self._place[PLANE]
         gap = np.hypot(offset[..., 0], offset[..., 1])
-        held, standing = self._held(grip), near(gap, 2.0 * _PLACED)
-        secure = np.maximum(held, standing)
-        closed = 0.15 * (1.0 + physics.control()[..., -1])
-        pressed = 0.3 * np.abs(physics.control()[..., -1] - _PRESS)
-        grasp = np.where(standing < 0.5, pressed, closed)
-        speed = data.qvel[[f"{self._next}_x", f"{self._next}_z"]]
-        thrown = np.maximum(np.hypot(speed[..., 0], speed[..., 1]) - _CARRIED, 0.0)
-        carry = self._way(data, box, gap) + 1.0 - standing + grasp + grip.tilt + 2.0 * thrown
-        lifted = 3.0 * np.maximum(box[..., 1] - _LYING, 0.0)
+        standing = near(gap, 2.0 * _PLACED)
+        grip = grip_of(data, str(self._next))
+        velocity = data.qvel[[f"{self._next}_x", f"{self._next}_z"]]
+        speed = np.hypot(velocity[..., 0], velocity[..., 1])
+        # One that leans on a finger at its place does not stand there.
+        upright = 1.0 if self._firm else near(_turned(data, str(self._next)), _LEANS)
+        secure = np.maximum(how_held(grip, self._firm), standing * upright)
+        carry = self._carry(physics, box, gap, standing) + grip.tilt
+        carry += 2.0 * np.maximum(speed - _CARRIED, 0.0)
+        # Who pushes a loose box, or lifts it by its edge, loses it.
+        moved = np.minimum(speed, 1.0) + 10.0 * np.maximum(box[..., 1] - _LYING, 0.0)
         aloft = np.clip((waiting[..., 1] - _ALOFT) / _HALF, 0.0, 1.0).sum(axis=-1)
-        fetch = _LOOSE + self._fetching(data, grip) + self._crowd(box, others) + lifted + aloft
+        outwards = outward_speed(data, f"{self._next}_x", str(self._next))
+        fetch = _LOOSE + fetching(grip) + moved + aloft + outwards
+        fetch += self._crowd(box, others) + self._over_tower(hand)
         return cost + secure * carry + (1.0 - secure) * fetch
+
+    def _carry(
+        self, physics: Any, box: np.ndarray, gap: np.ndarray, standing: np.ndarray
+    ) -> np.ndarray:
+        """How far the box that is held is from standing in its place, let go, (N,)."""
+        press = physics.control()[..., -1]
+        grasp = np.where(standing < 0.5, 0.3 * np.abs(press - PRESS), 0.15 * (1.0 + press))
+        return self._way(physics.named.data, box, gap) + 1.0 - standing + grasp
 
     def _crowd(self, box: np.ndarray, others: np.ndarray) -> np.ndarray:
         """How far fingers are from fitting between the next box and those beside it, (N,)."""
         offsets = np.abs(others - box[..., None, :])
-        room = (offsets[..., 1] < _HALF) * np.maximum(_FREE - offsets[..., 0], 0.0)
-        return 20.0 * (room.sum(axis=-1) + np.maximum(np.abs(box[..., 0]) - _FROM_WALL, 0.0))
+        room = (offsets[..., 1] < _HALF) * np.maximum(self._free() - offsets[..., 0], 0.0)
+        return 100.0 * (room.sum(axis=-1) + np.maximum(np.abs(box[..., 0]) - _FROM_WALL, 0.0))
+
+    def _over_tower(self, hand: np.ndarray) -> Any:
+        """How far the hand is from clear of the tower, (N,): it must go up to get past."""
+        if not self._placed:
+            return 0.0
+        top = float(self._place[2]) - _HALF
+        beside = np.abs(hand[..., 0] - self._place[0])
+        low = np.maximum(top + _UNDER_HAND - hand[..., 2], 0.0)
+        return 8.0 * np.clip((_FREE_OF_TOWER - beside) / 0.03, 0.0, 1.0) * low
+
+    def _free(self) -> float:
+        """How far from other boxes the next one can be taken, metres."""
+        return _FREE_OF_TOWER if len(self._placed) > 1 else _FREE
 
     def _in_the_way(self, waiting: np.ndarray) -> np.ndarray:
         """How near other loose boxes are to the tower's place, (N,)."""
@@ -219,51 +274,29 @@ class Stack(Cost):
         gaps = np.hypot(moved[..., 0], moved[..., 1]) + 0.05 * _turned(data, self._placed)
         return 80.0 * np.maximum(gaps - _PLACED, 0.0).sum(axis=-1)
 
-    def _grip(self, data: Any) -> "_Grip":
-        """How the hand is to the next box."""
-        ahead, aside = in_hand(data, data.site_xpos[self._next])
-        box, hand = data.xmat[self._next], data.site_xmat["grasp"]
-        square = (box[..., 0] * hand[..., 0] + box[..., 6] * hand[..., 6]) ** 2
-        return _Grip(ahead, aside, square * (1.0 - square), closing(data), 1.0 + hand[..., 8])
-
-    def _held(self, grip: "_Grip") -> np.ndarray:
-        """How well the hand holds the next box, 0 to 1, (N,)."""
-        empty = np.clip((grip.closed - _EMPTY) / np.radians(10.0), 0.0, 1.0)
-        closed = _closed(grip) ** 6 * (1.0 - empty)
-        slip = np.maximum(np.abs(grip.ahead - _HIGH) - _SLIP, 0.0)
-        firm = near(np.hypot(slip, grip.aside), 0.012) * near(grip.askew, 0.1) * closed
-        return np.minimum(PLAY * firm, 1.0)
-
-    def _fetching(self, data: Any, grip: "_Grip") -> np.ndarray:
-        """How far the hand is from holding the next box from above, (N,)."""
-        beyond = _HIGH - grip.ahead
-        distance = np.hypot(beyond, grip.aside)
-        above = np.clip(3.0 * (np.abs(grip.aside) - 0.01), 0.0, 0.06)
-        detour = np.maximum(above + beyond, 0.0)
-        is_far = np.clip((distance - 0.02) / 0.03, 0.0, 1.0)
-        closed = _closed(grip)
-        early = is_far * closed + (1.0 - is_far) * (1.0 - closed)
-        outwards = outward_speed(data, f"{self._next}_x", str(self._next))
-        turn = (1.5 - is_far) * grip.tilt + 4.0 * grip.askew
-        return 4.0 * (distance + detour) + turn + 0.5 * early + outwards
+    def _held(self, data: Any) -> float:
+        """How well the hand holds the next box now, 0 to 1."""
+        return float(how_held(grip_of(data, str(self._next)), self._firm))
 
     def _way(self, data: Any, box: np.ndarray, gap: np.ndarray) -> np.ndarray:
         """How far the next box is from its place, by the way over the tower, (N,)."""
         up, beside = box[..., 1] - self._place[2], np.abs(box[..., 0] - self._place[0])
         over = np.clip((beside - 0.006) / 0.02, 0.0, 1.0) * _OVER
-        way = gap + np.minimum(3.0 * np.maximum(over - up, 0.0), 0.2)
+        way = gap + np.minimum(8.0 * np.maximum(over - up, 0.0), 0.25)
         low = np.maximum(self._hurdle - box[..., 1], 0.0)
-        way += np.clip(beside / _HALF - 1.5, 0.0, 1.0) * np.minimum(8.0 * low, 0.6)
+        way += np.clip(beside / _HALF - 1.5, 0.0, 1.0) * np.minimum(12.0 * low, 0.6)
         return way / LONGEST + 0.5 * _turned(data, str(self._next))
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Ways that fetch the next box, carry it, or take the hand away."""
         data = physics.named.data
         now = data.qpos[ARM]
-        stay = [self._still(now, grasp) for grasp in (OPEN, _PRESS, CLOSED)]
-        if self._next is None:
-            ways = self._leaving(data, now, random)
-        elif self._held(self._grip(data)) > 0.3:
+        stay = [self._still(now, grasp) for grasp in (OPEN, PRESS, CLOSED)]
+        if self._backing or self._caught > _CAUGHT:
+            ways = ways_to(self._refuge, self.settings, now, random)
+        elif self._next is None:
+            ways = leaving(self.settings, data, random)
+        elif self._firm:
             ways = self._carrying(data, now, random)
         else:
             ways = self._reaching(data, now, random)
@@ -272,16 +305,6 @@ class Stack(Cost):
 
     def _still(self, now: np.ndarray, grasp: float) -> np.ndarray:
         return path(now, [now], self.settings.knots, [grasp])
-
-    def _leaving(self, data: Any, now: np.ndarray, random: np.random.Generator) -> list[np.ndarray]:
-        """Back along the fingers, at once or when they have opened."""
-        hand, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
-        ways: list[np.ndarray] = []
-        for back in (0.06, 0.15):
-            behind = hand - back * direction(angle)
-            for pose in hand_poses(random, behind, GRASP, now, 2, angle, 0.2):
-                ways.extend(ways_over(self.settings, now, pose, 0.0, GRASP, 0.0, [OPEN, OPEN]))
-        return ways + later(ways)
 
     def _reaching(
         self, data: Any, now: np.ndarray, random: np.random.Generator
@@ -295,40 +318,40 @@ class Stack(Cost):
         others = [data.site_xpos[name] - tips for name in self._boxes if name != self._next]
         back = 0.07 if any(np.hypot(*o[PLANE]) < 2.0 * _HALF for o in others) else 0.0
         ways: list[np.ndarray] = []
+        is_there = np.hypot(*(box - HIGH * _DOWN - hand)) < _THERE
+        ready = READY if float(closing(data)) < WIDE else OPEN
+        grasp = [CLOSED if is_there else ready, CLOSED]
         cruise = crest + _UNDER_HAND
-        for tilt in (0.1, 0.4):
-            for pose in hand_poses(random, box - _HIGH * _DOWN, GRASP, now, 3, down, tilt):
-                ways.extend(
-                    ways_over(self.settings, now, pose, cruise, GRASP, 0.0, [OPEN, CLOSED], back)
-                )
-        for pose in hand_poses(random, box - 0.09 * _DOWN, GRASP, now, 6, down, 0.4):
-            ways.append(path(now, [pose], self.settings.knots, [OPEN], 2))
+        for tilt in (0.1, 0.8 if abs(box[0]) > _AT_WALL else 0.4):
+            for pose in hand_poses(random, box - HIGH * _DOWN, GRASP, now, 3, down, tilt):
+                ways.extend(ways_over(self.settings, now, pose, cruise, GRASP, 0.0, grasp, back))
+        for pose in hand_poses(random, box - 0.09 * _DOWN, GRASP, now, 3, down, 0.4):
+            ways.extend(
+                ways_over(self.settings, now, pose, cruise, GRASP, 0.0, [ready, ready], back)
+            )
         if back:
             ways.extend(later(ways))
-        loose_boxes = [box for box in self._boxes if box not in self._placed]
-        if (data.site_xpos[loose_boxes][:, 2] > _ALOFT + _HALF).any():
-            # One lies on the arm or falls: what throws it off cannot be told beforehand.
-            goals = now + random.uniform(-_SHAKE, _SHAKE, (8, 4))
-            ways = [path(now, [goal], self.settings.knots, [OPEN]) for goal in goals] + ways
         return self._parting(data, now, random) + ways
 
     def _parting(self, data: Any, now: np.ndarray, random: np.random.Generator) -> list[np.ndarray]:
         """A fingertip turns the next box over, away from one that fingers cannot pass."""
-        box = data.site_xpos[self._next]
+        box, free = data.site_xpos[self._next], self._free()
         others = [data.site_xpos[other] - box for other in self._boxes if other != self._next]
-        near_by = [float(o[0]) for o in others if abs(o[2]) < _HALF and abs(o[0]) < _FREE]
+        near_by = [float(o[0]) for o in others if abs(o[2]) < _HALF and abs(o[0]) < free]
+        if abs(box[0]) > _FROM_WALL:
+            near_by.append(float(box[0]))
         if not near_by or np.sign(min(near_by)) != np.sign(max(near_by)):
             return []
         outwards = -np.sign(near_by[0])
         steps = np.array([[0.01, 0.05], [0.01, 0.02], [0.05, 0.01], [0.1, 0.0]])
         points = box[PLANE] + steps * [outwards, 1.0]
-        aside = outwards * TIP_ASIDE
         ways: list[np.ndarray] = []
-        for pose in hand_poses(random, points[0], TIP_REACH, now, 4, angle_of(_DOWN), 0.4, aside):
-            route = hand_route(pose, pose, points, np.zeros(4), TIP_REACH, aside)
-            if np.isfinite(route).all():
-                count = self.settings.knots
-                ways.extend(path(now, list(route[first:]), count, [OPEN]) for first in range(3))
+        down, count = angle_of(_DOWN), self.settings.knots
+        for aside in (-TIP_ASIDE, TIP_ASIDE):  # a tower leaves room for one of the fingers
+            for pose in hand_poses(random, points[0], TIP_REACH, now, 3, down, 0.4, aside):
+                route = hand_route(pose, pose, points, np.zeros(4), TIP_REACH, aside)
+                if np.isfinite(route).all():
+                    ways.extend(path(now, list(route[first:]), count, [OPEN]) for first in range(3))
         return ways
 
     def _carrying(
@@ -343,7 +366,7 @@ class Stack(Cost):
         cruise = max(self._hurdle, float(self._place[2]) + _OVER)
         for up, tilt, count in ((0.0, 0.05, 3), (0.0, 0.4, 3), (_OVER, 0.4, 2)):
             goal = self._place[PLANE] - up * _DOWN
-            grasp = [_PRESS, _PRESS if up else OPEN]
+            grasp = [PRESS, PRESS if up else OPEN]
             for pose in hand_poses(random, goal, forward, now, count, flat, tilt, aside):
                 ways.extend(ways_over(self.settings, now, pose, cruise, forward, aside, grasp))
         return ways
@@ -355,11 +378,6 @@ def _stands(data: Any, box: str, gap: float, allowed: float, stood: bool) -> boo
         return gap < 2.0 * allowed
     speed = np.abs(data.qvel[[f"{box}_x", f"{box}_z"]]).max()
     return bool(gap < allowed and speed < _RESTS and _turned(data, box) < _FLAT)
-
-
-def _closed(grip: _Grip) -> np.ndarray:
-    """How far the fingers are closed, 0 to 1 where they touch a box, (...)."""
-    return np.clip(grip.closed / (_GRIP_ANGLE - OPEN_ANGLE), 0.0, 1.0)
 
 
 def _turned(data: Any, box: str | list[str]) -> Any:

@@ -1,0 +1,93 @@
+"""How the hand holds one of the stacker's boxes, and how far it is from that.
+
+grip = grip_of(physics.named.data, "box0")
+how_held(grip, has=False)  # 0 to 1
+"""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.arm import OPEN_ANGLE, PLAY, closing, in_hand, near
+
+__all__ = ["HIGH", "PRESS", "READY", "WIDE", "Grip", "fetching", "grip_of", "how_held"]
+
+PRESS = 0.5  # control of the grasp that holds a box
+READY = -0.3  # control of the grasp that keeps fingers open: more bends them back in the plan
+WIDE = 0.1  # radians; fingers that are bent back by more touch what is beside
+HIGH = 0.024  # metres; how far above a box's centre the grasp is: higher it slips, lower it tips
+# Metres; how far above a box's centre the grasp of a hand that takes it may be, and of one that has
+# it: a box creeps out of the hand, which must not make it stop.
+_TAKEN, _KEPT = (0.018, 0.027), (0.0, 0.049)
+_LOOSELY = 0.01  # metres more, at which a box is half held
+_GRIP_ANGLE = np.radians(14.0)  # of the fingers around a box, measured
+_EMPTY = np.radians(35.0)  # fingers that have closed by more than this hold nothing
+_STILL = 0.6  # radians per second; fingers that turn faster do not hold yet
+_ABOVE = 0.06  # metres; how far above its place at a box the hand comes to it
+
+
+@dataclasses.dataclass(frozen=True)
+class Grip:
+    """How the hand is to a box, (...) each.
+
+    Attributes:
+      ahead, aside: where the box is in the hand, metres from the grasp site.
+      askew: 0 for fingers that are parallel to the box's sides, up to 0.25.
+      closed: how far the fingers have turned, radians.
+      turning: how fast they turn, radians per second.
+      tilt: 0 for a hand that points down, up to 2.
+    """
+
+    ahead: Any
+    aside: Any
+    askew: Any
+    closed: Any
+    turning: Any
+    tilt: Any
+
+
+def grip_of(data: Any, box: str) -> Grip:
+    """How the hand is to a box."""
+    ahead, aside = in_hand(data, data.site_xpos[box])
+    side, hand = data.xmat[box], data.site_xmat["grasp"]
+    square = (side[..., 0] * hand[..., 0] + side[..., 6] * hand[..., 6]) ** 2
+    turning = np.abs(data.qvel[["thumb", "finger"]].mean(axis=-1))
+    askew = square * (1.0 - square)
+    return Grip(ahead, aside, askew, closing(data), turning, 1.0 + hand[..., 8])
+
+
+def how_held(grip: Grip, has: bool) -> np.ndarray:
+    """How well the hand holds the box, 0 to 1, (N,).
+
+    Args:
+      grip: how the hand is to it.
+      has: whether the hand has had it already. Otherwise it must first be held well.
+    """
+    empty = np.clip((grip.closed - _EMPTY) / np.radians(10.0), 0.0, 1.0)
+    closed = _closed(grip) ** 6 * (1.0 - empty)
+    if not has:
+        # Who lifts while the fingers still turn has the box at their tips, where it slips.
+        closed *= near(grip.turning, _STILL)
+    least, most = _KEPT if has else _TAKEN
+    slip = np.maximum(grip.ahead - most, 0.0) + np.maximum(least - grip.ahead, 0.0)
+    firm = near(np.hypot(slip, grip.aside), _LOOSELY) * near(grip.askew, 0.1) * closed
+    return np.minimum(PLAY * firm, 1.0)
+
+
+def fetching(grip: Grip) -> np.ndarray:
+    """How far the hand is from holding the box from above, (N,)."""
+    beyond = HIGH - grip.ahead
+    distance = np.hypot(beyond, grip.aside)
+    above = np.clip(3.0 * (np.abs(grip.aside) - 0.01), 0.0, _ABOVE)
+    detour = np.maximum(above + beyond, 0.0)
+    is_far = np.clip((distance - 0.02) / 0.03, 0.0, 1.0)
+    early = np.clip((distance - 0.01) / 0.01, -1.0, 1.0)
+    bent = np.maximum(-grip.closed - WIDE, 0.0)
+    turn = (1.5 - is_far) * grip.tilt + 4.0 * grip.askew + 3.0 * bent
+    return 4.0 * (distance + detour) + turn + 0.5 * early * _closed(grip)
+
+
+def _closed(grip: Grip) -> np.ndarray:
+    """How far the fingers are closed, 0 to 1 where they touch a box, (...)."""
+    return np.clip(grip.closed / (_GRIP_ANGLE - OPEN_ANGLE), 0.0, 1.0)

@@ -1,0 +1,69 @@
+"""What the planar arm does where nothing becomes better: it notices, and tries something else.
+
+A plan that looks half a second ahead may stand still forever: behind an object, or with one that
+lies on the arm.
+
+patience = Patience(plannings=33, part=0.9)
+if patience.is_out("fetch box0", lack=0.21): ...
+"""
+
+from collections.abc import Hashable
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.arm import ARM, OPEN, path
+from limberjack.planner.cost import Settings
+from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses
+
+__all__ = ["Patience", "refuge", "ways_to"]
+
+_REFUGE = 0.25, 0.25  # metres; where the hand is out of the way and the arm not folded
+_SHAKE = 1.5  # radians; by how much joints turn to get rid of what lies on the arm
+_SHAKES = 20  # that are tried
+
+
+class Patience:
+    """Notices that something has not become less for long."""
+
+    def __init__(self, plannings: int, part: float) -> None:
+        """Waits that many plannings for the value to fall to a part of the least so far."""
+        self._plannings, self._part = plannings, part
+        self.reset()
+
+    def reset(self) -> None:
+        """Begins to wait anew."""
+        self._stage: Hashable = None
+        self._least = np.inf
+        self._waited = 0
+
+    def is_out(self, stage: Hashable, lack: float) -> bool:
+        """Whether it has waited too long; it begins anew then, and in another stage."""
+        if stage != self._stage or lack < self._part * self._least:
+            self._stage, self._least, self._waited = stage, lack, 0
+        self._waited += 1
+        if self._waited <= self._plannings:
+            return False
+        self.reset()
+        return True
+
+
+def refuge(data: Any, place: np.ndarray, tries: int) -> np.ndarray:
+    """Joints of the arm, (4,), with the hand above a place; other ones at each try."""
+    random = np.random.default_rng(tries)
+    point = np.array([np.copysign(_REFUGE[0], place[0]), _REFUGE[1]])
+    down = angle_of(np.array([0.0, -1.0]))
+    now = data.qpos[ARM]
+    poses = hand_poses(random, point, GRASP, now, 24, down, 0.7)
+    if not len(poses):
+        return now.copy()
+    return poses[random.integers(len(poses))]
+
+
+def ways_to(
+    goal: np.ndarray, settings: Settings, now: np.ndarray, random: np.random.Generator
+) -> list[np.ndarray]:
+    """Paths of the open hand to joints, and others that shake the arm, (knots, 5) each."""
+    goals = now + random.uniform(-_SHAKE, _SHAKE, (_SHAKES, 4))
+    ways = [path(now, [goal], settings.knots, [OPEN], slow) for slow in (1, 2, 4)]
+    return ways + [path(now, [other], settings.knots, [OPEN]) for other in goals]

@@ -1,0 +1,37 @@
+"""What the arm does where nothing becomes better."""
+
+import numpy as np
+
+from limberjack import suite
+from limberjack.planner import planar_ik, unsticking
+from limberjack.planner.unsticking import Patience
+
+
+def _waits(patience: Patience, lacks: list[float], stage: str = "fetch") -> list[bool]:
+    return [patience.is_out(stage, lack) for lack in lacks]
+
+
+def test_patience_ends_when_nothing_has_become_better_and_begins_anew() -> None:
+    patience = Patience(plannings=3, part=0.9)
+    assert _waits(patience, [1.0, 1.0, 0.95, 0.92]) == [False, False, False, True]
+    assert _waits(patience, [0.92] * 4) == [False, False, False, True]
+
+
+def test_patience_lasts_while_there_is_progress_or_another_stage() -> None:
+    patience = Patience(plannings=2, part=0.9)
+    assert not any(_waits(patience, [0.8**n for n in range(9)]))
+    for stage in ("carry", "fetch", "carry"):
+        assert _waits(patience, [1.0, 1.0], stage) == [False, False]
+
+
+def test_a_refuge_is_the_same_at_the_same_try_with_the_hand_above_the_ground() -> None:
+    env = suite.load("stacker", "stack_2", {"random": 1})
+    env.reset()
+    data = env.physics.named.data
+    place = np.array([-0.3, 0.0, 0.022])
+    first, again, other = (unsticking.refuge(data, place, tries) for tries in (0, 0, 1))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    for joints in (first, other):
+        hand = planar_ik.hand_places(joints, planar_ik.GRASP)
+        np.testing.assert_allclose(hand, [-0.25, 0.25], atol=1e-6)  # solved in float64
