@@ -210,11 +210,11 @@ class Stack(Cost):
             distance = arrays.norm(hand - data.site_xpos["target"])
             return cost + 5.0 * np.maximum(_AWAY - distance, 0.0)
         box = data.site_xpos[self._next][..., PLANE]
+        if self._backing:
+            return cost + np.abs(data.qpos[ARM] - self._refuge).sum(axis=-1)
         if self._caught > _CAUGHT:
             height = np.maximum(waiting[..., 1] - _LYING, 0.0).sum(axis=-1)
             return cost + 5.0 * (height + np.maximum(box[..., 1] - _LYING, 0.0))
-        if self._backing:
-            return cost + np.abs(data.qpos[ARM] - self._refuge).sum(axis=-1)
         offset = box - self._place[PLANE]
         gap = np.hypot(offset[..., 0], offset[..., 1])
         standing = near(gap, 2.0 * _PLACED)
