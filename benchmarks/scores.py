@@ -3,8 +3,8 @@
     limberjack evaluate humanoid walk --policy planner --seeds 0:100 --out DIR
     python benchmarks/scores.py DIR
 
-takes over DIR's result and writes the page; without a folder it writes the page anew. It measures
-nothing itself.
+takes over DIR's result, draws what the planner did not solve in it, and writes the page; without a
+folder it writes the page anew. It measures nothing itself.
 """
 
 import argparse
@@ -15,12 +15,17 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import unsolved
+
 from limberjack import suite
+from limberjack.utils import png
 
 __all__ = ["main", "page", "read_results"]
 
 _RESULTS = Path(__file__).parent / "results" / "scores"
 _PAGE = Path(__file__).parents[1] / "docs" / "scores.md"
+_IMAGES = _PAGE.parent / "images"
+_DRAWN = "manipulator", "stacker"  # a humanoid's starts all look alike
 
 # The best scores from states that were found, with the steps of training and the action repeat,
 # where the authors' paper or code says one. The arm's were never measured from all starts.
@@ -66,6 +71,13 @@ Mean return, and in brackets the share of successes. The arm's starts are told i
 [Evaluation](evaluation.md#kinds-of-starts).
 """
 
+_UNSOLVED = """
+## What the planner did not solve
+
+The starts of the arm's episodes that were no success, each with its seed. In some of them nothing
+can be done: [what can be reached](planner.md#what-can-be-reached).
+"""
+
 _PUBLISHED_TEXT = """
 ## Published scores
 
@@ -92,6 +104,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         name = f"{result['domain']}-{result['task']}-{policy}.json"
         _RESULTS.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / "result.json", _RESULTS / name)
+        picture = unsolved.draw(result) if _is_shown(result) else None
+        if picture is not None:
+            (_IMAGES / _picture_of(result)).write_bytes(png.encode(picture))
     _PAGE.write_text(page(read_results()), encoding="utf-8")
 
 
@@ -113,6 +128,8 @@ def page(results: Sequence[_Result]) -> str:
         of_domain = [result for result in results if result["domain"] == domain]
         lines += [*_start_table(of_domain), ""] if of_domain else []
     lines.pop()
+    pictures = list(_unsolved_lines(results))
+    lines += [_UNSOLVED, *pictures[:-1]] if pictures else []
     published = [[*task, *score] for task in suite.ALL_TASKS for score in _PUBLISHED.get(task, [])]
     columns = ["domain", "task", "score", "by", "steps", "action repeat"]
     lines += [_PUBLISHED_TEXT, *_table(columns, published)]
@@ -168,6 +185,24 @@ def _start_table(results: Sequence[_Result]) -> list[str]:
         for (task, start), row in cells.items()
     ]
     return _table(["task", "start", *policies], rows)
+
+
+def _unsolved_lines(results: Sequence[_Result]) -> Iterator[str]:
+    for result in results:
+        seeds = unsolved.seeds_of(result) if _is_shown(result) else []
+        if seeds:
+            yield f"{result['task']}, {len(seeds)} of {result['episodes_asked_for']}:"
+            yield ""
+            yield f"![Starts of {result['task']}](images/{_picture_of(result)})"
+            yield ""
+
+
+def _is_shown(result: _Result) -> bool:
+    return result["policy"] == "planner" and result["domain"] in _DRAWN
+
+
+def _picture_of(result: _Result) -> str:
+    return f"unsolved-{result['task']}.png"
 
 
 def _origin(result: _Result) -> list[str]:

@@ -18,12 +18,14 @@ _RESULTS = sorted((_REPOSITORY / "benchmarks" / "results" / "scores").glob("*.js
 @pytest.fixture
 def script(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
     """The script, writing to a folder of the test's own."""
+    monkeypatch.syspath_prepend(_REPOSITORY / "benchmarks")
     spec = importlib.util.spec_from_file_location("scores", _REPOSITORY / "benchmarks/scores.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     monkeypatch.setattr(module, "_PAGE", tmp_path / "scores.md")
+    monkeypatch.setattr(module, "_IMAGES", tmp_path)
     return module
 
 
@@ -47,6 +49,24 @@ def test_a_folder_is_taken_over(script: Any, tmp_path: Path, monkeypatch: Any) -
     page = (tmp_path / "scores.md").read_text(encoding="utf-8")
     assert row in page
     assert "| stack_2 | zero | 0:4 |" in page
+
+
+def test_what_the_planner_does_not_solve_is_drawn(
+    script: Any, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr(script, "_RESULTS", tmp_path)
+    path = _REPOSITORY / "benchmarks/results/scores/manipulator-bring_peg-planner.json"
+    result = json.loads(path.read_text(encoding="utf-8"))
+    result["episodes"] = [e for e in result["episodes"] if not e["success"]][:2] + [
+        e for e in result["episodes"] if e["success"]
+    ][:3]
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    script.main([str(tmp_path)])
+    picture = (tmp_path / "unsolved-bring_peg.png").read_bytes()
+    width, height = (int.from_bytes(picture[at : at + 4]) for at in (16, 20))
+    assert (height, width) == (150, 2 * 200)  # the two side by side
+    page = (tmp_path / "scores.md").read_text(encoding="utf-8")
+    assert "bring_peg, 2 of 100:\n\n![Starts of bring_peg](images/unsolved-bring_peg.png)" in page
 
 
 @pytest.mark.parametrize("path", _RESULTS, ids=lambda path: path.stem)
