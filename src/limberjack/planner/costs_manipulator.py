@@ -30,6 +30,7 @@ from limberjack.planner.arm import (
 )
 from limberjack.planner.cost import Cost
 from limberjack.planner.grips import (
+    BACK,
     BALL,
     BALL_SETTINGS,
     Pose,
@@ -48,7 +49,6 @@ __all__ = ["Bring"]
 
 _LOOSE = 8.0  # what an object costs that is not held: more than any that is
 _LENIENT = 0.06  # one less the cosine; how far from upright a hand may be that takes a ball
-_BACK = 0.06  # metres; how far the hand stands off before it closes in
 _HOLDS = 8  # how often between two knots the arm is put back while the object's way is foreseen
 _PRESS = 0.25  # control of the grasp under which an object may slip
 _AT_REST = 0.02  # metres or radians per second
@@ -298,7 +298,7 @@ class Bring(Cost):
             for pose in self._poses(data, random, "", 4, at=knot):
                 paths.extend(path(now, [pose], count, grasp, slow) for slow in straight)
                 angle = float(pose.sum())
-                place = hand_places(pose, GRASP) - _BACK * direction(angle)
+                place = hand_places(pose, GRASP) - BACK * direction(angle)
                 for before in hand_poses(random, place, GRASP, pose, 1, angle, 0.1):
                     paths.extend(path(now, [before, pose], count, grasp, slow) for slow in ways)
                     paths.append(path(now, [before], count, [grip.ready], knot))

@@ -12,6 +12,7 @@ import numpy as np
 from limberjack.planner.arm import ARM, OPEN_ANGLE, PLANE, approaches, near, path, sag
 from limberjack.planner.costs_manipulator import Bring
 from limberjack.planner.grips import (
+    BACK,
     HANDLE,
     PEG_SETTINGS,
     against_hand,
@@ -20,7 +21,7 @@ from limberjack.planner.grips import (
     in_world,
     pose_of,
 )
-from limberjack.planner.peg_ways import BACK, PegWays, across, grasp_of, opening
+from limberjack.planner.peg_ways import PegWays, across, grasp_of, opening
 from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_poses, nudged
 from limberjack.utils import arrays
 

@@ -13,6 +13,7 @@ import numpy as np
 from limberjack.planner.arm import SETTINGS, finger_angle
 
 __all__ = [
+    "BACK",
     "BALL",
     "BALL_SETTINGS",
     "HANDLE",
@@ -25,6 +26,8 @@ __all__ = [
     "in_world",
     "pose_of",
 ]
+
+BACK = 0.06  # metres; how far the hand stands off before it closes in
 
 BALL_SETTINGS = dataclasses.replace(
     SETTINGS,

@@ -16,13 +16,12 @@ import numpy as np
 
 from limberjack.planner.arm import OPEN_ANGLE, PLANE, TIPS, path
 from limberjack.planner.arm_routes import Route, routes
-from limberjack.planner.grips import HANDLE, Pose, downwards, in_world
+from limberjack.planner.grips import BACK, HANDLE, Pose, downwards, in_world
 from limberjack.planner.planar_ik import angle_of, direction, hand_height, nudged
 from limberjack.utils import arrays
 
-__all__ = ["BACK", "PegWays", "across", "grasp_of", "opening"]
+__all__ = ["PegWays", "across", "grasp_of", "opening"]
 
-BACK = 0.06  # metres; how far the hand stands off before it closes in
 _LENGTH = 0.113  # metres, of a peg
 _HAND, _HAND_AND_PEG = 0.1, 0.178  # metres; from the wrist to the end
 _STEEP, _RAISED = 0.25, 0.002  # radians, metres; how the hand comes to a peg that lies flat
