@@ -14,6 +14,10 @@ MADE := $(VENV)/made-with-python-$(VERSION)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	--constraint constraints.txt --editable
 
+# A worker per core, each with whole files: what a file's tests share is made once. Not more than
+# four, as some tests use all cores themselves.
+IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile
+
 export PYTHONUNBUFFERED = 1
 
 .DEFAULT_GOAL := help
@@ -29,7 +33,7 @@ demo: $(VENV)/installed-demo  ## Let the planner bring a ball home; video, repor
 	@echo "Open $(CURDIR)/demo/report.html to see it."
 
 test: lint  ## Run ruff, pyright and all tests but the slow ones
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(IN_PARALLEL)
 
 test-slow: $(VENV)/installed-test  ## Run the slow tests
 	$(BIN)/python -m pytest -m slow

@@ -4,6 +4,10 @@ In one cell, a task with so many rows, all that is compared does the same number
 same actions in turns, a block of steps each; see `limberjack.bench`. Ours and MuJoCo alone must
 come to the same states; EnvPool, which draws other starts, only does the same number of steps.
 
+The bars beside EnvPool are held where both have as many cores as threads: its calling thread works
+beside its threads, so that on a machine with free cores it has one more than it is given. That
+comparison is measured, too, and shown without a bar.
+
 MuJoCo alone is a persistent `mujoco.batch.Batch` with nothing bound: persistent, as only such a
 batch can have the positions and velocities of its new state, which ours has, at no cost. One that
 is not persistent is quicker where memory is slow, as fewer `MjData` go through the caches; what
@@ -13,7 +17,7 @@ ours does beside that one is shown, too.
 import contextlib
 import os
 import statistics
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +48,9 @@ _Times = dict[str, list[float]]
 
 _PHYSICS, _PERSISTENT, _BATCHED, _OURS = "physics", "persistent_physics", "batch", "vector"
 _THEIRS = "peer"
+# Our vector environment and EnvPool, on as many cores as threads and on all cores.
+_OURS_BOUND, _THEIRS_BOUND = "vector_bound", "peer_bound"
+_OURS_FREE, _THEIRS_FREE = "vector_free", "peer_free"
 
 
 class Cells:
@@ -69,24 +76,32 @@ class Cells:
 
     def measure(self, cell: _Cell, seconds: float, min_rounds: int, warm_up_steps: int) -> None:
         """Measures a cell, once more if it was measured before."""
-        domain, task, num_envs = cell
-        with contextlib.ExitStack() as stack:
-            contest = stack.enter_context(bench.Contest(domain, task, num_envs, self._num_threads))
+        effort = seconds, min_rounds, warm_up_steps
+        with bench.Contest(*cell, self._num_threads) as contest:
             names = (_PHYSICS, _PERSISTENT, _BATCHED, _OURS)
             players: dict[str, bench.Player] = {name: getattr(contest, name) for name in names}
-            if self._peer is not None:
-                peer = stack.enter_context(
-                    batch_peers.Peer(
-                        batch_peers.ENVPOOL, self._peer, *cell, num_threads=self._num_threads
-                    )
-                )
-                self.versions |= {peer.name: f"MuJoCo {peer.mujoco}"}
-                players[_THEIRS] = peer.play
-            taken = bench.take_turns(players, contest.actions, seconds, min_rounds, warm_up_steps)
+            taken = bench.take_turns(players, contest.actions, *effort)
+        if self._peer is not None:
+            with _kept_to(self._num_threads):
+                bound = self._beside_peer(cell, self._peer, effort)
+            free = self._beside_peer(cell, self._peer, effort)
+            taken |= {_OURS_BOUND: bound[_OURS], _THEIRS_BOUND: bound[_THEIRS]}
+            taken |= {_OURS_FREE: free[_OURS], _THEIRS_FREE: free[_THEIRS]}
         pooled = self._taken.setdefault(cell, {})
         for name, times in taken.items():
             pooled.setdefault(name, []).extend(times)
         self._loads.setdefault(cell, []).append(os.getloadavg()[0])
+
+    def _beside_peer(self, cell: _Cell, folder: Path, effort: tuple[float, int, int]) -> _Times:
+        threads = self._num_threads
+        with (
+            bench.Contest(*cell, threads) as contest,
+            batch_peers.Peer(batch_peers.ENVPOOL, folder, *cell, num_threads=threads) as peer,
+        ):
+            self.versions |= {peer.name: f"MuJoCo {peer.mujoco}"}
+            # The batch only for the check that what is timed does the same steps.
+            players = {_BATCHED: contest.batch, _OURS: contest.vector, _THEIRS: peer.play}
+            return bench.take_turns(players, contest.actions, *effort)
 
     def doubtful(self) -> list[_Cell]:
         """The cells in which a bar was missed: to be measured again, on another minute's load."""
@@ -102,7 +117,9 @@ class Cells:
             rows += self._means(f"{what} / not persistent", ours, _PHYSICS, None)
         if self._peer is not None:
             bars = dict.fromkeys(SIZES, _ENVPOOL)
-            rows += self._rows("vector / EnvPool", _OURS, _THEIRS, bars, with_means=True)
+            measure, on_all = "vector / EnvPool", "vector / EnvPool on all cores"
+            rows += self._rows(measure, _OURS_BOUND, _THEIRS_BOUND, bars, with_means=True)
+            rows += self._means(on_all, _OURS_FREE, _THEIRS_FREE, None)
         return rows
 
     def _rows(
@@ -133,6 +150,8 @@ class Cells:
             details["ratio_to_not_persistent"] = spread(_ratios(taken[_PHYSICS], taken[ours]))
             added = [a - b for a, b in zip(taken[ours], taken[theirs], strict=True)]
             details["added_us"] = 1e6 * statistics.median(added)
+        if theirs == _THEIRS_BOUND:
+            details["ratio_on_all_cores"] = spread(_ratios(taken[_THEIRS_FREE], taken[_OURS_FREE]))
         return Row(
             measure=measure,
             subject=_subject(cell),
@@ -143,6 +162,20 @@ class Cells:
             bar=bars.get(num_envs),
             details=details,
         )
+
+
+@contextlib.contextmanager
+def _kept_to(num_cores: int) -> Iterator[None]:
+    """Keeps what is started within to so many cores, where the system can."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, sorted(before)[:num_cores])
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
 
 
 def measure_processes(

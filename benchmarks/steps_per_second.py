@@ -5,9 +5,6 @@
 Other packages are installed by this script, each in a virtual environment of its own in DIR, or in
 a temporary folder. The exit status is 1 if a bar is missed. What is missed at first is measured
 once more at the end, and both measurements are pooled.
-
-With --bound all that is compared may use as many cores as it is given threads, where the system can
-bind it to them: a peer whose calling thread works beside its threads has one core more otherwise.
 """
 
 import dataclasses
@@ -152,14 +149,6 @@ class _Run:
         return folder
 
 
-def _bind(num_cores: int) -> int | None:
-    """Keeps this process and those it starts to so many cores; returns how many, if it can."""
-    if not hasattr(os, "sched_setaffinity"):
-        return None
-    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:num_cores])
-    return len(os.sched_getaffinity(0))
-
-
 def _say(line: str) -> None:
     typer.echo(line, err=True)
 
@@ -180,15 +169,11 @@ def main(
     threads: Annotated[
         int | None, typer.Option(min=1, help="Of everything; by default the cores now free.")
     ] = None,
-    bound: Annotated[
-        bool, typer.Option("--bound", help="Keep everything to as many cores as threads.")
-    ] = False,
     json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
 ) -> None:
     """Measure batches beside their peers and print each bar and whether it is met."""
     effort = _QUICK if quick else _FULL
     num_threads = threads or batch_costs.free_cores()
-    cores = _bind(num_threads) if bound else None
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as temporary:
         folder = None if without_peers else peers or Path(temporary)
@@ -200,8 +185,7 @@ def main(
             if hasattr(os, "getloadavg"):
                 loads[section.value] = os.getloadavg()
             if json is not None:  # after each section, as it takes long
-                settings = {"quick": quick, "threads": num_threads, "bound_to_cores": cores}
-                settings |= dataclasses.asdict(effort)
+                settings = {"quick": quick, "threads": num_threads, **dataclasses.asdict(effort)}
                 write_json(json, rows, {**settings, "peers": run.versions, "load_averages": loads})
     print_table(rows, "compared")
     typer.echo(summary(rows))

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import os
 import re
 import socket
 import sys
@@ -125,6 +126,44 @@ def test_the_command_refuses_what_cannot_be_measured() -> None:
     done = typer.testing.CliRunner().invoke(app, ["bench", "stacker", "stak_2"])
     assert done.exit_code == 2
     assert "Did you mean 'stack_2'?" in done.stderr
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores cannot be chosen here")
+def test_the_bars_beside_envpool_are_held_on_as_many_cores_as_threads(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    allowed: list[set[int]] = []
+
+    class Peer:
+        name, mujoco = "a peer", "3.6.0"
+
+        def __init__(self, *args: object, **kwargs: object) -> None:
+            allowed.append(os.sched_getaffinity(0))
+
+        def __enter__(self) -> "Peer":
+            return self
+
+        def __exit__(self, *error: object) -> None:
+            pass
+
+        def play(self, actions: np.ndarray) -> float:
+            return 1.0 if len(allowed) == 1 else 0.5
+
+    monkeypatch.syspath_prepend(_BENCHMARKS)
+    monkeypatch.setattr("batch_peers.Peer", Peer)
+    stepping = importlib.import_module("batch_stepping")
+    cells = stepping.Cells([("stacker", "stack_2")], [64], 1, Path())
+    before = os.sched_getaffinity(0)
+    cells.measure(cells.all[0], seconds=0.0, min_rounds=2, warm_up_steps=1)
+    assert [len(cores) for cores in allowed] == [1, len(before)]
+    assert os.sched_getaffinity(0) == before
+    rows = [row for row in cells.rows() if "EnvPool" in row.measure]
+    assert [(row.measure, row.bar and row.bar.limit) for row in rows] == [
+        ("vector / EnvPool", 1.2),
+        ("vector / EnvPool", 1.35),  # the geometric mean
+        ("vector / EnvPool on all cores", None),
+    ]
+    assert rows[0].theirs == 1024  # steps of all rows together, a block, took a second
 
 
 def _worker() -> ModuleType:
