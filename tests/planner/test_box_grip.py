@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from limberjack.planner.box_grip import HIGH, Grip, fetching, how_held
+from limberjack.planner.box_grip import HIGH, Grip, fetching, how_held, ready
 
 _FIRM = Grip(
     ahead=HIGH, aside=0.0, askew=0.0, closed=np.radians(24.0), turning=np.array(0.0), tilt=0.0
@@ -40,3 +40,13 @@ def test_who_is_there_should_close_and_who_is_not_should_not() -> None:
     there, far = _FIRM, dataclasses.replace(_FIRM, ahead=HIGH + 0.06)
     open_there, open_far = (dataclasses.replace(grip, closed=0.0) for grip in (there, far))
     assert fetching(there) < fetching(open_there) < fetching(open_far) < fetching(far)
+
+
+def test_fingers_that_come_to_a_box_are_neither_wide_open_nor_closed() -> None:
+    assert ready(0.0) > 0.0 > ready(np.radians(24.0))
+    there = dataclasses.replace(_FIRM, ahead=HIGH + 0.06)
+    costs = [
+        float(fetching(dataclasses.replace(there, closed=np.radians(angle))))
+        for angle in (-10.0, 6.0, 24.0)
+    ]
+    assert min(costs) == costs[1]

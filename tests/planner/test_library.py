@@ -16,7 +16,7 @@ def test_the_files_of_one_domain_do_not_depend_on_those_of_another() -> None:
     common = {"sampling", "tracking", "cost"}
     humanoid, stacker = _names("humanoid", "stand"), _names("stacker", "stack_2")
     assert set(humanoid) == {*common, "costs_humanoid"}
-    arm = {"arm", "arm_ways", "box_grip", "planar_ik", "unsticking"}
+    arm = {"arm", "arm_ways", "box_grip", "boxes", "planar_ik", "unsticking"}
     assert set(stacker) == {*common, "costs_stacker", *arm}
     assert humanoid == sorted(humanoid)
 

@@ -36,3 +36,13 @@ def test_a_refuge_is_the_same_at_the_same_try_with_the_hand_above_the_ground() -
         hand = planar_ik.hand_places(joints, planar_ik.GRASP)
         # Solved in closed form, whose sines and cosines round.
         np.testing.assert_allclose(hand, [-0.25, 0.25], rtol=0, atol=1e-12)
+
+
+def test_the_shelter_is_beside_where_boxes_fall() -> None:
+    env = suite.load("stacker", "stack_2", {"random": 1})
+    env.reset()
+    joints = unsticking.shelter(env.physics.named.data)
+    assert joints.shape == (4,)
+    for reach in (-0.12, 0.0, planar_ik.GRASP):  # elbow, wrist and hand
+        link = joints if reach >= 0 else np.append(joints[:3], 0.0)
+        assert planar_ik.hand_places(link, reach)[0] < 0.08

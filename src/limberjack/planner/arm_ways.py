@@ -7,14 +7,26 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm import ARM, OPEN, PLANE, path
+from limberjack.planner.arm import ARM, OPEN, PLANE, TIP_ASIDE, TIP_REACH, path
 from limberjack.planner.cost import Settings
-from limberjack.planner.planar_ik import GRASP, direction, hand_places, hand_poses, hand_route
+from limberjack.planner.planar_ik import (
+    GRASP,
+    angle_of,
+    direction,
+    hand_places,
+    hand_poses,
+    hand_route,
+)
 
-__all__ = ["later", "leaving", "ways_over"]
+__all__ = ["later", "leaving", "turning_over", "ways_over"]
 
 _SPEEDS = (0.4, 0.8, 1.5)  # metres per second, at which a way is tried
-_AT_ONCE = 0.011  # metres; a way back or up that is shorter is no stage of its own
+_AT_ONCE = 0.03  # metres; a way back or up that is shorter is no stage of its own
+_STRAIGHT = 0.25  # seconds, that a straight way of the joints takes
+# Metres sideways and up from a box's middle; where a fingertip presses on its far half and drags.
+_OVER_A_BOX = (0.01, 0.05), (0.01, 0.02), (0.05, 0.01), (0.1, 0.0)
+_PUSH = 0.125  # seconds from one of these points to the next
+_OPENING = 0.125  # seconds, in which a hand opens far enough to go
 
 
 def ways_over(
@@ -53,16 +65,18 @@ def ways_over(
         if np.isfinite(joints).all():
             hold = np.where(gone < lengths[-1], grasp[0], grasp[1])
             ways.append(np.column_stack([joints, hold]))
-    straight = path(now, [pose], settings.knots, grasp, 2)
-    straight[:, 4] = np.where(np.arange(settings.knots) < 3, grasp[0], grasp[1])
+    slow = round(_STRAIGHT / settings.spacing)
+    straight = path(now, [pose], settings.knots, grasp, slow)
+    straight[:, 4] = np.where(np.arange(settings.knots) <= slow, grasp[0], grasp[1])
     return [*ways, straight]
 
 
-def later(ways: list[np.ndarray]) -> list[np.ndarray]:
-    """The same paths one knot later, the hand opening first."""
-    delayed = [np.vstack([way[:1], way[:-1]]) for way in ways]
+def later(settings: Settings, ways: list[np.ndarray]) -> list[np.ndarray]:
+    """The same paths a little later, the hand opening first."""
+    knots = round(_OPENING / settings.spacing)
+    delayed = [np.vstack([np.repeat(way[:1], knots, axis=0), way[:-knots]]) for way in ways]
     for way in delayed:
-        way[0, -1] = OPEN
+        way[:knots, -1] = OPEN
     return delayed
 
 
@@ -75,4 +89,32 @@ def leaving(settings: Settings, data: Any, random: np.random.Generator) -> list[
         behind = hand - back * direction(angle)
         for pose in hand_poses(random, behind, GRASP, now, 2, angle, 0.2):
             ways.extend(ways_over(settings, now, pose, 0.0, GRASP, 0.0, [OPEN, OPEN]))
-    return ways + later(ways)
+    return ways + later(settings, ways)
+
+
+def turning_over(
+    settings: Settings,
+    now: np.ndarray,
+    box: np.ndarray,
+    side: float,
+    random: np.random.Generator,
+) -> list[np.ndarray]:
+    """Paths of a fingertip that turns a box over, (knots, 5) each.
+
+    Args:
+      settings: of the plans that they are for.
+      now: the arm's joints at the start, (4,).
+      box: x and z of its middle, (2,).
+      side: to which it turns, 1 or -1.
+      random: draws the poses.
+    """
+    points = box + np.array(_OVER_A_BOX) * [side, 1.0]
+    down, slow = angle_of(np.array([0.0, -1.0])), round(_PUSH / settings.spacing)
+    ways: list[np.ndarray] = []
+    for aside in (-TIP_ASIDE, TIP_ASIDE):  # a tower leaves room for one of the fingers
+        for pose in hand_poses(random, points[0], TIP_REACH, now, 3, down, 0.4, aside):
+            route = hand_route(pose, pose, points, np.zeros(4), TIP_REACH, aside)
+            if np.isfinite(route).all():
+                parts = [list(route[first:]) for first in range(3)]
+                ways.extend(path(now, part, settings.knots, [OPEN], slow) for part in parts)
+    return ways

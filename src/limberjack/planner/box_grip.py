@@ -11,17 +11,22 @@ import numpy as np
 
 from limberjack.planner.arm import OPEN_ANGLE, PLAY, closing, in_hand, near
 
-__all__ = ["HIGH", "PRESS", "READY", "WIDE", "Grip", "fetching", "grip_of", "how_held"]
+__all__ = ["HIGH", "PRESS", "Grip", "fetching", "grip_of", "how_held", "ready"]
 
 PRESS = 0.5  # control of the grasp that holds a box
-READY = -0.3  # control of the grasp that keeps fingers open: more bends them back in the plan
-WIDE = 0.1  # radians; fingers that are bent back by more touch what is beside
-HIGH = 0.024  # metres; how far above a box's centre the grasp is: higher it slips, lower it tips
+HIGH = 0.022  # metres; how far above a box's centre the grasp is: higher it slips, lower it tips
 # Metres; how far above a box's centre the grasp of a hand that takes it may be, and of one that has
 # it: a box creeps out of the hand, which must not make it stop.
-_TAKEN, _KEPT = (0.018, 0.027), (0.0, 0.049)
-_LOOSELY = 0.01  # metres more, at which a box is half held
+_TAKEN, _KEPT = (0.016, 0.026), (0.0, 0.049)
+_LOOSELY, _EXACTLY = 0.01, 0.006  # metres more, at which a box is half held, and half taken
+_DEEP = 2.0  # how much worse it is to have a box too deep in the hand: it cannot be put down
 _GRIP_ANGLE = np.radians(14.0)  # of the fingers around a box, measured
+_CLOSING = _GRIP_ANGLE - OPEN_ANGLE  # of fingers that were fully open
+_KEEPS = np.radians(20.0)  # the same for fingers that have it: it turns a little at their tips
+_NEARLY = np.radians(8.0)  # of fingers that come to a box: there is room, and they close sooner
+_NEARLY_PLAY = np.radians(2.0)
+_READY = 0.3  # control of the grasp that brings them there
+_WIDE = 0.1  # radians; fingers that are bent back by more touch what is beside
 _EMPTY = np.radians(35.0)  # fingers that have closed by more than this hold nothing
 _STILL = 0.6  # radians per second; fingers that turn faster do not hold yet
 _ABOVE = 0.06  # metres; how far above its place at a box the hand comes to it
@@ -65,13 +70,14 @@ def how_held(grip: Grip, has: bool) -> np.ndarray:
       has: whether the hand has had it already. Otherwise it must first be held well.
     """
     empty = np.clip((grip.closed - _EMPTY) / np.radians(10.0), 0.0, 1.0)
-    closed = _closed(grip) ** 6 * (1.0 - empty)
+    closed = np.clip(grip.closed / (_KEEPS if has else _CLOSING), 0.0, 1.0) ** 6 * (1.0 - empty)
     if not has:
         # Who lifts while the fingers still turn has the box at their tips, where it slips.
         closed *= near(grip.turning, _STILL)
     least, most = _KEPT if has else _TAKEN
-    slip = np.maximum(grip.ahead - most, 0.0) + np.maximum(least - grip.ahead, 0.0)
-    firm = near(np.hypot(slip, grip.aside), _LOOSELY) * near(grip.askew, 0.1) * closed
+    slip = np.maximum(grip.ahead - most, 0.0) + _DEEP * np.maximum(least - grip.ahead, 0.0)
+    firm = near(np.hypot(slip, grip.aside), _LOOSELY if has else _EXACTLY)
+    firm *= near(grip.askew, 0.1) * closed
     return np.minimum(PLAY * firm, 1.0)
 
 
@@ -83,11 +89,17 @@ def fetching(grip: Grip) -> np.ndarray:
     detour = np.maximum(above + beyond, 0.0)
     is_far = np.clip((distance - 0.02) / 0.03, 0.0, 1.0)
     early = np.clip((distance - 0.01) / 0.01, -1.0, 1.0)
-    bent = np.maximum(-grip.closed - WIDE, 0.0)
+    bent = np.maximum(-grip.closed - _WIDE, 0.0)
     turn = (1.5 - is_far) * grip.tilt + 4.0 * grip.askew + 3.0 * bent
-    return 4.0 * (distance + detour) + turn + 0.5 * early * _closed(grip)
+    closed = np.clip((grip.closed - _NEARLY) / (_CLOSING - _NEARLY), 0.0, 1.0)
+    return 8.0 * (distance + detour) + turn + 0.5 * early * closed
 
 
-def _closed(grip: Grip) -> np.ndarray:
-    """How far the fingers are closed, 0 to 1 where they touch a box, (...)."""
-    return np.clip(grip.closed / (_GRIP_ANGLE - OPEN_ANGLE), 0.0, 1.0)
+def ready(closed: float) -> float:
+    """Control of the grasp that brings fingers to where they pass a box and close soon.
+
+    Args:
+      closed: how far they have turned from fully open, radians.
+    """
+    lack = _NEARLY - _NEARLY_PLAY - closed
+    return _READY * float(np.clip(lack / _NEARLY_PLAY, -1.0, 1.0))

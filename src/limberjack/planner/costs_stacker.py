@@ -2,7 +2,7 @@
 
 A tower is built in stages: `look` decides before each planning which boxes stand where they should,
 which box is next and where it goes. The next box is fetched from above, lifted over its place and
-let down; when the last one stands, the hand goes away.
+let down; when the last one stands, the hand goes away. Till all boxes have fallen the arm dodges.
 """
 
 import dataclasses
@@ -17,30 +17,23 @@ from limberjack.planner.arm import (
     OPEN,
     PLANE,
     SETTINGS,
-    TIP_ASIDE,
-    TIP_REACH,
     closing,
     in_hand,
     near,
     outward_speed,
     path,
 )
-from limberjack.planner.arm_ways import later, leaving, ways_over
-from limberjack.planner.box_grip import HIGH, PRESS, READY, WIDE, fetching, grip_of, how_held
+from limberjack.planner.arm_ways import later, leaving, turning_over, ways_over
+from limberjack.planner.box_grip import HIGH, PRESS, fetching, grip_of, how_held, ready
+from limberjack.planner.boxes import HALF, PASSES, crest, lies_too_low, stands, turned
 from limberjack.planner.cost import Cost
-from limberjack.planner.planar_ik import (
-    GRASP,
-    angle_of,
-    hand_poses,
-    hand_route,
-)
-from limberjack.planner.unsticking import Patience, refuge, ways_to
+from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses
+from limberjack.planner.unsticking import Patience, refuge, shelter, ways_to
 from limberjack.utils import arrays
 
 __all__ = ["Stack"]
 
 _LOOSE = 10.0  # what a box costs that is not held: more than any that is
-_HALF = 0.022  # metres; half a box
 
 # The hand and a box.
 _HAS, _LOST = 0.7, 0.3  # of how well a box is held: from when on the hand has it, till when
@@ -54,13 +47,19 @@ _FROM_WALL = 0.355  # metres; a box further out than this has no room for a fing
 # The tower.
 _PLACED = 0.006  # metres; a box nearer to its place than this stands there, till twice as far
 _SUPPORT = 0.010  # metres; the same for a box that is to carry others
-_RESTS = 0.1  # metres per second; what is slower may be let go
-_FLAT = 0.01  # of `_turned`: 6 degrees
-_LEANS = 0.08  # of `_turned`: 17 degrees
-_CARRIED = 0.8  # metres per second; a box that is carried faster slips out of the hand
+_FLAT = 0.01  # of `turned`: 6 degrees
+_LEANS = 0.08  # of `turned`: 17 degrees
+_CARRIED = 1.3  # metres per second; a box that is carried faster slips out of the hand
+_SMOOTH = 10.0  # metres per second squared; so does one that is jerked more
+_DROP = 0.008  # metres; a box may be let go so high above its place
+_NARROW = 0.3  # how wide plans are varied that carry a box: wide ones jerk it
+_BEFORE = 0.13  # metres before a tower's middle, where what is carried to it has risen
+_APART = 0.02  # metres further away it goes there first
+_RAISED = 0.06  # metres; at least so high, off the floor
 _OVER = 0.03  # metres; how far above its place a box is carried to it
 _LYING = 0.03  # metres; a box higher than this does not lie on the floor
 _LEANING = 0.06  # metres; one higher than this that is not flat leans on the arm
+_FALLEN = 0.4  # seconds; till then boxes fall that are high above the floor at the start
 _ALOFT = 0.13  # metres; a loose box higher than this is falling, or lies on the arm
 _AWAY = 0.12  # metres; where the hand is rewarded for having gone
 
@@ -69,9 +68,9 @@ _STICKY = 0.1  # metres; by how much nearer another box must be to be taken inst
 _SHUNNED = 1.0  # metres; the same for a box that has been tried in vain
 
 # What is done where nothing becomes better; numbers of plannings.
-_PATIENCE = 33  # till then a second
+_PATIENCE = 20  # till then 0.6 s
 _NEARER = 0.9  # of a distance: what is no nearer is no better
-_BACKING = 20  # as long the hand goes away
+_BACKING = 12  # as long the hand goes away
 _CAUGHT = 14  # a box that is aloft for longer lies on the arm: none falls so long
 
 
@@ -79,7 +78,14 @@ class Stack(Cost):
     """Builds a tower up to the target, and takes the hand away."""
 
     settings = dataclasses.replace(
-        SETTINGS, temperature=0.03, armature=1e-3, flowing=True, cost_interval=2
+        SETTINGS,
+        samples=32,
+        # A target is reached no sooner than the next knot, from each planning anew.
+        knots=9,
+        temperature=0.1,
+        armature=1e-3,
+        flowing=True,
+        cost_interval=2,
     )
 
     def __init__(self, task: Any) -> None:
@@ -96,10 +102,10 @@ class Stack(Cost):
         self._others: list[str] = list(self._boxes)  # but the next, those that stand first
         self._places: list[np.ndarray] = []
         self._place = np.zeros(3)
-        self._hurdle = 0.0
         self._shunned: str | None = None
         self._firm = False  # the hand has the next box
         self._backing = self._caught = self._tries = 0
+        self._falling = False
         self._refuge = np.zeros(4)
         self._patience.reset()
 
@@ -112,14 +118,22 @@ class Stack(Cost):
         self._backing = max(self._backing - 1, 0)
         if self._next != before or self._next is None:
             self._firm = False
+            self.breadth = 1.0
         if self._next is None:
             self._backing = self._caught = 0
+            self._falling = False
             self._patience.reset()
             return
         self._firm = self._held(data) > (_LOST if self._firm else _HAS)
+        self.breadth = _NARROW if self._firm else 1.0
         loose = waiting if self._firm else [*waiting, self._next]
         self._caught = self._caught + 1 if self._is_caught(data, loose) else 0
-        self._await(data)
+        falling = physics.time() < _FALLEN and bool((data.site_xpos[loose][:, 2] > _ALOFT).any())
+        if falling and not self._falling:
+            self._refuge = shelter(data)
+        self._falling = falling
+        if not falling:
+            self._await(data)
 
     def _await(self, data: Any) -> None:
         """Sends the hand away if the next box has not come nearer for long, nor the hand to it."""
@@ -135,7 +149,7 @@ class Stack(Cost):
         for box in loose:
             place = data.site_xpos[box]
             beside = abs(float(place[0] - self._place[0]))
-            leans = place[2] > _LEANING and _turned(data, box) > _FLAT
+            leans = place[2] > _LEANING and turned(data, box) > _FLAT
             if (leans or place[2] > _ALOFT) and beside > _FREE:
                 return True
         return False
@@ -143,8 +157,8 @@ class Stack(Cost):
     def _decide(self, data: Any) -> list[str]:
         """Which boxes stand, which one is next and where it goes; returns the others."""
         target = data.site_xpos["target"]
-        levels = round((float(target[2]) / _HALF - 1) / 2) + 1
-        heights = [_HALF * (2 * level + 1) for level in range(levels)]
+        levels = round((float(target[2]) / HALF - 1) / 2) + 1
+        heights = [HALF * (2 * level + 1) for level in range(levels)]
         self._places = [np.array([target[0], 0.0, height]) for height in heights]
         left, before = list(self._boxes), self._placed
         self._placed = []
@@ -152,24 +166,14 @@ class Stack(Cost):
             gaps = [float(np.hypot(*(data.site_xpos[box] - place)[PLANE])) for box in left]
             nearest = int(np.argmin(gaps))
             allowed = _PLACED if place is self._places[-1] else _SUPPORT
-            if not _stands(data, left[nearest], gaps[nearest], allowed, left[nearest] in before):
+            if not stands(data, left[nearest], gaps[nearest], allowed, left[nearest] in before):
                 self._place = place
-                in_place = gaps[nearest] < 1.5 * _HALF  # no room for another one there
+                in_place = gaps[nearest] < 1.5 * HALF  # no room for another one there
                 self._next = left[nearest] if in_place else self._choice(data, left)
-                x = float(data.site_xpos[self._next][0])
-                crest = self._crest(data, x, float(place[0]), self._next)
-                self._hurdle = crest + 1.5 * _HALF if crest else 0.0
                 return [box for box in left if box != self._next]
             self._placed.append(left.pop(nearest))
         self._next = None
         return left
-
-    def _crest(self, data: Any, start: float, end: float, but: str | None) -> float:
-        """Height of the highest box between two places, metres; 0 if there is none."""
-        low, high = min(start, end) - 2.5 * _HALF, max(start, end) + 2.5 * _HALF
-        places = [data.site_xpos[box] for box in self._boxes if box != but]
-        tops = [float(p[2]) + _HALF for p in places if low < p[0] < high and p[2] < _ALOFT + 0.05]
-        return max(tops, default=0.0)
 
     def _choice(self, data: Any, left: list[str]) -> str:
         """The box to take next, the easiest to fetch; the present one unless it is much worse."""
@@ -210,49 +214,74 @@ class Stack(Cost):
             distance = arrays.norm(hand - data.site_xpos["target"])
             return cost + 5.0 * np.maximum(_AWAY - distance, 0.0)
         box = data.site_xpos[self._next][..., PLANE]
+        if self._falling:
+            return cost + self._dodging(data)
         if self._backing:
             return cost + np.abs(data.qpos[ARM] - self._refuge).sum(axis=-1)
         if self._caught > _CAUGHT:
             height = np.maximum(waiting[..., 1] - _LYING, 0.0).sum(axis=-1)
             return cost + 5.0 * (height + np.maximum(box[..., 1] - _LYING, 0.0))
         offset = box - self._place[PLANE]
-        gap = np.hypot(offset[..., 0], offset[..., 1])
-        standing = near(gap, 2.0 * _PLACED)
+        above = np.maximum(offset[..., 1] - _DROP, np.maximum(-offset[..., 1], 0.0))
+        standing = near(np.hypot(offset[..., 0], above), 2.0 * _PLACED)
         grip = grip_of(data, str(self._next))
-        velocity = data.qvel[[f"{self._next}_x", f"{self._next}_z"]]
-        speed = np.hypot(velocity[..., 0], velocity[..., 1])
         # One that leans on a finger at its place does not stand there.
-        upright = 1.0 if self._firm else near(_turned(data, str(self._next)), _LEANS)
+        upright = 1.0 if self._firm else near(turned(data, str(self._next)), _LEANS)
         secure = np.maximum(how_held(grip, self._firm), standing * upright)
-        carry = self._carry(physics, box, gap, standing) + grip.tilt
-        carry += 2.0 * np.maximum(speed - _CARRIED, 0.0)
-        # Who pushes a loose box, or lifts it by its edge, loses it.
-        moved = np.minimum(speed, 1.0) + 10.0 * np.maximum(box[..., 1] - _LYING, 0.0)
-        aloft = np.clip((waiting[..., 1] - _ALOFT) / _HALF, 0.0, 1.0).sum(axis=-1)
-        outwards = outward_speed(data, f"{self._next}_x", str(self._next))
-        fetch = _LOOSE + fetching(grip) + moved + aloft + outwards
+        moved = self._moved(data, box)
+        carry = 1.0 - standing + self._grasp(physics, standing) + grip.tilt
+        # Who has not got it yet does not lift it.
+        carry += self._way(data, box, others) + self._haste(data) if self._firm else moved
+        fetch = _LOOSE + fetching(grip) + moved + self._pushed(data, waiting)
         fetch += self._crowd(box, others) + self._over_tower(hand)
         return cost + secure * carry + (1.0 - secure) * fetch
 
-    def _carry(
-        self, physics: Any, box: np.ndarray, gap: np.ndarray, standing: np.ndarray
-    ) -> np.ndarray:
-        """How far the box that is held is from standing in its place, let go, (N,)."""
+    def _dodging(self, data: Any) -> np.ndarray:
+        """What hinders boxes from falling, and how far the arm is from its shelter, (N,)."""
+        heights = np.maximum(data.site_xpos[self._boxes][..., 2] - _LYING, 0.0)
+        speeds = np.abs(data.qvel[[f"{box}_x" for box in self._boxes]])
+        away = np.abs(data.qpos[ARM] - self._refuge).sum(axis=-1)
+        return (5.0 * heights + speeds).sum(axis=-1) + 0.1 * away
+
+    def _moved(self, data: Any, box: np.ndarray) -> np.ndarray:
+        """How the next box moves, (N,): who pushes a loose one, or lifts its edge, loses it."""
+        velocity = data.qvel[[f"{self._next}_x", f"{self._next}_z"]]
+        speed = np.hypot(velocity[..., 0], velocity[..., 1])
+        return np.minimum(speed, 1.0) + 10.0 * np.maximum(box[..., 1] - _LYING, 0.0)
+
+    def _haste(self, data: Any) -> np.ndarray:
+        """By how much the box that is held is carried too fast, or jerked, (N,)."""
+        dofs = [f"{self._next}_x", f"{self._next}_z"]
+        velocity, pull = data.qvel[dofs], data.qacc[dofs]
+        fast = np.maximum(np.hypot(velocity[..., 0], velocity[..., 1]) - _CARRIED, 0.0)
+        return 2.0 * fast + 0.05 * np.maximum(np.hypot(pull[..., 0], pull[..., 1]) - _SMOOTH, 0.0)
+
+    def _pushed(self, data: Any, waiting: np.ndarray) -> np.ndarray:
+        """How much loose boxes lie on the arm, are pushed, or go outwards, (N,)."""
+        outwards = outward_speed(data, f"{self._next}_x", str(self._next))
+        loose = self._others[len(self._placed) :]
+        if not loose:
+            return outwards
+        speeds = np.minimum(np.abs(data.qvel[[f"{box}_x" for box in loose]]), 1.0)
+        aloft = np.clip((waiting[..., 1] - _ALOFT) / HALF, 0.0, 1.0)
+        return outwards + (aloft + speeds).sum(axis=-1)
+
+    def _grasp(self, physics: Any, standing: np.ndarray) -> np.ndarray:
+        """How wrong the control of the grasp is: it holds, or lets go what stands, (N,)."""
         press = physics.control()[..., -1]
-        grasp = np.where(standing < 0.5, 0.3 * np.abs(press - PRESS), 0.15 * (1.0 + press))
-        return self._way(physics.named.data, box, gap) + 1.0 - standing + grasp
+        return np.where(standing < 0.5, 0.3 * np.abs(press - PRESS), 0.15 * (1.0 + press))
 
     def _crowd(self, box: np.ndarray, others: np.ndarray) -> np.ndarray:
         """How far fingers are from fitting between the next box and those beside it, (N,)."""
         offsets = np.abs(others - box[..., None, :])
-        room = (offsets[..., 1] < _HALF) * np.maximum(self._free() - offsets[..., 0], 0.0)
+        room = (offsets[..., 1] < HALF) * np.maximum(self._free() - offsets[..., 0], 0.0)
         return 100.0 * (room.sum(axis=-1) + np.maximum(np.abs(box[..., 0]) - _FROM_WALL, 0.0))
 
     def _over_tower(self, hand: np.ndarray) -> Any:
         """How far the hand is from clear of the tower, (N,): it must go up to get past."""
         if not self._placed:
             return 0.0
-        top = float(self._place[2]) - _HALF
+        top = float(self._place[2]) - HALF
         beside = np.abs(hand[..., 0] - self._place[0])
         low = np.maximum(top + _UNDER_HAND - hand[..., 2], 0.0)
         return 8.0 * np.clip((_FREE_OF_TOWER - beside) / 0.03, 0.0, 1.0) * low
@@ -271,28 +300,29 @@ class Stack(Cost):
         if not self._placed:
             return 0.0
         moved = placed - np.array(self._places[: len(self._placed)])[:, PLANE]
-        gaps = np.hypot(moved[..., 0], moved[..., 1]) + 0.05 * _turned(data, self._placed)
+        gaps = np.hypot(moved[..., 0], moved[..., 1]) + 0.05 * turned(data, self._placed)
         return 80.0 * np.maximum(gaps - _PLACED, 0.0).sum(axis=-1)
 
     def _held(self, data: Any) -> float:
         """How well the hand holds the next box now, 0 to 1."""
         return float(how_held(grip_of(data, str(self._next)), self._firm))
 
-    def _way(self, data: Any, box: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    def _way(self, data: Any, box: np.ndarray, others: np.ndarray) -> np.ndarray:
         """How far the next box is from its place, by the way over the tower, (N,)."""
+        gap = arrays.norm(box - self._place[PLANE])
         up, beside = box[..., 1] - self._place[2], np.abs(box[..., 0] - self._place[0])
         over = np.clip((beside - 0.006) / 0.02, 0.0, 1.0) * _OVER
         way = gap + np.minimum(8.0 * np.maximum(over - up, 0.0), 0.25)
-        low = np.maximum(self._hurdle - box[..., 1], 0.0)
-        way += np.clip(beside / _HALF - 1.5, 0.0, 1.0) * np.minimum(12.0 * low, 0.6)
-        return way / LONGEST + 0.5 * _turned(data, str(self._next))
+        low = np.minimum(12.0 * lies_too_low(box, others), 0.6)
+        way += np.clip(beside / HALF - 1.5, 0.0, 1.0) * low
+        return way / LONGEST + 0.3 * np.sqrt(turned(data, str(self._next)))
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Ways that fetch the next box, carry it, or take the hand away."""
         data = physics.named.data
         now = data.qpos[ARM]
         stay = [self._still(now, grasp) for grasp in (OPEN, PRESS, CLOSED)]
-        if self._backing or self._caught > _CAUGHT:
+        if self._backing or self._falling or self._caught > _CAUGHT:
             ways = ways_to(self._refuge, self.settings, now, random)
         elif self._next is None:
             ways = leaving(self.settings, data, random)
@@ -313,46 +343,39 @@ class Stack(Cost):
         down = angle_of(_DOWN)
         box = data.site_xpos[self._next][PLANE]
         hand = data.site_xpos["grasp"][PLANE]
-        crest = self._crest(data, float(hand[0]), float(box[0]), None)
+        highest = crest(data, self._boxes, float(hand[0]), float(box[0]))
         tips = data.site_xpos["pinch"]
         others = [data.site_xpos[name] - tips for name in self._boxes if name != self._next]
-        back = 0.07 if any(np.hypot(*o[PLANE]) < 2.0 * _HALF for o in others) else 0.0
+        back = 0.07 if any(np.hypot(*o[PLANE]) < 2.0 * HALF for o in others) else 0.0
         ways: list[np.ndarray] = []
         is_there = np.hypot(*(box - HIGH * _DOWN - hand)) < _THERE
-        ready = READY if float(closing(data)) < WIDE else OPEN
-        grasp = [CLOSED if is_there else ready, CLOSED]
-        cruise = crest + _UNDER_HAND
+        hold = ready(float(closing(data)))
+        grasp = [CLOSED if is_there else hold, CLOSED]
+        cruise = highest + _UNDER_HAND
         for tilt in (0.1, 0.8 if abs(box[0]) > _AT_WALL else 0.4):
             for pose in hand_poses(random, box - HIGH * _DOWN, GRASP, now, 3, down, tilt):
                 ways.extend(ways_over(self.settings, now, pose, cruise, GRASP, 0.0, grasp, back))
         for pose in hand_poses(random, box - 0.09 * _DOWN, GRASP, now, 3, down, 0.4):
-            ways.extend(
-                ways_over(self.settings, now, pose, cruise, GRASP, 0.0, [ready, ready], back)
-            )
+            ways.extend(ways_over(self.settings, now, pose, cruise, GRASP, 0.0, [hold, hold], back))
         if back:
-            ways.extend(later(ways))
+            ways.extend(later(self.settings, ways))
         return self._parting(data, now, random) + ways
 
     def _parting(self, data: Any, now: np.ndarray, random: np.random.Generator) -> list[np.ndarray]:
         """A fingertip turns the next box over, away from one that fingers cannot pass."""
         box, free = data.site_xpos[self._next], self._free()
         others = [data.site_xpos[other] - box for other in self._boxes if other != self._next]
-        near_by = [float(o[0]) for o in others if abs(o[2]) < _HALF and abs(o[0]) < free]
+        near_by = [float(o[0]) for o in others if abs(o[2]) < HALF and abs(o[0]) < free]
         if abs(box[0]) > _FROM_WALL:
             near_by.append(float(box[0]))
         if not near_by or np.sign(min(near_by)) != np.sign(max(near_by)):
             return []
-        outwards = -np.sign(near_by[0])
-        steps = np.array([[0.01, 0.05], [0.01, 0.02], [0.05, 0.01], [0.1, 0.0]])
-        points = box[PLANE] + steps * [outwards, 1.0]
-        ways: list[np.ndarray] = []
-        down, count = angle_of(_DOWN), self.settings.knots
-        for aside in (-TIP_ASIDE, TIP_ASIDE):  # a tower leaves room for one of the fingers
-            for pose in hand_poses(random, points[0], TIP_REACH, now, 3, down, 0.4, aside):
-                route = hand_route(pose, pose, points, np.zeros(4), TIP_REACH, aside)
-                if np.isfinite(route).all():
-                    ways.extend(path(now, list(route[first:]), count, [OPEN]) for first in range(3))
-        return ways
+        return turning_over(self.settings, now, box[PLANE], -float(np.sign(near_by[0])), random)
+
+    def _height(self, data: Any, start: float, end: float) -> float:
+        """How high the next box passes what is between two places, metres; 0 over the floor."""
+        highest = crest(data, [box for box in self._boxes if box != self._next], start, end)
+        return highest + PASSES if highest else 0.0
 
     def _carrying(
         self, data: Any, now: np.ndarray, random: np.random.Generator
@@ -363,24 +386,15 @@ class Stack(Cost):
         flat = float(now.sum()) + (turn + np.pi / 4) % (np.pi / 2) - np.pi / 4
         forward = GRASP + ahead
         ways: list[np.ndarray] = []
-        cruise = max(self._hurdle, float(self._place[2]) + _OVER)
+        start, end = float(data.site_xpos[self._next][0]), float(self._place[0])
+        cruise = max(self._height(data, start, end), float(self._place[2]) + _OVER)
+        stop = np.array([end + np.copysign(_BEFORE, start - end), cruise])
+        far = abs(start - end) > _BEFORE + _APART
+        if far:
+            cruise = min(cruise, max(self._height(data, start, float(stop[0])), _RAISED))
         for up, tilt, count in ((0.0, 0.05, 3), (0.0, 0.4, 3), (_OVER, 0.4, 2)):
-            goal = self._place[PLANE] - up * _DOWN
-            grasp = [PRESS, PRESS if up else OPEN]
+            goal = stop if far else self._place[PLANE] - up * _DOWN
+            grasp = [PRESS, PRESS if up or far else OPEN]
             for pose in hand_poses(random, goal, forward, now, count, flat, tilt, aside):
                 ways.extend(ways_over(self.settings, now, pose, cruise, forward, aside, grasp))
         return ways
-
-
-def _stands(data: Any, box: str, gap: float, allowed: float, stood: bool) -> bool:
-    """Whether a box rests where it should; one that stood there may have moved a little."""
-    if stood:
-        return gap < 2.0 * allowed
-    speed = np.abs(data.qvel[[f"{box}_x", f"{box}_z"]]).max()
-    return bool(gap < allowed and speed < _RESTS and _turned(data, box) < _FLAT)
-
-
-def _turned(data: Any, box: str | list[str]) -> Any:
-    """0 for boxes that lie flat on any of their sides, 0.25 for one on an edge, (...)."""
-    square = data.xmat[box, "xx"] ** 2
-    return square * (1.0 - square)

@@ -14,11 +14,14 @@ import numpy as np
 
 from limberjack.planner.arm import ARM, OPEN, path
 from limberjack.planner.cost import Settings
-from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses
+from limberjack.planner.planar_ik import GRASP, LENGTHS, angle_of, hand_poses
 
-__all__ = ["Patience", "refuge", "ways_to"]
+__all__ = ["Patience", "refuge", "shelter", "ways_to"]
 
 _REFUGE = 0.25, 0.25  # metres; where the hand is out of the way and the arm not folded
+_SHELTER = -0.03, 0.18  # metres; where the hand waits till boxes have fallen
+_SHELTERS = 48  # poses there that are compared
+_FALL_FROM = 0.06  # metres; further right than this boxes may fall onto the arm
 _SHAKE = 1.5  # radians; by how much joints turn to get rid of what lies on the arm
 _SHAKES = 20  # that are tried
 
@@ -58,6 +61,18 @@ def refuge(data: Any, place: np.ndarray, tries: int) -> np.ndarray:
     if not len(poses):
         return now.copy()
     return poses[random.integers(len(poses))]
+
+
+def shelter(data: Any) -> np.ndarray:
+    """Joints of the arm, (4,), with as little of it as can be below where boxes fall."""
+    now = data.qpos[ARM]
+    down = angle_of(np.array([0.0, -1.0]))
+    few = np.random.default_rng(0)
+    poses = hand_poses(few, np.array(_SHELTER), GRASP, now, _SHELTERS, down, 0.7)
+    if not len(poses):
+        return now.copy()
+    corners = -np.cumsum(np.sin(np.cumsum(poses[:, :3], axis=-1)) * LENGTHS, axis=-1)  # x
+    return poses[int(np.argmin(np.maximum(corners - _FALL_FROM, 0.0).max(axis=-1)))]
 
 
 def ways_to(
