@@ -80,7 +80,8 @@ class Stack(Cost):
     settings = dataclasses.replace(
         SETTINGS,
         samples=32,
-        # A target is reached no sooner than the next knot, from each planning anew.
+        horizon=0.45,
+        # At each planning anew, a target is reached no sooner than the next knot.
         knots=9,
         temperature=0.1,
         armature=1e-3,
@@ -177,7 +178,6 @@ class Stack(Cost):
 
     def _choice(self, data: Any, left: list[str]) -> str:
         """The box to take next, the easiest to fetch; the present one unless it is much worse."""
-
         if self._next in left and self._held(data) > _LOST:
             return str(self._next)
 
@@ -353,9 +353,9 @@ class Stack(Cost):
         grasp = [CLOSED if is_there else hold, CLOSED]
         cruise = highest + _UNDER_HAND
         for tilt in (0.1, 0.8 if abs(box[0]) > _AT_WALL else 0.4):
-            for pose in hand_poses(random, box - HIGH * _DOWN, GRASP, now, 3, down, tilt):
+            for pose in hand_poses(random, box - HIGH * _DOWN, GRASP, now, 2, down, tilt):
                 ways.extend(ways_over(self.settings, now, pose, cruise, GRASP, 0.0, grasp, back))
-        for pose in hand_poses(random, box - 0.09 * _DOWN, GRASP, now, 3, down, 0.4):
+        for pose in hand_poses(random, box - 0.09 * _DOWN, GRASP, now, 2, down, 0.4):
             ways.extend(ways_over(self.settings, now, pose, cruise, GRASP, 0.0, [hold, hold], back))
         if back:
             ways.extend(later(self.settings, ways))
@@ -392,7 +392,7 @@ class Stack(Cost):
         far = abs(start - end) > _BEFORE + _APART
         if far:
             cruise = min(cruise, max(self._height(data, start, float(stop[0])), _RAISED))
-        for up, tilt, count in ((0.0, 0.05, 3), (0.0, 0.4, 3), (_OVER, 0.4, 2)):
+        for up, tilt, count in ((0.0, 0.05, 2), (0.0, 0.4, 2), (_OVER, 0.4, 1)):
             goal = stop if far else self._place[PLANE] - up * _DOWN
             grasp = [PRESS, PRESS if up or far else OPEN]
             for pose in hand_poses(random, goal, forward, now, count, flat, tilt, aside):
