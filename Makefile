@@ -33,7 +33,8 @@ demo: $(VENV)/installed-demo  ## Let the planner bring a ball home; video, repor
 	@echo "Open $(CURDIR)/demo/report.html to see it."
 
 test: lint  ## Run ruff, pyright and all tests but the slow ones
-	$(BIN)/python -m pytest $(IN_PARALLEL)
+	$(BIN)/python -m pytest $(IN_PARALLEL) --ignore tests/browser
+	$(BIN)/python -m pytest tests/browser  # by themselves: they click in real time
 
 test-slow: $(VENV)/installed-test  ## Run the slow tests
 	$(BIN)/python -m pytest -m slow
