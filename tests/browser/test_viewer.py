@@ -1,9 +1,5 @@
 """`limberjack view` in a real browser: what it shows, and what its keys do to the environment."""
 
-import os
-import re
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from .chromium import SOFTWARE_WEBGL, Chromium, Page
+from .chromium import Page
+from .viewing import LIMIT, viewed_by, wait
 
 pytestmark = pytest.mark.browser
 
@@ -20,7 +17,6 @@ pytest.importorskip(
 )
 Image = pytest.importorskip("PIL.Image", reason="needs Pillow, which comes with the extra 'video'")
 
-_LIMIT = 60.0  # seconds for anything, on the slowest machine too
 _STILL = 1.0  # seconds; forty control steps, were it not paused
 _WIDTH, _HEIGHT = 480, 360  # pixels; few, as they are drawn without a graphics card
 _PANEL_WIDTH = 170  # pixels of the left that the panel may cover
@@ -65,7 +61,7 @@ class _Viewed:
         code, number = _KEYS[key]
         about = {"code": code, "key": key, "windowsVirtualKeyCode": number}
         self.page.call("Input.dispatchKeyEvent", type="rawKeyDown", **about)
-        _wait(until)
+        wait(until)
         self.page.call("Input.dispatchKeyEvent", type="keyUp", **about)
 
     def is_still(self) -> bool:
@@ -81,36 +77,13 @@ class _Viewed:
             return np.asarray(image.convert("RGB"), int)[:, _PANEL_WIDTH:]
 
 
-def _wait(until: Callable[[], bool]) -> None:
-    end = time.monotonic() + _LIMIT
-    while not until():
-        assert time.monotonic() < end, f"not so after {_LIMIT:g} seconds"
-        time.sleep(0.05)
-
-
 @pytest.fixture(scope="module")
 def viewed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Viewed]:
     directory = tmp_path_factory.mktemp("view")
     (directory / "spies.py").write_text(_SPY)
     arguments = ["view", "humanoid", "stand", "--policy", "spies:Spy", "--time-limit", "1000"]
-    with (
-        Chromium(directory, *SOFTWARE_WEBGL) as browser,
-        subprocess.Popen(
-            [sys.executable, "-m", "limberjack", *arguments],
-            cwd=directory,
-            env={**os.environ, "HOME": str(directory)},  # Studio keeps its settings there
-            stdout=subprocess.PIPE,
-            text=True,
-        ) as process,
-    ):
-        try:
-            assert process.stdout is not None
-            found = re.match(r"http://\S+", process.stdout.readline())
-            assert found, "no address was printed"
-            page = browser.open(found[0], _WIDTH, _HEIGHT)
-            yield _Viewed(page, found[0], directory / "spied")
-        finally:
-            process.kill()
+    with viewed_by(["-m", "limberjack", *arguments], directory, _WIDTH, _HEIGHT) as (page, address):
+        yield _Viewed(page, address, directory / "spied")
 
 
 def _brown(picture: np.ndarray) -> np.ndarray:
@@ -123,9 +96,9 @@ def _brown(picture: np.ndarray) -> np.ndarray:
 def seen(viewed: _Viewed, tmp_path_factory: pytest.TempPathFactory) -> np.ndarray:
     """The first picture with the humanoid."""
     path = tmp_path_factory.mktemp("viewer") / "humanoid.png"
-    end = time.monotonic() + _LIMIT
+    end = time.monotonic() + LIMIT
     while _brown(picture := viewed.picture(path)).sum() < 300:
-        assert time.monotonic() < end, f"no humanoid is seen after {_LIMIT:g} seconds: {path}"
+        assert time.monotonic() < end, f"no humanoid is seen after {LIMIT:g} seconds: {path}"
     return picture
 
 
@@ -150,7 +123,7 @@ def test_backspace_begins_the_next_episode(viewed: _Viewed, seen: np.ndarray) ->
     episodes = len(viewed.lines("reset"))
     viewed.press("Backspace", until=lambda: len(viewed.lines("reset")) > episodes)
     assert len(viewed.lines("reset")) == episodes + 1
-    _wait(lambda: viewed.lines("")[-1].startswith("act"))
+    wait(lambda: viewed.lines("")[-1].startswith("act"))
     text = "\n".join(viewed.lines(""))
     starts = [episode.split("\n")[1] for episode in text.split("reset")[1:]]
     assert len(set(starts)) == len(starts)  # each has a seed of its own

@@ -7,10 +7,6 @@ per second, however small the window; so what is viewed here is light to draw, i
 
 import itertools
 import json
-import os
-import re
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,7 +15,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from .chromium import SOFTWARE_WEBGL, Chromium, Page
+from .chromium import Page
+from .viewing import LIMIT, viewed_by, wait
 
 pytestmark = pytest.mark.browser
 
@@ -28,7 +25,6 @@ pytest.importorskip(
 )
 Image = pytest.importorskip("PIL.Image", reason="needs Pillow, which comes with the extra 'video'")
 
-_LIMIT = 60.0  # seconds for anything, on the slowest machine too
 _WIDTH, _HEIGHT = 640, 320  # CSS pixels
 _SCALE = 0.25  # pixels that are drawn per CSS pixel
 _PANEL_WIDTH = 360  # CSS pixels of the left that the panel may cover
@@ -120,7 +116,7 @@ class _Viewed:
 
     def find_box(self) -> tuple[int, int]:
         """Waits until the box is seen; a point in its middle, CSS pixels."""
-        _wait(lambda: _red(self.picture()).sum() > 50)
+        wait(lambda: _red(self.picture()).sum() > 50)
         rows, columns = np.nonzero(_red(self.picture()))
         middle = np.array([np.median(columns), np.median(rows)]) + 0.5
         x, y = (middle / _SCALE).astype(int)
@@ -128,7 +124,7 @@ class _Viewed:
 
     def choose(self, place: tuple[int, int]) -> None:
         """Double clicks until what is there is chosen: Studio draws a line around it."""
-        end = time.monotonic() + _LIMIT
+        end = time.monotonic() + LIMIT
         # Held for a picture, a press is surely seen, but two may be too far apart where pictures
         # take long.
         for held in itertools.cycle((1, 0)):
@@ -141,7 +137,7 @@ class _Viewed:
             for _ in range(_LOOKS):
                 if _yellow(self.picture()).sum() > 10:
                     return
-            assert time.monotonic() < end, f"no body is chosen after {_LIMIT:g} seconds"
+            assert time.monotonic() < end, f"no body is chosen after {LIMIT:g} seconds"
 
     def drag_up(self, place: tuple[int, int], button: str, until: Callable[[], bool]) -> None:
         """Drags with Ctrl, and holds the button until that has had its effect."""
@@ -155,7 +151,7 @@ class _Viewed:
             self.page.wait_for_frames(1)
             y -= _DRAG[1]
             self._mouse("mouseMoved", x, y, **held)
-        _wait(until)
+        wait(until)
         self._mouse("mouseReleased", x, y, button=button, modifiers=_CTRL, clickCount=1)
         self.page.call("Input.dispatchKeyEvent", type="keyUp", **about)
 
@@ -166,13 +162,6 @@ class _Viewed:
 
     def _mouse(self, kind: str, x: int, y: int, **about: object) -> None:
         self.page.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **about)
-
-
-def _wait(until: Callable[[], bool]) -> None:
-    end = time.monotonic() + _LIMIT
-    while not until():
-        assert time.monotonic() < end, f"not so after {_LIMIT:g} seconds"
-        time.sleep(0.05)
 
 
 def _red(picture: np.ndarray) -> np.ndarray:
@@ -189,23 +178,8 @@ def _yellow(picture: np.ndarray) -> np.ndarray:
 def viewed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Viewed]:
     directory = tmp_path_factory.mktemp("push")
     (directory / "bodies.xml").write_text(_MODEL)
-    with (
-        Chromium(directory, *SOFTWARE_WEBGL) as browser,
-        subprocess.Popen(
-            [sys.executable, "-c", _PROGRAM],
-            cwd=directory,
-            env={**os.environ, "HOME": str(directory)},  # Studio keeps its settings there
-            stdout=subprocess.PIPE,
-            text=True,
-        ) as process,
-    ):
-        try:
-            assert process.stdout is not None
-            found = re.match(r"http://\S+", process.stdout.readline())
-            assert found, "no address was printed"
-            yield _Viewed(browser.open(found[0], _WIDTH, _HEIGHT, _SCALE), directory)
-        finally:
-            process.kill()
+    with viewed_by(["-c", _PROGRAM], directory, _WIDTH, _HEIGHT, _SCALE) as (page, _):
+        yield _Viewed(page, directory)
 
 
 @pytest.fixture(scope="module")
@@ -227,7 +201,7 @@ def test_the_right_button_pushes_the_chosen_body(viewed: _Viewed, box: SimpleNam
     viewed.drag_up(
         box.place, "right", until=lambda: viewed.since(begun).position[-1, _BOX, 2] > height + 0.1
     )
-    _wait(lambda: not viewed.since(begun).applied[-1].any())  # it was let go
+    wait(lambda: not viewed.since(begun).applied[-1].any())  # it was let go
     seen = viewed.since(begun)
     assert seen.applied[:, _BOX, 2].max() > 0.1  # N, upwards
     assert not seen.applied[:, _BALL].any()
@@ -239,7 +213,7 @@ def test_the_left_button_twists_the_chosen_body(viewed: _Viewed, box: SimpleName
     viewed.drag_up(
         box.place, "left", until=lambda: abs(viewed.since(begun).turn[-1, _BOX] @ turn) < 0.99
     )
-    _wait(lambda: not viewed.since(begun).applied[-1].any())
+    wait(lambda: not viewed.since(begun).applied[-1].any())
     seen = viewed.since(begun)
     assert abs(seen.applied[:, _BOX, 3:]).max() > 0.1  # N m
     assert not seen.applied[:, _BOX, :3].any()
