@@ -135,10 +135,9 @@ class Env(gymnasium.Env):
 
     def _info(self) -> dict[str, Any]:
         """What the reward of the last step is made of."""
-        task = self._environment.task
-        if not getattr(task.get_reward, "from_terms", False):
+        task, terms = self._environment.task, self._environment.reward_terms
+        if not terms:
             return {}
-        terms = task.reward_terms(self._environment.physics)
         info: dict[str, Any] = {"reward_terms": {name: float(v) for name, v in terms.items()}}
         if task.GOAL:
             info["success"] = bool(task.is_success(terms))

@@ -93,7 +93,7 @@ class Transitions:
 
     def begin_anew(self) -> None:
         """Has every row begin an episode with the next step, or wait for a reset."""
-        self.batch._begins[:] = True
+        self.batch.begin_anew()
 
     def check_begun(self) -> None:
         """Raises ResetNeeded if rows wait for a reset that the mode leaves to the user."""

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from limberjack.rl.reward_terms import reward_and_terms
+
 __all__ = ["Trace"]
 
 _MOST_SAMPLES = 4000  # four times as many as an episode of the suite has steps
@@ -40,17 +42,10 @@ class Trace:
         if step % self._stride:
             return
         physics, task = self._physics, self._task
-        terms: dict[str, float] = {}
-        reward = np.nan
-        if step and getattr(task.get_reward, "from_terms", False):
-            measured = task.reward_terms(physics)
-            terms = {name: float(value) for name, value in measured.items()}
-            reward = float(task.reward_of(measured))
-        elif step:
-            reward = float(task.get_reward(physics))
+        reward, terms = reward_and_terms(task, physics) if step else (np.nan, {})
         self._steps.append(step)
-        self._rewards.append(reward)
-        self._terms.append(terms)
+        self._rewards.append(float(reward))
+        self._terms.append({name: float(value) for name, value in terms.items()})
         observation = task.get_observation(physics)
         self._observations.append({name: np.array(value) for name, value in observation.items()})
         if len(self._steps) > _MOST_SAMPLES:

@@ -24,6 +24,7 @@ from dm_env import specs
 from limberjack.rl import control, guards, observations
 from limberjack.rl.pixels import Frames, Pixels, render_arguments
 from limberjack.rl.randomize import Randomizer
+from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot
 from limberjack.rl.streams import Streams
 from limberjack.utils import arrays, cores
@@ -155,6 +156,10 @@ class BatchEnvironment:
         reward, discount = np.zeros(self.num_envs), np.ones(self.num_envs)
         return dm_env.TimeStep(step_type, reward, discount, observation)
 
+    def begin_anew(self) -> None:
+        """Has every row begin an episode with the next step, whatever it is doing."""
+        self._begins[:] = True
+
     def step(self, actions: Any) -> dm_env.TimeStep:
         """Applies an action in every row and returns what follows, as one batched `TimeStep`.
 
@@ -183,7 +188,7 @@ class BatchEnvironment:
         if any_begins:
             self._begin(np.flatnonzero(begins))
         task.after_step(physics)
-        reward = self._reward()
+        reward, self.reward_terms = reward_and_terms(task, physics)
         observation = self._observe()
         termination = task.get_termination(physics)
         return self._time_step(begins if any_begins else None, reward, termination, observation)
@@ -372,14 +377,6 @@ class BatchEnvironment:
             step_type[last] = _LAST
         self._begins = last
         return dm_env.TimeStep(step_type, reward, discount, observation)
-
-    def _reward(self) -> Any:
-        """The reward; its terms, if it is made of them, are left in `reward_terms`."""
-        task, physics = self._task, self._physics
-        if not getattr(task.get_reward, "from_terms", False):
-            return task.get_reward(physics)
-        self.reward_terms = task.reward_terms(physics)
-        return task.reward_of(self.reward_terms)
 
     def _observe(self, is_step: bool = True) -> Any:
         """What is observed now, in arrays of its own; a step has a new picture of every row."""

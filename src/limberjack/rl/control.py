@@ -30,6 +30,7 @@ from limberjack.rl.contract import Physics, PhysicsError, Task
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, Pixels
 from limberjack.rl.randomize import Randomizer, stream_beside
+from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot
 
 __all__ = [
@@ -113,6 +114,7 @@ class Environment(dm_env.Environment):
         if randomize:
             self._randomizer = Randomizer(randomize, physics)
         self._frames = Frames.of(pixels, physics)
+        self.reward_terms: dict[str, Any] = {}  # of the last step, by name
         # What was drawn for this episode, by field.
         self.randomization: dict[str, np.ndarray] = {}
 
@@ -152,7 +154,7 @@ class Environment(dm_env.Environment):
         self._reset_next_step = True  # until the step is complete
         physics.step(self._n_sub_steps)
         task.after_step(physics)
-        reward = task.get_reward(physics)
+        reward, self.reward_terms = reward_and_terms(task, physics)
         observation = self._observe()
         self._step_count += 1
         at_limit = self._step_count >= self._step_limit
