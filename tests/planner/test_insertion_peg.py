@@ -34,7 +34,7 @@ def test_a_peg_that_does_not_move_is_raked_from_elsewhere() -> None:
     spots = []
     for _ in range(60):
         cost.look(physics)
-        spots.append(cost._spot)
+        spots.append(cost._spots.now)
     assert Spot("peg", "there") in spots
     assert Spot("peg_grasp", "away") in spots
     assert not cost._withdraws

@@ -45,7 +45,6 @@ _STAND_OFF = 0.06  # metres; how far from the object a way to it ends
 _IDLE = 30  # plannings; whoever makes no headway for so long looks for another way
 _HEADWAY = 0.1  # radians; less is none
 _TOUCHING = -0.004  # metres; fingers may be so near to walls that they touch them
-_STIRRED = 0.03  # metres; so far an object that is raked must move
 _REACHED, _LEFT = 0.07, 0.1  # metres; so near it the object is before the mouth, and no longer
 _FAST = 1.0  # metres per second; what is faster will not be where a way leads to
 _OVER = 0.02  # metres; how far above the place before the mouth a way ends
@@ -77,7 +76,6 @@ class Insert(Bring):
         self._at_mouth = False
         self._patience = 0  # plannings until another way is looked for
         self._found_at = np.zeros(3)  # where the object was when a way to it was found
-        self._raked_from, self._in_vain = np.zeros(3), 0  # since when it has not moved
         self._attempts = 0  # to take it
         self._trials = 0  # to insert what is held now
         self._least, self._idle = np.inf, 0  # radians left of the way, and since when
@@ -97,7 +95,6 @@ class Insert(Bring):
             self.breadth = _FINE
             return
         super().look(physics)
-        self._turn_rake(data)
         self._sag = sag(physics, self.settings.gain)
         self._patience -= 1
         if self._way is not None:
@@ -107,15 +104,6 @@ class Insert(Bring):
         else:
             self._approach(physics)
         self.breadth = self.mouth_breadth if self._at_mouth else 1.0
-
-    def _turn_rake(self, data: Any) -> None:
-        """Rakes the other way if the object has not moved: it may lean on the receptacle."""
-        place = data.site_xpos[self._object]
-        if self._rake_to is None or arrays.norm(place - self._raked_from) > _STIRRED:
-            self._raked_from, self._in_vain = place.copy(), 0
-        self._in_vain += 1
-        if self._rake_to is not None and self._in_vain // _IDLE % 2:
-            self._rake_to = -self._rake_to
 
     def _approach(self, physics: Any) -> None:
         """Keeps the arm's way to the object, or looks for one if that is blocked."""

@@ -14,6 +14,7 @@ from limberjack.planner.costs_insertion import Insert
 from limberjack.planner.grips import height_above_ground
 from limberjack.planner.planar_ik import GRASP, direction, hand_poses, nudged
 from limberjack.planner.releases import Releases
+from limberjack.utils import arrays
 
 __all__ = ["InsertBall"]
 
@@ -28,6 +29,8 @@ _STAND_OFF = 0.06  # metres; how far from where the ball may be taken a way ends
 _ROLLS = 0.3, 0.04  # metres; how far to both sides and how high a rolling ball may be taken
 _LIES = 0.05  # metres above the ground; a ball that rests higher lies on the arm
 _RESTS = 0.1  # metres per second
+_STIRRED = 0.03  # metres; so far a ball that is raked must move
+_IN_VAIN = 30  # plannings; one that has not moved for so long is raked the other way
 _SHAKES = 10  # plannings; how long it lies there before it is shaken off, and how long that lasts
 
 
@@ -50,6 +53,7 @@ class InsertBall(Insert):
         self._kept = np.zeros(4)  # that pose
         self._lies_for = 0  # plannings in which the ball has been lying on something
         self._shakes = 0  # plannings in which it is still shaken off
+        self._raked_from, self._in_vain = np.zeros(3), 0  # since when it has not moved
 
     def look(self, physics: Any) -> None:
         """As for inserting, unless the ball is let go or shaken off."""
@@ -70,6 +74,15 @@ class InsertBall(Insert):
         if self._lies_for > _SHAKES:
             self._lies_for, self._shakes = 0, _SHAKES
         return self._shakes > 0
+
+    def _turn_rake(self, data: Any) -> None:
+        """Rakes the other way if the ball has not moved: it may lean on the cup."""
+        place = data.site_xpos[self._object]
+        if self._rake_to is None or arrays.norm(place - self._raked_from) > _STIRRED:
+            self._raked_from, self._in_vain = place.copy(), 0
+        self._in_vain += 1
+        if self._rake_to is not None and self._in_vain // _IN_VAIN % 2:
+            self._rake_to = -self._rake_to
 
     def step_cost(self, physics: Any) -> np.ndarray:
         """As for inserting; while the ball is let go, what moves the arm or closes the hand."""

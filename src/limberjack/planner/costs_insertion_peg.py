@@ -15,15 +15,12 @@ from limberjack.planner.costs_peg import BringPeg
 from limberjack.planner.grips import height_above_ground
 from limberjack.planner.planar_ik import GRASP, direction, nudged
 from limberjack.planner.pushes import pushes
-from limberjack.planner.raking import raking_paths
 from limberjack.planner.roadmap import Obstacle, Way, clearance, find_way
-from limberjack.planner.spots import Spot, next_spot
 from limberjack.utils import arrays
 
 __all__ = ["InsertPeg"]
 
 _PER_RADIAN = 0.4  # what a radian of the arm's way costs
-_ELSEWHERE = 16.0  # what a peg costs that has to be raked first
 _BLADE = np.array([0.005])  # metres; the peg's radius
 _STAND_OFF, _CLOSE = 0.06, 0.01  # metres; how far from the peg a way ends, or else if there is none
 _HAND = GRASP + 0.02  # metres; from the wrist to where walls must leave room
@@ -36,12 +33,8 @@ _ALONG = 24  # points of a way that are looked at
 _ALOFT, _CARRIED = 0.12, 15  # metres, plannings; a peg so high for so long lies on the arm
 _ON_ARM = 0.015  # metres; so near to the arm it does
 _STRETCHED = np.array([np.pi, 0.5, 0.5, 0.5])  # radians; joints of an arm on which no peg lies
-_STIRRED = 0.03  # metres; so far a peg that is raked must move
-_PULLED = 0.08  # metres; so far a peg is pulled away from what it leans on
-_IN_VAIN = 24  # plannings; after so many a peg that has not come nearer is raked from elsewhere
-_NEAR, _ON_THE_WAY = 0.14, 0.3  # metres; what counts a planning for which the hand is not so near
+_STIRRED = 0.03  # metres; ways to a peg are looked for again once it has moved so far
 _MISSES = 2  # ways looked for in vain after which a peg is raked
-_RAKES = 12  # of the paths that are tried
 
 
 class InsertPeg(Insert, BringPeg):
@@ -52,21 +45,16 @@ class InsertPeg(Insert, BringPeg):
     def reset(self) -> None:
         """Forgets what was in the way."""
         super().reset()
-        self._spot: Spot | None = None  # where the peg is raked
-        self._pulled_from = np.zeros(3)  # where it was when that was begun
-        self._nearest = np.inf  # metres; how near it has come to where it is wanted
+        self._raked_from = np.zeros(3)  # where the peg was when ways to it were first missed
         self._aloft = 0  # plannings for which the peg has not been near the ground
         self._is_blocked = False  # whether the slot is in the known way to the peg
         self._missed = 0  # ways to the peg, looked for in vain since it has moved
 
-    def step_cost(self, physics: Any) -> np.ndarray:
-        """As for bringing; raking costs how far the arm has to go there, and what is left, (N,)."""
-        if self._rake_to is None or self._spot is None or self._withdraws:
-            return super().step_cost(physics)
-        data = physics.named.data
-        if self._way is not None:
-            return _ELSEWHERE + _PER_RADIAN * self._way.remaining(data.qpos[ARM])
-        return _ELSEWHERE + self._spot.cost(data, self._rake_to)
+    def _raking(self, data: Any, goal: float) -> np.ndarray:
+        """As for bringing; before, how far the arm has to go there, (N,)."""
+        if self._way is None or self._spots.now is None:
+            return super()._raking(data, goal)
+        return _PER_RADIAN * self._way.remaining(data.qpos[ARM])
 
     def look(self, physics: Any) -> None:
         """As for any object, and notices a peg that lies on the arm."""
@@ -96,41 +84,23 @@ class InsertPeg(Insert, BringPeg):
                 self._is_blocked = True
                 self._ways.forget()
 
-    def _lose_patience(self, data: Any) -> None:
-        """As for bringing; what is raked in vain is raked from elsewhere instead."""
-        if self._spot is None:
-            super()._lose_patience(data)
-        else:
-            self._near_for = self._withdraws = 0
+    def _is_led(self) -> bool:
+        """Whether the arm is still on a way to where it rakes."""
+        return self._way is not None
 
     def _turn_rake(self, data: Any) -> None:
         """Rakes a peg to which no way leads, and from elsewhere what does not come nearer."""
         place = data.site_xpos[self._object]
         if arrays.norm(place - self._raked_from) > _STIRRED:
             self._raked_from, self._missed = place.copy(), 0
-        is_pulled = arrays.norm(place - self._pulled_from) > _PULLED
-        if self._spot is not None and self._spot.way != "there" and is_pulled:
-            self._spot, self._in_vain, self._nearest = None, 0, np.inf
         if self._aloft > _CARRIED:
             self._rake_to, self._missed = None, 0
         if self._missed >= _MISSES and self._rake_to is None:
             self._rake_to = self._rake_goal(data)
-        if self._rake_to is None:
-            self._spot, self._in_vain, self._nearest = None, 0, np.inf
-            return
-        off = abs(float(place[0]) - self._rake_to)
-        if off < self._nearest - _STIRRED:
-            self._nearest, self._in_vain = off, 0
-        if self._way is None:
-            is_there = arrays.norm(data.site_xpos["grasp"] - place) < _NEAR
-            self._in_vain += 1.0 if is_there else _ON_THE_WAY
-        if (self._spot is None and not self._coming) or self._in_vain > _IN_VAIN:
-            self._in_vain = 0
-            self._spot = next_spot(data, self._spot, self._rake_to, self._walls)
-            self._pulled_from = place.copy()
+        before = self._spots.now
+        super()._turn_rake(data)
+        if self._spots.now is not before and self._rake_to is not None:
             self._way, self._patience = None, -1
-        if self._spot is not None:
-            self._rake_to = self._spot.goal(data, self._rake_to)
 
     def _must_be_led(self) -> bool:
         """Whether the way that is known goes through the slot, or the peg lies on the arm."""
@@ -142,9 +112,10 @@ class InsertPeg(Insert, BringPeg):
         now, walls = data.qpos[ARM], self._walls
         random = np.random.default_rng(round(1000 * physics.time()))
         if self._rake_to is not None:
-            if self._spot is None:
+            spot = self._spots.now
+            if spot is None:
                 return None
-            goals = self._spot.poses(data, self._rake_to, walls)
+            goals = spot.poses(data, self._rake_to, walls)
             return find_way(now, goals, _HAND, walls, close=True)
         if self._aloft > _CARRIED:
             return find_way(now, random.uniform(-_STRETCHED, _STRETCHED, (8, 4)), _HAND, walls)
@@ -193,18 +164,6 @@ class InsertPeg(Insert, BringPeg):
         """As for any object, of more poses: few may be clear of the walls."""
         many = max(count, _TRIED)
         return super()._poses(data, random, prefix, many, back, at, tilt)[:count]
-
-    def _tried(self, physics: Any, random: np.random.Generator) -> np.ndarray:
-        """As for any object; where the peg is raked it is that spot that is raked."""
-        found = super()._tried(physics, random)
-        if self._spot is None or self._rake_to is None:
-            return found
-        data = physics.named.data
-        place, now = data.site_xpos[self._spot.site], data.qpos[ARM]
-        rake = raking_paths(random, place, self._rake_to, now, self.settings.knots)[:_RAKES]
-        ahead = 6 if self._way is not None else 0  # of what is found: along the way
-        rake = np.array(rake).reshape(-1, *found.shape[1:])
-        return np.concatenate([found[:ahead], rake, found[ahead:]])
 
     def _ways_in(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
         """Paths that push the peg in, (knots, 5) each."""

@@ -87,11 +87,15 @@ class Bring(Cost):
             moved = arrays.norm(data.qvel[self.task._object_joints][..., :2])
             return 2.0 * _LOOSE + 20.0 * near_by + 2.0 * moved + low
         if self._rake_to is not None:
-            return 2.0 * _LOOSE + raking_cost(data, self._object, self._rake_to) + low
+            return 2.0 * _LOOSE + self._raking(data, self._rake_to) + low
         held = self._held(data)
         secure, carry = self._carrying(physics, held)
         fetch = _LOOSE + self._fetching(data)
         return secure * carry + (1.0 - secure) * fetch + low
+
+    def _raking(self, data: Any, goal: float) -> np.ndarray:
+        """What it costs that the object is not raked to a goal: x, metres, (N,)."""
+        return raking_cost(data, self._object, goal)
 
     def _carrying(self, physics: Any, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How surely the object needs no fetching, 0 to 1, and what carrying costs, (N,) each."""
@@ -162,6 +166,7 @@ class Bring(Cost):
         random = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
         if self._held(data) > 0.3:
             self._rake_to, self._near_for, self._withdraws = None, 0, 0
+            self._turn_rake(data)
             self._find_way_to_target(physics)
             return
         self._lose_patience(data)
@@ -173,7 +178,15 @@ class Bring(Cost):
             self._rake_to = None
         elif self._rake_to is not None or self._settles:  # what rolls may come by itself
             self._rake_to = self._rake_goal(data)
+        self._turn_rake(data)
         self._find_way_to_object(physics)
+
+    def _turn_rake(self, data: Any) -> None:
+        """Decides from where the object is raked: always from behind its middle."""
+
+    def _raked_site(self) -> str:
+        """The object's site that is raked."""
+        return self._object
 
     def _is_sure(self, within: bool) -> bool:
         """Whether the object is within reach, given what one look says."""
@@ -269,7 +282,7 @@ class Bring(Cost):
             place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
             paths = lifts(random, place, angle, now, self.settings.knots, OPEN_ANGLE)
         elif self._rake_to is not None:
-            place, count = data.site_xpos[self._object], self.settings.knots
+            place, count = data.site_xpos[self._raked_site()], self.settings.knots
             paths = raking_paths(random, place, self._rake_to, now, count)
         elif self._held(data) > 0.3:
             paths = self._carrying_paths(data, random)

@@ -23,6 +23,8 @@ from limberjack.planner.grips import (
 )
 from limberjack.planner.peg_ways import PegWays, across, grasp_of, opening
 from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_poses, nudged
+from limberjack.planner.roadmap import Obstacle
+from limberjack.planner.spots import Spots
 from limberjack.utils import arrays
 
 __all__ = ["BringPeg"]
@@ -48,6 +50,8 @@ class BringPeg(Bring):
         """Forgets the ways too."""
         super().reset()
         self._ways = PegWays()
+        self._walls = Obstacle(np.zeros((0, 2, 2)), np.zeros(0))  # that are in the way: none
+        self._spots = Spots()  # where a peg is raked
         self._doubts = 0  # plans that found the contrary of what is known of the peg's reach
 
     def look(self, physics: Any) -> None:
@@ -102,6 +106,37 @@ class BringPeg(Bring):
             return within
         self._doubts += 1
         return within if self._doubts > _DOUBTS else not within
+
+    def _lose_patience(self, data: Any) -> None:
+        """As for a ball; what is raked in vain is raked from elsewhere instead."""
+        if self._spots.now is None:
+            super()._lose_patience(data)
+        else:
+            self._near_for = self._withdraws = 0
+
+    def _turn_rake(self, data: Any) -> None:
+        """Rakes a peg that does not come nearer from elsewhere: it may lean on something."""
+        if self._rake_to is None:
+            self._spots.forget()
+            return
+        moves = bool(self._coming)
+        spot = self._spots.choose(data, self._rake_to, self._walls, self._is_led(), moves)
+        if spot is not None:
+            self._rake_to = spot.goal(data, self._rake_to)
+
+    def _is_led(self) -> bool:
+        """Whether the arm is still on a way to where it rakes: it knows none."""
+        return False
+
+    def _raking(self, data: Any, goal: float) -> np.ndarray:
+        """As for a ball, at the spot that is raked, (N,)."""
+        spot = self._spots.now
+        return super()._raking(data, goal) if spot is None else spot.cost(data, goal)
+
+    def _raked_site(self) -> str:
+        """The site of the spot that is raked."""
+        spot = self._spots.now
+        return super()._raked_site() if spot is None else spot.site
 
     def _find_way_to_target(self, physics: Any) -> None:
         data = physics.named.data

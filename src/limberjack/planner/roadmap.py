@@ -298,7 +298,8 @@ def clearance(poses: np.ndarray, held: float, obstacle: Obstacle) -> np.ndarray:
     x, z = lines[:, 1:, :, 0], lines[:, 1:, :, 1]
     wall = np.minimum(z, (z + WALL - np.abs(x)) / np.sqrt(2)) - _RADII[1:, None]
     links, hand = wall[:, :_LINKS].min(axis=(1, 2)), wall[:, _LINKS:].min(axis=(1, 2))
-    return np.stack([apart.min(axis=(1, 2)), itself.min(axis=1), links, hand], axis=-1)
+    apart = apart.min(axis=(1, 2), initial=np.inf)  # there may be no obstacle
+    return np.stack([apart, itself.min(axis=1), links, hand], axis=-1)
 
 
 def _lines(poses: np.ndarray, held: float) -> np.ndarray:

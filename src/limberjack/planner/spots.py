@@ -1,4 +1,4 @@
-"""`Spot`: where, and whereto, a peg is raked that leans on the slot or lies behind it.
+"""`Spot`: where, and whereto, a peg is raked that leans on something or lies behind it.
 
     spot = next_spot(data, None, goal=-0.12, walls=slot.walls(physics))
     poses = spot.poses(data, goal, walls)  # (n, 4), that have a fingertip there
@@ -19,7 +19,7 @@ from limberjack.planner.raking import raking_cost
 from limberjack.planner.roadmap import Obstacle, clearance
 from limberjack.utils import arrays
 
-__all__ = ["Spot", "next_spot"]
+__all__ = ["Spot", "Spots", "next_spot"]
 
 _FAR = 0.2  # metres; how far outwards a peg is raked that leans inwards
 _POSES, _KEPT = 400, 64  # that are looked at, few of which are clear of the walls, and kept
@@ -27,6 +27,10 @@ _POSES, _KEPT = 400, 64  # that are looked at, few of which are clear of the wal
 _IN_WALLS, _IN_GROUND = -0.004, -0.009
 _LOW = 0.05  # metres; what is so near to the ground is not pressed down
 _OVER = np.array([0.0, 0.0, 0.03])  # metres; where a fingertip is that presses down
+_STIRRED = 0.03  # metres; so much nearer a peg that is raked must come
+_PULLED = 0.08  # metres; so far a peg is pulled away from what it leans on
+_IN_VAIN = 24  # plannings; after so many a peg that has not come nearer is raked from elsewhere
+_NEAR, _ON_THE_WAY = 0.14, 0.3  # metres; what counts a planning for which the hand is not so near
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,3 +97,49 @@ def next_spot(data: Any, spot: Spot | None, goal: float, walls: Obstacle) -> Spo
         if len(candidate.poses(data, candidate.goal(data, goal), walls)):
             return candidate
     return order[0]
+
+
+class Spots:
+    """Which spot of a peg is raked: another one once that has been in vain.
+
+    Attributes:
+      now: that spot; None while none is raked.
+    """
+
+    def __init__(self) -> None:
+        """Rakes nothing yet."""
+        self.forget()
+
+    def forget(self) -> None:
+        """Begins anew, as for a peg that is not raked."""
+        self.now: Spot | None = None
+        self._pulled_from = np.zeros(3)  # where the peg was when that spot was chosen
+        self._nearest = np.inf  # metres; how near it has come to where it is wanted
+        self._in_vain = 0.0  # plannings without any headway
+
+    def choose(
+        self, data: Any, goal: float, walls: Obstacle, is_led: bool, moves: bool
+    ) -> Spot | None:
+        """The spot to rake now, or None while that must be seen.
+
+        Args:
+          data: of a single simulation.
+          goal: where the peg is wanted in the end: x, metres.
+          walls: of what a fingertip is not to get into.
+          is_led: whether the arm is still on a way to where it rakes.
+          moves: whether the peg does not lie still yet.
+        """
+        place = data.site_xpos["peg"]
+        is_pulled = arrays.norm(place - self._pulled_from) > _PULLED
+        if self.now is not None and self.now.way != "there" and is_pulled:
+            self.forget()
+        off = abs(float(place[0]) - goal)
+        if off < self._nearest - _STIRRED:
+            self._nearest, self._in_vain = off, 0.0
+        if not is_led:
+            is_there = arrays.norm(data.site_xpos["grasp"] - place) < _NEAR
+            self._in_vain += 1.0 if is_there else _ON_THE_WAY
+        if (self.now is None and not moves) or self._in_vain > _IN_VAIN:
+            self._in_vain, self._pulled_from = 0.0, place.copy()
+            self.now = next_spot(data, self.now, goal, walls)
+        return self.now
