@@ -117,11 +117,15 @@ class Bring(Cost):
 
     def _firm(self, data: Any) -> np.ndarray:
         """1 where the object is right between the closed fingers, 0 far from there, (N,)."""
-        ahead, aside = in_hand(data, self._place(data))
+        ahead, aside = self._offset(data)
         ahead = ahead - np.clip(ahead, 0.0, self._grip.slack)
         grip = self._grip
         closed = np.clip((fingers(data) - grip.ready) / (grip.firm - grip.ready), 0.0, 1.0)
         return near(np.hypot(ahead, aside), 0.012) * closed
+
+    def _offset(self, data: Any) -> tuple[Any, Any]:
+        """How far the object is ahead and aside of where the hand takes it, (N,) each, metres."""
+        return in_hand(data, self._place(data))
 
     def _place(self, data: Any) -> np.ndarray:
         """Where the grasp site is to be, (..., 3)."""
@@ -134,7 +138,7 @@ class Bring(Cost):
 
     def _fetching(self, data: Any) -> np.ndarray:
         """How far the hand is from holding the object, (N,)."""
-        ahead, aside = in_hand(data, self._place(data))
+        ahead, aside = self._offset(data)
         distance = np.hypot(ahead - np.clip(ahead, 0.0, self._grip.slack), aside)
         turn = self._misalignment(data)
         # With the object beside it the hand must first back off: the fingers are in the way.

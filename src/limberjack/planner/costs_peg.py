@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm import ARM, OPEN_ANGLE, PLANE, approaches, near, path, sag
+from limberjack.planner.arm import ARM, OPEN_ANGLE, PLANE, approaches, in_hand, near, path, sag
 from limberjack.planner.costs_manipulator import Bring
 from limberjack.planner.grips import (
     BACK,
@@ -22,7 +22,7 @@ from limberjack.planner.grips import (
     pose_of,
 )
 from limberjack.planner.peg_ways import PegWays, across, grasp_of, opening
-from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_poses, nudged
+from limberjack.planner.planar_ik import GRASP, PINCH, angle_of, direction, hand_poses, nudged
 from limberjack.planner.roadmap import Obstacle
 from limberjack.planner.spots import Spots
 from limberjack.utils import arrays
@@ -80,6 +80,11 @@ class BringPeg(Bring):
     def _firm(self, data: Any) -> np.ndarray:
         """1 where the handle is right between the closed fingers, and along the hand, (N,)."""
         return super()._firm(data) * near(self._misalignment(data), 0.15)
+
+    def _offset(self, data: Any) -> tuple[Any, Any]:
+        """As for a ball, where the fingertips are: about there a hand may turn, (N,) each."""
+        ahead, aside = in_hand(data, data.site_xpos["peg_pinch"])
+        return ahead - (PINCH - GRASP), aside
 
     def _misalignment(self, data: Any) -> Any:
         """One less the cosine between the hand and the peg, (...)."""
@@ -159,8 +164,13 @@ class BringPeg(Bring):
             np.random.default_rng(round(1000 * physics.time())),
             data.qpos[ARM],
             pose_of(data, "peg"),
-            lambda random: self._poses(data, random, "", _TAKES, tilt=_ALIGNED),
+            lambda random: self._takes(data, random),
         )
+
+    def _takes(self, data: Any, random: np.random.Generator) -> np.ndarray:
+        """Arm joints that have the hand around the peg, (n, 4): straight on if that is possible."""
+        straight = self._poses(data, random, "", _TAKES, tilt=_ALIGNED)
+        return straight if len(straight) else self._poses(data, random, "", _TAKES)
 
     def _rake_goal(self, data: Any) -> float:
         """As for a ball; the hand comes from the handle's side, so it needs more room there."""
@@ -181,10 +191,11 @@ class BringPeg(Bring):
         if prefix:
             middle, frame = peg
             place = (middle + in_world(frame, grip.place))[PLANE]
-            angle, tilt = angle_of(_forward(frame)[PLANE]), 0.02
+            forward, angle, tilt = GRASP, angle_of(_forward(frame)[PLANE]), 0.02
         else:
-            place, angle = grasp_of(peg)
-        return hand_poses(random, place, GRASP + back, now, count, angle, tilt, width=grip.width)
+            forward, (place, angle) = PINCH, grasp_of(peg)
+        ahead = forward + back
+        return hand_poses(random, place, ahead, now, count, angle, tilt, width=grip.width)
 
     def _tried(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """As for a ball; first of all along the way."""

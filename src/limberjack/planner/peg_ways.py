@@ -25,6 +25,7 @@ __all__ = ["PegWays", "across", "grasp_of", "opening"]
 _LENGTH = 0.113  # metres, of a peg
 _HAND, _HAND_AND_PEG = 0.1, 0.178  # metres; from the wrist to the end
 _STEEP, _RAISED = 0.25, 0.002  # radians, metres; how the hand comes to a peg that lies flat
+_PINCHED = 0.0, 0.036  # metres in the frame of a peg; where the hand pinches it
 _DEEP = -0.012  # metres; a guard that is behind the fingertips keeps a peg in the hand
 _CLEAR = 0.04  # metres; how far fingertips keep from a peg that they are not around
 _LIFTED = 0.035  # metres; so high a hand is lifted that holds a peg before it goes on its way
@@ -136,9 +137,9 @@ def _cost(ways: list[Route], toll: _Toll, joints: np.ndarray, near_cost: np.ndar
 
 
 def grasp_of(peg: Pose) -> tuple[np.ndarray, float]:
-    """Where the hand is to be to take a peg, (2,), and at which angle."""
+    """Where the hand's pinch site is to be to take a peg, (2,), and at which angle."""
     middle, frame = peg
-    place = (middle + in_world(frame, HANDLE.place))[PLANE]
+    place = (middle + in_world(frame, _PINCHED))[PLANE]
     assert HANDLE.forward is not None
     forward, down = in_world(frame, HANDLE.forward)[PLANE], downwards(middle)[PLANE]
     # Along a peg that lies flat a finger would be in the floor: the hand comes from above.
