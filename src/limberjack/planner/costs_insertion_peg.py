@@ -2,7 +2,7 @@
 
 A peg is harder to get at than a ball. The slot may be in the way to it; it may lean on the slot, or
 lie where no hand gets to its handle; then it is raked from elsewhere, or away from what it leans
-on. It may also lie on the arm, which then stretches so that the peg falls.
+on.
 """
 
 from typing import Any
@@ -11,8 +11,7 @@ import numpy as np
 
 from limberjack.planner.arm import ARM, PLANE
 from limberjack.planner.costs_insertion import Insert
-from limberjack.planner.costs_peg import BringPeg
-from limberjack.planner.grips import height_above_ground
+from limberjack.planner.costs_peg import BLADE, HAND, STRETCHED, BringPeg
 from limberjack.planner.planar_ik import GRASP, direction, nudged
 from limberjack.planner.pushes import pushes
 from limberjack.planner.roadmap import Obstacle, Way, clearance, find_way
@@ -21,18 +20,13 @@ from limberjack.utils import arrays
 __all__ = ["InsertPeg"]
 
 _PER_RADIAN = 0.4  # what a radian of the arm's way costs
-_BLADE = np.array([0.005])  # metres; the peg's radius
 _STAND_OFF, _CLOSE = 0.06, 0.01  # metres; how far from the peg a way ends, or else if there is none
-_HAND = GRASP + 0.02  # metres; from the wrist to where walls must leave room
 _PEG = GRASP + 0.113  # metres; from the wrist to the tip of a peg that is held
 _OVER = 0.02, -0.01  # metres; how far above the place before the mouth a way ends
 _TOUCHING = -0.004  # metres; fingers may be so near to walls that they touch them
 _GOALS, _FEW = 96, 12  # poses in which a way may end, and those of another attempt
 _TRIED = 8  # poses that are clear of the walls, at best, of which the nearest are taken
 _ALONG = 24  # points of a way that are looked at
-_ALOFT, _CARRIED = 0.12, 15  # metres, plannings; a peg so high for so long lies on the arm
-_ON_ARM = 0.015  # metres; so near to the arm it does
-_STRETCHED = np.array([np.pi, 0.5, 0.5, 0.5])  # radians; joints of an arm on which no peg lies
 _STIRRED = 0.03  # metres; ways to a peg are looked for again once it has moved so far
 _MISSES = 2  # ways looked for in vain after which a peg is raked
 
@@ -46,7 +40,6 @@ class InsertPeg(Insert, BringPeg):
         """Forgets what was in the way."""
         super().reset()
         self._raked_from = np.zeros(3)  # where the peg was when ways to it were first missed
-        self._aloft = 0  # plannings for which the peg has not been near the ground
         self._is_blocked = False  # whether the slot is in the known way to the peg
         self._missed = 0  # ways to the peg, looked for in vain since it has moved
 
@@ -56,17 +49,12 @@ class InsertPeg(Insert, BringPeg):
             return super()._raking(data, goal)
         return _PER_RADIAN * self._way.remaining(data.qpos[ARM])
 
-    def look(self, physics: Any) -> None:
-        """As for any object, and notices a peg that lies on the arm."""
-        data = physics.named.data
-        aloft = height_above_ground(data.site_xpos[self._object]) > _ALOFT
-        peg = Obstacle(data.site_xpos[["peg_grasp", "peg_tip"]][None][..., PLANE], _BLADE)
-        on_arm = clearance(data.qpos[ARM][None], _HAND, peg)[0, 0] < _ON_ARM
-        was_carried = self._aloft > _CARRIED
-        self._aloft = self._aloft + 1 if aloft and on_arm and self._held(data) < 0.3 else 0
-        if was_carried != (self._aloft > _CARRIED):  # now the arm has to go elsewhere
+    def _watch_arm(self, data: Any) -> None:
+        """As for bringing; once a peg lies on it, or no longer, the arm has to go elsewhere."""
+        before = self._lies_on_arm()
+        super()._watch_arm(data)
+        if self._lies_on_arm() != before:
             self._way, self._patience = None, -1
-        super().look(physics)
 
     def _find_way_to_target(self, physics: Any) -> None:
         """None but the one around the slot."""
@@ -80,7 +68,7 @@ class InsertPeg(Insert, BringPeg):
         if along:
             poses = along[0][1:, : len(ARM)]
             poses = np.concatenate([poses[1:], (poses[1:] + poses[:-1]) / 2])
-            if clearance(poses, _HAND, self._walls)[:, 0].min() < _TOUCHING:
+            if clearance(poses, HAND, self._walls)[:, 0].min() < _TOUCHING:
                 self._is_blocked = True
                 self._ways.forget()
 
@@ -93,7 +81,7 @@ class InsertPeg(Insert, BringPeg):
         place = data.site_xpos[self._object]
         if arrays.norm(place - self._raked_from) > _STIRRED:
             self._raked_from, self._missed = place.copy(), 0
-        if self._aloft > _CARRIED:
+        if self._lies_on_arm():
             self._rake_to, self._missed = None, 0
         if self._missed >= _MISSES and self._rake_to is None:
             self._rake_to = self._rake_goal(data)
@@ -104,7 +92,7 @@ class InsertPeg(Insert, BringPeg):
 
     def _must_be_led(self) -> bool:
         """Whether the way that is known goes through the slot, or the peg lies on the arm."""
-        return self._aloft > _CARRIED or (self._is_blocked and self._rake_to is None)
+        return self._lies_on_arm() or (self._is_blocked and self._rake_to is None)
 
     def _way_to_object(self, physics: Any, attempt: int) -> Way | None:
         """The arm's way around the slot: to before the peg, to rake it, or to let it fall."""
@@ -116,9 +104,9 @@ class InsertPeg(Insert, BringPeg):
             if spot is None:
                 return None
             goals = spot.poses(data, self._rake_to, walls)
-            return find_way(now, goals, _HAND, walls, close=True)
-        if self._aloft > _CARRIED:
-            return find_way(now, random.uniform(-_STRETCHED, _STRETCHED, (8, 4)), _HAND, walls)
+            return find_way(now, goals, HAND, walls, close=True)
+        if self._lies_on_arm():
+            return find_way(now, random.uniform(-STRETCHED, STRETCHED, (8, 4)), HAND, walls)
         if self._is_fast(data):
             return None
         draws = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
@@ -132,8 +120,8 @@ class InsertPeg(Insert, BringPeg):
             goals = [nudged(pose, -back * direction(pose.sum()), 0.0) for pose in poses]
             goals = np.reshape(goals, (-1, len(ARM)))
             peg = data.site_xpos[[start, "peg_tip"]][None][..., PLANE]
-            around = Obstacle(np.concatenate([walls.ends, peg]), np.append(walls.radii, _BLADE))
-            way = way or find_way(now, goals, _HAND, around, close=True)
+            around = Obstacle(np.concatenate([walls.ends, peg]), np.append(walls.radii, BLADE))
+            way = way or find_way(now, goals, HAND, around, close=True)
         self._missed = 0 if way is not None else self._missed + 1
         return way
 
@@ -145,7 +133,7 @@ class InsertPeg(Insert, BringPeg):
             goals = self._poses_to(data, random, self._receptacle.before + over, 0.0, _GOALS)
             if self._trials:  # not where it has not succeeded
                 goals = goals[random.permutation(len(goals))[:_FEW]]
-            for held in (_PEG, _HAND):
+            for held in (_PEG, HAND):
                 way = find_way(data.qpos[ARM], goals, held, self._walls, close=True)
                 if way is not None:
                     return way

@@ -23,11 +23,11 @@ from limberjack.planner.grips import (
 )
 from limberjack.planner.peg_ways import PegWays, across, grasp_of, opening
 from limberjack.planner.planar_ik import GRASP, PINCH, angle_of, direction, hand_poses, nudged
-from limberjack.planner.roadmap import Obstacle
+from limberjack.planner.roadmap import Obstacle, clearance
 from limberjack.planner.spots import Spots
 from limberjack.utils import arrays
 
-__all__ = ["BringPeg"]
+__all__ = ["BLADE", "HAND", "STRETCHED", "BringPeg"]
 
 _ALIGNED = 0.1  # radians; a hand that comes to a peg so far from straight on takes it
 _ROLLS = 2.0  # metres or radians per second; no way is looked for to a peg that moves so fast
@@ -38,6 +38,10 @@ _KICK = 1.0  # per metre per second; what it costs that a peg moves that is not 
 # Metres and radians per second above which a peg may slip out of the hand.
 _SPEED, _SPIN = 3.0, 10.0
 _RAKED = 0.12  # metres; how far beyond the middle a peg is raked
+_ALOFT, _CARRIED = 0.12, 15  # metres, plannings; a peg so high for so long lies on the arm
+_ON_ARM, BLADE = 0.015, np.array([0.005])  # metres; so near to the arm it does, and its radius
+HAND = GRASP + 0.02  # metres; from the wrist to the end of a hand on which it may lie
+STRETCHED = np.array([np.pi, 0.5, 0.5, 0.5])  # radians; joints of an arm on which none does
 
 
 class BringPeg(Bring):
@@ -53,11 +57,25 @@ class BringPeg(Bring):
         self._walls = Obstacle(np.zeros((0, 2, 2)), np.zeros(0))  # that are in the way: none
         self._spots = Spots()  # where a peg is raked
         self._doubts = 0  # plans that found the contrary of what is known of the peg's reach
+        self._carried_for = 0  # plans in which the peg has lain on the arm
 
     def look(self, physics: Any) -> None:
         """As for a ball, for an arm that hangs a little below its targets."""
         self._sag = sag(physics, self.settings.gain)
+        self._watch_arm(physics.named.data)
         super().look(physics)
+
+    def _watch_arm(self, data: Any) -> None:
+        """Notices a peg that lies on the arm."""
+        aloft = height_above_ground(data.site_xpos["peg"]) > _ALOFT
+        peg = Obstacle(data.site_xpos[["peg_grasp", "peg_tip"]][None][..., PLANE], BLADE)
+        on_arm = clearance(data.qpos[ARM][None], HAND, peg)[0, 0] < _ON_ARM
+        carried = aloft and on_arm and self._held(data) < 0.3
+        self._carried_for = self._carried_for + 1 if carried else 0
+
+    def _lies_on_arm(self) -> bool:
+        """Whether the peg has lain on the arm for long."""
+        return self._carried_for > _CARRIED
 
     def _carrying(self, physics: Any, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As for a ball; who swings a peg loses it."""
@@ -121,6 +139,8 @@ class BringPeg(Bring):
 
     def _turn_rake(self, data: Any) -> None:
         """Rakes a peg that does not come nearer from elsewhere: it may lean on something."""
+        if self._lies_on_arm():
+            self._rake_to = None
         if self._rake_to is None:
             self._spots.forget()
             return
@@ -153,19 +173,19 @@ class BringPeg(Bring):
         )
 
     def _find_way_to_object(self, physics: Any) -> None:
-        """Looks for a way to a peg, unless it moves, lies on the arm or has to be raked first."""
-        data = physics.named.data
+        """Looks for a way to a peg that lies still within reach, or to let one fall."""
+        data, now = physics.named.data, physics.named.data.qpos[ARM]
+        random = np.random.default_rng(round(1000 * physics.time()))
+        if self._lies_on_arm():
+            self._ways.look_for_room(random, now, STRETCHED)
+            return
         moves = np.abs(data.qvel[self.task._object_joints]).max() > _ROLLS
         aloft = height_above_ground(data.site_xpos["peg"]) > _LIES
         if self._withdraws or moves or aloft or self._rake_to is not None:
             self._ways.forget()
             return
-        self._ways.look_for_peg(
-            np.random.default_rng(round(1000 * physics.time())),
-            data.qpos[ARM],
-            pose_of(data, "peg"),
-            lambda random: self._takes(data, random),
-        )
+        peg = pose_of(data, "peg")
+        self._ways.look_for_peg(random, now, peg, lambda random: self._takes(data, random))
 
     def _takes(self, data: Any, random: np.random.Generator) -> np.ndarray:
         """Arm joints that have the hand around the peg, (n, 4): straight on if that is possible."""

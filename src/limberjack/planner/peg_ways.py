@@ -30,6 +30,7 @@ _DEEP = -0.012  # metres; a guard that is behind the fingertips keeps a peg in t
 _CLEAR = 0.04  # metres; how far fingertips keep from a peg that they are not around
 _LIFTED = 0.035  # metres; so high a hand is lifted that holds a peg before it goes on its way
 _MOVED = 0.01  # metres, or of a frame; more changes the ways to a peg
+_GOALS = 8  # poses in which a peg may fall
 _STRIDES = 0.3, 1.0, 3.0  # radians of a way from one knot to the next
 
 _Goals = Callable[[np.random.Generator], np.ndarray]  # draws joints, (n, 4)
@@ -107,6 +108,20 @@ class PegWays:
         line = np.stack([place + in_world(frame, HANDLE.place), place - 0.05 * frame[2::3]])
         known, around = self._to_peg, line[:, PLANE]
         self._to_peg = routes(random, now, self._before, _HAND, known=known, around=around)
+
+    def look_for_room(
+        self, random: np.random.Generator, now: np.ndarray, widest: np.ndarray
+    ) -> None:
+        """Looks for ways to where a peg falls that lies on the arm.
+
+        Args:
+          random: draws them.
+          now: the arm's joints, (4,).
+          widest: how far from 0 the joints may be there, (4,), radians.
+        """
+        self._to_target = []
+        goals = np.random.default_rng(0).uniform(-widest, widest, (_GOALS, 1, 4))
+        self._to_peg = routes(random, now, goals, _HAND, known=self._to_peg)
 
     def cost_to_peg(self, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
         """What is left of the arm's way to the peg and, at its end, of the hand's, (N,)."""
