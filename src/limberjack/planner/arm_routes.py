@@ -17,6 +17,7 @@ __all__ = ["Route", "routes"]
 _STOPS = 80  # that are drawn
 _POINTS = np.arange(1, 7) / 6  # of a straight path, where it is looked at
 _ENDS = 24  # that are tried at least, of goals with the root a turn further or less
+_AT_ONCE = 256  # paths that are looked at together
 _TIMES = np.array([0.67, 0.75, 1.0, 1.0])  # of a radian of each joint at most speed, to the wrist's
 _SPACING = 0.1  # radians; between the points of a route that are compared with
 _RETURN = 1.3  # how much a radian beside a route counts, against one along it
@@ -99,16 +100,36 @@ def routes(
     before = [route.stop[None] for route in known if route.stop is not None]
     stops = np.concatenate([*before, stops])
     stops = stops[is_clear(stops, reach) & _is_straight_clear(now, stops, reach, around)]
-    left = _far(stops[:, None], ends)
-    onwards = _is_straight_clear(stops[:, None], ends, reach, around)
-    left = np.where(onwards, left, np.inf)
     direct = _is_straight_clear(now, ends, reach, around)
     found = [Route(begin, goal) for goal in goals[direct][:count]]
-    for stop, ways in zip(stops, left, strict=True):
-        best = int(np.argmin(ways))
-        if np.isfinite(ways[best]):
-            found.append(Route(begin, goals[best], stop))
+    for stop, end in _onwards(now, stops, ends, count, reach, around):
+        found.append(Route(begin, goals[end], stops[stop]))
     return sorted(found, key=lambda route: route.length)[:count]
+
+
+def _onwards(
+    now: np.ndarray,
+    stops: np.ndarray,
+    ends: np.ndarray,
+    count: int,
+    reach: float,
+    around: np.ndarray | None,
+) -> list[tuple[int, int]]:
+    """The stops (n, 4) with the shortest clear paths from now to an end (m, 4), and those ends.
+
+    Few are looked at: the shortest first, until that many stops have been found, or a few more.
+    """
+    lengths = _far(now, stops)[:, None] + _far(stops[:, None], ends)
+    shortest = np.argsort(lengths, axis=None, kind="stable")
+    found: dict[int, int] = {}
+    for first in range(0, len(shortest), _AT_ONCE):
+        stop, end = np.divmod(shortest[first : first + _AT_ONCE], len(ends))
+        clear = _is_straight_clear(stops[stop], ends[end], reach, around)
+        for one, other in zip(stop[clear].tolist(), end[clear].tolist(), strict=True):
+            found.setdefault(one, other)
+        if len(found) >= count:
+            break
+    return list(found.items())[:count]
 
 
 def _far(start: np.ndarray, end: np.ndarray) -> np.ndarray:
