@@ -114,7 +114,7 @@ def approaches(
 ) -> list[np.ndarray]:
     """Paths that bring the open hand straight on to a pose, in which it closes, (knots, 5) each."""
     ahead = direction(pose.sum())
-    line = [nudged(pose, -back * ahead, 0.0) for back in _APPROACH]
+    line = list(nudged(pose, -np.outer(_APPROACH, ahead), 0.0))
     found: list[np.ndarray] = []
     for first, slow in ((0, 1), (1, 1), (2, 1), (2, 2), (2, 3)):
         grasp = [ready] * (1 + slow * (len(line) - first)) + [shut]

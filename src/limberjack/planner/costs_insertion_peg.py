@@ -117,8 +117,7 @@ class InsertPeg(Insert, BringPeg):
         way = None
         # On its way the hand would push the peg away.
         for back, start in ((_STAND_OFF, "peg_grasp"), (_CLOSE, "peg")):
-            goals = [nudged(pose, -back * direction(pose.sum()), 0.0) for pose in poses]
-            goals = np.reshape(goals, (-1, len(ARM)))
+            goals = nudged(poses, -back * direction(poses.sum(axis=-1)), 0.0)
             peg = data.site_xpos[[start, "peg_tip"]][None][..., PLANE]
             around = Obstacle(np.concatenate([walls.ends, peg]), np.append(walls.radii, BLADE))
             way = way or find_way(now, goals, HAND, around, close=True)

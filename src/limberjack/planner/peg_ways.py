@@ -102,8 +102,8 @@ class PegWays:
         pose = np.concatenate(peg)
         if not self._to_peg or np.abs(pose - self._lay).max() > _MOVED:
             self._lay, poses = pose, find(random)
-            back = [nudged(pose, -BACK * direction(pose.sum()), 0.0) for pose in poses]
-            self._before = np.stack([np.reshape(back, (-1, 4)), poses], axis=1)
+            back = nudged(poses, -BACK * direction(poses.sum(axis=-1)), 0.0)
+            self._before = np.stack([back, poses], axis=1)
         place, frame = peg
         line = np.stack([place + in_world(frame, HANDLE.place), place - 0.05 * frame[2::3]])
         known, around = self._to_peg, line[:, PLANE]

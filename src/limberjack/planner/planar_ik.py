@@ -143,29 +143,33 @@ def hand_route(
     return joints
 
 
-def nudged(joints: np.ndarray, by: np.ndarray, turn: float) -> np.ndarray:
-    """The joints (4,) that move the wrist by (2,) metres and turn the hand, turning least."""
-    goal = _wrist(joints) + complex(*by)
-    wanted, angle = joints.copy(), joints.sum() + turn
+def nudged(joints: np.ndarray, by: np.ndarray, turn: np.ndarray | float) -> np.ndarray:
+    """The joints (..., 4) that move the wrist by (..., 2) metres and turn the hand, turning least.
+
+    Args:
+      joints: the arm's.
+      by: metres, (..., 2).
+      turn: radians, (...).
+    """
+    goal = _corners(joints)[..., 3] + by[..., 0] + 1j * by[..., 1]
+    angle = joints.sum(axis=-1) + turn
+    wanted = np.broadcast_to(joints, (*goal.shape, 4))
     for _ in range(4):
         corners = _corners(wanted)
         # A joint's turning moves the wrist at right angles to the line between them.
-        moves = 1j * (corners[3] - corners[[0, 1, 2, 3]])
-        jacobian = np.stack([moves.real, moves.imag, np.ones(4)])
-        left = goal - corners[3]
-        error = np.array([left.real, left.imag, angle - wanted.sum()])
-        wanted += np.linalg.pinv(jacobian, rcond=0.02) @ error
+        moves = 1j * (corners[..., 3:] - corners)
+        jacobian = np.stack([moves.real, moves.imag, np.ones(moves.shape)], axis=-2)
+        left = goal - corners[..., 3]
+        error = np.stack([left.real, left.imag, angle - wanted.sum(axis=-1)], axis=-1)
+        wanted = wanted + (np.linalg.pinv(jacobian, rcond=0.02) @ error[..., None])[..., 0]
     return wanted
 
 
 def _corners(joints: np.ndarray) -> np.ndarray:
-    """Base, shoulder, elbow and wrist, (4,), x + z i."""
-    pointing = 1j * np.exp(1j * np.cumsum(joints[:3]))
-    return _BASE + np.concatenate([[0], np.cumsum(pointing * (_UPPER, _MIDDLE, _LOWER))])
-
-
-def _wrist(joints: np.ndarray) -> complex:
-    return complex(_corners(joints)[3])
+    """Base, shoulder, elbow and wrist, (..., 4) -> (..., 4), x + z i."""
+    pointing = 1j * np.exp(1j * np.cumsum(joints[..., :3], axis=-1))
+    links = np.cumsum(pointing * (_UPPER, _MIDDLE, _LOWER), axis=-1)
+    return _BASE + np.concatenate([np.zeros((*links.shape[:-1], 1)), links], axis=-1)
 
 
 def is_clear(joints: np.ndarray, reach: float) -> np.ndarray:

@@ -16,6 +16,7 @@ __all__ = ["pushes"]
 _STEP = 0.02  # metres; from one pose to the next along the axis
 _OFF, _TURN = 0.0015, 0.01  # metres, radians; how far the ways differ, as the slot is narrow
 _ABOVE = 0.05  # metres; how soon the peg is to be upright, which leans
+_DRAWS = 8  # of such ways
 
 
 def pushes(
@@ -46,18 +47,14 @@ def pushes(
     aside = max(abs(beside), abs(middle_beside))
     top = min(up, slot.before)
     heights = [slot.before] if aside > 0.75 * slot.width and up > 0.06 else []
-    heights = [*heights, *np.arange(top - _STEP, -_STEP, -_STEP).tolist()]
+    heights = [*heights, *np.arange(top - _STEP, -_STEP, -_STEP).tolist()][: knots - 1]
     paths: list[np.ndarray] = []
-    for _ in range(8):
-        off, turn = random.normal(0.0, [_OFF, _TURN])
-        turn = turn + lean
-        turned = _turned(to_wrist, turn)
-        stations = [now]
-        for height in heights:
-            by = np.array([height - up, off - beside]) @ to_world + turned - to_wrist
-            stations.append(nudged(now, by, turn))
-        paths.extend(path(now, stations[1:], knots, [press], slow) for slow in (1, 2))
-        paths.append(path(now, stations[1:2], knots, [press], 2))
+    for off, turn in random.normal(0.0, [_OFF, _TURN], (_DRAWS, 2)):
+        turned = _turned(to_wrist, turn + lean)
+        ways = np.reshape([[height - up, off - beside] for height in heights], (-1, 2))
+        stations = list(nudged(now, ways @ to_world + turned - to_wrist, turn + lean))
+        paths.extend(path(now, stations, knots, [press], slow) for slow in (1, 2))
+        paths.append(path(now, stations[:1], knots, [press], 2))
     return paths
 
 
