@@ -13,10 +13,10 @@ from limberjack.planner.receptacles import Receptacle
 
 __all__ = ["pushes"]
 
-_STEP = 0.02  # metres; from one pose to the next along the axis
+_STEPS = 0.02, 0.04, 0.08  # metres; from one pose to the next along the axis
 _OFF, _TURN = 0.0015, 0.01  # metres, radians; how far the ways differ, as the slot is narrow
 _ABOVE = 0.05  # metres; how soon the peg is to be upright, which leans
-_DRAWS = 8  # of such ways
+_DRAWS = 4  # of such ways of each step
 
 
 def pushes(
@@ -46,14 +46,16 @@ def pushes(
     to_wrist = to_wrist - data.site_xpos["peg_tip"][PLANE]
     aside = max(abs(beside), abs(middle_beside))
     top = min(up, slot.before)
-    heights = [slot.before] if aside > 0.75 * slot.width and up > 0.06 else []
-    heights = [*heights, *np.arange(top - _STEP, -_STEP, -_STEP).tolist()][: knots - 1]
+    before = [slot.before] if aside > 0.75 * slot.width and up > 0.06 else []
     paths: list[np.ndarray] = []
-    for off, turn in random.normal(0.0, [_OFF, _TURN], (_DRAWS, 2)):
+    for step, (off, turn) in zip(
+        _STEPS * _DRAWS, random.normal(0.0, [_OFF, _TURN], (len(_STEPS) * _DRAWS, 2)), strict=True
+    ):
         turned = _turned(to_wrist, turn + lean)
+        heights = [*before, *np.arange(top - step, -step, -step).tolist()][: knots - 1]
         ways = np.reshape([[height - up, off - beside] for height in heights], (-1, 2))
         stations = list(nudged(now, ways @ to_world + turned - to_wrist, turn + lean))
-        paths.extend(path(now, stations, knots, [press], slow) for slow in (1, 2))
+        paths.append(path(now, stations, knots, [press]))
         paths.append(path(now, stations[:1], knots, [press], 2))
     return paths
 
