@@ -2,7 +2,8 @@
 
 It is taken by the handle, from straight on. A peg that is held is brought along a route of the
 joints, because the way of the peg alone would not turn it round; so is the hand to one that lies
-still. One that cannot be taken from the handle's side is raked inwards first.
+still. One that cannot be taken from the handle's side is raked inwards first, from elsewhere once
+that has been in vain. It may also lie on the arm, which then stretches so that the peg falls.
 """
 
 from typing import Any
@@ -23,6 +24,7 @@ from limberjack.planner.grips import (
 )
 from limberjack.planner.peg_ways import PegWays, across, grasp_of, opening
 from limberjack.planner.planar_ik import GRASP, PINCH, angle_of, direction, hand_poses, nudged
+from limberjack.planner.raking import raking_paths
 from limberjack.planner.roadmap import Obstacle, clearance
 from limberjack.planner.spots import Spots
 from limberjack.utils import arrays
@@ -30,6 +32,8 @@ from limberjack.utils import arrays
 __all__ = ["BLADE", "HAND", "STRETCHED", "BringPeg"]
 
 _ALIGNED = 0.1  # radians; a hand that comes to a peg so far from straight on takes it
+_TURNED = 0.3  # radians; from one that is turned more it slips
+_RAKES = 12  # of the paths that are tried
 _ROLLS = 2.0  # metres or radians per second; no way is looked for to a peg that moves so fast
 _DOUBTS = 2  # plans that find the contrary of what was known of a peg's reach, before it counts
 _GOALS, _TAKES = 24, 12  # poses at the target and at a peg to which ways are looked for
@@ -132,7 +136,7 @@ class BringPeg(Bring):
 
     def _lose_patience(self, data: Any) -> None:
         """As for a ball; what is raked in vain is raked from elsewhere instead."""
-        if self._spots.now is None:
+        if self._rake_to is None:
             super()._lose_patience(data)
         else:
             self._near_for = self._withdraws = 0
@@ -213,15 +217,20 @@ class BringPeg(Bring):
             place = (middle + in_world(frame, grip.place))[PLANE]
             forward, angle, tilt = GRASP, angle_of(_forward(frame)[PLANE]), 0.02
         else:
-            forward, (place, angle) = PINCH, grasp_of(peg)
+            forward, (place, angle), tilt = PINCH, grasp_of(peg), min(tilt, _TURNED)
         ahead = forward + back
         return hand_poses(random, place, ahead, now, count, angle, tilt, width=grip.width)
 
     def _tried(self, physics: Any, random: np.random.Generator) -> np.ndarray:
-        """As for a ball; first of all along the way."""
+        """As for a ball; first of all along the way, or to the nearest poses to rake from."""
         found = super()._tried(physics, random)
-        along = self._ways.paths(physics.named.data.qpos[ARM], self.settings.knots)
-        return np.concatenate([along, found]) if along else found
+        data, count = physics.named.data, self.settings.knots
+        if self._rake_to is not None and not self._withdraws:
+            place, now = data.site_xpos[self._raked_site()], data.qpos[ARM]
+            first = raking_paths(random, place, self._rake_to, now, count)[:_RAKES]
+        else:
+            first = self._ways.paths(data.qpos[ARM], count)
+        return np.concatenate([first, found]) if first else found
 
     def _fetching_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
         """As for a ball while it moves; to one that lies still from straight on."""

@@ -24,8 +24,9 @@ __all__ = ["PegWays", "across", "grasp_of", "opening"]
 
 _LENGTH = 0.113  # metres, of a peg
 _HAND, _HAND_AND_PEG = 0.1, 0.178  # metres; from the wrist to the end
-_STEEP, _RAISED = 0.25, 0.002  # radians, metres; how the hand comes to a peg that lies flat
-_PINCHED = 0.0, 0.036  # metres in the frame of a peg; where the hand pinches it
+_STEEP, _SUNK = 0.25, 0.003  # radians, metres; how the hand comes to a peg that lies flat
+_PINCHED = 0.0, 0.034  # metres in the frame of a peg; where the hand pinches it
+_BEFORE = 0.07  # metres; how far from where it takes a peg the hand is clear of it
 _DEEP = -0.012  # metres; a guard that is behind the fingertips keeps a peg in the hand
 _CLEAR = 0.04  # metres; how far fingertips keep from a peg that they are not around
 _LIFTED = 0.035  # metres; so high a hand is lifted that holds a peg before it goes on its way
@@ -102,7 +103,7 @@ class PegWays:
         pose = np.concatenate(peg)
         if not self._to_peg or np.abs(pose - self._lay).max() > _MOVED:
             self._lay, poses = pose, find(random)
-            back = nudged(poses, -BACK * direction(poses.sum(axis=-1)), 0.0)
+            back = nudged(poses, -_BEFORE * direction(poses.sum(axis=-1)), 0.0)
             self._before = np.stack([back, poses], axis=1)
         place, frame = peg
         line = np.stack([place + in_world(frame, HANDLE.place), place - 0.05 * frame[2::3]])
@@ -159,7 +160,7 @@ def grasp_of(peg: Pose) -> tuple[np.ndarray, float]:
     forward, down = in_world(frame, HANDLE.forward)[PLANE], downwards(middle)[PLANE]
     # Along a peg that lies flat a finger would be in the floor: the hand comes from above.
     flat = float(forward[0] * down[1] - forward[1] * down[0])
-    return place - _RAISED * abs(flat) * down, angle_of(forward) + _STEEP * flat
+    return place + _SUNK * abs(flat) * down, angle_of(forward) + _STEEP * flat
 
 
 def opening(ahead: Any, aside: Any) -> np.ndarray:
