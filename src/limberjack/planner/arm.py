@@ -150,8 +150,12 @@ def path(
       grasp: the grasp's control at the knots; the last one holds.
       duration: knots from one pose to the next.
     """
-    places = np.arange(knots) / duration
-    stations = np.array([now, *poses])
-    joints = [np.interp(places, np.arange(len(stations)), joint) for joint in stations.T]
-    closed = [grasp[min(knot, len(grasp) - 1)] for knot in range(knots)]
-    return np.column_stack([*joints, closed])
+    # The last station twice, so that a path stays there.
+    stations = np.array([now, *poses, poses[-1]])
+    places = np.minimum(np.arange(knots) / duration, len(poses))
+    left = places.astype(int)
+    begin, end = stations[left], stations[np.minimum(left + 1, len(poses))]
+    targets = np.empty((knots, 5))
+    targets[:, :4] = (places - left)[:, None] * (end - begin) + begin
+    targets[:, 4] = [grasp[min(knot, len(grasp) - 1)] for knot in range(knots)]
+    return targets

@@ -53,18 +53,17 @@ def ways_over(
     stations = np.array([start, start - back * direction(now.sum()), end, end])
     stations[1:3, 1] = np.maximum(stations[1:3, 1], cruise)
     lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(stations, axis=0).T)))
-    ways: list[np.ndarray] = []
     times = settings.horizon / (settings.knots - 1) * np.arange(settings.knots)
-    for speed in _SPEEDS:
-        gone = speed * times
-        gone[1:] -= max(gone[1] - lengths[1], 0.0) * (lengths[1] > _AT_ONCE)
-        gone = np.minimum(gone, lengths[-1])
-        points = np.column_stack([np.interp(gone, lengths, part) for part in stations.T])
-        parts = np.clip((gone - lengths[1]) / max(lengths[3] - lengths[1], 1e-6), 0.0, 1.0)
-        joints = hand_route(now, pose, points, parts, forward, lateral)
-        if np.isfinite(joints).all():
-            hold = np.where(gone < lengths[-1], grasp[0], grasp[1])
-            ways.append(np.column_stack([joints, hold]))
+    gone = np.array(_SPEEDS)[:, None] * times
+    if lengths[1] > _AT_ONCE:
+        gone[:, 1:] -= np.maximum(gone[:, 1:2] - lengths[1], 0.0)
+    gone = np.minimum(gone, lengths[-1])
+    points = np.stack([np.interp(gone, lengths, part) for part in stations.T], axis=-1)
+    parts = np.clip((gone - lengths[1]) / max(lengths[3] - lengths[1], 1e-6), 0.0, 1.0)
+    joints = hand_route(now, pose, points, parts, forward, lateral)
+    hold = np.where(gone < lengths[-1], grasp[0], grasp[1])
+    routes = np.concatenate([joints, hold[..., None]], axis=-1)
+    ways = list(routes[np.isfinite(joints).all(axis=(-2, -1))])
     slow = round(_STRAIGHT / settings.spacing)
     straight = path(now, [pose], settings.knots, grasp, slow)
     straight[:, 4] = np.where(np.arange(settings.knots) <= slow, grasp[0], grasp[1])

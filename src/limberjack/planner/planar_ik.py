@@ -8,8 +8,6 @@ It knows the links' lengths, the joints' limits, the floor and the walls, and no
 of the fingers, which may touch what they are to take.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 __all__ = [
@@ -36,6 +34,7 @@ LENGTHS = _UPPER, _MIDDLE, _LOWER = 0.18, 0.15, 0.12
 _BASE = BASE_HEIGHT * 1j  # x + z i
 GRASP, PINCH = 0.065, 0.09  # from the wrist to the sites between the fingers
 _PALM = 0.045  # from the wrist to the palm
+_MOVES = 1j * np.array([*LENGTHS, _PALM])
 # Limits of shoulder, elbow and wrist, less a margin in which the limits' springs push back.
 LIMITS = np.radians([160.0, 160.0, 140.0]) - 0.05
 # Between a joint or the palm and floor or walls: about a link's radius. Fingers may touch them.
@@ -46,6 +45,7 @@ _HAND = np.array([0.045j - 0.034, 0.045j + 0.034, 0.098j - 0.013, 0.098j + 0.013
 _BESIDE = 0.035  # between the middle of a link and of what is in the hand
 _TIP_CLEARANCE = 0.006  # of their radius of 0.008; the contact gives way
 WALL = 0.4  # the walls are the planes |x| = z + this
+_SLOPE = np.sqrt(2)
 
 
 def direction(angle: np.ndarray | float) -> np.ndarray:
@@ -101,12 +101,12 @@ def hand_poses(
     place = complex(*point)
     ahead = forward + slack * random.uniform(0.0, 1.0, draws)
     wrist = place - np.exp(1j * hand) * (1j * ahead + lateral)
-    solutions = np.concatenate([_joints(wrist, hand, bend, elbow) for elbow in (1.0, -1.0)])
-    solutions[:, 0] += 2 * np.pi * np.round((now[0] - solutions[:, 0]) / (2 * np.pi))
-    possible = _is_possible(solutions) & _is_clear(solutions)
+    usable = np.concatenate([_joints(wrist, hand, bend, elbow) for elbow in (1.0, -1.0)])
+    usable = usable[_is_possible(usable)]
+    usable[:, 0] += 2 * np.pi * np.round((now[0] - usable[:, 0]) / (2 * np.pi))
+    usable = usable[_is_clear(usable)]
     if width is not None:
-        possible &= _has_room(solutions, width)
-    usable = solutions[possible]
+        usable = usable[_has_room(usable, width)]
     nearest = np.argsort(np.abs(usable - now).max(axis=-1), kind="stable")
     near, others = nearest[: (count + 1) // 2], nearest[(count + 1) // 2 :]
     # Others too, because the way to the nearest may be blocked.
@@ -122,24 +122,25 @@ def hand_route(
     forward: float,
     lateral: float = 0.0,
 ) -> np.ndarray:
-    """Arm joints that bring a place of the hand to points one after the other, (n, 4).
+    """Arm joints that bring a place of the hand to points one after the other, (..., n, 4).
 
     NaN where the arm cannot reach, and everywhere for an elbow that would have to turn over.
 
     Args:
       now: the joints at the start, (4,).
       pose: those at the end, (4,).
-      points: where to, (n, 2).
-      parts: of the way from `now` to `pose`, 0 to 1, (n,), for the hand's angle and its wrist.
+      points: where to, (..., n, 2).
+      parts: of the way from `now` to `pose`, 0 to 1, (..., n), for the hand's angle and its wrist.
       forward, lateral: the place in the hand, as for `hand_poses`.
     """
     if now[1] * pose[1] < 0:
-        return np.full((len(points), 4), np.nan)
+        return np.full((*parts.shape, 4), np.nan)
     hand = now.sum() + parts * (pose.sum() - now.sum())
     bend = now[3] + parts * (pose[3] - now[3])
-    wrist = points[:, 0] + 1j * points[:, 1] - np.exp(1j * hand) * (1j * forward + lateral)
+    wrist = points[..., 0] + 1j * points[..., 1] - np.exp(1j * hand) * (1j * forward + lateral)
     joints = _joints(wrist, hand, bend, float(np.sign(pose[1])))
-    joints[:, 0] = np.unwrap(np.append(now[0], joints[:, 0]))[1:]
+    roots = np.concatenate([np.full((*parts.shape[:-1], 1), now[0]), joints[..., 0]], axis=-1)
+    joints[..., 0] = np.unwrap(roots)[..., 1:]
     return joints
 
 
@@ -205,7 +206,7 @@ def _hand_points(joints: np.ndarray) -> np.ndarray:
 
 
 def _joints(wrist: np.ndarray, hand: np.ndarray, bend: np.ndarray, elbow: float) -> np.ndarray:
-    """All joints for wrist places, hand angles and wrist joints, (n,) each -> (n, 4), or NaN.
+    """All joints for wrist places, hand angles and wrist joints, (...) each -> (..., 4), or NaN.
 
     The elbow says to which side the shoulder turns, 1 or -1.
     """
@@ -225,12 +226,9 @@ def _is_possible(joints: np.ndarray) -> np.ndarray:
 
 def _is_clear(joints: np.ndarray) -> np.ndarray:
     """Whether the arm keeps clear of floor and walls, (n, 4) -> (n,)."""
-    pointing = np.exp(1j * np.cumsum(joints, axis=-1))
-    ahead: Sequence[float] = (_UPPER, _MIDDLE, _LOWER)
-    corners: np.ndarray = _BASE + np.cumsum(1j * pointing[:, :3] * np.array(ahead), axis=-1)
-    hand = pointing[:, 3:]
-    points = np.concatenate([corners, corners[:, 2:] + 1j * _PALM * hand], axis=-1)
-    return np.all(_height(points) > _CLEARANCE, axis=-1)
+    # From the base over the links' ends to the palm.
+    moves = np.exp(1j * np.cumsum(joints, axis=-1)) * _MOVES
+    return np.all(_height(_BASE + np.cumsum(moves, axis=-1)) > _CLEARANCE, axis=-1)
 
 
 def _has_room(joints: np.ndarray, width: float, reach: float = _FINGERTIP) -> np.ndarray:
@@ -260,6 +258,6 @@ def _is_unfolded(joints: np.ndarray, reach: float) -> np.ndarray:
 
 def _height(points: np.ndarray) -> np.ndarray:
     """Distance from the floor or the nearest wall, (...) complex -> (...)."""
-    above = np.imag(points)
-    wall = (above + WALL - np.abs(np.real(points))) / np.sqrt(2)
+    above = points.imag
+    wall = (above + WALL - np.abs(points.real)) / _SLOPE
     return np.minimum(above, wall)
