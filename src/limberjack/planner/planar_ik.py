@@ -258,6 +258,6 @@ def _is_unfolded(joints: np.ndarray, reach: float) -> np.ndarray:
 
 def _height(points: np.ndarray) -> np.ndarray:
     """Distance from the floor or the nearest wall, (...) complex -> (...)."""
-    above = points.imag
-    wall = (above + WALL - np.abs(points.real)) / _SLOPE
+    above = np.imag(points)
+    wall = (above + WALL - np.abs(np.real(points))) / _SLOPE
     return np.minimum(above, wall)

@@ -88,7 +88,7 @@ _SPOTS = [
 
 
 def next_spot(data: Any, spot: Spot | None, goal: float, walls: Obstacle) -> Spot:
-    """The spot to try after another one, or first of all: one that a fingertip can reach."""
+    """The spot to try after another one, which a fingertip can reach; the peg's middle first."""
     if spot is None:
         return _SPOTS[0]
     first = 1 + _SPOTS.index(spot)
