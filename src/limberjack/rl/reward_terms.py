@@ -10,7 +10,8 @@ __all__ = ["reward_and_terms"]
 
 def reward_and_terms(task: Any, physics: Any) -> tuple[Any, dict[str, Any]]:
     """The reward and its terms by name, (...) each; no terms if the reward is not made of them."""
-    if not getattr(task.get_reward, "from_terms", False):  # as the suite's tasks have it
+    # As the suite's tasks have it; `True` itself, as a mock of a task has any attribute.
+    if getattr(task.get_reward, "from_terms", False) is not True:
         return task.get_reward(physics), {}
     terms = task.reward_terms(physics)
     return task.reward_of(terms), terms
