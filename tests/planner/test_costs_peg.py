@@ -1,30 +1,17 @@
 """What is done about a peg that is to be brought and is hard to get at."""
 
-from typing import Any
-
 import numpy as np
 
-from limberjack import suite
-from limberjack.planner import cost_for
 from limberjack.planner.arm import ARM
+
+from .peg_scenes import peg_scene
 
 _ON_ARM = [2.72, -1.57, 0.34, 2.17], [-0.177, 0.336, -0.90]  # arm (folded) and peg
 _AGAINST_A_WALL = [0.0, 0.0, 0.0, 0.0], [-0.5, 0.15, 0.8]
 
 
-def _scene(arm: list[float], peg: list[float]) -> tuple[Any, Any]:
-    """A cost and the physics of an arm that keeps still, with a peg that lies somewhere."""
-    env = suite.load("manipulator", "bring_peg", task_kwargs={"random": 1000})
-    env.reset()
-    physics, data = env.physics, env.physics.named.data
-    data.qpos[ARM], data.qpos[env.task._object_joints] = arm, peg
-    data.qvel[:] = 0.0
-    physics.forward()
-    return cost_for(env.task), physics
-
-
 def test_a_peg_that_does_not_move_is_raked_from_elsewhere_without_a_pause() -> None:
-    cost, physics = _scene(*_AGAINST_A_WALL)
+    cost, physics = peg_scene("bring_peg", 1000, *_AGAINST_A_WALL)
     spots = []
     for _ in range(150):
         cost.look(physics)
@@ -35,7 +22,7 @@ def test_a_peg_that_does_not_move_is_raked_from_elsewhere_without_a_pause() -> N
 
 
 def test_the_arm_stretches_under_a_peg_that_lies_on_it() -> None:
-    cost, physics = _scene(*_ON_ARM)
+    cost, physics = peg_scene("bring_peg", 1000, *_ON_ARM)
     now = physics.named.data.qpos[ARM]
     for _ in range(20):
         cost.look(physics)

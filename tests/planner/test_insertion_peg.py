@@ -1,16 +1,15 @@
 """What is done about a peg that is hard to get at, because of the slot or the arm."""
 
-from typing import Any
-
 import numpy as np
 
-from limberjack import suite
-from limberjack.planner import cost_for
 from limberjack.planner.arm import ARM, PLANE, TIP_ASIDE, TIP_REACH
 from limberjack.planner.planar_ik import GRASP, hand_places
+from limberjack.planner.pushes import pushes
 from limberjack.planner.receptacles import Receptacle
 from limberjack.planner.roadmap import clearance, find_way
 from limberjack.planner.spots import Spot, next_spot
+
+from .peg_scenes import peg_scene
 
 # The peg leans on the slot, so that neither its middle nor its handle can be got at from outside.
 _LEANING = 1047, [2.51, -1.14, 1.62, -0.73], [-0.271, 0.111, 0.331]
@@ -18,19 +17,8 @@ _UNDER = 1070, [2.76, -1.48, 0.56, 1.95], [0.047, 0.032, 4.95]  # the slot, whic
 _ON_ARM = 1056, [2.72, -1.57, 0.34, 2.17], [-0.177, 0.336, -0.90]
 
 
-def _scene(seed: int, arm: list[float], peg: list[float]) -> tuple[Any, Any]:
-    """A cost and the physics of an arm that keeps still, with a peg that lies somewhere."""
-    env = suite.load("manipulator", "insert_peg", task_kwargs={"random": seed})
-    env.reset()
-    physics, data = env.physics, env.physics.named.data
-    data.qpos[ARM], data.qpos[env.task._object_joints] = arm, peg
-    data.qvel[:] = 0.0
-    physics.forward()
-    return cost_for(env.task), physics
-
-
 def test_a_peg_that_does_not_move_is_raked_from_elsewhere() -> None:
-    cost, physics = _scene(*_LEANING)
+    cost, physics = peg_scene("insert_peg", *_LEANING)
     spots = []
     for _ in range(60):
         cost.look(physics)
@@ -41,7 +29,7 @@ def test_a_peg_that_does_not_move_is_raked_from_elsewhere() -> None:
 
 
 def test_a_spot_is_chosen_where_a_fingertip_gets() -> None:
-    cost, physics = _scene(*_LEANING)
+    cost, physics = peg_scene("insert_peg", *_LEANING)
     data, walls = physics.named.data, cost._receptacle.walls(physics)
     spot = next_spot(data, None, -0.12, walls)
     for _ in range(8):
@@ -58,7 +46,7 @@ def test_a_spot_is_chosen_where_a_fingertip_gets() -> None:
 
 
 def test_a_way_through_the_slot_is_not_taken() -> None:
-    cost, physics = _scene(*_UNDER)
+    cost, physics = peg_scene("insert_peg", *_UNDER)
     for _ in range(3):
         cost.look(physics)
     assert cost._is_blocked
@@ -67,7 +55,7 @@ def test_a_way_through_the_slot_is_not_taken() -> None:
 
 
 def test_the_arm_stretches_under_a_peg_that_lies_on_it() -> None:
-    cost, physics = _scene(*_ON_ARM)
+    cost, physics = peg_scene("insert_peg", *_ON_ARM)
     for _ in range(40):
         cost.look(physics)
     end = cost._way.ahead(1)[-1]
@@ -75,7 +63,20 @@ def test_the_arm_stretches_under_a_peg_that_lies_on_it() -> None:
 
 
 def test_an_arm_in_a_corner_finds_a_way_out_of_it() -> None:
-    _, physics = _scene(1051, [-2.71, -1.5, -0.02, 0.38], [-0.406, 0.032, -1.33])
+    _, physics = peg_scene("insert_peg", 1051, [-2.71, -1.5, -0.02, 0.38], [-0.406, 0.032, -1.33])
     walls = Receptacle.for_object("peg").walls(physics)
     goal = np.array([[1.93, 0.69, -0.43, 1.02]])  # on the other side of the slot
     assert find_way(physics.named.data.qpos[ARM], goal, GRASP + 0.02, walls, close=True) is not None
+
+
+def test_a_peg_that_is_all_the_way_in_is_pushed_no_further() -> None:
+    cost, physics = peg_scene("insert_peg", *_LEANING)
+    data, slot = physics.named.data, cost._receptacle
+    axis, across = slot.axes(data)
+    up, beside = slot.offset(data, slot.sites[0])
+    # 2 mm deeper than it need be.
+    data.qpos[cost.task._object_joints[:2]] -= (up + 0.002) * axis + beside * across
+    physics.forward()
+    now = data.qpos[ARM]
+    for path in pushes(np.random.default_rng(0), data, slot, now, 5, 0.3):
+        np.testing.assert_array_equal(path[:, :4], np.repeat(now[None], 5, axis=0))

@@ -30,7 +30,7 @@ def test_a_hand_comes_to_a_lying_peg_from_above_whichever_way_it_lies() -> None:
         assert np.sign(blade[0]) == tip_to
         assert direction(angle)[1] < blade[1] - 0.2
         assert direction(angle) @ blade > 0.95
-        assert np.abs(point - (place + 0.034 * frame[2::3])[[0, 2]]).max() < 0.004
+        assert np.abs(point - (place + 0.034 * frame[2::3])[[0, 2]]).max() < 0.003
 
 
 def test_costs_end_with_what_hand_and_peg_tell() -> None:

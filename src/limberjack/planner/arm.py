@@ -150,8 +150,7 @@ def path(
       grasp: the grasp's control at the knots; the last one holds.
       duration: knots from one pose to the next.
     """
-    # The last station twice, so that a path stays there.
-    stations = np.array([now, *poses, poses[-1]])
+    stations = np.array([now, *poses])
     places = np.minimum(np.arange(knots) / duration, len(poses))
     left = places.astype(int)
     begin, end = stations[left], stations[np.minimum(left + 1, len(poses))]
