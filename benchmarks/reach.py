@@ -5,9 +5,10 @@
 Each episode's objects fall for two seconds while nothing is done. Where they lie then, inverse
 kinematics looks for joints of the arm that have its fingers around the object (`taken`), or else a
 fingertip behind it, to rake it inwards (`raked`); and for joints that have the object at the target
-in the same grip (`brought`). Joints' limits, floor and walls count, other objects do not. `cap` is
-what is left to reach: 1,000 for each start whose object can be taken or raked, and be brought, and
-the return of doing nothing for others. An arm that catches the object as it falls can do better.
+in the same grip (`brought`), where a peg that is not inserted may lean as far as leaves it the full
+reward. Joints' limits, floor and walls count, other objects do not. `cap` is what is left to reach:
+1,000 for each start whose object can be taken or raked, and be brought, and the return of doing
+nothing for others. An arm that catches the object as it falls can do better.
 """
 
 import json
@@ -29,6 +30,7 @@ _FALL = 200  # control steps of 10 ms
 _FULL = 1_000.0
 _TRIES = 16  # poses that are looked for
 _ROUGHLY, _EXACTLY = 0.5, 0.1  # radians between the hand and the object, before and after
+_LEANING = 0.4  # radians; a peg at the target that leans no more has the full reward
 _DOWN, _STEEP = np.array([0.0, -1.0]), 0.5
 _ABOVE = 0.045  # metres; how far above a box's centre the fingertips' site is when it is held
 _BEHIND = np.array([0.03, 0.02])  # metres; outwards and above an object, where it is raked from
@@ -96,13 +98,23 @@ def _manipulator(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, b
     rakes = reaches(place + _BEHIND * [outwards, 1.0], TIP_REACH, lateral=TIP_ASIDE)
     if not task._use_peg:
         return reaches(place, PINCH), rakes, reaches(places["target_ball"], PINCH)
-    takes = _by_handle(places, "", _ROUGHLY, reaches)
-    return takes, rakes, _by_handle(places, "target_", _EXACTLY, reaches)
+    takes = _by_handle(places["peg_grasp"], places["peg_tip"], 0.0, _ROUGHLY, reaches)
+    grasp, tip = places["target_peg_grasp"], places["target_peg_tip"]
+    # In the air it may lean about the point between its middle and its tip, both of which count.
+    about = (
+        0.0 if task._insert else float(np.linalg.norm(places["target_peg"] + tip - 2 * grasp)) / 2
+    )
+    leaning = _EXACTLY if task._insert else _LEANING
+    return takes, rakes, _by_handle(grasp, tip, about, leaning, reaches)
 
 
-def _by_handle(places: _Places, prefix: str, tilt: float, reaches: _Reaches) -> bool:
-    at, ahead = places[f"{prefix}peg_grasp"], places[f"{prefix}peg_tip"]
-    return reaches(at, GRASP, angle_of(ahead - at), tilt)
+def _by_handle(
+    grasp: np.ndarray, tip: np.ndarray, about: float, tilt: float, reaches: _Reaches
+) -> bool:
+    """Whether a peg can be held that may lean about a point so far ahead of its handle."""
+    along = tip - grasp
+    point = grasp + about * along / np.linalg.norm(along)
+    return reaches(point, GRASP + about, angle_of(along), tilt)
 
 
 def _stacker(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool, bool]:

@@ -71,8 +71,10 @@ class PegWays:
 
     def look_for_target(
         self, random: np.random.Generator, now: np.ndarray, up: np.ndarray, find: _Goals
-    ) -> None:
+    ) -> bool:
         """Looks for better ways to the target than those that are known, for a peg in the hand.
+
+        Returns whether there is one.
 
         Args:
           random: draws them.
@@ -87,6 +89,7 @@ class PegWays:
         first = nudged(now, lift * up, 0.0) if lift > 0 else None
         goals, known = self._goals[:, None], self._to_target
         self._to_target = routes(random, now, goals, _HAND_AND_PEG, known=known, first=first)
+        return len(self._to_target) > 0
 
     def look_for_peg(
         self, random: np.random.Generator, now: np.ndarray, peg: Pose, find: _Goals
