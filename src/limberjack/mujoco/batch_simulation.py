@@ -17,6 +17,7 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+from limberjack.mujoco import midphase
 from limberjack.mujoco.leaving import Busy, begin, watch
 from limberjack.mujoco.simulation import ACTUATION, NOT_FIELDS, SingleSimulation, read_field
 from limberjack.mujoco.wrapper.core import MjModel
@@ -117,6 +118,8 @@ class BatchSimulation(Busy):
         self.warnings: np.ndarray = batch.warning[..., 1]
         self._fields: dict[str, Any] = {name: batch.expand(name) for name in self._fields}
         self._disableflags = batch.expand("opt.disableflags")
+        if midphase.is_needless(model, self._fields):
+            batch.expand("body_bvhadr")[:, 0] = -1  # the world has no tree
         self._outputs: set[str] = set()  # fields that each call writes
         # Each row's last call, and the state that it began with, to be repeated for new outputs.
         self._was_called = False
