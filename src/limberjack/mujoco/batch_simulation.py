@@ -4,7 +4,7 @@ A few simulations have an `MjData` each, so that a step goes on from the stages 
 ended with. Of many, those of a thread share one: it stays in the processor's caches, and memory
 hardly grows with their number. What a thread computes for a row is then copied out at once, for the
 fields that somebody has asked for; a field that is asked for later is made up for by repeating each
-row's last call.
+row's last call. So are sensors, which rest until they are asked for where they may; see `sensors`.
 """
 
 import ctypes
@@ -17,7 +17,7 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
-from limberjack.mujoco import midphase
+from limberjack.mujoco import midphase, sensors
 from limberjack.mujoco.leaving import Busy, begin, watch
 from limberjack.mujoco.simulation import ACTUATION, NOT_FIELDS, SingleSimulation, read_field
 from limberjack.mujoco.wrapper.core import MjModel
@@ -26,6 +26,7 @@ __all__ = ["BatchData", "BatchSimulation"]
 
 _UP_TO_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
 _SLEEP_OR_IPC = mujoco.mjtEnableBit.mjENBL_SLEEP.value | mujoco.mjtEnableBit.mjENBL_IPC.value
+_NEVER = mujoco.mjtStage.mjSTAGE_NONE.value
 _A_FEW = 128  # beyond it, sharing is as quick; it takes a twentieth of the memory
 # What a row's last call was, where it was not so many steps: a negative number is whole steps.
 _START, _LOAD = 0, np.iinfo(int).max
@@ -92,6 +93,7 @@ class BatchSimulation(Busy):
         self.num_envs: int | None = num_envs
         self.num_threads = num_threads
         self._fields = dict.fromkeys(episode_fields)
+        self._wanted = np.zeros(self._compiled.nsensor, bool)  # sensors that somebody asked for
         self._make()
         _alive.add(self)
         watch(self)
@@ -120,6 +122,11 @@ class BatchSimulation(Busy):
         self._disableflags = batch.expand("opt.disableflags")
         if midphase.is_needless(model, self._fields):
             batch.expand("body_bvhadr")[:, 0] = -1  # the world has no tree
+        may_rest = False if remembers else sensors.may_rest(model, self._fields)
+        self._resting: np.ndarray = may_rest & ~self._wanted  # sensors that are not computed
+        if self._resting.any():
+            self._sensor_stages = batch.expand("sensor_needstage")
+            self._sensor_stages[:, self._resting] = _NEVER
         self._outputs: set[str] = set()  # fields that each call writes
         # Each row's last call, and the state that it began with, to be repeated for new outputs.
         self._was_called = False
@@ -151,7 +158,7 @@ class BatchSimulation(Busy):
         self.state[...] = state
         self._was_called, self._last_call, self._before_call = calls
         if readings is not None:
-            self.data_field("sensordata")
+            self.field_for_names("sensordata")
         self._repeat_calls()
         if readings is not None:
             self._set_sensordata(slice(None), readings)
@@ -206,7 +213,8 @@ class BatchSimulation(Busy):
             for live, values in kept:
                 np.copyto(live, values)
         if readings is not None:
-            self._set_sensordata(slice(None), readings)
+            loaded = self._last_call == _LOAD
+            self._set_sensordata(loaded, readings[loaded])
 
     def _set_sensordata(self, index: Any, values: np.ndarray) -> None:
         """Puts back readings that belong to the step before a `_LOAD`."""
@@ -230,13 +238,20 @@ class BatchSimulation(Busy):
             self._fields[name][index] = value
         if constants:
             self.batch.set_const(rows)
-        self.data_field("sensordata")
+        self.field_for_names("sensordata")
         self.state[index] = saved["state"]
         self._call(_LOAD, rows)
         self._set_sensordata(index, saved["sensordata"])
 
     def data_field(self, name: str) -> tuple[np.ndarray, bool]:
         """A field of the data, one row per simulation."""
+        field = self.field_for_names(name)
+        if name in sensors.FIELDS:
+            self.want(slice(None))
+        return field
+
+    def field_for_names(self, name: str) -> tuple[np.ndarray, bool]:
+        """As `data_field`, for who says with `want` which sensors' readings are wanted."""
         self.revive()
         field = getattr(self.batch, name)
         if name not in self._outputs and isinstance(field, np.ndarray) and field.base is not None:
@@ -244,6 +259,28 @@ class BatchSimulation(Busy):
                 self._repeat_calls()  # MuJoCo would write a new output at the next call only
             self._outputs.add(name)
         return field, True
+
+    def want(self, columns: Any) -> bool:
+        """Has the sensors of some columns of `sensordata` computed; whether any was not till now.
+
+        Args:
+          columns: an index for them.
+        """
+        if not self._resting.any():
+            return False
+        model = self._compiled
+        sensor_of_column = np.repeat(np.arange(model.nsensor), model.sensor_dim)
+        wanted = np.zeros(model.nsensor, bool)
+        wanted[sensor_of_column[columns]] = True
+        self._wanted |= wanted
+        wanted &= self._resting
+        if not wanted.any():
+            return False
+        self._sensor_stages[:, wanted] = model.sensor_needstage[wanted]
+        self._resting &= ~wanted
+        if self._was_called:
+            self._repeat_calls()
+        return True
 
     def model_field(self, name: str) -> tuple[np.ndarray, bool]:
         """A field of the model, and whether each row has values of its own."""

@@ -163,10 +163,10 @@ class Physics(Rows, _control.Physics):
     @functools.cached_property
     def named(self) -> Any:
         """`named.data` and `named.model`: fields indexed by the names of the model's objects."""
-        names = index.Names(self.model._model)
+        names, simulation = index.Names(self.model._model), self._simulation
         return NamedIndexStructs(
-            model=index.NamedFields("MjModel", self._simulation.model_field, names),
-            data=index.NamedFields("MjData", self._simulation.data_field, names),
+            model=index.NamedFields("MjModel", simulation.model_field, names),
+            data=index.NamedFields("MjData", simulation.field_for_names, names, simulation.want),
         )
 
     # Stepping.

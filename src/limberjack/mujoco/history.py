@@ -61,6 +61,16 @@ class History:
         """A field of the data, one row per simulation and moment."""
         return self._field(self._simulation.data_field, name)
 
+    def field_for_names(self, name: str) -> _Field:
+        """As `data_field`, for who says with `want` which sensors' readings are wanted."""
+        return self._field(self._simulation.field_for_names, name)
+
+    def want(self, columns: Any) -> bool:
+        """As a `BatchSimulation`'s: readings that were not computed were not noted, either."""
+        is_new = self._simulation.want(columns)
+        self.is_complete &= not is_new
+        return is_new
+
     def model_field(self, name: str) -> _Field:
         """A field of the model, and whether each row has values of its own."""
         return self._field(self._simulation.model_field, name)

@@ -242,11 +242,38 @@ class FieldIndexer:
         return "\n".join(lines) if len(self._field) else f"{title}\n(empty)"
 
 
+class _Readings(FieldIndexer):
+    """A batch's `sensordata`, which says what of it is wanted, as not all is computed."""
+
+    __slots__ = ("_want",)
+
+    def __init__(self, want: Callable[[Any], object], *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._want = want
+
+    def _resolve(self, key: Any) -> tuple[np.ndarray, Any]:
+        array, index = super()._resolve(key)
+        self._want(np.arange(array.shape[-1])[None][index])
+        return array, index
+
+    def __getattr__(self, name: str) -> Any:
+        self._want(slice(None))
+        return getattr(self._field, name)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        self._want(slice(None))
+        return super().__array__(dtype, copy)
+
+
 class NamedFields:
     """The fields of one struct as `FieldIndexer`s, made when they are first asked for."""
 
     def __init__(
-        self, struct_name: str, read: Callable[[str], tuple[Any, bool]], names: Names
+        self,
+        struct_name: str,
+        read: Callable[[str], tuple[Any, bool]],
+        names: Names,
+        want: Callable[[Any], object] | None = None,
     ) -> None:
         """Makes the view.
 
@@ -255,7 +282,9 @@ class NamedFields:
           read: gives a field's live array by name, and whether it has a leading axis of
             simulations.
           names: the model's axes.
+          want: told which columns of `sensordata` somebody reads, as an index.
         """
+        self._want = want
         self._struct_name = struct_name
         self._read = read
         self._names = names
@@ -273,7 +302,10 @@ class NamedFields:
         shape = field.shape[batch:]
         sizes = fields.axes_of(self._struct_name, name, shape, self._names.model)
         axes = Axes(*(self._names.axis(size) for size in sizes or (None,)))
-        indexer = FieldIndexer(name, field, axes, batch)
+        if name == "sensordata" and batch and self._want is not None:
+            indexer = _Readings(self._want, name, field, axes, batch)
+        else:
+            indexer = FieldIndexer(name, field, axes, batch)
         if sizes[:1] != (None,):
             # Arrays without named rows may move in memory from step to step: look them up anew.
             self.__dict__[name] = indexer

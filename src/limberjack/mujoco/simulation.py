@@ -160,6 +160,12 @@ class SingleSimulation(Busy):
         """A field of the data; it has no axis of simulations."""
         return getattr(self._data, name), False
 
+    field_for_names = data_field
+
+    def want(self, columns: Any) -> bool:
+        """Does nothing: all sensors are computed; see `BatchSimulation.want`."""
+        return False
+
     def model_field(self, name: str) -> tuple[np.ndarray, bool]:
         """A field of the model, for anybody to change; it has no axis of simulations."""
         return getattr(self._wrapper.ptr, name), False
