@@ -106,7 +106,7 @@ class _Run:
                     self._tasks, threads, effort.resets, min(1.0, effort.seconds)
                 )
             case Section.THREADS:
-                return batch_costs.measure_threads(self._few_tasks, threads, 2 * effort.seconds)
+                return batch_costs.measure_threads(self._few_tasks, threads, 8 * effort.seconds)
             case Section.MEMORY:
                 return batch_costs.measure_memory(effort.memory_rows)
             case Section.PIPELINING:
