@@ -1,7 +1,7 @@
 """Which sensors need not be computed until somebody asks for their readings.
 
 Nothing that a simulation does depends on what its sensors of acceleration and force read. The
-humanoid has 33 of them, which no task observes and which take 6 % of a step. So a batch leaves them
+humanoid has 31 of them, which no task observes and which take 6 % of a step. So a batch leaves them
 out until they are asked for, by name or all at once; from then on they are computed at each step,
 the last one included, which is repeated. Readings are those that they would always have been.
 """
