@@ -36,7 +36,7 @@ _NUMPY = at_most(5)  # per cent of a plan
 
 _SEED = 1_000  # none of those that scores are measured on
 _WARM_UP = 3  # plans that are not counted
-_CALLS = ("step", "forward")  # of the batch: what is MuJoCo's
+_CALLS = ("step", "rollout", "forward")  # of the batch: what is MuJoCo's
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,10 +66,10 @@ class _Stopwatch:
                 setattr(batch, name, original)
 
     def _timed(self, original: Any) -> Any:
-        def call(*args: Any) -> Any:
+        def call(*args: Any, **kwargs: Any) -> Any:
             start = time.perf_counter()
             try:
-                return original(*args)
+                return original(*args, **kwargs)
             finally:
                 self.seconds += time.perf_counter() - start
 

@@ -26,6 +26,7 @@ __all__ = ["BatchData", "BatchSimulation"]
 
 _UP_TO_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
 _SLEEP_OR_IPC = mujoco.mjtEnableBit.mjENBL_SLEEP.value | mujoco.mjtEnableBit.mjENBL_IPC.value
+_TIME = mujoco.mjtState.mjSTATE_TIME.value
 _NEVER = mujoco.mjtStage.mjSTAGE_NONE.value
 _A_FEW = 128  # beyond it, sharing is as quick; it takes a twentieth of the memory
 # What a row's last call was, where it was not so many steps: a negative number is whole steps.
@@ -171,15 +172,37 @@ class BatchSimulation(Busy):
         """As `SingleSimulation.step_whole`."""
         self._call(-nstep, rows)
 
+    def roll_out(
+        self, controls: np.ndarray, fields: Sequence[str], out: dict[str, np.ndarray] | None
+    ) -> dict[str, np.ndarray]:
+        """See `Rows.roll_out`."""
+        items = {name: _TIME if name == "time" else name for name in fields}
+        given = {items[name]: array for name, array in (out or {}).items() if name in items}
+        begin(self)
+        try:
+            found = self.batch.rollout(
+                controls.shape[1], controls, record=list(items.values()), out=given
+            )
+        finally:
+            self.busy_in = None
+            # There is nothing of it that could be repeated.
+            self._was_called = True
+            self._last_call[:] = _LOAD
+            self._before_call[...] = self.state
+        return {name: found[item] for name, item in items.items()}
+
     def forward_without_actuation(self, rows: np.ndarray | None = None) -> None:
         """As `SingleSimulation.forward_without_actuation`."""
         self._call(_START, rows)
 
     def _call(self, kind: int, rows: np.ndarray | None) -> None:
         """Lets MuJoCo do something with rows, which `_repeat_calls` can do again."""
-        index = slice(None) if rows is None else rows
-        self._before_call[index] = self.state[index]
-        self._last_call[index] = kind
+        if rows is None:
+            np.copyto(self._before_call, self.state)
+            self._last_call.fill(kind)
+        else:
+            self._before_call[rows] = self.state[rows]
+            self._last_call[rows] = kind
         self._was_called = True
         self._run(kind, rows)
 

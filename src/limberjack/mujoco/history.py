@@ -53,6 +53,21 @@ class History:
             kept[moment] = live
 
     @property
+    def fields(self) -> list[str]:
+        """The fields of the data that are noted."""
+        return list(dict.fromkeys(n for read, n in self._kept if read != "model_field"))
+
+    def note_all(self, values_of: Callable[[str], np.ndarray]) -> None:
+        """Notes all moments at once.
+
+        Args:
+          values_of: gives the values of a field of the data, (moments, num_envs, ...).
+        """
+        for ((read, name), kept), (_, live) in zip(self._kept.items(), self._live, strict=True):
+            values = live if read == "model_field" else values_of(name)
+            kept[...] = values.reshape(-1, *kept.shape[1:])
+
+    @property
     def model(self) -> Any:
         """The model that the simulations have in common."""
         return self._simulation.model

@@ -232,6 +232,31 @@ class Rows:
             return np.zeros(simulation.num_envs, bool)
         return simulation.warnings.any(axis=-1)
 
+    def roll_out(
+        self, controls: np.ndarray, fields: Sequence[str], out: dict[str, np.ndarray] | None = None
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Advances all rows by time steps whose controls are known, with a record of them.
+
+        Threads take whole rows, so that none waits for the others between steps. Afterwards all but
+        the state may belong to the state before the last step.
+
+        Args:
+          controls: (num_envs, steps, nu).
+          fields: of the data, to be recorded after each step.
+          out: records of an earlier call of the same size, to be written over.
+
+        Returns:
+          The records by field, (num_envs, steps, ...) each, and which rows diverged, (num_envs,):
+          those stop, and their last record is repeated.
+
+        Raises:
+          ValueError: a field cannot be recorded.
+        """
+        simulation = self._living()
+        simulation.batch.warning.fill(0)
+        records = simulation.roll_out(controls, fields, out)
+        return records, simulation.warnings.any(axis=-1)
+
     def _living(self) -> Any:
         """The simulation; made anew in a forked child, where a batch's threads are not."""
         if self._simulation.is_orphan:

@@ -4,11 +4,11 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["HALF", "PASSES", "crest", "lies_too_low", "stands", "turned"]
+__all__ = ["FLAT", "HALF", "PASSES", "crest", "lies_too_low", "stands", "turned"]
 
 HALF = 0.022  # metres; half a box
 _RESTS = 0.1  # metres per second; what is slower may be let go
-_FLAT = 0.01  # of `turned`: 6 degrees
+FLAT = 0.01  # of `turned`: 6 degrees
 _BELOW = 0.18  # metres; boxes that are higher than this are falling, or on the arm
 PASSES = 1.5 * HALF  # above another one a box that is carried keeps clear of it
 _OFF_THE_FLOOR = 0.05  # metres; a box that is dragged over the floor turns in the hand
@@ -26,7 +26,7 @@ def stands(data: Any, box: str, gap: float, allowed: float, stood: bool) -> bool
     if stood:
         return gap < 2.0 * allowed
     speed = np.abs(data.qvel[[f"{box}_x", f"{box}_z"]]).max()
-    return bool(gap < allowed and speed < _RESTS and turned(data, box) < _FLAT)
+    return bool(gap < allowed and speed < _RESTS and turned(data, box) < FLAT)
 
 
 def crest(data: Any, boxes: list[str], start: float, end: float) -> float:

@@ -51,6 +51,9 @@ class Settings:
         behind its target: if that were where the joint is now, it would stop at once.
       cost_interval: control steps of a plan from one look at its cost to the next. Where steps are
         short, every second one tells as much and takes half of the time outside of MuJoCo.
+      servos: whether in the plan servos follow the targets at each time step, instead of the law at
+        each control step. A plan is then simulated in one call, without Python and without threads
+        that wait for each other: on four threads it takes a quarter less.
     """
 
     samples: int = 64
@@ -68,6 +71,7 @@ class Settings:
     temperature: float = 0.3
     flowing: bool = False
     cost_interval: int = 1
+    servos: bool = False
 
     def __post_init__(self) -> None:
         fewest = 3 if self.anchored else 2

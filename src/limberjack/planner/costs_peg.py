@@ -38,7 +38,8 @@ _ROLLS = 2.0  # metres or radians per second; no way is looked for to a peg that
 _DOUBTS = 2  # plans that find the contrary of what was known of a peg's reach, before it counts
 _GOALS, _TAKES = 24, 12  # poses at the target and at a peg to which ways are looked for
 # Radians that a peg at the target may lean about the point between its middle and its tip, which
-# are then 0.05 sin(lean / 2) off each: up to 0.4 the reward is 1, at 0.8 it is 0.6.
+# are then 0.05 sin(lean / 2) off each: up to 0.4 the reward is 1, at 0.8 it is 0.6. As ways are
+# found by chance, straight ones are looked for twice.
 _LEANS = 0.02, 0.02, 0.4, 0.8
 _FAR_OFF = 0.03  # metres; a peg that is nearer to the target stays there
 _TURNS_ABOUT = 0.0, -0.025  # metres in the frame of a peg

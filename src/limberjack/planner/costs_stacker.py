@@ -25,7 +25,7 @@ from limberjack.planner.arm import (
 )
 from limberjack.planner.arm_ways import later, leaving, turning_over, ways_over
 from limberjack.planner.box_grip import HIGH, PRESS, fetching, grip_of, how_held, ready
-from limberjack.planner.boxes import HALF, PASSES, crest, lies_too_low, stands, turned
+from limberjack.planner.boxes import FLAT, HALF, PASSES, crest, lies_too_low, stands, turned
 from limberjack.planner.cost import Cost
 from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses
 from limberjack.planner.unsticking import Patience, refuge, shelter, ways_to
@@ -47,7 +47,6 @@ _FROM_WALL = 0.355  # metres; a box further out than this has no room for a fing
 # The tower.
 _PLACED = 0.006  # metres; a box nearer to its place than this stands there, till twice as far
 _SUPPORT = 0.010  # metres; the same for a box that is to carry others
-_FLAT = 0.01  # of `turned`: 6 degrees
 _LEANS = 0.08  # of `turned`: 17 degrees
 _CARRIED = 1.3  # metres per second; a box that is carried faster slips out of the hand
 _SMOOTH = 10.0  # metres per second squared; so does one that is jerked more
@@ -87,6 +86,7 @@ class Stack(Cost):
         armature=1e-3,
         flowing=True,
         cost_interval=2,
+        servos=True,
     )
 
     def __init__(self, task: Any) -> None:
@@ -150,7 +150,7 @@ class Stack(Cost):
         for box in loose:
             place = data.site_xpos[box]
             beside = abs(float(place[0] - self._place[0]))
-            leans = place[2] > _LEANING and turned(data, box) > _FLAT
+            leans = place[2] > _LEANING and turned(data, box) > FLAT
             if (leans or place[2] > _ALOFT) and beside > _FREE:
                 return True
         return False

@@ -39,10 +39,11 @@ BALL_SETTINGS = dataclasses.replace(
     # Fingers that come with the right opening close soon: at most at 2 radians per second.
     tendons=True,
     cost_interval=2,
+    servos=True,
 )
 # A peg is taken between floor and fingers, where only true weights and short time steps tell.
 PEG_SETTINGS = dataclasses.replace(
-    BALL_SETTINGS, armature=0.0, timestep=0.0025, flowing=True, cost_interval=1
+    BALL_SETTINGS, armature=0.0, timestep=0.0025, flowing=True, cost_interval=1, servos=False
 )
 
 Pose = tuple[np.ndarray, np.ndarray]  # place (3,) and frame (9,) of a site

@@ -321,25 +321,22 @@ def _lines(poses: np.ndarray, held: float) -> np.ndarray:
 
 
 def _gaps(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Distances between lines, both (..., 2, 2) of ends -> (...); 0 where they cross."""
-    first, second = np.broadcast_arrays(first, second)
-    gaps = [_gap_to(first[..., i, :], second) for i in (0, 1)]
-    gaps += [_gap_to(second[..., i, :], first) for i in (0, 1)]
-    crossing = (_side(first, second[..., 0, :]) * _side(first, second[..., 1, :]) < 0) & (
-        _side(second, first[..., 0, :]) * _side(second, first[..., 1, :]) < 0
-    )
-    return np.where(crossing, 0.0, np.minimum.reduce(gaps))
+    """Distances between lines, both (..., 2, 2) of ends -> (...); 0 where they cross.
 
-
-def _side(line: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """On which side of a line a point is: the sign, (...)."""
-    along, to = line[..., 1, :] - line[..., 0, :], point - line[..., 0, :]
-    return along[..., 0] * to[..., 1] - along[..., 1] * to[..., 0]
-
-
-def _gap_to(point: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """How far a point is from a line with two ends, (...)."""
-    along, to = line[..., 1, :] - line[..., 0, :], point - line[..., 0, :]
-    part = np.clip((along * to).sum(axis=-1) / (along * along).sum(axis=-1), 0.0, 1.0)
-    offset = to - part[..., None] * along
-    return np.hypot(offset[..., 0], offset[..., 1])
+    Where lines do not cross, one of the four ends is nearest to the other line.
+    """
+    first, second = np.moveaxis(first, (-1, -2), (0, 1)), np.moveaxis(second, (-1, -2), (0, 1))
+    shape = np.broadcast_shapes(first.shape[2:], second.shape[2:])
+    # From the start of a line to the ends of the other one: x and z, the ends, the lines.
+    to, along = np.empty((2, 4, *shape)), np.empty((2, 4, *shape))
+    np.subtract(first, second[:, :1], out=to[:, :2])
+    np.subtract(second, first[:, :1], out=to[:, 2:])
+    along[:, :2] = second[:, 1:] - second[:, :1]
+    along[:, 2:] = first[:, 1:] - first[:, :1]
+    (to_x, to_z), (x, z) = to, along
+    side = x * to_z - z * to_x
+    crossing = (side[0] * side[1] < 0) & (side[2] * side[3] < 0)
+    part = (x * to_x + z * to_z) / (x * x + z * z)
+    part = np.minimum(np.maximum(part, 0.0), 1.0)
+    gaps = np.hypot(to_x - part * x, to_z - part * z)
+    return np.where(crossing, 0.0, gaps.min(axis=0))

@@ -23,6 +23,7 @@ import numpy as np
 from limberjack.mujoco.history import History
 from limberjack.planner.cost import Cost, Settings
 from limberjack.planner.library import cost_for
+from limberjack.planner.servos import Servos
 from limberjack.planner.tracking import Tracking, targets_at
 from limberjack.rl import control
 from limberjack.rl.guards import at_least_one
@@ -73,9 +74,10 @@ class Planner:
         self._settings = self._cost.settings if settings is None else settings
         self._seed = seed
         threads = usable_cores() if num_threads is None else num_threads
-        self._batch, self._substeps = self._make_batch(threads)
         law = self._settings.gain, self._settings.damping, self._settings.tendons
         self._law = Tracking(env.physics.model._model, *law)
+        self._servos: Servos | None = None
+        self._batch, self._now, self._substeps = self._make_batch(threads)
         self._spacing = self._settings.spacing
         self._steps = max(1, round(self._settings.horizon / env.control_timestep()))
         looks = -(-self._steps // self._settings.cost_interval)
@@ -131,24 +133,35 @@ class Planner:
         """Knots since the present plan was made."""
         return self._age * self._env.control_timestep() / self._spacing
 
-    def _make_batch(self, threads: int) -> tuple[Any, int]:
-        """The simulations that plans are tried in, and their time steps per control step."""
+    def _make_batch(self, threads: int) -> tuple[Any, Any, int]:
+        """The simulations that plans are tried in, one of the present, time steps per control step.
+
+        The latter has the motors that the environment has, for costs that simulate themselves.
+        """
         env, settings = self._env, self._settings
         fields = [name for name in env.snapshot().physics if name not in _NOT_FIELDS]
-        twin = env.physics.copy()
+        twin = self._twin()
+        if settings.servos:
+            self._servos = Servos(twin.model.ptr, self._law)
+        batch = twin.replicate(settings.samples, threads, fields)
+        now = batch.single if self._servos is None else self._twin()
+        return batch, now, control.compute_n_steps(env.control_timestep(), twin.timestep())
+
+    def _twin(self) -> Any:
+        """The environment's physics as plans have it."""
+        settings, twin = self._settings, self._env.physics.copy()
         if settings.timestep is not None:
             twin.model.opt.timestep = settings.timestep
         if settings.armature:
             twin.model._model.dof_armature[_actuated_hinges(twin.model._model)] += settings.armature
-        substeps = control.compute_n_steps(env.control_timestep(), twin.timestep())
         # At the end of a control step all quantities then belong to the state that it led to.
         twin.legacy_step = True
-        return twin.replicate(settings.samples, threads, fields), substeps
+        return twin
 
     def _improved(self) -> np.ndarray:
         """The plan from now on, (knots, nu)."""
         saved = self._env.snapshot().physics
-        now = self._batch.single
+        now = self._now
         now.load_rows(saved, None)
         self._cost.look(now)
         samples = self._samples(now)
@@ -226,6 +239,9 @@ class Planner:
         history.begin()
         pace = self._env.control_timestep() / self._spacing
         plans = targets_at(samples, self._cost.place + pace * np.arange(self._steps))
+        if self._servos is not None:
+            interval = self._settings.cost_interval
+            return self._servos.follow(batch, history, plans, self._substeps, interval)
         qpos, qvel = batch.data.qpos, batch.data.qvel
         diverged = np.zeros(len(samples), bool)
         for step, targets in enumerate(plans, 1 - self._steps):

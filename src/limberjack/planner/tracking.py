@@ -56,9 +56,9 @@ class Tracking:
             for joint, part in turned[actuator]:
                 self._positions[model.jnt_qposadr[joint], actuator] = part
                 self._velocities[model.jnt_dofadr[joint], actuator] = part
-        self._gain = np.where(follows, gain, 1.0)
-        self._damping = np.where(follows, damping, 0.0)
-        self._is_damped = bool(self._damping.any())
+        self.gain: np.ndarray = np.where(follows, gain, 1.0)
+        self.damping: np.ndarray = np.where(follows, damping, 0.0)
+        self._is_damped = bool(self.damping.any())
         limited = model.actuator_ctrllimited.astype(bool)[:, None]
         limits = np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf])
         self.low, self.high = limits[:, 0], limits[:, 1]
@@ -82,10 +82,12 @@ class Tracking:
 
     def controls(self, targets: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """What the actuators are to do, (..., nu), given targets (..., nu) and the state."""
-        wanted = self._gain * (targets - qpos @ self._positions)
+        wanted = targets - qpos @ self._positions
+        wanted *= self.gain
         if self._is_damped:
-            wanted -= self._damping * (qvel @ self._velocities)
-        return np.minimum(np.maximum(wanted, self.low), self.high)
+            wanted -= self.damping * (qvel @ self._velocities)
+        np.maximum(wanted, self.low, out=wanted)
+        return np.minimum(wanted, self.high, out=wanted)
 
 
 def _joints_of(model: Any, actuator: int, tendons: bool) -> list[tuple[int, float]]:

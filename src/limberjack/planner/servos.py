@@ -1,0 +1,104 @@
+"""Plans that are simulated at once, as the model itself follows their targets.
+
+    servos = Servos(model, law)  # changes the plan's model
+    diverged = servos.follow(batch, history, targets, substeps=4, interval=2)
+
+A motor that the law turns to an angle becomes a servo of MuJoCo's with the law's constants. It does
+what the law does, but at each time step, where the law holds its controls for a control step. So
+that all controls are known beforehand: they are the targets.
+"""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco.history import History
+from limberjack.planner.tracking import Tracking
+
+__all__ = ["Servos"]
+
+_FIXED = mujoco.mjtGain.mjGAIN_FIXED.value
+_AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
+_NO_DYNAMICS = mujoco.mjtDyn.mjDYN_NONE.value
+# What is recorded of the state after a step; all else is of the state before it.
+_OF_THE_STATE = {
+    *("act", "ctrl", "eq_active", "mocap_pos", "mocap_quat", "qacc_warmstart", "qfrc_applied"),
+    *("qpos", "qvel", "time", "userdata", "xfrc_applied"),
+}
+
+
+class Servos:
+    """The servos of a plan's model."""
+
+    def __init__(self, model: Any, law: Tracking) -> None:
+        """Turns the motors of a raw `mujoco.MjModel` that the law turns to angles into servos.
+
+        Raises:
+          ValueError: a motor has dynamics, or a gain that is not constant.
+        """
+        self._follows = law.follows
+        self._strength = np.where(law.follows, model.actuator_gainprm[:, 0], 1.0)
+        self._records: dict[str, np.ndarray] = {}
+        for motor in np.flatnonzero(law.follows).tolist():
+            is_plain = model.actuator_gaintype[motor] == _FIXED
+            if not is_plain or model.actuator_dyntype[motor] != _NO_DYNAMICS:
+                raise ValueError(
+                    f"actuator {motor} is no motor whose force is its control times a constant: "
+                    "plan without Settings(servos=True)"
+                )
+            self._build_in(model, law, motor)
+
+    def _build_in(self, model: Any, law: Tracking, motor: int) -> None:
+        strength, gear = self._strength[motor], model.actuator_gear[motor, 0]
+        low, high = sorted((law.low[motor] * strength, law.high[motor] * strength))
+        if model.actuator_forcelimited[motor]:
+            low = max(low, model.actuator_forcerange[motor, 0])
+            high = min(high, model.actuator_forcerange[motor, 1])
+        gain, damping = law.gain[motor] * strength, law.damping[motor] * strength
+        model.actuator_gainprm[motor, 0] = gain
+        model.actuator_biastype[motor] = _AFFINE
+        # The length that a servo knows is the angle times the gear.
+        model.actuator_biasprm[motor, :3] = 0.0, -gain / gear, -damping / gear
+        model.actuator_ctrllimited[motor] = False
+        model.actuator_forcelimited[motor] = np.isfinite([low, high]).all()
+        model.actuator_forcerange[motor] = low, high
+
+    def follow(
+        self, batch: Any, history: History, targets: np.ndarray, substeps: int, interval: int
+    ) -> np.ndarray:
+        """Follows targets in each simulation; returns which diverged, (num_envs,).
+
+        Args:
+          batch: a batch of `Physics` of the model.
+          history: notes it after each interval, the last time at the end.
+          targets: (steps, num_envs, nu).
+          substeps: time steps of a control step, in which a target holds.
+          interval: control steps.
+        """
+        steps = len(targets)
+        # One more time step, after which what follows from the last state is known.
+        at = np.minimum(np.arange(steps * substeps + 1) // substeps, steps - 1)
+        controls = np.ascontiguousarray(targets.swapaxes(0, 1)[:, at])
+        moments = np.arange(steps, 0, -interval)[::-1] * substeps
+        fields = history.fields
+        recorded = [*fields, "actuator_force"] if "ctrl" in fields else fields
+        try:
+            records, diverged = batch.roll_out(controls, recorded, self._records)
+        except ValueError as error:
+            raise ValueError(
+                f"step_cost reads what cannot be recorded along the way ({error}): plan without "
+                "Settings(servos=True)"
+            ) from error
+        self._records = records
+
+        def values_of(field: str) -> np.ndarray:
+            index = moments - 1 if field in _OF_THE_STATE else moments
+            values = records[field][:, index]
+            if field == "ctrl":  # what the law would have said
+                said = records["actuator_force"][:, index] / self._strength
+                values = np.where(self._follows, said, values)
+            return values.swapaxes(0, 1)
+
+        history.note_all(values_of)
+        return diverged

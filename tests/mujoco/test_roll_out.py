@@ -1,0 +1,73 @@
+"""Many time steps in one call are the same as one after the other."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.mujoco import batch_simulation
+
+_ROWS, _STEPS = 3, 12
+
+
+@pytest.fixture(params=["own", "shared"])
+def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets each row have an `MjData` of its own, as in a small batch, or not, as in a large one."""
+    monkeypatch.setattr(batch_simulation, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])
+
+
+def _physics(task: str = "bring_ball") -> Any:
+    batch = suite.load_batch("manipulator", task, _ROWS, 2, seed=5)
+    batch.reset()
+    return batch.physics
+
+
+def _controls() -> np.ndarray:
+    return np.random.default_rng(0).uniform(-1, 1, (_ROWS, _STEPS, 5))
+
+
+@pytest.mark.usefixtures("share")
+def test_records_and_the_end_are_those_of_single_steps() -> None:
+    ours, other = _physics(), _physics()
+    controls = _controls()
+    fields = ["qpos", "time", "site_xpos", "actuator_force"]
+    records, diverged = ours.roll_out(controls, fields)
+    assert not diverged.any()
+    for step in range(_STEPS):
+        other.set_control(controls[:, step])
+        other._simulation.step_whole(1)  # all but the state is of the state before
+        for name in fields:
+            expected = getattr(other.data, name)
+            np.testing.assert_array_equal(
+                records[name][:, step], expected.reshape(_ROWS, *records[name].shape[2:]), name
+            )
+    np.testing.assert_array_equal(ours.data.state, other.data.state)
+
+
+@pytest.mark.usefixtures("share")
+def test_records_are_written_over_on_request() -> None:
+    physics = _physics()
+    first, _ = physics.roll_out(_controls(), ["qpos", "time"])
+    again, _ = physics.roll_out(_controls(), ["time", "qpos", "qvel"], first)
+    assert again["qpos"] is first["qpos"]
+    assert again["time"] is first["time"]
+    assert list(again) == ["time", "qpos", "qvel"]
+
+
+@pytest.mark.usefixtures("share")
+def test_a_row_that_diverges_stops() -> None:
+    physics = _physics()
+    physics.data.qvel[1] = 1e9
+    records, diverged = physics.roll_out(_controls(), ["time"])
+    assert diverged.tolist() == [False, True, False]
+    assert (records["time"][1] == records["time"][1, -1]).all()
+    assert (np.diff(records["time"][0], axis=0) > 0).all()
+
+
+def test_what_cannot_be_recorded_is_named() -> None:
+    physics = _physics()
+    state = physics.data.state.copy()
+    with pytest.raises(ValueError, match="state is not"):
+        physics.roll_out(_controls(), ["state"])
+    np.testing.assert_array_equal(physics.data.state, state)

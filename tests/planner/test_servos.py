@@ -1,0 +1,146 @@
+"""Servos that are built into a plan's model do what the law does."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.mujoco.history import History
+from limberjack.planner.servos import Servos
+from limberjack.planner.tracking import Tracking
+
+_ROWS, _STEPS = 3, 6
+_LAW = {"gain": 2.0, "damping": 0.1, "tendons": True}
+
+
+def _targets(law: Tracking, count: int = _ROWS) -> np.ndarray:
+    drawn = np.random.default_rng(1).uniform(-0.5, 0.5, (_STEPS, count, len(law.low)))
+    return law.within_limits(drawn)
+
+
+def _batch(task: tuple[str, str], law: Tracking | None = None) -> tuple[Any, Servos | None]:
+    """A batch whose time step is the control step, in the starts of an episode each."""
+    env = suite.load(*task, {"random": 0})
+    twin = env.physics.copy()
+    twin.model.opt.timestep = env.control_timestep()
+    servos = None if law is None else Servos(twin.model.ptr, law)
+    batch = twin.replicate(_ROWS, 2, getattr(env.task, "EPISODE_FIELDS", ()))
+    saved = []
+    for seed in range(_ROWS):
+        start = suite.load(*task, {"random": seed})
+        start.reset()
+        saved.append(start.snapshot().physics)
+    batch.load_rows({n: np.concatenate([s[n] for s in saved]) for n in saved[0]}, None)
+    return batch, servos
+
+
+def _law(task: tuple[str, str]) -> Tracking:
+    return Tracking(suite.load(*task).physics.model._model, **_LAW)
+
+
+def _read(seen: Any) -> dict[str, np.ndarray]:
+    data = seen.data
+    names = ["qpos", "qvel", "ctrl", "time", "xpos", "site_xmat"]
+    return {name: np.array(getattr(data, name)) for name in names}
+
+
+@pytest.mark.parametrize("task", [("humanoid", "walk"), ("manipulator", "bring_ball")])
+def test_servos_do_what_the_law_does(task: tuple[str, str]) -> None:
+    law = _law(task)
+    targets = _targets(law)
+    (by_law, _), (by_servos, servos) = _batch(task), _batch(task, law)
+    assert servos is not None
+    histories = [History(by_law, _STEPS // 2), History(by_servos, _STEPS // 2)]
+    seen = [b.seen_through(h) for b, h in zip((by_law, by_servos), histories, strict=True)]
+    for one in seen:
+        _read(one)  # says what is to be noted
+    for history in histories:
+        history.begin()
+    for step, wanted in enumerate(targets):
+        by_law.set_control(law.controls(wanted, by_law.data.qpos, by_law.data.qvel))
+        assert not by_law.step_rows(None, 1).any()
+        if step % 2:
+            histories[0].note(step // 2)
+    diverged = servos.follow(by_servos, histories[1], targets, substeps=1, interval=2)
+    assert diverged.shape == (_ROWS,)
+    assert not diverged.any()
+    expected, found = _read(seen[0]), _read(seen[1])
+    for name, values in expected.items():
+        np.testing.assert_allclose(found[name], values, rtol=1e-6, atol=1e-7, err_msg=name)
+    assert np.abs(expected["ctrl"]).max() == 1  # the limits were reached
+
+
+def test_the_last_state_is_looked_at_last_and_others_at_equal_distances() -> None:
+    task = ("manipulator", "bring_ball")
+    law = _law(task)
+    batch, servos = _batch(task, law)
+    assert servos is not None
+    history = History(batch, 2)
+    seen = batch.seen_through(history)
+    start = batch.data.time.copy()
+    seen.data.time  # noqa: B018  # says that it is to be noted
+    history.begin()
+    servos.follow(batch, history, _targets(law), substeps=3, interval=4)
+    steps = np.array([2, 6]) * 3  # of time
+    expected = start + 0.01 * steps[:, None]
+    np.testing.assert_allclose(seen.data.time.reshape(2, _ROWS), expected)
+
+
+def test_who_diverges_is_told_and_the_others_do_not_notice() -> None:
+    task = ("manipulator", "bring_ball")
+    law = _law(task)
+    ends = []
+    for speed in (0.0, 1e9):
+        batch, servos = _batch(task, law)
+        assert servos is not None
+        batch.data.qvel[1] += speed
+        diverged = servos.follow(batch, History(batch, 1), _targets(law), 2, _STEPS)
+        assert diverged.tolist() == [False, speed > 0, False]
+        ends.append(batch.data.qpos[[0, 2]].copy())
+    np.testing.assert_array_equal(*ends)
+
+
+def test_what_cannot_be_recorded_is_named() -> None:
+    task = ("manipulator", "bring_ball")
+    law = _law(task)
+    batch, servos = _batch(task, law)
+    assert servos is not None
+    history = History(batch, 1)
+    batch.seen_through(history).data.state  # noqa: B018
+    history.begin()
+    with pytest.raises(ValueError, match=r"step_cost reads .*state.*plan without Settings\(servos"):
+        servos.follow(batch, history, _targets(law), 1, _STEPS)
+
+
+_ARM = """
+<mujoco>
+  <worldbody><body><joint name="hinge" axis="0 1 0"/><geom size=".1"/></body></worldbody>
+  <actuator><{} joint="hinge"/></actuator>
+</mujoco>
+"""
+
+
+def _servo(actuator: str) -> mujoco.MjModel:
+    model = mujoco.MjModel.from_xml_string(_ARM.format(actuator))
+    Servos(model, Tracking(model, gain=2.0, damping=0.5))
+    return model
+
+
+def test_a_servo_has_the_motors_strength_gear_and_limits() -> None:
+    motor = 'motor gear="4" ctrllimited="true" ctrlrange="-1 3"'
+    model = _servo(motor)
+    assert model.actuator_gainprm[0, 0] == 2
+    assert model.actuator_biasprm[0, :3].tolist() == [0, -0.5, -0.125]
+    assert model.actuator_forcerange[0].tolist() == [-1, 3]
+    assert model.actuator_forcelimited[0]
+    assert not model.actuator_ctrllimited[0]
+    narrow = _servo(f'{motor} forcelimited="true" forcerange="-9 2"')
+    assert narrow.actuator_forcerange[0].tolist() == [-1, 2]
+    assert not _servo("motor").actuator_forcelimited[0]
+
+
+def test_a_motor_with_dynamics_cannot_be_a_servo() -> None:
+    with pytest.raises(ValueError, match=r"actuator 0 is no motor .* without Settings"):
+        _servo('general dyntype="filter" dynprm=".1"')
