@@ -65,7 +65,7 @@ class History:
         """
         for ((read, name), kept), (_, live) in zip(self._kept.items(), self._live, strict=True):
             values = live if read == "model_field" else values_of(name)
-            kept[...] = values.reshape(-1, *kept.shape[1:])
+            np.copyto(kept, values if values.ndim <= kept.ndim else values.reshape(kept.shape))
 
     @property
     def model(self) -> Any:

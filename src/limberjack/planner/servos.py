@@ -80,7 +80,9 @@ class Servos:
         # One more time step, after which what follows from the last state is known.
         at = np.minimum(np.arange(steps * substeps + 1) // substeps, steps - 1)
         controls = np.ascontiguousarray(targets.swapaxes(0, 1)[:, at])
-        moments = np.arange(steps, 0, -interval)[::-1] * substeps
+        first = ((steps - 1) % interval + 1) * substeps
+        moments = slice(first, steps * substeps + 1, interval * substeps)
+        earlier = slice(first - 1, steps * substeps, interval * substeps)
         fields = history.fields
         recorded = [*fields, "actuator_force"] if "ctrl" in fields else fields
         try:
@@ -93,10 +95,9 @@ class Servos:
         self._records = records
 
         def values_of(field: str) -> np.ndarray:
-            index = moments - 1 if field in _OF_THE_STATE else moments
-            values = records[field][:, index]
+            values = records[field][:, earlier if field in _OF_THE_STATE else moments]
             if field == "ctrl":  # what the law would have said
-                said = records["actuator_force"][:, index] / self._strength
+                said = records["actuator_force"][:, earlier] / self._strength
                 values = np.where(self._follows, said, values)
             return values.swapaxes(0, 1)
 
