@@ -40,6 +40,14 @@ def _law(task: tuple[str, str]) -> Tracking:
     return Tracking(suite.load(*task).physics.model._model, **_LAW)
 
 
+def _arm() -> tuple[Tracking, Any, Servos]:
+    task = ("manipulator", "bring_ball")
+    law = _law(task)
+    batch, servos = _batch(task, law)
+    assert servos is not None
+    return law, batch, servos
+
+
 def _read(seen: Any) -> dict[str, np.ndarray]:
     data = seen.data
     names = ["qpos", "qvel", "ctrl", "time", "xpos", "site_xmat"]
@@ -73,10 +81,7 @@ def test_servos_do_what_the_law_does(task: tuple[str, str]) -> None:
 
 
 def test_the_last_state_is_looked_at_last_and_others_at_equal_distances() -> None:
-    task = ("manipulator", "bring_ball")
-    law = _law(task)
-    batch, servos = _batch(task, law)
-    assert servos is not None
+    law, batch, servos = _arm()
     history = History(batch, 2)
     seen = batch.seen_through(history)
     start = batch.data.time.copy()
@@ -89,12 +94,9 @@ def test_the_last_state_is_looked_at_last_and_others_at_equal_distances() -> Non
 
 
 def test_who_diverges_is_told_and_the_others_do_not_notice() -> None:
-    task = ("manipulator", "bring_ball")
-    law = _law(task)
     ends = []
     for speed in (0.0, 1e9):
-        batch, servos = _batch(task, law)
-        assert servos is not None
+        law, batch, servos = _arm()
         batch.data.qvel[1] += speed
         diverged = servos.follow(batch, History(batch, 1), _targets(law), 2, _STEPS)
         assert diverged.tolist() == [False, speed > 0, False]
@@ -103,10 +105,7 @@ def test_who_diverges_is_told_and_the_others_do_not_notice() -> None:
 
 
 def test_what_cannot_be_recorded_is_named() -> None:
-    task = ("manipulator", "bring_ball")
-    law = _law(task)
-    batch, servos = _batch(task, law)
-    assert servos is not None
+    law, batch, servos = _arm()
     history = History(batch, 1)
     batch.seen_through(history).data.state  # noqa: B018
     history.begin()
