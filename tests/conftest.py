@@ -1,9 +1,14 @@
-"""What all tests use: an off-screen renderer, chosen before anything imports OpenGL, and Ctrl-C."""
+"""What all tests use: an off-screen renderer, chosen before anything imports OpenGL, and Ctrl-C.
+
+And fixtures of more than one folder.
+"""
 
 import ctypes.util
 import os
 import signal
 import sys
+
+import pytest
 
 # dm_control reads this when it is imported, and fails where its first choice, a window, cannot be
 # opened. Without EGL it still simulates, and the tests that draw skip.
@@ -13,3 +18,11 @@ if sys.platform == "linux" and "MUJOCO_GL" not in os.environ:
 # A shell that runs the tests in the background lets them, and what they start, ignore Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(params=["own", "shared"])
+def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets each row have an `MjData` of its own, as in a small batch, or not, as in a large one."""
+    from limberjack.mujoco import batch_simulation  # after the renderer is chosen
+
+    monkeypatch.setattr(batch_simulation, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])

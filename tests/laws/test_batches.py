@@ -7,19 +7,12 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco import batch_simulation
 from limberjack.rl import batch_test_utils, control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import humanoid
 
 _SEED = 11
 _STEPS_OF_AN_EPISODE = 25
-
-
-@pytest.fixture(params=["own", "shared"])
-def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets each row have an `MjData` of its own, as in a small batch, or not, as in a large one."""
-    monkeypatch.setattr(batch_simulation, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])
 
 
 def _short(domain: str) -> dict[str, float]:

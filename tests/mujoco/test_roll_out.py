@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco import batch_simulation
 
 _ROWS, _STEPS = 3, 12
-
-
-@pytest.fixture(params=["own", "shared"])
-def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets each row have an `MjData` of its own, as in a small batch, or not, as in a large one."""
-    monkeypatch.setattr(batch_simulation, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])
 
 
 def _physics(task: str = "bring_ball") -> Any:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco import batch_simulation, sensors
+from limberjack.mujoco import sensors
 from limberjack.mujoco.history import History
 from limberjack.rl.batch import BatchEnvironment
 
@@ -29,12 +29,6 @@ _WORLD = """
   </sensor>
 </mujoco>
 """
-
-
-@pytest.fixture(params=["own", "shared"])
-def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets each row have an `MjData` of its own, as in a small batch, or not, as in a large one."""
-    monkeypatch.setattr(batch_simulation, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])
 
 
 def _walkers(asked: str | None = None) -> BatchEnvironment:
