@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
+import mujoco
 import mujoco.batch
 import numpy as np
 import typer
@@ -36,7 +37,9 @@ _NUMPY = at_most(5)  # per cent of a plan
 
 _SEED = 1_000  # none of those that scores are measured on
 _WARM_UP = 3  # plans that are not counted
-_CALLS = ("step", "rollout", "forward")  # of the batch: what is MuJoCo's
+# What is MuJoCo's: of its batches, and of the one simulation in which some costs try something.
+_CALLS = [(mujoco.batch.Batch, name) for name in ("step", "rollout", "forward")]
+_CALLS += [(mujoco, name) for name in ("mj_step", "mj_step1", "mj_step2", "mj_forward")]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,22 +51,21 @@ class _Timing:
 
 
 class _Stopwatch:
-    """Time spent in MuJoCo's batches."""
+    """Time spent in MuJoCo."""
 
     seconds = 0.0
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """While the context lasts, each call of a batch is timed."""
-        batch: Any = mujoco.batch.Batch
-        originals = {name: getattr(batch, name) for name in _CALLS}
-        for name, original in originals.items():
-            setattr(batch, name, self._timed(original))
+        """While the context lasts, each call of MuJoCo's is timed."""
+        originals = [(place, name, getattr(place, name)) for place, name in _CALLS]
+        for place, name, original in originals:
+            setattr(place, name, self._timed(original))
         try:
             yield
         finally:
-            for name, original in originals.items():
-                setattr(batch, name, original)
+            for place, name, original in originals:
+                setattr(place, name, original)
 
     def _timed(self, original: Any) -> Any:
         def call(*args: Any, **kwargs: Any) -> Any:

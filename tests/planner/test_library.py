@@ -13,7 +13,7 @@ def _names(domain: str, task: str) -> list[str]:
 
 
 def test_the_files_of_one_domain_do_not_depend_on_those_of_another() -> None:
-    common = {"sampling", "servos", "tracking", "cost"}
+    common = {"sampling", "servos", "tracking", "twin", "cost"}
     humanoid, stacker = _names("humanoid", "stand"), _names("stacker", "stack_2")
     assert set(humanoid) == {*common, "costs_humanoid"}
     arm = {"arm", "arm_ways", "box_grip", "boxes", "planar_ik", "unsticking"}

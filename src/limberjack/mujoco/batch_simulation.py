@@ -24,7 +24,7 @@ from limberjack.mujoco.wrapper.core import MjModel
 
 __all__ = ["BatchData", "BatchSimulation"]
 
-_UP_TO_VELOCITY = mujoco.mjtStage.mjSTAGE_VEL.value
+_NOTHING, _UP_TO_VELOCITY = mujoco.mjtStage.mjSTAGE_NONE.value, mujoco.mjtStage.mjSTAGE_VEL.value
 _SLEEP_OR_IPC = mujoco.mjtEnableBit.mjENBL_SLEEP.value | mujoco.mjtEnableBit.mjENBL_IPC.value
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
 _NEVER = mujoco.mjtStage.mjSTAGE_NONE.value
@@ -111,6 +111,7 @@ class BatchSimulation(Busy):
         # What remembers more than its state must not share an `MjData`.
         remembers = model.nplugin > 0 or bool(model.opt.enableflags & _SLEEP_OR_IPC)
         num_envs = self.num_envs or 1
+        self._remembers = remembers
         self._is_sharing = num_envs > _A_FEW and not remembers
         batch: Any = mujoco.batch.Batch(
             model, num_envs, self.num_threads, persistent=not self._is_sharing
@@ -261,6 +262,8 @@ class BatchSimulation(Busy):
             self._fields[name][index] = value
         if constants:
             self.batch.set_const(rows)
+        if self._remembers:  # such as what has been lying still, and for how long
+            self.batch.reset(rows, stage=_NOTHING)
         self.field_for_names("sensordata")
         self.state[index] = saved["state"]
         self._call(_LOAD, rows)
@@ -270,11 +273,11 @@ class BatchSimulation(Busy):
         """A field of the data, one row per simulation."""
         field = self.field_for_names(name)
         if name in sensors.FIELDS:
-            self.want(slice(None))
+            self.want("sensordata", slice(None))
         return field
 
     def field_for_names(self, name: str) -> tuple[np.ndarray, bool]:
-        """As `data_field`, for who says with `want` which sensors' readings are wanted."""
+        """As `data_field`, for who says with `want` what of it is read."""
         self.revive()
         field = getattr(self.batch, name)
         if name not in self._outputs and isinstance(field, np.ndarray) and field.base is not None:
@@ -283,10 +286,15 @@ class BatchSimulation(Busy):
             self._outputs.add(name)
         return field, True
 
-    def want(self, columns: Any) -> bool:
-        """Has the sensors of some columns of `sensordata` computed; whether any was not till now.
+    def is_watched(self, name: str) -> bool:
+        """Whether `want` is to be told what of a field is read."""
+        return name == "sensordata"
+
+    def want(self, name: str, columns: Any) -> bool:
+        """Has the sensors of some columns of a field computed; whether any was not till now.
 
         Args:
+          name: 'sensordata'.
           columns: an index for them.
         """
         if not self._resting.any():

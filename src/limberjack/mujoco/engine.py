@@ -166,7 +166,13 @@ class Physics(Rows, _control.Physics):
         names, simulation = index.Names(self.model._model), self._simulation
         return NamedIndexStructs(
             model=index.NamedFields("MjModel", simulation.model_field, names),
-            data=index.NamedFields("MjData", simulation.field_for_names, names, simulation.want),
+            data=index.NamedFields(
+                "MjData",
+                simulation.field_for_names,
+                names,
+                simulation.is_watched,
+                simulation.want,
+            ),
         )
 
     # Stepping.

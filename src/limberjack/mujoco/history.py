@@ -8,7 +8,8 @@
     seen.named.data.xpos["head", "z"]  # (25 * num_envs,), the first moment's first
 
 Quantities of all moments cost hardly more time than those of one, most of which is Python's. Only
-fields that are read are kept, so that which ones these are is known after the first reading:
+what is read is kept: fields, and of those that are read by names the part of a row in which these
+are. So what that is is known after the first reading:
 
     history.is_complete  # False: what was read was not noted; now it would be
 """
@@ -21,6 +22,8 @@ import numpy as np
 __all__ = ["History"]
 
 _Field = tuple[np.ndarray, bool]  # and whether each simulation has values of its own
+_Key = tuple[str, str]  # what reads a field, and its name
+_WHOLE, _NOTHING = slice(None), slice(0, 0)
 
 
 class History:
@@ -35,7 +38,9 @@ class History:
         """Makes one for a batch of `Physics`; nothing is noted yet."""
         self._simulation = batch._simulation
         self._moments = moments
-        self._kept: dict[tuple[str, str], np.ndarray] = {}  # (moments, num_envs, ...) each
+        self._kept: dict[_Key, np.ndarray] = {}  # (moments, num_envs, ...) each
+        self._parts: dict[_Key, slice] = {}  # of their rows that are kept
+        # Those parts, here and in the batch, as (..., num_envs, columns).
         self._live: list[tuple[np.ndarray, np.ndarray]] = []
         self.is_complete = True
         self.num_envs = moments * batch.num_envs
@@ -44,8 +49,10 @@ class History:
     def begin(self) -> None:
         """Begins anew: looks up where the batch's quantities are."""
         self.is_complete = True
-        simulation = self._simulation
-        self._live = [(kept, getattr(simulation, r)(n)[0]) for (r, n), kept in self._kept.items()]
+        self._live = []
+        for key, kept in self._kept.items():
+            live, _ = getattr(self._simulation, key[0])(key[1])
+            self._live.append((self._part(key, kept, 2), self._part(key, live, 1)))
 
     def note(self, moment: int) -> None:
         """Notes the batch's present quantities as those of a moment, from 0 on."""
@@ -63,9 +70,21 @@ class History:
         Args:
           values_of: gives the values of a field of the data, (moments, num_envs, ...).
         """
-        for ((read, name), kept), (_, live) in zip(self._kept.items(), self._live, strict=True):
-            values = live if read == "model_field" else values_of(name)
-            np.copyto(kept, values if values.ndim <= kept.ndim else values.reshape(kept.shape))
+        for key, (kept, live) in zip(self._kept, self._live, strict=True):
+            if key[0] == "model_field":
+                kept[...] = live
+                continue
+            values = values_of(key[1])
+            # MuJoCo records a matrix as 3 by 3, which is a row of 9 elsewhere.
+            values = values.reshape(*values.shape[:2], *self._kept[key].shape[2:])
+            np.copyto(kept, self._part(key, values, 2))
+
+    def _part(self, key: _Key, values: np.ndarray, axes: int) -> np.ndarray:
+        """A view of what is kept of a field's values, behind so many axes."""
+        part = self._parts[key]
+        if part == _WHOLE:
+            return values
+        return values.reshape(*values.shape[:axes], -1)[..., part]
 
     @property
     def model(self) -> Any:
@@ -74,23 +93,43 @@ class History:
 
     def data_field(self, name: str) -> _Field:
         """A field of the data, one row per simulation and moment."""
-        return self._field(self._simulation.data_field, name)
+        return self._field(self._simulation.data_field, name, _WHOLE)
 
     def field_for_names(self, name: str) -> _Field:
-        """As `data_field`, for who says with `want` which sensors' readings are wanted."""
-        return self._field(self._simulation.field_for_names, name)
+        """As `data_field`, for who says with `want` what of it is read."""
+        return self._field(self._simulation.field_for_names, name, _NOTHING)
 
-    def want(self, columns: Any) -> bool:
-        """As a `BatchSimulation`'s: readings that were not computed were not noted, either."""
-        is_new = self._simulation.want(columns)
-        self.is_complete &= not is_new
-        return is_new
+    def is_watched(self, name: str) -> bool:
+        """Whether `want` is to be told what of a field is read: always."""
+        return True
 
-    def model_field(self, name: str) -> _Field:
+    def want(self, name: str, columns: Any) -> bool:
+        """Has some columns of a field's rows noted; whether they were not till now.
+
+        Args:
+          name: of a field of the data.
+          columns: an index for them.
+        """
+        if self._simulation.is_watched(name):
+            self.is_complete &= not self._simulation.want(name, columns)
+        key = "field_for_names", name
+        shape = self._kept[key].shape[2:]
+        wanted = np.arange(np.prod(shape, dtype=int))[columns]
+        before = self._parts[key]
+        if not wanted.size or before == _WHOLE:
+            return False
+        part = slice(int(wanted.min()), int(wanted.max()) + 1)
+        if before != _NOTHING:
+            part = slice(min(before.start, part.start), max(before.stop, part.stop))
+        self._parts[key] = part
+        self.is_complete &= part == before
+        return part != before
+
+    def model_field(self, name: str) -> tuple[np.ndarray, bool]:
         """A field of the model, and whether each row has values of its own."""
-        return self._field(self._simulation.model_field, name)
+        return self._field(self._simulation.model_field, name, _WHOLE)
 
-    def _field(self, read: Callable[[str], _Field], name: str) -> _Field:
+    def _field(self, read: Callable[[str], _Field], name: str, part: slice) -> _Field:
         key = read.__name__, name
         if key not in self._kept:
             live, has_rows = read(name)
@@ -98,6 +137,7 @@ class History:
                 return live, False
             # Until it is noted the present values stand for all moments.
             self._kept[key] = np.repeat(live[None], self._moments, axis=0)
+            self._parts[key] = part if live.ndim > 1 else _WHOLE
             self.is_complete = False
         kept = self._kept[key]
         return kept.reshape(self.num_envs, *kept.shape[2:]), True

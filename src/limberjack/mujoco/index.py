@@ -242,26 +242,27 @@ class FieldIndexer:
         return "\n".join(lines) if len(self._field) else f"{title}\n(empty)"
 
 
-class _Readings(FieldIndexer):
-    """A batch's `sensordata`, which says what of it is wanted, as not all is computed."""
+class _Watched(FieldIndexer):
+    """A batch's field which says what of it is read, as not all is computed, or kept."""
 
     __slots__ = ("_want",)
 
-    def __init__(self, want: Callable[[Any], object], *arguments: Any) -> None:
+    def __init__(self, want: Callable[[str, Any], object], *arguments: Any) -> None:
         super().__init__(*arguments)
         self._want = want
 
     def _resolve(self, key: Any) -> tuple[np.ndarray, Any]:
         array, index = super()._resolve(key)
-        self._want(np.arange(array.shape[-1])[None][index])
+        shape = array.shape[1:]
+        self._want(self._name, np.arange(np.prod(shape, dtype=int)).reshape(shape)[None][index])
         return array, index
 
     def __getattr__(self, name: str) -> Any:
-        self._want(slice(None))
+        self._want(self._name, slice(None))
         return getattr(self._field, name)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        self._want(slice(None))
+        self._want(self._name, slice(None))
         return super().__array__(dtype, copy)
 
 
@@ -273,7 +274,8 @@ class NamedFields:
         struct_name: str,
         read: Callable[[str], tuple[Any, bool]],
         names: Names,
-        want: Callable[[Any], object] | None = None,
+        is_watched: Callable[[str], bool] = lambda name: False,
+        want: Callable[[str, Any], object] = lambda name, columns: None,
     ) -> None:
         """Makes the view.
 
@@ -282,9 +284,10 @@ class NamedFields:
           read: gives a field's live array by name, and whether it has a leading axis of
             simulations.
           names: the model's axes.
-          want: told which columns of `sensordata` somebody reads, as an index.
+          is_watched: whether it matters what somebody reads of a field.
+          want: told that, by the field's name, as an index for its columns in a row.
         """
-        self._want = want
+        self._is_watched, self._want = is_watched, want
         self._struct_name = struct_name
         self._read = read
         self._names = names
@@ -302,8 +305,8 @@ class NamedFields:
         shape = field.shape[batch:]
         sizes = fields.axes_of(self._struct_name, name, shape, self._names.model)
         axes = Axes(*(self._names.axis(size) for size in sizes or (None,)))
-        if name == "sensordata" and batch and self._want is not None:
-            indexer = _Readings(self._want, name, field, axes, batch)
+        if batch and self._is_watched(name):
+            indexer = _Watched(self._want, name, field, axes, batch)
         else:
             indexer = FieldIndexer(name, field, axes, batch)
         if sizes[:1] != (None,):

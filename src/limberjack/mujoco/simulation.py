@@ -162,8 +162,12 @@ class SingleSimulation(Busy):
 
     field_for_names = data_field
 
-    def want(self, columns: Any) -> bool:
-        """Does nothing: all sensors are computed; see `BatchSimulation.want`."""
+    def is_watched(self, name: str) -> bool:
+        """As `BatchSimulation.is_watched`: never, as all sensors are computed."""
+        return False
+
+    def want(self, name: str, columns: Any) -> bool:
+        """Does nothing; see `BatchSimulation.want`."""
         return False
 
     def model_field(self, name: str) -> tuple[np.ndarray, bool]:

@@ -3,9 +3,10 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from limberjack.planner.cost import Settings
-from limberjack.planner.planar_ik import GRASP, direction, hand_poses, nudged
+from limberjack.planner.planar_ik import GRASP, direction, hand_poses_each, nudged
 
 __all__ = [
     "ARM",
@@ -99,27 +100,24 @@ def lifts(
     now: np.ndarray,
     knots: int,
     press: float,
-) -> list[np.ndarray]:
-    """Paths that lift the closed hand, from a place (2,) and an angle, (knots, 5) each."""
-    found: list[np.ndarray] = []
-    for height in (0.04, 0.12):
-        above = place + np.array([0.0, height])
-        for pose in hand_poses(random, above, GRASP, now, 3, angle, 0.3):
-            found.extend(path(now, [pose], knots, [press], slow) for slow in (1, 3))
-    return found
+) -> np.ndarray:
+    """Paths that lift the closed hand, from a place (2,) and an angle, (n, knots, 5)."""
+    above = place + np.array([[0.0, 0.04], [0.0, 0.12]])
+    poses = np.concatenate(hand_poses_each(random, above, GRASP, now, 3, angle, 0.3))[:, None]
+    return np.concatenate([path(now, poses, knots, [press], slow) for slow in (1, 3)])
 
 
 def approaches(
-    now: np.ndarray, pose: np.ndarray, knots: int, ready: float, shut: float
-) -> list[np.ndarray]:
-    """Paths that bring the open hand straight on to a pose, in which it closes, (knots, 5) each."""
-    ahead = direction(pose.sum())
-    line = list(nudged(pose, -np.outer(_APPROACH, ahead), 0.0))
+    now: np.ndarray, poses: np.ndarray, knots: int, ready: float, shut: float
+) -> np.ndarray:
+    """Paths of the open hand straight on to poses (n, 4), where it closes, (m, knots, 5)."""
+    ahead = direction(poses.sum(axis=-1))[:, None]
+    line = nudged(poses[:, None], -ahead * np.array(_APPROACH)[:, None], 0.0)
     found: list[np.ndarray] = []
     for first, slow in ((0, 1), (1, 1), (2, 1), (2, 2), (2, 3)):
-        grasp = [ready] * (1 + slow * (len(line) - first)) + [shut]
-        found.append(path(now, line[first:], knots, grasp, slow))
-    return found
+        grasp = [ready] * (1 + slow * (len(_APPROACH) - first)) + [shut]
+        found.append(path(now, line[:, first:], knots, grasp, slow))
+    return np.concatenate(found)
 
 
 def sag(physics: Any, gain: float) -> np.ndarray:
@@ -139,22 +137,24 @@ def outward_speed(data: Any, joint: str, site: str) -> Any:
 
 
 def path(
-    now: np.ndarray, poses: list, knots: int, grasp: list[float], duration: int = 1
+    now: np.ndarray, poses: ArrayLike, knots: int, grasp: list[float], duration: int = 1
 ) -> np.ndarray:
-    """Targets along straight joint paths, (knots, 5).
+    """Targets along straight joint paths, (..., knots, 5).
 
     Args:
       now: the arm's joints at the first knot, (4,).
-      poses: the joints to pass, (4,) each.
+      poses: the joints to pass one after the other, (..., n, 4).
       knots: points of the spline.
       grasp: the grasp's control at the knots; the last one holds.
       duration: knots from one pose to the next.
     """
-    stations = np.array([now, *poses])
-    places = np.minimum(np.arange(knots) / duration, len(poses))
+    passed = np.asarray(poses)
+    *several, count, _ = passed.shape
+    stations = np.concatenate([np.broadcast_to(now, (*several, 1, 4)), passed], axis=-2)
+    places = np.minimum(np.arange(knots) / duration, count)
     left = places.astype(int)
-    begin, end = stations[left], stations[np.minimum(left + 1, len(poses))]
-    targets = np.empty((knots, 5))
-    targets[:, :4] = (places - left)[:, None] * (end - begin) + begin
-    targets[:, 4] = [grasp[min(knot, len(grasp) - 1)] for knot in range(knots)]
+    begin, end = stations[..., left, :], stations[..., np.minimum(left + 1, count), :]
+    targets = np.empty((*several, knots, 5))
+    targets[..., :4] = (places - left)[:, None] * (end - begin) + begin
+    targets[..., 4] = (grasp + grasp[-1:] * knots)[:knots]
     return targets

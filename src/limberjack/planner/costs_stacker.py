@@ -27,7 +27,7 @@ from limberjack.planner.arm_ways import later, leaving, turning_over, ways_over
 from limberjack.planner.box_grip import HIGH, PRESS, fetching, grip_of, how_held, ready
 from limberjack.planner.boxes import FLAT, HALF, PASSES, crest, lies_too_low, stands, turned
 from limberjack.planner.cost import Cost
-from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses
+from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses_each
 from limberjack.planner.unsticking import Patience, refuge, shelter, ways_to
 from limberjack.utils import arrays
 
@@ -87,6 +87,7 @@ class Stack(Cost):
         flowing=True,
         cost_interval=2,
         servos=True,
+        rest=True,
     )
 
     def __init__(self, task: Any) -> None:
@@ -321,7 +322,6 @@ class Stack(Cost):
         """Ways that fetch the next box, carry it, or take the hand away."""
         data = physics.named.data
         now = data.qpos[ARM]
-        stay = [self._still(now, grasp) for grasp in (OPEN, PRESS, CLOSED)]
         if self._backing or self._falling or self._caught > _CAUGHT:
             ways = ways_to(self._refuge, self.settings, now, random)
         elif self._next is None:
@@ -330,36 +330,30 @@ class Stack(Cost):
             ways = self._carrying(data, now, random)
         else:
             ways = self._reaching(data, now, random)
-        paths = stay + ways
-        return np.array(paths)[random.permutation(len(paths))]
+        stay = [path(now, [now], self.settings.knots, [g]) for g in (OPEN, PRESS, CLOSED)]
+        paths = np.concatenate([stay, ways])
+        return paths[random.permutation(len(paths))]
 
-    def _still(self, now: np.ndarray, grasp: float) -> np.ndarray:
-        return path(now, [now], self.settings.knots, [grasp])
-
-    def _reaching(
-        self, data: Any, now: np.ndarray, random: np.random.Generator
-    ) -> list[np.ndarray]:
+    def _reaching(self, data: Any, now: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """From above onto the next box, then closing."""
-        down = angle_of(_DOWN)
         box = data.site_xpos[self._next][PLANE]
         hand = data.site_xpos["grasp"][PLANE]
         highest = crest(data, self._boxes, float(hand[0]), float(box[0]))
         tips = data.site_xpos["pinch"]
         others = [data.site_xpos[name] - tips for name in self._boxes if name != self._next]
         back = 0.07 if any(np.hypot(*o[PLANE]) < 2.0 * HALF for o in others) else 0.0
-        ways: list[np.ndarray] = []
         is_there = np.hypot(*(box - HIGH * _DOWN - hand)) < _THERE
         hold = ready(float(closing(data)))
         grasp = [CLOSED if is_there else hold, CLOSED]
-        cruise = highest + _UNDER_HAND
-        for tilt in (0.1, 0.8 if abs(box[0]) > _AT_WALL else 0.4):
-            for pose in hand_poses(random, box - HIGH * _DOWN, GRASP, now, 2, down, tilt):
-                ways.extend(ways_over(self.settings, now, pose, cruise, GRASP, 0.0, grasp, back))
-        for pose in hand_poses(random, box - 0.09 * _DOWN, GRASP, now, 2, down, 0.4):
-            ways.extend(ways_over(self.settings, now, pose, cruise, GRASP, 0.0, [hold, hold], back))
+        points = box - np.array([[HIGH], [HIGH], [0.09]]) * _DOWN
+        tilts = np.array([0.1, 0.8 if abs(box[0]) > _AT_WALL else 0.4, 0.4])
+        found = hand_poses_each(random, points, GRASP, now, 2, angle_of(_DOWN), tilts)
+        grasps = np.repeat([grasp, grasp, [hold, hold]], [len(poses) for poses in found], axis=0)
+        over = highest + _UNDER_HAND, GRASP, 0.0
+        ways = [ways_over(self.settings, now, np.concatenate(found), *over, grasps, back)]
         if back:
-            ways.extend(later(self.settings, ways))
-        return self._parting(data, now, random) + ways
+            ways.append(later(self.settings, ways[0]))
+        return np.concatenate([*self._parting(data, now, random), *ways])
 
     def _parting(self, data: Any, now: np.ndarray, random: np.random.Generator) -> list[np.ndarray]:
         """A fingertip turns the next box over, away from one that fingers cannot pass."""
@@ -370,31 +364,31 @@ class Stack(Cost):
             near_by.append(float(box[0]))
         if not near_by or np.sign(min(near_by)) != np.sign(max(near_by)):
             return []
-        return turning_over(self.settings, now, box[PLANE], -float(np.sign(near_by[0])), random)
+        side = -float(np.sign(near_by[0]))
+        return [turning_over(self.settings, now, box[PLANE], side, random)]
 
     def _height(self, data: Any, start: float, end: float) -> float:
         """How high the next box passes what is between two places, metres; 0 over the floor."""
         highest = crest(data, [box for box in self._boxes if box != self._next], start, end)
         return highest + PASSES if highest else 0.0
 
-    def _carrying(
-        self, data: Any, now: np.ndarray, random: np.random.Generator
-    ) -> list[np.ndarray]:
+    def _carrying(self, data: Any, now: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """Up, over the place of the next box and down, so that the box lies flat there."""
         ahead, aside = (float(part) for part in in_hand(data, data.site_xpos[self._next]))
         turn = float(data.qpos[f"{self._next}_y"].item())
         flat = float(now.sum()) + (turn + np.pi / 4) % (np.pi / 2) - np.pi / 4
         forward = GRASP + ahead
-        ways: list[np.ndarray] = []
         start, end = float(data.site_xpos[self._next][0]), float(self._place[0])
         cruise = max(self._height(data, start, end), float(self._place[2]) + _OVER)
         stop = np.array([end + np.copysign(_BEFORE, start - end), cruise])
         far = abs(start - end) > _BEFORE + _APART
         if far:
             cruise = min(cruise, max(self._height(data, start, float(stop[0])), _RAISED))
-        for up, tilt, count in ((0.0, 0.05, 2), (0.0, 0.4, 2), (_OVER, 0.4, 1)):
-            goal = stop if far else self._place[PLANE] - up * _DOWN
-            grasp = [PRESS, PRESS if up or far else OPEN]
-            for pose in hand_poses(random, goal, forward, now, count, flat, tilt, aside):
-                ways.extend(ways_over(self.settings, now, pose, cruise, forward, aside, grasp))
-        return ways
+        above = self._place[PLANE] - np.array([[0.0], [0.0], [_OVER]]) * _DOWN
+        goals = np.repeat(stop[None], 3, axis=0) if far else above
+        tilts = np.array([0.05, 0.4, 0.4])
+        found = hand_poses_each(random, goals, forward, now, 2, flat, tilts, aside)
+        found[2] = found[2][:1]
+        poses, let_go = np.concatenate(found), [PRESS, PRESS if far else OPEN]
+        grasp = np.repeat([let_go, let_go, [PRESS, PRESS]], [len(some) for some in found], axis=0)
+        return ways_over(self.settings, now, poses, cruise, forward, aside, grasp)

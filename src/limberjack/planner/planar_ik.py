@@ -1,12 +1,16 @@
 """Inverse kinematics of the planar arm: joint angles that put the hand where it is wanted.
 
     joints = hand_poses(random, point=(0.2, 0.1), forward=0.065, now=qpos[:4], count=8)  # (n, 4)
+    each = hand_poses_each(random, points, 0.065, qpos[:4], count=8)  # as many such arrays
 
 Points are (x, z) in metres. Angles are measured as the joints': 0 points up, growing from x to -x
 over the top. The arm has four joints for three numbers, so a pose leaves one free, which is drawn.
 It knows the links' lengths, the joints' limits, the floor and the walls, and nothing of objects or
 of the fingers, which may touch what they are to take.
 """
+
+import itertools
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +27,7 @@ __all__ = [
     "hand_height",
     "hand_places",
     "hand_poses",
+    "hand_poses_each",
     "hand_route",
     "is_clear",
     "nudged",
@@ -53,16 +58,15 @@ def direction(angle: np.ndarray | float) -> np.ndarray:
     return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
 
 
-def angle_of(vector: np.ndarray) -> float:
-    """The angle at which a vector (2,) points, radians."""
-    return float(np.arctan2(-vector[0], vector[1]))
+def angle_of(vector: np.ndarray) -> Any:
+    """The angle at which vectors point, (..., 2) -> (...), radians."""
+    return np.arctan2(-vector[..., 0], vector[..., 1])
 
 
 def hand_places(joints: np.ndarray, forward: float, lateral: float = 0.0) -> np.ndarray:
     """Where a place of the hand is, for arm joints (..., 4) -> (..., 2)."""
-    pointing = 1j * np.exp(1j * np.cumsum(joints, axis=-1))
-    lengths = np.array([_UPPER, _MIDDLE, _LOWER, forward - 1j * lateral])
-    place = _BASE + (pointing * lengths).sum(axis=-1)
+    lengths = 1j * np.array([*LENGTHS, forward - 1j * lateral])
+    place = _BASE + (_unit(np.cumsum(joints, axis=-1)) * lengths).sum(axis=-1)
     return np.stack([place.real, place.imag], axis=-1)
 
 
@@ -95,23 +99,62 @@ def hand_poses(
       width: from that line to the fingertips, which then keep clear too; None: they need not.
       slack: how much further ahead in the hand the place may be.
     """
-    draws = max(24 * count, 72)
-    hand = (0.0 if angle is None else angle) + random.uniform(-tilt, tilt, draws)
-    bend = random.uniform(-LIMITS[2], LIMITS[2], draws)
-    place = complex(*point)
-    ahead = forward + slack * random.uniform(0.0, 1.0, draws)
-    wrist = place - np.exp(1j * hand) * (1j * ahead + lateral)
-    usable = np.concatenate([_joints(wrist, hand, bend, elbow) for elbow in (1.0, -1.0)])
-    usable = usable[_is_possible(usable)]
-    usable[:, 0] += 2 * np.pi * np.round((now[0] - usable[:, 0]) / (2 * np.pi))
-    usable = usable[_is_clear(usable)]
+    points = np.reshape(point, (1, 2))
+    wanted = angle, tilt, lateral, width, slack
+    return hand_poses_each(random, points, forward, now, count, *wanted)[0]
+
+
+def hand_poses_each(
+    random: np.random.Generator,
+    points: np.ndarray,
+    forward: float | np.ndarray,
+    now: np.ndarray,
+    count: int,
+    angle: float | np.ndarray | None = None,
+    tilt: float | np.ndarray = np.pi,
+    lateral: float = 0.0,
+    width: float | None = None,
+    slack: float = 0.0,
+) -> list[np.ndarray]:
+    """What `hand_poses` finds for each of several points, (n, 4) each, in one go.
+
+    Args:
+      random, count, lateral, width, slack: as there, for all points.
+      points: where to, (R, 2).
+      forward, angle, tilt: as there, for all points or (R,).
+      now: the present joints, for all points or (R, 4).
+    """
+    rows, draws = len(points), max(24 * count, 72)
+    tilt, forward = np.reshape(tilt, (-1, 1)), np.reshape(forward, (-1, 1))
+    hand = random.uniform(-tilt, tilt, (rows, draws))
+    hand += np.reshape(0.0 if angle is None else angle, (-1, 1))
+    bend = random.uniform(-LIMITS[2], LIMITS[2], (rows, draws))
+    ahead = forward + slack * random.uniform(0.0, 1.0, (rows, draws))
+    place = (points[:, 0] + 1j * points[:, 1])[:, None]
+    wrist = place - _unit(hand) * (1j * ahead + lateral)
+    joints = [_joints(wrist, hand, bend, elbow) for elbow in (1.0, -1.0)]
+    usable = np.concatenate(joints, axis=1)
+    row, column = _is_possible(usable).nonzero()
+    usable, start = usable[row, column], np.broadcast_to(now, (rows, 4))[row]
+    usable[:, 0] += 2 * np.pi * np.round((start[:, 0] - usable[:, 0]) / (2 * np.pi))
+    pointing = _unit(np.cumsum(usable, axis=-1))
+    clear = _is_clear(pointing)
     if width is not None:
-        usable = usable[_has_room(usable, width)]
-    nearest = np.argsort(np.abs(usable - now).max(axis=-1), kind="stable")
+        clear &= _has_room(pointing, width)
+    usable, far = usable[clear], np.abs(usable - start)[clear].max(axis=-1)
+    ends = np.searchsorted(row[clear], np.arange(rows + 1))
+    return [
+        usable[b:e][_chosen(random, far[b:e], count)] for b, e in itertools.pairwise(ends.tolist())
+    ]
+
+
+def _chosen(random: np.random.Generator, far: np.ndarray, count: int) -> np.ndarray:
+    """Which poses are kept that are so far, (n,): the nearest, and others that are drawn."""
+    nearest = np.argsort(far, kind="stable")
     near, others = nearest[: (count + 1) // 2], nearest[(count + 1) // 2 :]
     # Others too, because the way to the nearest may be blocked.
     drawn = np.sort(random.permutation(len(others))[: count // 2])
-    return usable[np.concatenate([near, others[drawn]])]
+    return np.concatenate([near, others[drawn]])
 
 
 def hand_route(
@@ -127,20 +170,21 @@ def hand_route(
     NaN where the arm cannot reach, and everywhere for an elbow that would have to turn over.
 
     Args:
-      now: the joints at the start, (4,).
-      pose: those at the end, (4,).
+      now: the joints at the start, (..., 4).
+      pose: those at the end, (..., 4).
       points: where to, (..., n, 2).
       parts: of the way from `now` to `pose`, 0 to 1, (..., n), for the hand's angle and its wrist.
       forward, lateral: the place in the hand, as for `hand_poses`.
     """
-    if now[1] * pose[1] < 0:
-        return np.full((*parts.shape, 4), np.nan)
-    hand = now.sum() + parts * (pose.sum() - now.sum())
-    bend = now[3] + parts * (pose[3] - now[3])
-    wrist = points[..., 0] + 1j * points[..., 1] - np.exp(1j * hand) * (1j * forward + lateral)
-    joints = _joints(wrist, hand, bend, float(np.sign(pose[1])))
-    roots = np.concatenate([np.full((*parts.shape[:-1], 1), now[0]), joints[..., 0]], axis=-1)
-    joints[..., 0] = np.unwrap(roots)[..., 1:]
+    now, pose = now[..., None, :], pose[..., None, :]  # the same for all points of a way
+    angle = now.sum(axis=-1)
+    hand = angle + parts * (pose.sum(axis=-1) - angle)
+    bend = now[..., 3] + parts * (pose[..., 3] - now[..., 3])
+    wrist = points[..., 0] + 1j * points[..., 1] - _unit(hand) * (1j * forward + lateral)
+    elbow = np.where(now[..., 1] * pose[..., 1] < 0, np.nan, np.sign(pose[..., 1]))
+    joints = _joints(wrist, hand, bend, elbow)
+    root = np.broadcast_to(now[..., 0], (*joints.shape[:-2], 1))
+    joints[..., 0] = np.unwrap(np.concatenate([root, joints[..., 0]], axis=-1))[..., 1:]
     return joints
 
 
@@ -168,8 +212,8 @@ def nudged(joints: np.ndarray, by: np.ndarray, turn: np.ndarray | float) -> np.n
 
 def _corners(joints: np.ndarray) -> np.ndarray:
     """Base, shoulder, elbow and wrist, (..., 4) -> (..., 4), x + z i."""
-    pointing = 1j * np.exp(1j * np.cumsum(joints[..., :3], axis=-1))
-    links = np.cumsum(pointing * (_UPPER, _MIDDLE, _LOWER), axis=-1)
+    pointing = 1j * _unit(np.cumsum(joints[..., :3], axis=-1))
+    links = np.cumsum(pointing * LENGTHS, axis=-1)
     return _BASE + np.concatenate([np.zeros((*links.shape[:-1], 1)), links], axis=-1)
 
 
@@ -180,10 +224,9 @@ def is_clear(joints: np.ndarray, reach: float) -> np.ndarray:
       joints: the arm's.
       reach: from the wrist to the far end of what is in the hand, metres.
     """
-    rows = joints.reshape(-1, 4)
-    clear = _is_possible(rows) & _is_clear(rows) & _has_room(rows, 0.0, reach)
-    clear &= _is_unfolded(rows, reach)
-    return clear.reshape(joints.shape[:-1])
+    pointing = _unit(np.cumsum(joints, axis=-1))
+    clear = _is_possible(joints) & _is_clear(pointing) & _has_room(pointing, 0.0, reach)
+    return clear & _is_unfolded(pointing, reach)
 
 
 def hand_height(joints: np.ndarray) -> np.ndarray:
@@ -200,59 +243,70 @@ def hand_gap(joints: np.ndarray, line: np.ndarray) -> np.ndarray:
 
 def _hand_points(joints: np.ndarray) -> np.ndarray:
     """Knuckles and fingertips around something narrow, (..., 4) -> (..., 4), x + z i."""
-    pointing = np.exp(1j * np.cumsum(joints, axis=-1))
+    pointing = _unit(np.cumsum(joints, axis=-1))
     wrist = _BASE + (1j * pointing[..., :3] * LENGTHS).sum(axis=-1, keepdims=True)
     return wrist + pointing[..., 3:] * _HAND
 
 
-def _joints(wrist: np.ndarray, hand: np.ndarray, bend: np.ndarray, elbow: float) -> np.ndarray:
+def _unit(angles: Any) -> np.ndarray:
+    """Cosines and, times i, sines: much quicker than the exponential of what is imaginary."""
+    turned: Any = np.empty(angles.shape, complex)
+    np.cos(angles, out=turned.real)
+    np.sin(angles, out=turned.imag)
+    return turned
+
+
+def _joints(
+    wrist: np.ndarray, hand: np.ndarray, bend: np.ndarray, elbow: float | np.ndarray
+) -> np.ndarray:
     """All joints for wrist places, hand angles and wrist joints, (...) each -> (..., 4), or NaN.
 
     The elbow says to which side the shoulder turns, 1 or -1.
     """
     lower = hand - bend
-    middle = wrist - 1j * _LOWER * np.exp(1j * lower) - _BASE
+    middle = wrist - 1j * _LOWER * _unit(lower) - _BASE
     cosine = (np.abs(middle) ** 2 - _UPPER**2 - _MIDDLE**2) / (2 * _UPPER * _MIDDLE)
     shoulder = elbow * np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
-    root = np.angle(middle) - np.pi / 2 - np.angle(_UPPER + _MIDDLE * np.exp(1j * shoulder))
+    root = np.angle(middle) - np.pi / 2 - np.angle(_UPPER + _MIDDLE * _unit(shoulder))
     third = (lower - root - shoulder + np.pi) % (2 * np.pi) - np.pi
     return np.stack([root, shoulder, third, bend], axis=-1)
 
 
 def _is_possible(joints: np.ndarray) -> np.ndarray:
-    """Whether there is a solution, within the limits, (n, 4) -> (n,)."""
-    return np.all(np.abs(joints[:, 1:]) <= LIMITS, axis=-1)  # False for NaN
+    """Whether there is a solution, within the limits, (..., 4) -> (...)."""
+    return np.all(np.abs(joints[..., 1:]) <= LIMITS, axis=-1)  # False for NaN
 
 
-def _is_clear(joints: np.ndarray) -> np.ndarray:
-    """Whether the arm keeps clear of floor and walls, (n, 4) -> (n,)."""
+# In what follows, links point where (..., 4) complex numbers of length 1 times i do.
+
+
+def _is_clear(pointing: np.ndarray) -> np.ndarray:
+    """Whether the arm keeps clear of floor and walls, (...)."""
     # From the base over the links' ends to the palm.
-    moves = np.exp(1j * np.cumsum(joints, axis=-1)) * _MOVES
-    return np.all(_height(_BASE + np.cumsum(moves, axis=-1)) > _CLEARANCE, axis=-1)
+    points = _BASE + np.cumsum(pointing * _MOVES, axis=-1)
+    return np.all(_height(points) > _CLEARANCE, axis=-1)
 
 
-def _has_room(joints: np.ndarray, width: float, reach: float = _FINGERTIP) -> np.ndarray:
-    """Whether places this far from the hand's middle line and the wrist keep clear, (n,)."""
-    pointing = np.exp(1j * np.cumsum(joints, axis=-1))
-    lengths = np.array([_UPPER, _MIDDLE, _LOWER, reach])
-    ends = _BASE + (1j * pointing * lengths).sum(axis=-1, keepdims=True)
-    tips = ends + pointing[:, 3:] * width * np.array([-1.0, 1.0])
+def _has_room(pointing: np.ndarray, width: float, reach: float = _FINGERTIP) -> np.ndarray:
+    """Whether places this far from the hand's middle line and the wrist keep clear, (...)."""
+    lengths = 1j * np.array([*LENGTHS, reach])
+    ends = _BASE + (pointing * lengths).sum(axis=-1, keepdims=True)
+    tips = ends + pointing[..., 3:] * width * np.array([-1.0, 1.0])
     return np.all(_height(tips) > _TIP_CLEARANCE, axis=-1)
 
 
-def _is_unfolded(joints: np.ndarray, reach: float) -> np.ndarray:
-    """Whether what is in the hand, and the links, keep clear of earlier links, (n, 4) -> (n,)."""
-    pointing = 1j * np.exp(1j * np.cumsum(joints, axis=-1))
-    lengths = np.array([_UPPER, _MIDDLE, _LOWER])
-    ends = np.cumsum(pointing[:, :3] * lengths, axis=-1)  # from the base
-    held = ends[:, 2:] + pointing[:, 3:] * reach * np.array([0.2, 0.4, 0.6, 0.8, 1.0])
-    lower = ends[:, 1:2] + pointing[:, 2:3] * _LOWER * np.array([0.4, 0.7])
-    starts = ends[:, :2] - pointing[:, :2] * lengths[:2]
-    clear = np.ones(len(joints), bool)
+def _is_unfolded(pointing: np.ndarray, reach: float) -> np.ndarray:
+    """Whether what is in the hand, and the links, keep clear of earlier links, (...)."""
+    links = 1j * pointing
+    ends = np.cumsum(links[..., :3] * LENGTHS, axis=-1)  # from the base
+    held = ends[..., 2:] + links[..., 3:] * reach * np.array([0.2, 0.4, 0.6, 0.8, 1.0])
+    lower = ends[..., 1:2] + links[..., 2:3] * _LOWER * np.array([0.4, 0.7])
+    starts = ends[..., :2] - links[..., :2] * LENGTHS[:2]
+    clear = np.ones(pointing.shape[:-1], bool)
     for link, points in ((0, held), (0, lower), (1, held)):
-        along = (points - starts[:, link, None]) / pointing[:, link, None]
-        beyond = along - np.clip(along.real, 0.0, lengths[link])
-        clear &= np.all(np.abs(beyond) > _BESIDE, axis=-1)
+        along = (points - starts[..., link, None]) / links[..., link, None]
+        along.real -= np.clip(along.real, 0.0, LENGTHS[link])
+        clear &= np.all(np.abs(along) > _BESIDE, axis=-1)
     return clear
 
 

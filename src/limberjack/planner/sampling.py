@@ -25,6 +25,7 @@ from limberjack.planner.cost import Cost, Settings
 from limberjack.planner.library import cost_for
 from limberjack.planner.servos import Servos
 from limberjack.planner.tracking import Tracking, targets_at
+from limberjack.planner.twin import let_rest, twin_of
 from limberjack.rl import control
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.arrays import rows_of_a_batch
@@ -140,23 +141,15 @@ class Planner:
         """
         env, settings = self._env, self._settings
         fields = [name for name in env.snapshot().physics if name not in _NOT_FIELDS]
-        twin = self._twin()
+        twin = twin_of(env.physics, settings)
         if settings.servos:
             self._servos = Servos(twin.model.ptr, self._law)
+        if settings.rest:
+            let_rest(twin.model.ptr)
         batch = twin.replicate(settings.samples, threads, fields)
-        now = batch.single if self._servos is None else self._twin()
+        is_like_it = not settings.servos and not settings.rest
+        now = batch.single if is_like_it else twin_of(env.physics, settings)
         return batch, now, control.compute_n_steps(env.control_timestep(), twin.timestep())
-
-    def _twin(self) -> Any:
-        """The environment's physics as plans have it."""
-        settings, twin = self._settings, self._env.physics.copy()
-        if settings.timestep is not None:
-            twin.model.opt.timestep = settings.timestep
-        if settings.armature:
-            twin.model._model.dof_armature[_actuated_hinges(twin.model._model)] += settings.armature
-        # At the end of a control step all quantities then belong to the state that it led to.
-        twin.legacy_step = True
-        return twin
 
     def _improved(self) -> np.ndarray:
         """The plan from now on, (knots, nu)."""
@@ -284,17 +277,6 @@ def _check_arguments(
             f"actions have shape {actions} and the model {controls[0]} actuators; expected an "
             "action to be the controls of one actuator or more, which is what is planned"
         )
-
-
-def _actuated_hinges(model: Any) -> np.ndarray:
-    """Whether a degree of freedom is a hinge of what actuators move, (nv,)."""
-    joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE.value)
-    hinges = model.jnt_dofadr[joints]
-    moved = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT.value
-    trees = model.dof_treeid[model.jnt_dofadr[model.actuator_trnid[moved, 0]]]
-    found = np.zeros(model.nv, bool)
-    found[hinges[np.isin(model.dof_treeid[hinges], trees)]] = True
-    return found
 
 
 def _weighted_mean(samples: np.ndarray, costs: np.ndarray, temperature: float) -> np.ndarray:

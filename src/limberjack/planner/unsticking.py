@@ -77,8 +77,8 @@ def shelter(data: Any) -> np.ndarray:
 
 def ways_to(
     goal: np.ndarray, settings: Settings, now: np.ndarray, random: np.random.Generator
-) -> list[np.ndarray]:
-    """Paths of the open hand to joints, and others that shake the arm, (knots, 5) each."""
-    goals = now + random.uniform(-_SHAKE, _SHAKE, (_SHAKES, 4))
-    ways = [path(now, [goal], settings.knots, [OPEN], slow) for slow in (1, 2, 4)]
-    return ways + [path(now, [other], settings.knots, [OPEN]) for other in goals]
+) -> np.ndarray:
+    """Paths of the open hand to joints, and others that shake the arm, (n, knots, 5)."""
+    others = now + random.uniform(-_SHAKE, _SHAKE, (_SHAKES, 1, 4))
+    ways = [path(now, [[goal]], settings.knots, [OPEN], slow) for slow in (1, 2, 4)]
+    return np.concatenate([*ways, path(now, others, settings.knots, [OPEN])])
