@@ -85,3 +85,66 @@ def test_it_cannot_be_stepped() -> None:
     seen = physics.seen_through(History(physics, _MOMENTS))
     with pytest.raises(AttributeError, match="can be read, not stepped"):
         seen.step_rows(None, 1)
+
+
+def test_of_what_is_read_by_names_no_more_is_noted_than_that() -> None:
+    physics = _batch()
+    history = History(physics, _MOMENTS)
+    named = physics.seen_through(history).named.data
+
+    def whole() -> np.ndarray:
+        return np.array(history._kept["field_for_names", "site_xpos"])
+
+    sites = ["grasp", "ball"]
+    first = np.array(named.site_xpos[sites])
+    assert not history.is_complete
+    before = whole()
+    live = _played(physics, history)
+    assert history.is_complete
+    np.testing.assert_array_equal(named.site_xpos[sites], np.concatenate([one[3] for one in live]))
+    assert not np.array_equal(named.site_xpos[sites], first)
+    changed = (whole() != before).any(axis=(0, 1))
+    between = [physics.model.name2id(site, "site") for site in sites]
+    assert changed.any()
+    assert not changed[: min(between)].any()
+    assert not changed[max(between) + 1 :].any()
+
+
+def test_another_part_of_a_field_is_said_to_be_missing_until_it_is_noted() -> None:
+    physics = _batch()
+    history = History(physics, _MOMENTS)
+    named = physics.seen_through(history).named.data
+    named.xmat["ball", "xx"]
+    _played(physics, history)
+    assert history.is_complete
+    for read in (lambda: named.xmat["hand"], lambda: np.array(named.xmat)):
+        read()
+        assert not history.is_complete
+        live = _played(physics, history)
+        read()
+        assert history.is_complete
+        expected = np.concatenate([one[2][:, 0] for one in live])
+        np.testing.assert_array_equal(named.xmat["ball", "xx"], expected)
+    whole = np.array(named.xmat).reshape(_MOMENTS, 4, -1, 9)
+    np.testing.assert_array_equal(whole[-1], physics.data.xmat.reshape(4, -1, 9))
+    named.xmat.mean()  # of what is noted already
+    assert history.is_complete
+
+
+def test_all_moments_at_once_are_noted_as_one_after_the_other() -> None:
+    physics = _batch()
+    one_by_one, at_once = History(physics, _MOMENTS), History(physics, _MOMENTS)
+    seen = [physics.seen_through(history) for history in (one_by_one, at_once)]
+    for physics_of in seen:
+        _seen(physics_of)
+    records: dict[str, list[np.ndarray]] = {}
+    one_by_one.begin()
+    at_once.begin()
+    for moment in range(_MOMENTS):
+        physics.step_rows(None, 5)
+        one_by_one.note(moment)
+        for field in at_once.fields:
+            records.setdefault(field, []).append(np.array(getattr(physics.data, field)))
+    at_once.note_all(lambda field: np.array(records[field]))
+    for expected, found in zip(_seen(seen[0]), _seen(seen[1]), strict=True):
+        np.testing.assert_array_equal(found, expected)

@@ -12,6 +12,7 @@ from limberjack.planner.planar_ik import (
     direction,
     hand_places,
     hand_poses,
+    hand_poses_each,
     nudged,
 )
 
@@ -52,6 +53,38 @@ def test_poses_keep_the_limits_and_the_nearest_come_first() -> None:
     assert (np.diff(far[:11]) >= 0).all()
     assert far[10] >= far[9]
     assert far[9] <= far[10:].min()
+
+
+def test_many_points_at_once_are_reached_as_each_is_wanted() -> None:
+    random = np.random.default_rng(3)
+    points = random.uniform([-0.25, 0.15], [0.25, 0.5], (12, 2))
+    points[5] = 0.6, 0.4  # out of reach
+    angles, tilts = random.uniform(-3.0, 3.0, 12), np.linspace(0.05, 0.6, 12)
+    forward, now = np.linspace(0.06, 0.09, 12), random.uniform(-1.0, 1.0, (12, 4))
+    each = hand_poses_each(random, points, forward, now, 4, angles, tilts)
+    assert [len(poses) <= 4 for poses in each] == [True] * 12
+    assert len(each[5]) == 0
+    assert sum(len(poses) for poses in each) > 20
+    for poses, point, ahead, angle, tilt, start in zip(
+        each, points, forward, angles, tilts, now, strict=True
+    ):
+        # Closed forms both ways, which round differently.
+        places = hand_places(poses, ahead)
+        np.testing.assert_allclose(places, np.tile(point, (len(poses), 1)), rtol=0, atol=1e-12)
+        off = (poses.sum(axis=-1) - angle + np.pi) % (2 * np.pi) - np.pi
+        assert (np.abs(off) <= tilt + 1e-9).all()
+        far = np.abs(poses - start).max(axis=-1)
+        assert (np.diff(far[:2]) >= 0).all()
+        assert (far[2:] >= far[:2].max(initial=0.0)).all()
+
+
+def test_one_point_of_many_is_found_as_if_it_were_alone_and_none_gives_none() -> None:
+    point, now = np.array([0.2, 0.3]), np.zeros(4)
+    alone = hand_poses(np.random.default_rng(0), point, GRASP, now, 6, 1.0, 0.3)
+    each = hand_poses_each(np.random.default_rng(0), point[None], GRASP, now, 6, 1.0, 0.3)
+    assert len(alone) > 3
+    np.testing.assert_array_equal(each, [alone])
+    assert hand_poses_each(np.random.default_rng(0), np.zeros((0, 2)), GRASP, now, 6) == []
 
 
 @pytest.mark.parametrize("point", [(0.6, 0.4), (0.0, -0.1), (0.45, 0.0)])

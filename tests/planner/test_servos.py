@@ -143,6 +143,10 @@ def test_a_servo_has_the_motors_strength_gear_and_limits() -> None:
     assert not _servo("motor").actuator_forcelimited[0]
 
 
-def test_a_motor_with_dynamics_cannot_be_a_servo() -> None:
+@pytest.mark.parametrize(
+    "actuator",
+    ['general dyntype="filter" dynprm=".1"', 'motor gear="0"', 'general gainprm="0"'],
+)
+def test_a_motor_with_dynamics_or_without_effect_cannot_be_a_servo(actuator: str) -> None:
     with pytest.raises(ValueError, match=r"actuator 0 is no motor .* without Settings"):
-        _servo('general dyntype="filter" dynprm=".1"')
+        _servo(actuator)

@@ -164,15 +164,10 @@ class Physics(Rows, _control.Physics):
     def named(self) -> Any:
         """`named.data` and `named.model`: fields indexed by the names of the model's objects."""
         names, simulation = index.Names(self.model._model), self._simulation
+        watch = simulation.is_watched, simulation.want
         return NamedIndexStructs(
             model=index.NamedFields("MjModel", simulation.model_field, names),
-            data=index.NamedFields(
-                "MjData",
-                simulation.field_for_names,
-                names,
-                simulation.is_watched,
-                simulation.want,
-            ),
+            data=index.NamedFields("MjData", simulation.field_for_names, names, *watch),
         )
 
     # Stepping.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from limberjack.planner.cost import Settings
-from limberjack.planner.planar_ik import GRASP, direction, hand_poses_each, nudged
+from limberjack.planner.planar_ik import GRASP, direction, hand_poses, nudged
 
 __all__ = [
     "ARM",
@@ -100,24 +100,27 @@ def lifts(
     now: np.ndarray,
     knots: int,
     press: float,
-) -> np.ndarray:
-    """Paths that lift the closed hand, from a place (2,) and an angle, (n, knots, 5)."""
-    above = place + np.array([[0.0, 0.04], [0.0, 0.12]])
-    poses = np.concatenate(hand_poses_each(random, above, GRASP, now, 3, angle, 0.3))[:, None]
-    return np.concatenate([path(now, poses, knots, [press], slow) for slow in (1, 3)])
+) -> list[np.ndarray]:
+    """Paths that lift the closed hand, from a place (2,) and an angle, (knots, 5) each."""
+    found: list[np.ndarray] = []
+    for height in (0.04, 0.12):
+        above = place + np.array([0.0, height])
+        for pose in hand_poses(random, above, GRASP, now, 3, angle, 0.3):
+            found.extend(path(now, [pose], knots, [press], slow) for slow in (1, 3))
+    return found
 
 
 def approaches(
-    now: np.ndarray, poses: np.ndarray, knots: int, ready: float, shut: float
-) -> np.ndarray:
-    """Paths of the open hand straight on to poses (n, 4), where it closes, (m, knots, 5)."""
-    ahead = direction(poses.sum(axis=-1))[:, None]
-    line = nudged(poses[:, None], -ahead * np.array(_APPROACH)[:, None], 0.0)
+    now: np.ndarray, pose: np.ndarray, knots: int, ready: float, shut: float
+) -> list[np.ndarray]:
+    """Paths that bring the open hand straight on to a pose, in which it closes, (knots, 5) each."""
+    ahead = direction(pose.sum())
+    line = list(nudged(pose, -np.outer(_APPROACH, ahead), 0.0))
     found: list[np.ndarray] = []
     for first, slow in ((0, 1), (1, 1), (2, 1), (2, 2), (2, 3)):
-        grasp = [ready] * (1 + slow * (len(_APPROACH) - first)) + [shut]
-        found.append(path(now, line[:, first:], knots, grasp, slow))
-    return np.concatenate(found)
+        grasp = [ready] * (1 + slow * (len(line) - first)) + [shut]
+        found.append(path(now, line[first:], knots, grasp, slow))
+    return found
 
 
 def sag(physics: Any, gain: float) -> np.ndarray:

@@ -14,10 +14,10 @@ from limberjack.planner.planar_ik import hand_gap, hand_height, is_clear
 
 __all__ = ["Route", "routes"]
 
-_STOPS, _AT_FIRST = 24, 320  # that are drawn: the latter by who knows no route yet
+_STOPS = 80  # that are drawn
 _POINTS = np.arange(1, 7) / 6  # of a straight path, where it is looked at
 _ENDS = 24  # that are tried at least, of goals with the root a turn further or less
-_AT_ONCE = 96  # paths that are looked at together
+_AT_ONCE = 256  # paths that are looked at together
 _TIMES = np.array([0.67, 0.75, 1.0, 1.0])  # of a radian of each joint at most speed, to the wrist's
 _SPACING = 0.1  # radians; between the points of a route that are compared with
 _RETURN = 1.3  # how much a radian beside a route counts, against one along it
@@ -95,7 +95,7 @@ def routes(
     nearest = np.argsort(_far(now, goals[:, 0]), kind="stable")
     goals = goals[nearest[: max(len(goals) // 3, _ENDS)]]
     ends = goals[:, 0]
-    draws = _STOPS if known else _AT_FIRST
+    draws = _STOPS if known else 4 * _STOPS  # who has to choose now looks further
     stops = now + random.uniform(-1.0, 1.0, (draws, 4)) * np.array([np.pi, 3.0, 3.0, 2.5])
     before = [route.stop[None] for route in known if route.stop is not None]
     stops = np.concatenate([*before, stops])

@@ -35,7 +35,7 @@ def ways_over(
     settings: Settings,
     now: np.ndarray,
     poses: np.ndarray,
-    cruise: float | np.ndarray,
+    cruise: float,
     forward: float,
     lateral: float,
     grasp: ArrayLike,
@@ -78,7 +78,7 @@ def ways_over(
 def _stations(
     now: np.ndarray,
     poses: np.ndarray,
-    cruise: float | np.ndarray,
+    cruise: float,
     forward: float,
     lateral: float,
     back: float,

@@ -55,8 +55,7 @@ class Settings:
         each control step. A plan is then simulated in one call, without Python and without threads
         that wait for each other: on four threads it takes a quarter less.
       rest: whether in the plan what lies still is left out of the physics till it is touched, as
-        MuJoCo's sleeping islands are: with many objects, most of which lie still, that saves a
-        third.
+        MuJoCo's sleeping islands are: with four boxes that saves a fifth of a plan's time.
     """
 
     samples: int = 64

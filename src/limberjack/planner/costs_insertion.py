@@ -24,7 +24,7 @@ from limberjack.planner.arm import (
 )
 from limberjack.planner.costs_manipulator import Bring
 from limberjack.planner.grips import in_world
-from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses, hand_poses_each
+from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses
 from limberjack.planner.receptacles import Receptacle
 from limberjack.planner.roadmap import Way, clearance, find_way
 from limberjack.utils import arrays
@@ -47,7 +47,6 @@ _HEADWAY = 0.1  # radians; less is none
 _TOUCHING = -0.004  # metres; fingers may be so near to walls that they touch them
 _REACHED, _LEFT = 0.07, 0.1  # metres; so near it the object is before the mouth, and no longer
 _FAST = 1.0  # metres per second; what is faster will not be where a way leads to
-_FALLS = 8  # places from where a ball is let fall, at once or later
 _OVER = 0.02  # metres; how far above the place before the mouth a way ends
 
 
@@ -207,7 +206,7 @@ class Insert(Bring):
         random = np.random.default_rng(self._trials)
         length = GRASP + 0.022
         over = self._receptacle.before + _OVER
-        goals = self._poses_to(data, random, [(over, 0.0)], _GOALS)[0]
+        goals = self._poses_to(data, random, over, 0.0, _GOALS)
         if self._trials:  # few: not where it has not succeeded
             goals = goals[random.permutation(len(goals))[: _GOALS // 8]]
         return find_way(data.qpos[ARM], goals, length, self._walls)
@@ -258,32 +257,24 @@ class Insert(Bring):
         self,
         data: Any,
         random: np.random.Generator,
-        places: list[tuple[float, float]] | np.ndarray,
+        up: float,
+        beside: float,
         count: int,
         tilt: float = 0.6,
-    ) -> list[np.ndarray]:
-        """Arm joints that have the held object at places in the mouth's frame, (n, 4) for each.
-
-        Args:
-          data: of a single simulation.
-          random: draws the redundancy.
-          places: how far up the axis and beside it, (R, 2), metres.
-          count: how many at most for each.
-          tilt: radians that what has no direction may lean.
-        """
+    ) -> np.ndarray:
+        """Arm joints that have the held object at a place in the mouth's frame, (n, 4)."""
         now = data.qpos[ARM]
         grip = self._grip
         target = self._receptacle.target
+        axis, across = self._receptacle.axes(data)
         goal = data.site_xpos[target] + in_world(data.site_xmat[target], grip.place)
-        axes = self._receptacle.axes(data)
-        points = goal[PLANE] + np.asarray(places) @ axes
+        point = goal[PLANE] + up * axis + beside * across
         ahead, aside = in_hand(data, self._place(data))
-        angle = angle_of(-axes[0])
+        angle = angle_of(-axis)
         if grip.forward is not None:
             held = angle_of(in_world(data.site_xmat[self._object], grip.forward)[PLANE])
             angle, tilt = angle + float(now.sum()) - held, 0.01
-        forward = GRASP + ahead
-        return hand_poses_each(random, points, forward, now, count, angle, tilt, aside)
+        return hand_poses(random, point, GRASP + ahead, now, count, angle, tilt, aside)
 
     def _tried(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """As for bringing; once the object is in its place the hand goes away from it."""
@@ -297,41 +288,46 @@ class Insert(Bring):
                 found = np.concatenate([[path(now, w, count, [press]) for w in ways], found[:12]])
             return found
         now, count = data.qpos[ARM], self.settings.knots
+        paths = [path(now, [now], count, [OPEN_ANGLE])]
         above = data.site_xpos["grasp"][PLANE] - 0.05 * data.site_xmat["grasp"][[2, 8]]
-        poses = hand_poses(random, above, GRASP, now, 4, float(now.sum()), 0.3)[:, None]
-        ways = [path(now, poses, count, [OPEN_ANGLE], slow) for slow in (1, 3)]
-        return np.concatenate([path(now, [[now]], count, [OPEN_ANGLE]), *ways])
+        for pose in hand_poses(random, above, GRASP, now, 4, float(now.sum()), 0.3):
+            paths.extend(path(now, [pose], count, [OPEN_ANGLE], slow) for slow in (1, 3))
+        return np.array(paths)
 
-    def _carrying_paths(self, data: Any, random: np.random.Generator) -> np.ndarray:
-        """Paths that carry the object to the mouth, and in, (n, knots, 5)."""
+    def _carrying_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """Paths that carry the object to the mouth, and in, (knots, 5) each."""
         now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
         mouth = self._receptacle
-        paths = [path(now, [[now]], count, [press])]
+        paths = [path(now, [now], count, [press])]
         up, beside = mouth.offset(data, mouth.sites[0])
-        before, high = (mouth.before, 0.0), (mouth.before + 0.06, 0.0)
         if np.hypot(up - mouth.before, beside) < 0.06 or (up > 0 and abs(beside) < mouth.width):
-            paths.append(self._ways_in(data, random))
-            poses = self._poses_to(data, random, [before], 2)[0][:, None]
+            paths.extend(self._ways_in(data, random))
+            poses = self._poses_to(data, random, mouth.before, 0.0, 2)
         else:
-            poses, above = (
-                found[:, None] for found in self._poses_to(data, random, [before, high], 6)
+            poses = self._poses_to(data, random, mouth.before, 0.0, 6)
+            high = self._poses_to(data, random, mouth.before + 0.06, 0.0, 3)
+            paths.extend(
+                path(now, [pose], count, [press], slow) for pose in high for slow in (1, 3)
             )
-            paths.extend(path(now, above[:3], count, [press], slow) for slow in (1, 3))
-        paths.extend(path(now, poses, count, [press], slow) for slow in (1, 2, 4))
+        paths.extend(
+            path(now, [pose], count, [press], slow) for pose in poses for slow in (1, 2, 4)
+        )
         place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
-        paths.append(lifts(random, place, angle, now, count, press)[::2])
-        return np.concatenate(paths)
+        paths.extend(lifts(random, place, angle, now, count, press)[::2])
+        return paths
 
-    def _ways_in(self, data: Any, random: np.random.Generator) -> np.ndarray:
-        """Paths that let the ball fall, (n, knots, 5)."""
+    def _ways_in(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """Paths that let the ball fall, (knots, 5) each."""
         now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
-        offsets = random.uniform([-0.05, -0.016], [0.03, 0.016], (2 * _FALLS, 2))
-        each = self._poses_to(data, random, offsets + np.array([self._receptacle.before, 0.0]), 1)
         paths: list[np.ndarray] = []
-        for let_go, found in ((OPEN_ANGLE, each[:_FALLS]), (self._grip.ready, each[_FALLS:])):
-            poses = np.concatenate(found)[:, None]
-            paths.append(path(now, [[now]], count, [let_go]))
-            paths.append(path(now, [[now]], count, [press, let_go]))
-            paths.append(path(now, poses, count, [press, let_go]))
-            paths.append(path(now, poses, count, [let_go], 2))
-        return np.concatenate(paths)
+        for let_go in (OPEN_ANGLE, self._grip.ready):
+            paths.append(path(now, [now], count, [let_go]))
+            paths.append(path(now, [now], count, [press, let_go]))
+            for _ in range(8):
+                place = random.uniform([-0.05, -0.016], [0.03, 0.016])
+                for pose in self._poses_to(
+                    data, random, self._receptacle.before + place[0], place[1], 1
+                ):
+                    paths.append(path(now, [pose], count, [press, let_go]))
+                    paths.append(path(now, [pose], count, [let_go], 2))
+        return paths

@@ -12,7 +12,7 @@ import numpy as np
 from limberjack.planner.arm import ARM, OPEN_ANGLE, fingers, path
 from limberjack.planner.costs_insertion import Insert
 from limberjack.planner.grips import height_above_ground
-from limberjack.planner.planar_ik import GRASP, direction, hand_poses_each, nudged
+from limberjack.planner.planar_ik import GRASP, direction, hand_poses, nudged
 from limberjack.planner.releases import Releases
 from limberjack.utils import arrays
 
@@ -99,8 +99,8 @@ class InsertBall(Insert):
         if not self._lets_go and not self._shakes:
             return super()._tried(physics, random)
         now = physics.named.data.qpos[ARM]
-        poses = now + random.normal(0.0, 1.0, (16, 1, 4)) if self._shakes else [[self._kept]]
-        return path(now, poses, self.settings.knots, [_WIDE])
+        poses = now + random.normal(0.0, 1.0, (16, 4)) if self._shakes else [self._kept]
+        return np.array([path(now, [p], self.settings.knots, [_WIDE]) for p in poses])
 
     def _carry_on(self, physics: Any) -> None:
         """As for inserting; once that has failed, to where the ball rolls in."""
@@ -142,8 +142,9 @@ class InsertBall(Insert):
         """As for inserting, or before where a ball that rolls to and fro can be taken, (n, 4)."""
         if not self._is_fast(data):
             return super()._before_it(data, random)
-        across = random.uniform(-_ROLLS[0], _ROLLS[0], 16)
-        places = np.stack([across, np.full(16, _ROLLS[1])], axis=-1)
-        found = hand_poses_each(random, places, GRASP, data.qpos[ARM], 8, np.pi, 0.8)
+        places = [np.array([x, _ROLLS[1]]) for x in random.uniform(-_ROLLS[0], _ROLLS[0], 16)]
+        now = data.qpos[ARM]
+        found = [hand_poses(random, place, GRASP, now, 8, np.pi, 0.8) for place in places]
         takes = self._clear(np.concatenate(found))
-        return nudged(takes, -_STAND_OFF * direction(takes.sum(axis=-1)), 0.0)
+        poses = [nudged(pose, -_STAND_OFF * direction(pose.sum()), 0.0) for pose in takes]
+        return np.array(poses).reshape(-1, 4)

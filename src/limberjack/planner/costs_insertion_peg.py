@@ -5,7 +5,6 @@ lie where no hand gets to its handle; then it is raked from elsewhere, or away f
 on.
 """
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,6 @@ _MISSES = 2  # ways looked for in vain after which a peg is raked
 class InsertPeg(Insert, BringPeg):
     """Fetches the peg and inserts it."""
 
-    settings = dataclasses.replace(BringPeg.settings, cost_interval=1)
     mouth_breadth = 0.1  # the slot is narrow
 
     def reset(self) -> None:
@@ -67,8 +65,8 @@ class InsertPeg(Insert, BringPeg):
         super()._find_way_to_object(physics)
         self._is_blocked = False
         along = self._ways.paths(physics.named.data.qpos[ARM], _ALONG)
-        if len(along):
-            poses = along[0, 1:, : len(ARM)]
+        if along:
+            poses = along[0][1:, : len(ARM)]
             poses = np.concatenate([poses[1:], (poses[1:] + poses[:-1]) / 2])
             if clearance(poses, HAND, self._walls)[:, 0].min() < _TOUCHING:
                 self._is_blocked = True
@@ -131,8 +129,7 @@ class InsertPeg(Insert, BringPeg):
         data = physics.named.data
         random = np.random.default_rng(self._trials)
         for over in _OVER:  # the lower ones are nearer to the arm, if the mouth is far away
-            place = self._receptacle.before + over, 0.0
-            goals = self._poses_to(data, random, [place], _GOALS)[0]
+            goals = self._poses_to(data, random, self._receptacle.before + over, 0.0, _GOALS)
             if self._trials:  # not where it has not succeeded
                 goals = goals[random.permutation(len(goals))[:_FEW]]
             for held in (_PEG, HAND):
@@ -155,7 +152,7 @@ class InsertPeg(Insert, BringPeg):
         many = max(count, _TRIED)
         return super()._poses(data, random, prefix, many, back, at, tilt)[:count]
 
-    def _ways_in(self, data: Any, random: np.random.Generator) -> np.ndarray:
-        """Paths that push the peg in, (n, knots, 5)."""
+    def _ways_in(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """Paths that push the peg in, (knots, 5) each."""
         now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
         return pushes(random, data, self._receptacle, now, count, press)

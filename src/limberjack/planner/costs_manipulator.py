@@ -40,14 +40,7 @@ from limberjack.planner.grips import (
     in_world,
     pose_of,
 )
-from limberjack.planner.planar_ik import (
-    GRASP,
-    angle_of,
-    direction,
-    hand_places,
-    hand_poses,
-    hand_poses_each,
-)
+from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_places, hand_poses
 from limberjack.planner.raking import raking_cost, raking_paths
 from limberjack.rl.control import PhysicsError
 from limberjack.utils import arrays
@@ -57,7 +50,6 @@ __all__ = ["Bring"]
 _LOOSE = 8.0  # what an object costs that is not held: more than any that is
 _LENIENT = 0.06  # one less the cosine; how far from upright a hand may be that takes a ball
 _HOLDS = 8  # how often between two knots the arm is put back while the object's way is foreseen
-_MEETS = 1, 2, 4  # knots of a plan at which the hand may meet the object
 _PRESS = 0.25  # control of the grasp under which an object may slip
 _AT_REST = 0.02  # metres or radians per second
 _ALOFT = 0.15  # metres above the ground; what is there falls, or lies on the arm
@@ -290,7 +282,6 @@ class Bring(Cost):
         """The same for an arm that follows exactly, (n, knots, 5)."""
         data = physics.named.data
         now = data.qpos[ARM]
-        still = path(now, [[now]], self.settings.knots, [OPEN_ANGLE])
         if self._withdraws:
             place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
             paths = lifts(random, place, angle, now, self.settings.knots, OPEN_ANGLE)
@@ -301,36 +292,31 @@ class Bring(Cost):
             paths = self._carrying_paths(data, random)
         else:
             paths = self._fetching_paths(data, random)
-        paths = np.concatenate([paths, still])
-        return paths[random.permutation(len(paths))]
+        paths.append(path(now, [now], self.settings.knots, [OPEN_ANGLE]))
+        return np.array(paths)[random.permutation(len(paths))]
 
-    def _carrying_paths(self, data: Any, random: np.random.Generator) -> np.ndarray:
-        """Paths to the target, upwards, and none, (n, knots, 5)."""
+    def _carrying_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """Paths to the target, upwards, and none."""
         now, count, shut = data.qpos[ARM], self.settings.knots, self._grip.shut
-        poses = self._poses(data, random, "target_", 6)[:, None]
-        paths = [path(now, poses, count, [shut], slow) for slow in (1, 2, 4)]
+        paths: list[np.ndarray] = []
+        for pose in self._poses(data, random, "target_", 6):
+            paths.extend(path(now, [pose], count, [shut], slow) for slow in (1, 2, 4))
         place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
-        paths.append(lifts(random, place, angle, now, count, shut))
-        paths.append(path(now, [[now]], count, [shut]))
-        return np.concatenate(paths)
+        paths.extend(lifts(random, place, angle, now, count, shut))
+        paths.append(path(now, [now], count, [shut]))
+        return paths
 
-    def _fetching_paths(self, data: Any, random: np.random.Generator) -> np.ndarray:
+    def _fetching_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
         """Paths to where the object will be, at once or from ahead of it; the hand closes there."""
         now, count, grip = data.qpos[ARM], self.settings.knots, self._grip
-        paths = [path(now, [[now]], count, [grip.shut])]
-        met = [self._poses(data, random, "", 4, at=knot) for knot in _MEETS]
-        ends = np.concatenate(met)
-        angle = ends.sum(axis=-1)
-        places = hand_places(ends, GRASP) - BACK * direction(angle)
-        tried = hand_poses_each(random, places, GRASP, ends, 1, angle, 0.1)
-        first = 0
-        for knot, poses in zip(_MEETS, met, strict=True):
-            found, first = tried[first : first + len(poses)], first + len(poses)
-            before = np.concatenate([np.zeros((0, 4)), *found])
-            ahead = np.stack([before, np.repeat(poses, [len(b) for b in found], axis=0)], axis=1)
+        paths = [path(now, [now], count, [grip.shut])]
+        for knot, straight, ways in ((1, (1,), ()), (2, (2,), (1,)), (4, (4,), (2,))):
             grasp = [grip.ready] * knot + [grip.shut]
-            paths.append(path(now, poses[:, None], count, grasp, knot))
-            paths.append(path(now, before[:, None], count, [grip.ready], knot))
-            if knot > 1:  # by way of there in the same time
-                paths.append(path(now, ahead, count, grasp, knot // 2))
-        return np.concatenate(paths)
+            for pose in self._poses(data, random, "", 4, at=knot):
+                paths.extend(path(now, [pose], count, grasp, slow) for slow in straight)
+                angle = float(pose.sum())
+                place = hand_places(pose, GRASP) - BACK * direction(angle)
+                for before in hand_poses(random, place, GRASP, pose, 1, angle, 0.1):
+                    paths.extend(path(now, [before, pose], count, grasp, slow) for slow in ways)
+                    paths.append(path(now, [before], count, [grip.ready], knot))
+        return paths

@@ -241,23 +241,20 @@ class BringPeg(Bring):
             first = raking_paths(random, place, self._rake_to, now, count)[:_RAKES]
         else:
             first = self._ways.paths(data.qpos[ARM], count)
-        return np.concatenate([first, found])
+        return np.concatenate([first, found]) if first else found
 
-    def _fetching_paths(self, data: Any, random: np.random.Generator) -> np.ndarray:
-        """As for a ball while it moves; to one that lies still from straight on, (n, knots, 5)."""
+    def _fetching_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+        """As for a ball while it moves; to one that lies still from straight on."""
         if self._coming:
             return super()._fetching_paths(data, random)
         now, count, grip = data.qpos[ARM], self.settings.knots, self._grip
+        paths = [path(now, [now], count, [grip.shut])]
         back = nudged(now, -BACK * direction(now.sum()), 0.0)
-        most = ((_ALIGNED, 3), (0.5, 2))
-        poses = [self._poses(data, random, "", few, tilt=tilt) for tilt, few in most]
-        return np.concatenate(
-            [
-                path(now, [[now]], count, [grip.shut]),
-                *(path(now, [[back]], count, [OPEN_ANGLE], slow) for slow in (1, 3)),
-                approaches(now, np.concatenate(poses), count, grip.ready, grip.shut),
-            ]
-        )
+        paths.extend(path(now, [back], count, [OPEN_ANGLE], slow) for slow in (1, 3))
+        for tilt, few in ((_ALIGNED, 3), (0.5, 2)):
+            for pose in self._poses(data, random, "", few, tilt=tilt):
+                paths.extend(approaches(now, pose, count, grip.ready, grip.shut))
+        return paths
 
 
 def _forward(frame: np.ndarray) -> np.ndarray:

@@ -43,11 +43,7 @@ BALL_SETTINGS = dataclasses.replace(
 )
 # A peg is taken between floor and fingers, where only true weights and short time steps tell.
 PEG_SETTINGS = dataclasses.replace(
-    BALL_SETTINGS,
-    samples=20,
-    armature=0.0,
-    timestep=0.01 / 3,
-    flowing=True,
+    BALL_SETTINGS, armature=0.0, timestep=0.0025, flowing=True, cost_interval=1, servos=False
 )
 
 Pose = tuple[np.ndarray, np.ndarray]  # place (3,) and frame (9,) of a site

@@ -135,16 +135,15 @@ class PegWays:
         """What is left of the arm's way to the target and, at its end, of the peg's, (N,)."""
         return _cost(self._to_target, _TO_TARGET, joints, near_cost)
 
-    def paths(self, now: np.ndarray, knots: int) -> np.ndarray:
-        """Targets along the shortest way, at several speeds, (n, knots, 5)."""
+    def paths(self, now: np.ndarray, knots: int) -> list[np.ndarray]:
+        """Targets along the shortest way, at several speeds, (knots, 5) each."""
         if self._to_target:
             way, grasp = self._to_target[0], HANDLE.shut
         elif self._to_peg and self._to_peg[0].length > _TO_PEG.near:
             way, grasp = self._to_peg[0], HANDLE.ready
         else:
-            return np.zeros((0, knots, 5))
-        poses = np.array([way.ahead(stride, knots - 1) for stride in _STRIDES])
-        return path(now, poses, knots, [grasp])
+            return []
+        return [path(now, list(way.ahead(s, knots - 1)), knots, [grasp]) for s in _STRIDES]
 
 
 def _cost(ways: list[Route], toll: _Toll, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """How a peg that is held before the slot is pushed in, by small straight steps.
 
-paths = pushes(random, data, slot, now, knots=5, press=HANDLE.shut)  # (n, 5, 5)
+paths = pushes(random, data, slot, now, knots=5, press=HANDLE.shut)  # (5, 5) each
 """
 
 from typing import Any
@@ -26,8 +26,8 @@ def pushes(
     now: np.ndarray,
     knots: int,
     press: float,
-) -> np.ndarray:
-    """Paths that bring the peg over the slot, then along the axis into it, (n, knots, 5).
+) -> list[np.ndarray]:
+    """Paths that bring the peg over the slot, then along the axis into it, (knots, 5) each.
 
     Args:
       random: draws them.
@@ -48,21 +48,19 @@ def pushes(
     top = min(up, slot.before)
     before = [slot.before] if aside > 0.75 * slot.width and up > 0.06 else []
     paths: list[np.ndarray] = []
-    for step, drawn in zip(
-        _STEPS, random.normal(0.0, [_OFF, _TURN], (len(_STEPS), _DRAWS, 2)), strict=True
+    for step, (off, turn) in zip(
+        _STEPS * _DRAWS, random.normal(0.0, [_OFF, _TURN], (len(_STEPS) * _DRAWS, 2)), strict=True
     ):
-        off, turn = drawn[..., 0], drawn[..., 1] + lean
-        heights = np.array([*before, *np.arange(top - step, -step, -step)][: knots - 1])
-        ways = np.empty((_DRAWS, len(heights), 2))
-        ways[..., 0], ways[..., 1] = heights - up, (off - beside)[:, None]
-        moved = ways @ to_world + (_turned(to_wrist, turn) - to_wrist)[:, None]
-        stations = nudged(now, moved, turn[:, None])
+        turned = _turned(to_wrist, turn + lean)
+        heights = [*before, *np.arange(top - step, -step, -step).tolist()][: knots - 1]
+        ways = np.reshape([[height - up, off - beside] for height in heights], (-1, 2))
+        stations = list(nudged(now, ways @ to_world + turned - to_wrist, turn + lean))
         paths.append(path(now, stations, knots, [press]))
-        paths.append(path(now, stations[:, :1], knots, [press], 2))
-    return np.concatenate(paths)
+        paths.append(path(now, stations[:1], knots, [press], 2))
+    return paths
 
 
-def _turned(vector: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """A vector (2,) turned by angles, (...) -> (..., 2)."""
+def _turned(vector: np.ndarray, angle: float) -> np.ndarray:
+    """A vector (2,) turned by an angle."""
     cos, sin = np.cos(angle), np.sin(angle)
-    return np.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]], axis=-1)
+    return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])

@@ -31,8 +31,8 @@ def raking_cost(data: Any, site: str, goal: float) -> np.ndarray:
 
 def raking_paths(
     random: np.random.Generator, middle: np.ndarray, goal: float, now: np.ndarray, knots: int
-) -> np.ndarray:
-    """Paths that put a fingertip behind the object, and then pull it inwards, (n, knots, 5).
+) -> list[np.ndarray]:
+    """Paths that put a fingertip behind the object, and then pull it inwards, (knots, 5) each.
 
     Args:
       random: draws them.
@@ -44,10 +44,11 @@ def raking_paths(
     behind = _behind(middle, goal)[PLANE]
     # The root turns from x to -x over the top, and so the other way below.
     turn = 0.3 * np.sign(goal - middle[0]) * np.array([1.0, 0.0, 0.0, 0.0])
-    poses = hand_poses(random, behind, TIP_REACH, now, 12, lateral=TIP_ASIDE)
-    pulls = np.stack([poses, poses + turn], axis=1)
-    ways = [path(now, way, knots, [OPEN_ANGLE], 2) for way in (poses[:, None], pulls)]
-    return np.stack(ways, axis=1).reshape(-1, knots, 5)
+    paths: list[np.ndarray] = []
+    for pose in hand_poses(random, behind, TIP_REACH, now, 12, lateral=TIP_ASIDE):
+        paths.append(path(now, [pose], knots, [OPEN_ANGLE], 2))
+        paths.append(path(now, [pose, pose + turn], knots, [OPEN_ANGLE], 2))
+    return paths
 
 
 def _behind(place: np.ndarray, goal: float) -> np.ndarray:

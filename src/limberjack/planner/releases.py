@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from limberjack.planner.arm import ARM, PLANE, in_hand
-from limberjack.planner.planar_ik import GRASP, angle_of, hand_places, hand_poses_each
+from limberjack.planner.planar_ik import GRASP, angle_of, hand_places, hand_poses
 from limberjack.planner.receptacles import Receptacle
 from limberjack.planner.roadmap import Obstacle, Way, clearance, find_way
 from limberjack.rl.control import PhysicsError
@@ -93,10 +93,11 @@ class Releases:
         axis, across = self._receptacle.axes(data)
         ahead = float(in_hand(data, data.site_xpos[self._object])[0])
         mouth = target + 0.7 * self._receptacle.before * axis
-        ups, beside = random.uniform([_UP[0], -_BESIDE], [_UP[1], _BESIDE], (_PLACES, 2)).T
-        places = target + ups[:, None] * axis + beside[:, None] * across
-        angles = angle_of(mouth - places)
-        each = hand_poses_each(random, places, GRASP + ahead, now, _POSES, angles, _TURN)
-        found = np.concatenate(each)
+        poses = []
+        for up, beside in random.uniform([_UP[0], -_BESIDE], [_UP[1], _BESIDE], (_PLACES, 2)):
+            place = target + up * axis + beside * across
+            angle = angle_of(mouth - place)
+            poses.extend(hand_poses(random, place, GRASP + ahead, now, _POSES, angle, _TURN))
+        found = np.array(poses).reshape(-1, 4)
         gaps = clearance(found, GRASP + 0.022, walls)
         return found[(gaps[:, 0] > _TOUCHING) & (gaps[:, 1:].min(axis=1) > 0)]

@@ -35,17 +35,19 @@ class Servos:
         """Turns the motors of a raw `mujoco.MjModel` that the law turns to angles into servos.
 
         Raises:
-          ValueError: a motor has dynamics, or a gain that is not constant.
+          ValueError: a motor has dynamics, or a gain that is not constant, or is 0.
         """
         self._follows = law.follows
         self._strength = np.where(law.follows, model.actuator_gainprm[:, 0], 1.0)
         self._records: dict[str, np.ndarray] = {}
         for motor in np.flatnonzero(law.follows).tolist():
-            is_plain = model.actuator_gaintype[motor] == _FIXED
-            if not is_plain or model.actuator_dyntype[motor] != _NO_DYNAMICS:
+            is_fixed = model.actuator_gaintype[motor] == _FIXED
+            is_plain = is_fixed and model.actuator_dyntype[motor] == _NO_DYNAMICS
+            moves = self._strength[motor] * model.actuator_gear[motor, 0] != 0
+            if not is_plain or not moves:
                 raise ValueError(
-                    f"actuator {motor} is no motor whose force is its control times a constant: "
-                    "plan without Settings(servos=True)"
+                    f"actuator {motor} is no motor whose force is its control times a constant "
+                    "other than 0: plan without Settings(servos=True)"
                 )
             self._build_in(model, law, motor)
 

@@ -52,6 +52,14 @@ def let_rest(model: Any) -> None:
                 f"equality {equality} is one of tendons that do not just couple two joints: plan "
                 "without Settings(rest=True)"
             )
+        dofs = model.jnt_dofadr[joints]
+        # How stiff it is, MuJoCo estimates in another way for joints: that is put right.
+        estimates = (
+            model.tendon_invweight0[tendon] / parts[0] ** 2,
+            model.dof_invweight0[dofs].sum(),
+        )
+        stiff = model.eq_solimp[equality, :2]
+        stiff[:] = stiff / (stiff + (1.0 - stiff) * estimates[0] / estimates[1])
         model.eq_type[equality] = _OF_JOINTS
         model.eq_objtype[equality] = mujoco.mjtObj.mjOBJ_JOINT.value
         model.eq_obj1id[equality], model.eq_obj2id[equality] = joints

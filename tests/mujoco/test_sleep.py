@@ -1,0 +1,54 @@
+"""Rows of a model in which islands sleep are loaded as if nothing had happened before."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from limberjack import suite
+from limberjack.planner.twin import let_rest
+
+_ROWS, _STEPS = 6, 60
+
+
+def _batch() -> Any:
+    """A batch of four boxes each, which may sleep."""
+    env = suite.load("stacker", "stack_4", {"random": 0})
+    twin = env.physics.copy()
+    let_rest(twin.model.ptr)
+    return twin.replicate(_ROWS, 2, env.task.EPISODE_FIELDS)
+
+
+def _start(seed: int) -> dict[str, np.ndarray]:
+    env = suite.load("stacker", "stack_4", {"random": seed})
+    env.reset()
+    for _ in range(30):  # boxes have fallen
+        env.step(np.zeros(5))
+    saved = env.snapshot().physics
+    return {name: np.repeat(value, _ROWS, axis=0) for name, value in saved.items()}
+
+
+def _rolled_out(batch: Any, start: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    batch.load_rows(start, None)
+    controls = np.random.default_rng(0).uniform(-1, 1, (_ROWS, _STEPS, 5))
+    records, diverged = batch.roll_out(controls, ["qpos", "site_xpos"])
+    assert not diverged.any()
+    return records
+
+
+def test_a_row_forgets_what_lay_still_before_and_where_a_target_was() -> None:
+    first, second = _start(1), _start(2)
+    used, new = _batch(), _batch()
+    before = _rolled_out(used, first)
+    found, expected = _rolled_out(used, second), _rolled_out(new, second)
+    for name, values in expected.items():
+        np.testing.assert_array_equal(found[name], values, name)
+        assert not np.array_equal(before[name], values)
+    asleep = used._simulation.batch.bind("tree_asleep")
+    assert asleep.shape[0] == _ROWS
+
+
+def test_nothing_sleeps_in_the_suites_own_models() -> None:
+    for domain, task in suite.ALL_TASKS:
+        model = suite.load(domain, task).physics.model._model
+        assert not model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP.value
