@@ -64,3 +64,22 @@ def test_what_cannot_be_recorded_is_named() -> None:
     with pytest.raises(ValueError, match="state is not"):
         physics.roll_out(_controls(), ["state"])
     np.testing.assert_array_equal(physics.data.state, state)
+
+
+@pytest.mark.usefixtures("share")
+def test_who_diverged_in_any_of_several_steps_is_told_at_their_end() -> None:
+    at_once, one_by_one = _physics(), _physics()
+    expected = np.zeros(_ROWS, bool)
+    at_once.forget_divergence()
+    for step, controls in enumerate(_controls().swapaxes(0, 1)):
+        for physics in (at_once, one_by_one):
+            if step == 3:
+                physics.data.qvel[1] = 1e9
+            physics.set_control(controls)
+        at_once.step_on(None, 2)
+        expected |= one_by_one.step_rows(None, 2)
+    assert expected.tolist() == [False, True, False]
+    np.testing.assert_array_equal(at_once.diverged(), expected)
+    np.testing.assert_array_equal(at_once.data.state, one_by_one.data.state)
+    at_once.forget_divergence()
+    assert not at_once.diverged().any()

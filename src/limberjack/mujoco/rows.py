@@ -221,14 +221,26 @@ class Rows:
 
     def step_rows(self, rows: np.ndarray | None, nstep: int) -> np.ndarray:
         """Advances rows, all for None, by `nstep` steps; returns which diverged, (num_envs,)."""
+        self.forget_divergence()
+        self.step_on(rows, nstep)
+        return self.diverged()
+
+    def step_on(self, rows: np.ndarray | None, nstep: int) -> None:
+        """As `step_rows`, for who asks only after several steps which rows `diverged`."""
         simulation = self._living()
-        warnings = simulation.batch.warning
-        warnings.fill(0)
         if getattr(self, "legacy_step", True):
             simulation.step(nstep, rows)
         else:
             simulation.step_whole(nstep, rows)
-        if not any_of(warnings):
+
+    def forget_divergence(self) -> None:
+        """Begins anew to notice which rows diverge."""
+        self._living().batch.warning.fill(0)
+
+    def diverged(self) -> np.ndarray:
+        """Which rows have diverged since that was forgotten, (num_envs,)."""
+        simulation = self._living()
+        if not any_of(simulation.batch.warning):
             return np.zeros(simulation.num_envs, bool)
         return simulation.warnings.any(axis=-1)
 
@@ -252,10 +264,9 @@ class Rows:
         Raises:
           ValueError: a field cannot be recorded.
         """
-        simulation = self._living()
-        simulation.batch.warning.fill(0)
-        records = simulation.roll_out(controls, fields, out)
-        return records, simulation.warnings.any(axis=-1)
+        self.forget_divergence()
+        records = self._living().roll_out(controls, fields, out)
+        return records, self.diverged()
 
     def _living(self) -> Any:
         """The simulation; made anew in a forked child, where a batch's threads are not."""

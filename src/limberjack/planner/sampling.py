@@ -236,14 +236,14 @@ class Planner:
             interval = self._settings.cost_interval
             return self._servos.follow(batch, history, plans, self._substeps, interval)
         qpos, qvel = batch.data.qpos, batch.data.qvel
-        diverged = np.zeros(len(samples), bool)
+        batch.forget_divergence()
         for step, targets in enumerate(plans, 1 - self._steps):
             batch.set_control(law.controls(targets, qpos, qvel))
-            diverged |= batch.step_rows(None, self._substeps)
+            batch.step_on(None, self._substeps)
             # Counted from the end, so that the last state counts.
             if step % self._settings.cost_interval == 0:
                 history.note(step // self._settings.cost_interval - 1)
-        return diverged
+        return batch.diverged()
 
     def _judged(self, count: int) -> np.ndarray:
         """The mean cost of what each of so many samples came through, (count,)."""
