@@ -33,6 +33,7 @@ def test_many_paths_are_those_that_each_would_be() -> None:
     each = [path(now, some, 5, grasp, 2) for some in poses]
     np.testing.assert_array_equal(path(now, poses, 5, grasp, 2), each)
     assert path(now, poses[:0], 5, grasp).shape == (0, 5, 5)
+    np.testing.assert_array_equal(path(now, [], 5, grasp)[:, :4], np.ones((5, 4)))
 
 
 def test_a_way_over_goes_up_first_and_comes_down_at_its_end() -> None:

@@ -146,12 +146,14 @@ def path(
 
     Args:
       now: the arm's joints at the first knot, (4,).
-      poses: the joints to pass one after the other, (..., n, 4).
+      poses: the joints to pass one after the other, (..., n, 4); for an empty list the arm stays.
       knots: points of the spline.
       grasp: the grasp's control at the knots; the last one holds.
       duration: knots from one pose to the next.
     """
-    passed = np.asarray(poses)
+    passed = np.asarray(poses, float)
+    if passed.ndim == 1:
+        passed = passed.reshape(0, 4)
     *several, count, _ = passed.shape
     stations = np.concatenate([np.broadcast_to(now, (*several, 1, 4)), passed], axis=-2)
     places = np.minimum(np.arange(knots) / duration, count)
