@@ -38,7 +38,7 @@ _NUMPY = at_most(5)  # per cent of a plan
 _SEED = 1_000  # none of those that scores are measured on
 _WARM_UP = 3  # plans that are not counted
 # What is MuJoCo's: of its batches, and of the one simulation in which some costs try something.
-_CALLS = [(mujoco.batch.Batch, name) for name in ("step", "rollout", "forward")]
+_CALLS = [(mujoco.batch.Batch, name) for name in ("step", "rollout", "forward", "reset")]
 _CALLS += [(mujoco, name) for name in ("mj_step", "mj_step1", "mj_step2", "mj_forward")]
 
 
