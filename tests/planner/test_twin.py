@@ -56,7 +56,8 @@ def test_the_settings_change_the_twin_alone() -> None:
     gained = twin.model._model.dof_armature - before[1]
     names = [env.physics.model.id2name(joint, "joint") for joint in range(model.njnt)]
     arm = [n.startswith("arm_") or "finger" in n or "thumb" in n for n in names]
-    # All joints of the arm are hinges, and boxes are not part of it; 0.01 is added to others.
+    # All joints of the arm are hinges, and boxes are not part of it. What is added to some armature
+    # and compared by subtracting it again rounds.
     np.testing.assert_allclose(gained, 0.01 * np.array(arm), rtol=0, atol=1e-15)
     assert twin.model.opt.timestep == 0.005
     for physics in (env.physics, _env().physics):
@@ -107,6 +108,7 @@ def test_a_coupling_with_other_parts_keeps_its_ratio() -> None:
     data = mujoco.MjData(model)
     data.qpos[:2] = 0.1, 0.4
     mujoco.mj_forward(model, data)
+    # 2 * 0.1 - 0.5 * 0.4 in floating point.
     np.testing.assert_allclose(data.efc_pos[: data.ne], 0.0, atol=1e-12)
 
 

@@ -125,7 +125,7 @@ class History:
         self.is_complete &= part == before
         return part != before
 
-    def model_field(self, name: str) -> tuple[np.ndarray, bool]:
+    def model_field(self, name: str) -> _Field:
         """A field of the model, and whether each row has values of its own."""
         return self._field(self._simulation.model_field, name, _WHOLE)
 
