@@ -2,17 +2,18 @@
 
 import numpy as np
 
-from limberjack.planner.arm import ARM, PLANE, TIP_ASIDE, TIP_REACH
+from limberjack.planner.arm import ARM, PLANE, TIP_ASIDE, TIP_REACH, TIPS
 from limberjack.planner.planar_ik import GRASP, hand_places
 from limberjack.planner.pushes import pushes
 from limberjack.planner.receptacles import Receptacle
 from limberjack.planner.roadmap import clearance, find_way
-from limberjack.planner.spots import Spot, next_spot
+from limberjack.planner.spots import Spot, Spots, next_spot
 
 from .peg_scenes import peg_scene
 
 # The peg leans on the slot, so that neither its middle nor its handle can be got at from outside.
 _LEANING = 1047, [2.51, -1.14, 1.62, -0.73], [-0.271, 0.111, 0.331]
+_IN_A_CORNER = 1208, [0.0, 0.0, 0.0, 0.0], [-0.46, 0.1, -0.6]  # on the wall, handle up
 _UNDER = 1070, [2.76, -1.48, 0.56, 1.95], [0.047, 0.032, 4.95]  # the slot, which the arm is behind
 _ON_ARM = 1056, [2.72, -1.57, 0.34, 2.17], [-0.177, 0.336, -0.90]
 
@@ -20,12 +21,49 @@ _ON_ARM = 1056, [2.72, -1.57, 0.34, 2.17], [-0.177, 0.336, -0.90]
 def test_a_peg_that_does_not_move_is_raked_from_elsewhere() -> None:
     cost, physics = peg_scene("insert_peg", *_LEANING)
     spots = []
-    for _ in range(60):
+    for _ in range(200):
         cost.look(physics)
         spots.append(cost._spots.now)
-    assert Spot("peg", "there") in spots
-    assert Spot("peg_grasp", "away") in spots
+    chosen = [spot for spot in spots if spot is not None]
+    assert chosen[0] == Spot("peg_grasp", "there")  # it leans with the handle up, and so may fall
+    assert len(set(chosen)) > 1
     assert not cost._withdraws
+
+
+def test_an_arm_that_rakes_is_led_there_even_straight() -> None:
+    cost, physics = peg_scene("insert_peg", *_LEANING)
+    for _ in range(6):
+        cost.look(physics)
+    assert cost._rake_to is not None
+    spot, goal = cost._spots.now, cost._rake_to
+    end = cost._way.ahead(1)[-1]
+    tips = [hand_places(end, TIP_REACH, aside) for aside in (TIP_ASIDE, -TIP_ASIDE)]
+    start = spot._start(physics.named.data, goal)[PLANE]
+    assert min(np.hypot(*(tip - start)) for tip in tips) < 0.07
+
+
+def test_a_fingertip_that_comes_nearer_is_not_in_vain() -> None:
+    _, physics = peg_scene("insert_peg", *_LEANING)
+    data, spots = physics.named.data, Spots()
+    walls = Receptacle.for_object("peg").walls(physics)
+    first = spots.choose(data, -0.12, walls, False, False)
+    up = np.array([0.0, 0.0, 1.0])
+    for step in range(60):  # 3 cm each four looks
+        data.geom_xpos[TIPS] = first._start(data, -0.12) + (1.0 - 0.009 * step) * up
+        assert spots.choose(data, -0.12, walls, False, False) == first
+    for _ in range(20):
+        last = spots.choose(data, -0.12, walls, False, False)
+    assert last != first
+
+
+def test_no_peg_is_pushed_up_a_wall() -> None:
+    cost, physics = peg_scene("insert_peg", *_IN_A_CORNER)
+    data, walls = physics.named.data, cost._receptacle.walls(physics)
+    spot = next_spot(data, None, 0.12, walls)
+    assert spot == Spot("peg_grasp", "there")
+    for _ in range(8):
+        spot = next_spot(data, spot, 0.12, walls)
+        assert spot.way != "away"
 
 
 def test_a_spot_is_chosen_where_a_fingertip_gets() -> None:

@@ -28,6 +28,8 @@ _GOALS, _FEW = 96, 12  # poses in which a way may end, and those of another atte
 _TRIED = 8  # poses that are clear of the walls, at best, of which the nearest are taken
 _ALONG = 24  # points of a way that are looked at
 _STIRRED = 0.03  # metres; ways to a peg are looked for again once it has moved so far
+# Metres above where a fingertip rakes: it gets there from them, where the hand would be in a wall.
+_HIGHER = 0.0, 0.03, 0.06
 _MISSES = 2  # ways looked for in vain after which a peg is raked
 
 
@@ -91,8 +93,8 @@ class InsertPeg(Insert, BringPeg):
             self._way, self._patience = None, -1
 
     def _must_be_led(self) -> bool:
-        """Whether the way that is known goes through the slot, or the peg lies on the arm."""
-        return self._lies_on_arm() or (self._is_blocked and self._rake_to is None)
+        """Whether the arm rakes or lets the peg fall, or its known way goes through the slot."""
+        return self._rake_to is not None or self._lies_on_arm() or self._is_blocked
 
     def _way_to_object(self, physics: Any, attempt: int) -> Way | None:
         """The arm's way around the slot: to before the peg, to rake it, or to let it fall."""
@@ -100,11 +102,7 @@ class InsertPeg(Insert, BringPeg):
         now, walls = data.qpos[ARM], self._walls
         random = np.random.default_rng(round(1000 * physics.time()))
         if self._rake_to is not None:
-            spot = self._spots.now
-            if spot is None:
-                return None
-            goals = spot.poses(data, self._rake_to, walls)
-            return find_way(now, goals, HAND, walls, close=True)
+            return self._way_to_rake(data, self._rake_to)
         if self._lies_on_arm():
             return find_way(now, random.uniform(-STRETCHED, STRETCHED, (8, 4)), HAND, walls)
         if self._is_fast(data):
@@ -123,6 +121,18 @@ class InsertPeg(Insert, BringPeg):
             way = way or find_way(now, goals, HAND, around, close=True)
         self._missed = 0 if way is not None else self._missed + 1
         return way
+
+    def _way_to_rake(self, data: Any, goal: float) -> Way | None:
+        """The arm's way to where it rakes, or to above there."""
+        spot = self._spots.now
+        if spot is None:
+            return None
+        for higher in _HIGHER:
+            poses = spot.poses(data, goal, self._walls, higher)
+            way = find_way(data.qpos[ARM], poses, HAND, self._walls, close=True)
+            if way is not None:
+                return way
+        return None
 
     def _way_to_mouth(self, physics: Any) -> Way | None:
         """As for any object; if there is none for the whole peg, one for the hand."""

@@ -12,7 +12,7 @@ from limberjack.planner.arm import OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_REACH, TIPS
 from limberjack.planner.planar_ik import hand_poses
 from limberjack.utils import arrays
 
-__all__ = ["raking_cost", "raking_paths"]
+__all__ = ["behind", "raking_cost", "raking_paths"]
 
 
 def raking_cost(data: Any, site: str, goal: float) -> np.ndarray:
@@ -24,8 +24,8 @@ def raking_cost(data: Any, site: str, goal: float) -> np.ndarray:
       goal: x, metres.
     """
     middle = data.site_xpos[site]
-    behind = _behind(middle, goal)
-    tips = [arrays.norm(data.geom_xpos[tip] - behind) for tip in TIPS]
+    start = behind(middle, goal)
+    tips = [arrays.norm(data.geom_xpos[tip] - start) for tip in TIPS]
     return 4.0 * arrays.minimum_of(tips) + 10.0 * np.abs(middle[..., 0] - goal)
 
 
@@ -41,17 +41,17 @@ def raking_paths(
       now: the arm's joints, (4,).
       knots: points of the spline.
     """
-    behind = _behind(middle, goal)[PLANE]
+    start = behind(middle, goal)[PLANE]
     # The root turns from x to -x over the top, and so the other way below.
     turn = 0.3 * np.sign(goal - middle[0]) * np.array([1.0, 0.0, 0.0, 0.0])
     paths: list[np.ndarray] = []
-    for pose in hand_poses(random, behind, TIP_REACH, now, 12, lateral=TIP_ASIDE):
+    for pose in hand_poses(random, start, TIP_REACH, now, 12, lateral=TIP_ASIDE):
         paths.append(path(now, [pose], knots, [OPEN_ANGLE], 2))
         paths.append(path(now, [pose, pose + turn], knots, [OPEN_ANGLE], 2))
     return paths
 
 
-def _behind(place: np.ndarray, goal: float) -> np.ndarray:
+def behind(place: np.ndarray, goal: float) -> np.ndarray:
     """Where a fingertip rakes an object from, towards a goal, (..., 3) -> (..., 3), metres."""
     outwards = np.where(place[..., :1] < goal, -1.0, 1.0)
     return place + outwards * np.array([0.03, 0.0, 0.0]) + np.array([0.0, 0.0, 0.02])

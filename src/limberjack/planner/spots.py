@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from limberjack.planner.arm import ARM, PLANE, TIP_ASIDE, TIP_REACH, TIPS
-from limberjack.planner.grips import height_above_ground
+from limberjack.planner.grips import downwards, height_above_ground
 from limberjack.planner.planar_ik import GRASP, hand_poses
-from limberjack.planner.raking import raking_cost
+from limberjack.planner.raking import behind, raking_cost
 from limberjack.planner.roadmap import Obstacle, clearance
 from limberjack.utils import arrays
 
@@ -27,10 +27,13 @@ _POSES, _KEPT = 400, 64  # that are looked at, few of which are clear of the wal
 _IN_WALLS, _IN_GROUND = -0.004, -0.009
 _LOW = 0.05  # metres; what is so near to the ground is not pressed down
 _OVER = np.array([0.0, 0.0, 0.03])  # metres; where a fingertip is that presses down
-_STIRRED = 0.03  # metres; so much nearer a peg that is raked must come
+# Metres; so much nearer must come a peg to where it is wanted, or a fingertip to where it rakes.
+_HEADWAY = 0.03
 _PULLED = 0.08  # metres; so far a peg is pulled away from what it leans on
-_IN_VAIN = 24  # plannings; after so many a peg that has not come nearer is raked from elsewhere
-_NEAR, _ON_THE_WAY = 0.14, 0.3  # metres; what counts a planning for which the hand is not so near
+_IN_VAIN = 16  # plannings; after so many without headway a peg is raked from elsewhere
+_ON_THE_WAY = 0.1  # what counts a planning for which the arm is still on its way there
+_LEANS = 0.05  # metres; a peg whose handle is so much above its tip leans on something
+_UPHILL = 0.45  # metres from the middle; who pulls an end away to there pushes the peg up a wall
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,17 +54,31 @@ class Spot:
         """How far a fingertip is from where it rakes, and the site from where it is to be, (N,)."""
         if self.way != "down":
             return raking_cost(data, self.site, goal)
-        place = data.site_xpos[self.site]
-        tips = [arrays.norm(data.geom_xpos[tip] - place - _OVER) for tip in TIPS]
-        return 4.0 * arrays.minimum_of(tips) + 10.0 * place[..., 2]
+        return 4.0 * self.missing(data, goal) + 10.0 * data.site_xpos[self.site][..., 2]
 
-    def poses(self, data: Any, goal: float, walls: Obstacle) -> np.ndarray:
-        """Arm joints that have a fingertip where raking to a goal begins, (n, 4), if that helps."""
+    def missing(self, data: Any, goal: float) -> np.ndarray:
+        """How far the nearer fingertip is from where it rakes, (N,), metres."""
+        start = self._start(data, goal)
+        return arrays.minimum_of([arrays.norm(data.geom_xpos[tip] - start) for tip in TIPS])
+
+    def _start(self, data: Any, goal: float) -> np.ndarray:
+        """Where a fingertip begins to rake, (..., 3), metres."""
+        place = data.site_xpos[self.site]
+        return place + _OVER if self.way == "down" else behind(place, goal)
+
+    def poses(self, data: Any, goal: float, walls: Obstacle, higher: float = 0.0) -> np.ndarray:
+        """Arm joints that have a fingertip where raking begins, (n, 4), if that helps.
+
+        Args:
+          data: of a single simulation.
+          goal: where the peg is raked to: x, metres.
+          walls: of what the hand is not to be in.
+          higher: how far above there the fingertip is to be, metres.
+        """
         place = data.site_xpos[self.site]
         if self.way == "down" and height_above_ground(place) < _LOW:
             return np.zeros((0, 4))
-        offset = np.array([-0.03 if place[0] < goal else 0.03, 0.0, 0.02])
-        tip = (place + (_OVER if self.way == "down" else offset))[PLANE]
+        tip = (self._start(data, goal) - higher * downwards(place))[PLANE]
         random, now = np.random.default_rng(0), data.qpos[ARM]
         found = [
             hand_poses(random, tip, TIP_REACH, now, _POSES, lateral=aside)
@@ -75,28 +92,38 @@ class Spot:
         return poses[:: max(1, len(poses) // _KEPT)]
 
 
+_BY_THE_HANDLE = Spot("peg_grasp", "there")
 _SPOTS = [
     Spot("peg", "there"),
     Spot("peg_grasp", "away"),
     Spot("peg_grasp", "down"),
     Spot("peg_tip", "down"),
     Spot("peg_tip", "away"),
-    Spot("peg_grasp", "there"),
+    _BY_THE_HANDLE,
     Spot("peg", "away"),
     Spot("peg_tip", "there"),
 ]
 
 
 def next_spot(data: Any, spot: Spot | None, goal: float, walls: Obstacle) -> Spot:
-    """The spot to try after another one, which a fingertip can reach; the peg's middle first."""
+    """The spot to try after another one, which a fingertip can reach.
+
+    The first is a peg's middle, or the handle of one that leans with it upwards, so that it falls.
+    """
     if spot is None:
-        return _SPOTS[0]
+        leans = data.site_xpos["peg_grasp"][2] - data.site_xpos["peg_tip"][2] > _LEANS
+        return _BY_THE_HANDLE if leans else _SPOTS[0]
     first = 1 + _SPOTS.index(spot)
     order = [_SPOTS[(first + place) % len(_SPOTS)] for place in range(len(_SPOTS))]
-    for candidate in order:
+    sensible = [
+        candidate
+        for candidate in order
+        if candidate.way != "away" or abs(candidate.goal(data, goal)) < _UPHILL
+    ]
+    for candidate in sensible:
         if len(candidate.poses(data, candidate.goal(data, goal), walls)):
             return candidate
-    return order[0]
+    return sensible[0]
 
 
 class Spots:
@@ -115,6 +142,7 @@ class Spots:
         self.now: Spot | None = None
         self._pulled_from = np.zeros(3)  # where the peg was when that spot was chosen
         self._nearest = np.inf  # metres; how near it has come to where it is wanted
+        self._least = np.inf  # metres; how near a fingertip has come to where it rakes
         self._in_vain = 0.0  # plannings without any headway
 
     def choose(
@@ -134,12 +162,14 @@ class Spots:
         if self.now is not None and self.now.way != "there" and is_pulled:
             self.forget()
         off = abs(float(place[0]) - goal)
-        if off < self._nearest - _STIRRED:
+        spot = self.now
+        missing = np.inf if spot is None else float(spot.missing(data, spot.goal(data, goal)))
+        if off < self._nearest - _HEADWAY:
             self._nearest, self._in_vain = off, 0.0
-        if not is_led:
-            is_there = arrays.norm(data.site_xpos["grasp"] - place) < _NEAR
-            self._in_vain += 1.0 if is_there else _ON_THE_WAY
+        if missing < self._least - _HEADWAY:
+            self._least, self._in_vain = missing, 0.0
+        self._in_vain += _ON_THE_WAY if is_led else 1.0
         if (self.now is None and not moves) or self._in_vain > _IN_VAIN:
-            self._in_vain, self._pulled_from = 0.0, place.copy()
+            self._in_vain, self._pulled_from, self._least = 0.0, place.copy(), np.inf
             self.now = next_spot(data, self.now, goal, walls)
         return self.now
