@@ -47,13 +47,13 @@ def test_a_fingertip_that_comes_nearer_is_not_in_vain() -> None:
     data, spots = physics.named.data, Spots()
     walls = Receptacle.for_object("peg").walls(physics)
     first = spots.choose(data, -0.12, walls, False, False)
+    assert first is not None
     up = np.array([0.0, 0.0, 1.0])
     for step in range(60):  # 3 cm each four looks
         data.geom_xpos[TIPS] = first._start(data, -0.12) + (1.0 - 0.009 * step) * up
         assert spots.choose(data, -0.12, walls, False, False) == first
-    for _ in range(20):
-        last = spots.choose(data, -0.12, walls, False, False)
-    assert last != first
+    later = [spots.choose(data, -0.12, walls, False, False) for _ in range(20)]
+    assert later[-1] != first
 
 
 def test_no_peg_is_pushed_up_a_wall() -> None:
