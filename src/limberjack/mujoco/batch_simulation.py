@@ -257,17 +257,28 @@ class BatchSimulation(Busy):
     def load(self, saved: dict[str, np.ndarray], rows: Any, constants: bool) -> None:
         """As `SingleSimulation.load`, into some rows or all for None."""
         index = slice(None) if rows is None else rows
-        fields = {n: value for n, value in saved.items() if n not in NOT_FIELDS}
-        for name, value in fields.items():
-            self._fields[name][index] = value
+        self.field_for_names("sensordata")
+        self._load_state(saved, rows, constants)
+        self._call(_LOAD, rows)
+        self._set_sensordata(index, saved["sensordata"])
+
+    def load_everywhere(self, saved: dict[str, np.ndarray], constants: bool) -> None:
+        """Sets all rows to the one that `save` gave; what follows from its state does not follow.
+
+        That is all that `roll_out` needs.
+        """
+        self._load_state(saved, None, constants)
+
+    def _load_state(self, saved: dict[str, np.ndarray], rows: Any, constants: bool) -> None:
+        index = slice(None) if rows is None else rows
+        for name, value in saved.items():
+            if name not in NOT_FIELDS:
+                self._fields[name][index] = value
         if constants:
             self.batch.set_const(rows)
         if self._remembers:  # such as what has been lying still, and for how long
             self.batch.reset(rows, stage=_NOTHING)
-        self.field_for_names("sensordata")
         self.state[index] = saved["state"]
-        self._call(_LOAD, rows)
-        self._set_sensordata(index, saved["sensordata"])
 
     def data_field(self, name: str) -> tuple[np.ndarray, bool]:
         """A field of the data, one row per simulation."""

@@ -40,24 +40,30 @@ class History:
         self._moments = moments
         self._kept: dict[_Key, np.ndarray] = {}  # (moments, num_envs, ...) each
         self._parts: dict[_Key, slice] = {}  # of their rows that are kept
-        # Those parts, here and in the batch, as (..., num_envs, columns).
-        self._live: list[tuple[np.ndarray, np.ndarray]] = []
+        # Those parts, here and in the batch, as (..., num_envs, columns), once they are noted.
+        self._live: list[tuple[np.ndarray, np.ndarray]] | None = None
         self.is_complete = True
         self.num_envs = moments * batch.num_envs
         self.begin()
 
     def begin(self) -> None:
-        """Begins anew: looks up where the batch's quantities are."""
+        """Begins anew."""
         self.is_complete = True
-        self._live = []
-        for key, kept in self._kept.items():
-            live, _ = getattr(self._simulation, key[0])(key[1])
-            self._live.append((self._part(key, kept, 2), self._part(key, live, 1)))
+        self._live = None
 
     def note(self, moment: int) -> None:
         """Notes the batch's present quantities as those of a moment, from 0 on."""
+        if self._live is None:
+            self._live = [
+                (self._part(key, kept, 2), self._part(key, self._now(key), 1))
+                for key, kept in self._kept.items()
+            ]
         for kept, live in self._live:
             kept[moment] = live
+
+    def _now(self, key: _Key) -> np.ndarray:
+        """What the batch's present values are, (num_envs, ...), live."""
+        return getattr(self._simulation, key[0])(key[1])[0]
 
     @property
     def fields(self) -> list[str]:
@@ -70,14 +76,14 @@ class History:
         Args:
           values_of: gives the values of a field of the data, (moments, num_envs, ...).
         """
-        for key, (kept, live) in zip(self._kept, self._live, strict=True):
+        for key, kept in self._kept.items():
             if key[0] == "model_field":
-                kept[...] = live
+                kept[...] = self._now(key)
                 continue
             values = values_of(key[1])
             # MuJoCo records a matrix as 3 by 3, which is a row of 9 elsewhere.
-            values = values.reshape(*values.shape[:2], *self._kept[key].shape[2:])
-            np.copyto(kept, self._part(key, values, 2))
+            values = values.reshape(*values.shape[:2], *kept.shape[2:])
+            np.copyto(self._part(key, kept, 2), self._part(key, values, 2))
 
     def _part(self, key: _Key, values: np.ndarray, axes: int) -> np.ndarray:
         """A view of what is kept of a field's values, behind so many axes."""

@@ -117,6 +117,13 @@ class Rows:
         """Makes rows go on as those that were saved."""
         self._living().load(saved, rows, self._constants)
 
+    def load_everywhere(self, saved: dict[str, np.ndarray]) -> None:
+        """Makes all rows of a batch go on as the only one that was saved, by `roll_out`.
+
+        Quantities that follow from the state are not computed.
+        """
+        self._living().load_everywhere(saved, self._constants)
+
     def origin(self) -> dict[str, Any]:
         """What must agree for a saved row to be loaded: MuJoCo's version and the model."""
         model = self._data.model._model

@@ -1,6 +1,7 @@
 """What the costs of the planar arm's tasks have in common: the hand, and paths of the joints."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,7 @@ __all__ = [
     "TIPS",
     "TIP_ASIDE",
     "TIP_REACH",
+    "Course",
     "approaches",
     "closing",
     "finger_angle",
@@ -30,6 +32,7 @@ __all__ = [
     "near",
     "outward_speed",
     "path",
+    "paths",
     "sag",
 ]
 
@@ -45,6 +48,21 @@ PLANE = [0, 2]  # x and z of a position
 LONGEST = 0.25  # metres; what scales distances: about half of the arm's reach
 _APPROACH = 0.06, 0.03, 0.0  # metres from what is taken; where a hand passes that comes straight on
 PLAY = 1.3  # how much better than needed the best hold is: a little slip costs nothing
+
+
+class Course(NamedTuple):
+    """Straight joint paths from pose to pose; `paths` makes targets of many at once.
+
+    Attributes:
+      poses: joints to pass one after the other, (4,) each; if there are none the arm stays.
+      grasp: the grasp's target at the knots; the last one holds.
+      duration: knots from one pose to the next.
+    """
+
+    poses: Sequence[np.ndarray]
+    grasp: list[float]
+    duration: int = 1
+
 
 SETTINGS = Settings(
     samples=64,
@@ -98,28 +116,27 @@ def lifts(
     place: np.ndarray,
     angle: float,
     now: np.ndarray,
-    knots: int,
     press: float,
-) -> list[np.ndarray]:
-    """Paths that lift the closed hand, from a place (2,) and an angle, (knots, 5) each."""
-    found: list[np.ndarray] = []
+) -> list[Course]:
+    """Ways that lift the closed hand, from a place (2,) and an angle."""
+    found: list[Course] = []
     for height in (0.04, 0.12):
         above = place + np.array([0.0, height])
         for pose in hand_poses(random, above, GRASP, now, 3, angle, 0.3):
-            found.extend(path(now, [pose], knots, [press], slow) for slow in (1, 3))
+            found.extend(Course([pose], [press], slow) for slow in (1, 3))
     return found
 
 
-def approaches(
-    now: np.ndarray, pose: np.ndarray, knots: int, ready: float, shut: float
-) -> list[np.ndarray]:
-    """Paths that bring the open hand straight on to a pose, in which it closes, (knots, 5) each."""
-    ahead = direction(pose.sum())
-    line = list(nudged(pose, -np.outer(_APPROACH, ahead), 0.0))
-    found: list[np.ndarray] = []
-    for first, slow in ((0, 1), (1, 1), (2, 1), (2, 2), (2, 3)):
-        grasp = [ready] * (1 + slow * (len(line) - first)) + [shut]
-        found.append(path(now, line[first:], knots, grasp, slow))
+def approaches(poses: np.ndarray, ready: float, shut: float) -> list[Course]:
+    """Ways that bring the open hand straight on to one of poses, (n, 4), in which it closes."""
+    if not len(poses):
+        return []
+    back = -np.array(_APPROACH)[:, None] * direction(poses.sum(axis=-1))[:, None]
+    found: list[Course] = []
+    for line in nudged(poses[:, None], back, 0.0):
+        for first, slow in ((0, 1), (1, 1), (2, 1), (2, 2), (2, 3)):
+            grasp = [ready] * (1 + slow * (len(line) - first)) + [shut]
+            found.append(Course(line[first:], grasp, slow))
     return found
 
 
@@ -151,6 +168,7 @@ def path(
       grasp: the grasp's control at the knots; the last one holds.
       duration: knots from one pose to the next.
     """
+    # The same as `paths` makes, of many that differ in nothing but their poses.
     passed = np.asarray(poses, float)
     if passed.ndim == 1:
         passed = passed.reshape(0, 4)
@@ -162,4 +180,28 @@ def path(
     targets = np.empty((*several, knots, 5))
     targets[..., :4] = (places - left)[:, None] * (end - begin) + begin
     targets[..., 4] = (grasp + grasp[-1:] * knots)[:knots]
+    return targets
+
+
+def paths(now: np.ndarray, courses: Sequence[Course], knots: int) -> np.ndarray:
+    """Targets of the arm and the grasp, (len(courses), knots, 5).
+
+    Args:
+      now: the arm's joints at the first knot, (4,).
+      courses: where to go from there.
+      knots: points of the spline.
+    """
+    counts = np.array([len(course.poses) for course in courses], int)[:, None]
+    stations = np.empty((len(courses), 1 + int(counts.max(initial=0)), 4))
+    stations[:] = now
+    targets = np.empty((len(courses), knots, 5))
+    for number, (poses, grasp, _) in enumerate(courses):
+        if len(poses):
+            stations[number, 1 : 1 + len(poses)] = poses
+        targets[number, :, 4] = (grasp + grasp[-1:] * knots)[:knots]
+    durations = np.array([course.duration for course in courses])[:, None]
+    places = np.minimum(np.arange(knots) / durations, counts)
+    left, row = places.astype(int), np.arange(len(courses))[:, None]
+    begin, end = stations[row, left], stations[row, np.minimum(left + 1, counts)]
+    targets[..., :4] = (places - left)[..., None] * (end - begin) + begin
     return targets

@@ -15,11 +15,12 @@ from limberjack.planner.arm import (
     LONGEST,
     OPEN_ANGLE,
     PLANE,
+    Course,
     fingers,
     in_hand,
     lifts,
     loose,
-    path,
+    paths,
     sag,
 )
 from limberjack.planner.costs_manipulator import Bring
@@ -283,51 +284,48 @@ class Insert(Bring):
             found = super()._tried(physics, random)
             if self._way is not None:
                 press = self._grip.shut if self._holds else OPEN_ANGLE
-                now, count = data.qpos[ARM], self.settings.knots
-                ways = [self._way.ahead(stride) for stride in (2, 4, 7, 12, 18, 26)]
-                found = np.concatenate([[path(now, w, count, [press]) for w in ways], found[:12]])
+                ahead = [self._way.ahead(stride) for stride in (2, 4, 7, 12, 18, 26)]
+                ways = [Course(passed[: self.settings.knots], [press]) for passed in ahead]
+                along = paths(data.qpos[ARM], ways, self.settings.knots)
+                found = np.concatenate([along, found[:12]])
             return found
-        now, count = data.qpos[ARM], self.settings.knots
-        paths = [path(now, [now], count, [OPEN_ANGLE])]
+        now = data.qpos[ARM]
+        ways = [Course([now], [OPEN_ANGLE])]
         above = data.site_xpos["grasp"][PLANE] - 0.05 * data.site_xmat["grasp"][[2, 8]]
         for pose in hand_poses(random, above, GRASP, now, 4, float(now.sum()), 0.3):
-            paths.extend(path(now, [pose], count, [OPEN_ANGLE], slow) for slow in (1, 3))
-        return np.array(paths)
+            ways.extend(Course([pose], [OPEN_ANGLE], slow) for slow in (1, 3))
+        return paths(now, ways, self.settings.knots)
 
-    def _carrying_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
-        """Paths that carry the object to the mouth, and in, (knots, 5) each."""
-        now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
+    def _carrying_ways(self, data: Any, random: np.random.Generator) -> list[Course]:
+        """Ways that carry the object to the mouth, and in."""
+        now, press = data.qpos[ARM], self._grip.shut
         mouth = self._receptacle
-        paths = [path(now, [now], count, [press])]
+        ways = [Course([now], [press])]
         up, beside = mouth.offset(data, mouth.sites[0])
         if np.hypot(up - mouth.before, beside) < 0.06 or (up > 0 and abs(beside) < mouth.width):
-            paths.extend(self._ways_in(data, random))
+            ways.extend(self._ways_in(data, random))
             poses = self._poses_to(data, random, mouth.before, 0.0, 2)
         else:
             poses = self._poses_to(data, random, mouth.before, 0.0, 6)
             high = self._poses_to(data, random, mouth.before + 0.06, 0.0, 3)
-            paths.extend(
-                path(now, [pose], count, [press], slow) for pose in high for slow in (1, 3)
-            )
-        paths.extend(
-            path(now, [pose], count, [press], slow) for pose in poses for slow in (1, 2, 4)
-        )
+            ways.extend(Course([pose], [press], slow) for pose in high for slow in (1, 3))
+        ways.extend(Course([pose], [press], slow) for pose in poses for slow in (1, 2, 4))
         place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
-        paths.extend(lifts(random, place, angle, now, count, press)[::2])
-        return paths
+        ways.extend(lifts(random, place, angle, now, press)[::2])
+        return ways
 
-    def _ways_in(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
-        """Paths that let the ball fall, (knots, 5) each."""
-        now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
-        paths: list[np.ndarray] = []
+    def _ways_in(self, data: Any, random: np.random.Generator) -> list[Course]:
+        """Ways to let the ball fall."""
+        now, press = data.qpos[ARM], self._grip.shut
+        ways: list[Course] = []
         for let_go in (OPEN_ANGLE, self._grip.ready):
-            paths.append(path(now, [now], count, [let_go]))
-            paths.append(path(now, [now], count, [press, let_go]))
+            ways.append(Course([now], [let_go]))
+            ways.append(Course([now], [press, let_go]))
             for _ in range(8):
                 place = random.uniform([-0.05, -0.016], [0.03, 0.016])
                 for pose in self._poses_to(
                     data, random, self._receptacle.before + place[0], place[1], 1
                 ):
-                    paths.append(path(now, [pose], count, [press, let_go]))
-                    paths.append(path(now, [pose], count, [let_go], 2))
-        return paths
+                    ways.append(Course([pose], [press, let_go]))
+                    ways.append(Course([pose], [let_go], 2))
+        return ways

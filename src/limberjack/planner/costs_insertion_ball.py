@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm import ARM, OPEN_ANGLE, fingers, path
+from limberjack.planner.arm import ARM, OPEN_ANGLE, Course, fingers, paths
 from limberjack.planner.costs_insertion import Insert
 from limberjack.planner.grips import height_above_ground
 from limberjack.planner.planar_ik import GRASP, direction, hand_poses, nudged
@@ -100,7 +100,7 @@ class InsertBall(Insert):
             return super()._tried(physics, random)
         now = physics.named.data.qpos[ARM]
         poses = now + random.normal(0.0, 1.0, (16, 4)) if self._shakes else [self._kept]
-        return np.array([path(now, [p], self.settings.knots, [_WIDE]) for p in poses])
+        return paths(now, [Course([pose], [_WIDE]) for pose in poses], self.settings.knots)
 
     def _carry_on(self, physics: Any) -> None:
         """As for inserting; once that has failed, to where the ball rolls in."""

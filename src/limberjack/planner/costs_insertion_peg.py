@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm import ARM, PLANE
+from limberjack.planner.arm import ARM, PLANE, Course
 from limberjack.planner.costs_insertion import Insert
 from limberjack.planner.costs_peg import BLADE, HAND, STRETCHED, BringPeg
 from limberjack.planner.planar_ik import GRASP, direction, nudged
@@ -67,7 +67,7 @@ class InsertPeg(Insert, BringPeg):
         super()._find_way_to_object(physics)
         self._is_blocked = False
         along = self._ways.paths(physics.named.data.qpos[ARM], _ALONG)
-        if along:
+        if len(along):
             poses = along[0][1:, : len(ARM)]
             poses = np.concatenate([poses[1:], (poses[1:] + poses[:-1]) / 2])
             if clearance(poses, HAND, self._walls)[:, 0].min() < _TOUCHING:
@@ -162,7 +162,7 @@ class InsertPeg(Insert, BringPeg):
         many = max(count, _TRIED)
         return super()._poses(data, random, prefix, many, back, at, tilt)[:count]
 
-    def _ways_in(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
-        """Paths that push the peg in, (knots, 5) each."""
+    def _ways_in(self, data: Any, random: np.random.Generator) -> list[Course]:
+        """Ways to push the peg in."""
         now, count, press = data.qpos[ARM], self.settings.knots, self._grip.shut
         return pushes(random, data, self._receptacle, now, count, press)

@@ -20,13 +20,14 @@ from limberjack.planner.arm import (
     OPEN_ANGLE,
     PLANE,
     PLAY,
+    Course,
     fingers,
     in_hand,
     lifts,
     loose,
     near,
     outward_speed,
-    path,
+    paths,
 )
 from limberjack.planner.cost import Cost
 from limberjack.planner.grips import (
@@ -41,7 +42,7 @@ from limberjack.planner.grips import (
     pose_of,
 )
 from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_places, hand_poses
-from limberjack.planner.raking import raking_cost, raking_paths
+from limberjack.planner.raking import raking_cost, raking_courses
 from limberjack.rl.control import PhysicsError
 from limberjack.utils import arrays
 
@@ -284,39 +285,38 @@ class Bring(Cost):
         now = data.qpos[ARM]
         if self._withdraws:
             place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
-            paths = lifts(random, place, angle, now, self.settings.knots, OPEN_ANGLE)
+            ways = lifts(random, place, angle, now, OPEN_ANGLE)
         elif self._rake_to is not None:
-            place, count = data.site_xpos[self._raked_site()], self.settings.knots
-            paths = raking_paths(random, place, self._rake_to, now, count)
+            ways = raking_courses(random, data.site_xpos[self._raked_site()], self._rake_to, now)
         elif self._held(data) > 0.3:
-            paths = self._carrying_paths(data, random)
+            ways = self._carrying_ways(data, random)
         else:
-            paths = self._fetching_paths(data, random)
-        paths.append(path(now, [now], self.settings.knots, [OPEN_ANGLE]))
-        return np.array(paths)[random.permutation(len(paths))]
+            ways = self._fetching_ways(data, random)
+        ways.append(Course([now], [OPEN_ANGLE]))
+        return paths(now, ways, self.settings.knots)[random.permutation(len(ways))]
 
-    def _carrying_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
-        """Paths to the target, upwards, and none."""
-        now, count, shut = data.qpos[ARM], self.settings.knots, self._grip.shut
-        paths: list[np.ndarray] = []
+    def _carrying_ways(self, data: Any, random: np.random.Generator) -> list[Course]:
+        """Ways to the target, upwards, and none."""
+        now, shut = data.qpos[ARM], self._grip.shut
+        ways: list[Course] = []
         for pose in self._poses(data, random, "target_", 6):
-            paths.extend(path(now, [pose], count, [shut], slow) for slow in (1, 2, 4))
+            ways.extend(Course([pose], [shut], slow) for slow in (1, 2, 4))
         place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
-        paths.extend(lifts(random, place, angle, now, count, shut))
-        paths.append(path(now, [now], count, [shut]))
-        return paths
+        ways.extend(lifts(random, place, angle, now, shut))
+        ways.append(Course([now], [shut]))
+        return ways
 
-    def _fetching_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
-        """Paths to where the object will be, at once or from ahead of it; the hand closes there."""
-        now, count, grip = data.qpos[ARM], self.settings.knots, self._grip
-        paths = [path(now, [now], count, [grip.shut])]
-        for knot, straight, ways in ((1, (1,), ()), (2, (2,), (1,)), (4, (4,), (2,))):
+    def _fetching_ways(self, data: Any, random: np.random.Generator) -> list[Course]:
+        """Ways to where the object will be, at once or from ahead of it; the hand closes there."""
+        now, grip = data.qpos[ARM], self._grip
+        ways = [Course([now], [grip.shut])]
+        for knot, straight, speeds in ((1, (1,), ()), (2, (2,), (1,)), (4, (4,), (2,))):
             grasp = [grip.ready] * knot + [grip.shut]
             for pose in self._poses(data, random, "", 4, at=knot):
-                paths.extend(path(now, [pose], count, grasp, slow) for slow in straight)
+                ways.extend(Course([pose], grasp, slow) for slow in straight)
                 angle = float(pose.sum())
                 place = hand_places(pose, GRASP) - BACK * direction(angle)
                 for before in hand_poses(random, place, GRASP, pose, 1, angle, 0.1):
-                    paths.extend(path(now, [before, pose], count, grasp, slow) for slow in ways)
-                    paths.append(path(now, [before], count, [grip.ready], knot))
-        return paths
+                    ways.extend(Course([before, pose], grasp, slow) for slow in speeds)
+                    ways.append(Course([before], [grip.ready], knot))
+        return ways

@@ -10,7 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm import ARM, OPEN_ANGLE, PLANE, approaches, in_hand, near, path, sag
+from limberjack.planner.arm import (
+    ARM,
+    OPEN_ANGLE,
+    PLANE,
+    Course,
+    approaches,
+    in_hand,
+    near,
+    paths,
+    sag,
+)
 from limberjack.planner.costs_manipulator import Bring
 from limberjack.planner.grips import (
     BACK,
@@ -24,7 +34,7 @@ from limberjack.planner.grips import (
 )
 from limberjack.planner.peg_ways import PegWays, across, grasp_of, opening
 from limberjack.planner.planar_ik import GRASP, PINCH, angle_of, direction, hand_poses, nudged
-from limberjack.planner.raking import raking_paths
+from limberjack.planner.raking import raking_courses
 from limberjack.planner.roadmap import Obstacle, clearance
 from limberjack.planner.spots import Spots
 from limberjack.utils import arrays
@@ -238,23 +248,22 @@ class BringPeg(Bring):
         data, count = physics.named.data, self.settings.knots
         if self._rake_to is not None and not self._withdraws:
             place, now = data.site_xpos[self._raked_site()], data.qpos[ARM]
-            first = raking_paths(random, place, self._rake_to, now, count)[:_RAKES]
+            ways = raking_courses(random, place, self._rake_to, now)[:_RAKES]
+            first = paths(now, ways, count)
         else:
             first = self._ways.paths(data.qpos[ARM], count)
-        return np.concatenate([first, found]) if first else found
+        return np.concatenate([first, found])
 
-    def _fetching_paths(self, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+    def _fetching_ways(self, data: Any, random: np.random.Generator) -> list[Course]:
         """As for a ball while it moves; to one that lies still from straight on."""
         if self._coming:
-            return super()._fetching_paths(data, random)
-        now, count, grip = data.qpos[ARM], self.settings.knots, self._grip
-        paths = [path(now, [now], count, [grip.shut])]
+            return super()._fetching_ways(data, random)
+        now, grip = data.qpos[ARM], self._grip
+        ways = [Course([now], [grip.shut])]
         back = nudged(now, -BACK * direction(now.sum()), 0.0)
-        paths.extend(path(now, [back], count, [OPEN_ANGLE], slow) for slow in (1, 3))
-        for tilt, few in ((_ALIGNED, 3), (0.5, 2)):
-            for pose in self._poses(data, random, "", few, tilt=tilt):
-                paths.extend(approaches(now, pose, count, grip.ready, grip.shut))
-        return paths
+        ways.extend(Course([back], [OPEN_ANGLE], slow) for slow in (1, 3))
+        poses = [self._poses(data, random, "", few, tilt=t) for t, few in ((_ALIGNED, 3), (0.5, 2))]
+        return ways + approaches(np.concatenate(poses), grip.ready, grip.shut)
 
 
 def _forward(frame: np.ndarray) -> np.ndarray:

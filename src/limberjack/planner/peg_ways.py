@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from limberjack.planner.arm import OPEN_ANGLE, PLANE, TIPS, path
+from limberjack.planner.arm import OPEN_ANGLE, PLANE, TIPS, Course, paths
 from limberjack.planner.arm_routes import Route, routes
 from limberjack.planner.grips import BACK, HANDLE, Pose, downwards, in_world
 from limberjack.planner.planar_ik import angle_of, direction, hand_height, nudged
@@ -135,15 +135,15 @@ class PegWays:
         """What is left of the arm's way to the target and, at its end, of the peg's, (N,)."""
         return _cost(self._to_target, _TO_TARGET, joints, near_cost)
 
-    def paths(self, now: np.ndarray, knots: int) -> list[np.ndarray]:
-        """Targets along the shortest way, at several speeds, (knots, 5) each."""
+    def paths(self, now: np.ndarray, knots: int) -> np.ndarray:
+        """Targets along the shortest way, at several speeds, (n, knots, 5)."""
         if self._to_target:
             way, grasp = self._to_target[0], HANDLE.shut
         elif self._to_peg and self._to_peg[0].length > _TO_PEG.near:
             way, grasp = self._to_peg[0], HANDLE.ready
         else:
-            return []
-        return [path(now, list(way.ahead(s, knots - 1)), knots, [grasp]) for s in _STRIDES]
+            return np.zeros((0, knots, 5))
+        return paths(now, [Course(way.ahead(s, knots - 1), [grasp]) for s in _STRIDES], knots)
 
 
 def _cost(ways: list[Route], toll: _Toll, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:

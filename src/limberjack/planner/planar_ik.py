@@ -42,6 +42,7 @@ _PALM = 0.045  # from the wrist to the palm
 _MOVES = 1j * np.array([*LENGTHS, _PALM])
 # Limits of shoulder, elbow and wrist, less a margin in which the limits' springs push back.
 LIMITS = np.radians([160.0, 160.0, 140.0]) - 0.05
+_MOST_BENT = float(LIMITS[2])
 # Between a joint or the palm and floor or walls: about a link's radius. Fingers may touch them.
 _CLEARANCE = np.array([0.021, 0.018, 0.016, 0.011])
 _FINGERTIP = 0.096  # from the wrist to the tips of fingers that hold something
@@ -125,27 +126,34 @@ def hand_poses_each(
       now: the present joints, for all points or (R, 4).
     """
     rows, draws = len(points), max(24 * count, 72)
-    tilt, forward = np.reshape(tilt, (-1, 1)), np.reshape(forward, (-1, 1))
-    hand = random.uniform(-tilt, tilt, (rows, draws))
-    hand += np.reshape(0.0 if angle is None else angle, (-1, 1))
-    bend = random.uniform(-LIMITS[2], LIMITS[2], (rows, draws))
+    tilt, forward = _of_each(tilt), _of_each(forward)
+    angle = _of_each(0.0 if angle is None else angle)
+    hand = random.uniform(-tilt, tilt, (rows, draws)) + angle
+    bend = random.uniform(-_MOST_BENT, _MOST_BENT, (rows, draws))
     ahead = forward + slack * random.uniform(0.0, 1.0, (rows, draws))
     place = (points[:, 0] + 1j * points[:, 1])[:, None]
     wrist = place - _unit(hand) * (1j * ahead + lateral)
-    joints = [_joints(wrist, hand, bend, elbow) for elbow in (1.0, -1.0)]
-    usable = np.concatenate(joints, axis=1)
+    elbows = np.array([[[1.0], [-1.0]]])
+    usable = _joints(wrist[:, None], hand[:, None], bend[:, None], elbows).reshape(rows, -1, 4)
     row, column = _is_possible(usable).nonzero()
-    usable, start = usable[row, column], np.broadcast_to(now, (rows, 4))[row]
-    usable[:, 0] += 2 * np.pi * np.round((start[:, 0] - usable[:, 0]) / (2 * np.pi))
-    pointing = _unit(np.cumsum(usable, axis=-1))
+    usable, start = usable[row, column], now if np.ndim(now) == 1 else now[row]
+    usable[:, 0] += 2 * np.pi * np.round((start[..., 0] - usable[:, 0]) / (2 * np.pi))
+    pointing = _unit(usable.cumsum(axis=-1))
     clear = _is_clear(pointing)
     if width is not None:
         clear &= _has_room(pointing, width)
-    usable, far = usable[clear], np.abs(usable - start)[clear].max(axis=-1)
-    ends = np.searchsorted(row[clear], np.arange(rows + 1))
+    usable, far = usable[clear], np.abs(usable - start).max(axis=-1)[clear]
+    if rows == 1:
+        return [usable[_chosen(random, far, count)]]
+    ends = row[clear].searchsorted(np.arange(rows + 1))
     return [
         usable[b:e][_chosen(random, far[b:e], count)] for b, e in itertools.pairwise(ends.tolist())
     ]
+
+
+def _of_each(values: Any) -> Any:
+    """A number for all points as it is, one for each of them as a column."""
+    return values[:, None] if np.ndim(values) else values
 
 
 def _chosen(random: np.random.Generator, far: np.ndarray, count: int) -> np.ndarray:
@@ -264,14 +272,18 @@ def _joints(
     middle = wrist - 1j * _LOWER * _unit(lower) - _BASE
     cosine = (np.abs(middle) ** 2 - _UPPER**2 - _MIDDLE**2) / (2 * _UPPER * _MIDDLE)
     shoulder = elbow * np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
-    root = np.angle(middle) - np.pi / 2 - np.angle(_UPPER + _MIDDLE * _unit(shoulder))
-    third = (lower - root - shoulder + np.pi) % (2 * np.pi) - np.pi
-    return np.stack([root, shoulder, third, bend], axis=-1)
+    bent = _UPPER + _MIDDLE * _unit(shoulder)
+    joints = np.empty((*shoulder.shape, 4))
+    root = np.arctan2(middle.imag, middle.real) - np.pi / 2 - np.arctan2(bent.imag, bent.real)
+    joints[..., 0], joints[..., 1], joints[..., 3] = root, shoulder, bend
+    joints[..., 2] = (lower - root - shoulder + np.pi) % (2 * np.pi) - np.pi
+    return joints
 
 
 def _is_possible(joints: np.ndarray) -> np.ndarray:
     """Whether there is a solution, within the limits, (..., 4) -> (...)."""
-    return np.all(np.abs(joints[..., 1:]) <= LIMITS, axis=-1)  # False for NaN
+    within = np.abs(joints[..., 1:]) <= LIMITS  # False for NaN
+    return within[..., 0] & within[..., 1] & within[..., 2]
 
 
 # In what follows, links point where (..., 4) complex numbers of length 1 times i do.

@@ -1,13 +1,13 @@
 """How a peg that is held before the slot is pushed in, by small straight steps.
 
-paths = pushes(random, data, slot, now, knots=5, press=HANDLE.shut)  # (5, 5) each
+ways = pushes(random, data, slot, now, knots=5, press=HANDLE.shut)
 """
 
 from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm import PLANE, path
+from limberjack.planner.arm import PLANE, Course
 from limberjack.planner.planar_ik import GRASP, direction, nudged
 from limberjack.planner.receptacles import Receptacle
 
@@ -26,15 +26,15 @@ def pushes(
     now: np.ndarray,
     knots: int,
     press: float,
-) -> list[np.ndarray]:
-    """Paths that bring the peg over the slot, then along the axis into it, (knots, 5) each.
+) -> list[Course]:
+    """Ways that bring the peg over the slot, then along the axis into it.
 
     Args:
       random: draws them.
       data: of a single simulation.
       slot: the receptacle.
       now: the arm's joints, (4,).
-      knots: points of the spline.
+      knots: points of a plan, beyond which no pose is needed.
       press: the control of the grasp.
     """
     (up, beside), (middle_up, middle_beside) = (
@@ -47,17 +47,22 @@ def pushes(
     aside = max(abs(beside), abs(middle_beside))
     top = min(up, slot.before)
     before = [slot.before] if aside > 0.75 * slot.width and up > 0.06 else []
-    paths: list[np.ndarray] = []
+    moves: list[np.ndarray] = []
+    turns: list[float] = []
     for step, (off, turn) in zip(
         _STEPS * _DRAWS, random.normal(0.0, [_OFF, _TURN], (len(_STEPS) * _DRAWS, 2)), strict=True
     ):
         turned = _turned(to_wrist, turn + lean)
         heights = [*before, *np.arange(top - step, -step, -step).tolist()][: knots - 1]
         ways = np.reshape([[height - up, off - beside] for height in heights], (-1, 2))
-        stations = list(nudged(now, ways @ to_world + turned - to_wrist, turn + lean))
-        paths.append(path(now, stations, knots, [press]))
-        paths.append(path(now, stations[:1], knots, [press], 2))
-    return paths
+        moves.append(ways @ to_world + turned - to_wrist)
+        turns.extend([turn + lean] * len(heights))
+    stations = nudged(now, np.concatenate(moves), np.array(turns))
+    courses: list[Course] = []
+    for passed in np.split(stations, np.cumsum([len(some) for some in moves])[:-1]):
+        courses.append(Course(passed, [press]))
+        courses.append(Course(passed[:1], [press], 2))
+    return courses
 
 
 def _turned(vector: np.ndarray, angle: float) -> np.ndarray:

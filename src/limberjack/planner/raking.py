@@ -1,18 +1,18 @@
 """How an object that is out of the hand's reach is raked inwards with a fingertip.
 
 cost = raking_cost(data, "peg", goal=-0.12)  # (N,)
-paths = raking_paths(random, place, -0.12, now, knots=5)
+ways = raking_courses(random, place, -0.12, now)
 """
 
 from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm import OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_REACH, TIPS, path
+from limberjack.planner.arm import OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_REACH, TIPS, Course
 from limberjack.planner.planar_ik import hand_poses
 from limberjack.utils import arrays
 
-__all__ = ["behind", "raking_cost", "raking_paths"]
+__all__ = ["behind", "raking_cost", "raking_courses"]
 
 
 def raking_cost(data: Any, site: str, goal: float) -> np.ndarray:
@@ -29,26 +29,25 @@ def raking_cost(data: Any, site: str, goal: float) -> np.ndarray:
     return 4.0 * arrays.minimum_of(tips) + 10.0 * np.abs(middle[..., 0] - goal)
 
 
-def raking_paths(
-    random: np.random.Generator, middle: np.ndarray, goal: float, now: np.ndarray, knots: int
-) -> list[np.ndarray]:
-    """Paths that put a fingertip behind the object, and then pull it inwards, (knots, 5) each.
+def raking_courses(
+    random: np.random.Generator, middle: np.ndarray, goal: float, now: np.ndarray
+) -> list[Course]:
+    """Ways that put a fingertip behind the object, and then pull it inwards.
 
     Args:
       random: draws them.
       middle: where the object is, (3,).
       goal: x, metres.
       now: the arm's joints, (4,).
-      knots: points of the spline.
     """
     start = behind(middle, goal)[PLANE]
     # The root turns from x to -x over the top, and so the other way below.
     turn = 0.3 * np.sign(goal - middle[0]) * np.array([1.0, 0.0, 0.0, 0.0])
-    paths: list[np.ndarray] = []
+    ways: list[Course] = []
     for pose in hand_poses(random, start, TIP_REACH, now, 12, lateral=TIP_ASIDE):
-        paths.append(path(now, [pose], knots, [OPEN_ANGLE], 2))
-        paths.append(path(now, [pose, pose + turn], knots, [OPEN_ANGLE], 2))
-    return paths
+        ways.append(Course([pose], [OPEN_ANGLE], 2))
+        ways.append(Course([pose, pose + turn], [OPEN_ANGLE], 2))
+    return ways
 
 
 def behind(place: np.ndarray, goal: float) -> np.ndarray:

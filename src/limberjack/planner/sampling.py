@@ -140,7 +140,7 @@ class Planner:
         The latter has the motors that the environment has, for costs that simulate themselves.
         """
         env, settings = self._env, self._settings
-        fields = [name for name in env.snapshot().physics if name not in _NOT_FIELDS]
+        fields = self._fields = tuple(n for n in env.snapshot().physics if n not in _NOT_FIELDS)
         twin = twin_of(env.physics, settings)
         if settings.servos:
             self._servos = Servos(twin.model.ptr, self._law)
@@ -153,7 +153,7 @@ class Planner:
 
     def _improved(self) -> np.ndarray:
         """The plan from now on, (knots, nu)."""
-        saved = self._env.snapshot().physics
+        saved = self._env.physics.save_rows(None, self._fields)
         now = self._now
         now.load_rows(saved, None)
         self._cost.look(now)
@@ -228,13 +228,14 @@ class Planner:
     def _simulate(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
         """Follows each sample from the saved state; returns where physics diverges, (samples,)."""
         batch, law, history = self._batch, self._law, self._history
-        batch.load_rows({n: np.repeat(v, len(samples), axis=0) for n, v in saved.items()}, None)
         history.begin()
         pace = self._env.control_timestep() / self._spacing
         plans = targets_at(samples, self._cost.place + pace * np.arange(self._steps))
         if self._servos is not None:
+            batch.load_everywhere(saved)
             interval = self._settings.cost_interval
             return self._servos.follow(batch, history, plans, self._substeps, interval)
+        batch.load_rows({n: np.repeat(v, len(samples), axis=0) for n, v in saved.items()}, None)
         qpos, qvel = batch.data.qpos, batch.data.qvel
         batch.forget_divergence()
         for step, targets in enumerate(plans, 1 - self._steps):

@@ -37,7 +37,7 @@ class Servos:
         Raises:
           ValueError: a motor has dynamics, or a gain that is not constant, or is 0.
         """
-        self._follows = law.follows
+        self._follows, self._follows_all = law.follows, bool(law.follows.all())
         self._strength = np.where(law.follows, model.actuator_gainprm[:, 0], 1.0)
         self._records: dict[str, np.ndarray] = {}
         for motor in np.flatnonzero(law.follows).tolist():
@@ -100,7 +100,7 @@ class Servos:
             values = records[field][:, earlier if field in _OF_THE_STATE else moments]
             if field == "ctrl":  # what the law would have said
                 said = records["actuator_force"][:, earlier] / self._strength
-                values = np.where(self._follows, said, values)
+                values = said if self._follows_all else np.where(self._follows, said, values)
             return values.swapaxes(0, 1)
 
         history.note_all(values_of)
