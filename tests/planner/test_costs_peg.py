@@ -37,7 +37,7 @@ def test_a_peg_leans_at_a_target_where_the_hand_cannot_hold_it_straight() -> Non
     held = [*hand_places(np.array(arm), GRASP), np.pi - sum(arm)]
     cost, physics = peg_scene("bring_peg", _HARD_TARGET, arm, held)
     data, random = physics.named.data, np.random.default_rng(0)
-    assert len(cost._poses(data, random, "target_", 200)) == 0
+    assert len(cost._poses_at_target(data, random, 200)) == 0
     for _ in range(8):
         cost._find_way_to_target(physics)
     pose = cost._ways.paths(data.qpos[ARM], 40)[-1][-1, :4]

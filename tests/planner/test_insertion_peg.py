@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from limberjack.planner.arm import ARM, PLANE, TIP_ASIDE, TIP_REACH, TIPS
+from limberjack.planner.arm import ARM, PLANE, TIP_ASIDE, TIP_REACH, TIPS, paths
 from limberjack.planner.planar_ik import GRASP, hand_places
 from limberjack.planner.pushes import pushes
 from limberjack.planner.receptacles import Receptacle
@@ -116,5 +116,7 @@ def test_a_peg_that_is_all_the_way_in_is_pushed_no_further() -> None:
     data.qpos[cost.task._object_joints[:2]] -= (up + 0.002) * axis + beside * across
     physics.forward()
     now = data.qpos[ARM]
-    for path in pushes(np.random.default_rng(0), data, slot, now, 5, 0.3):
+    ways = pushes(np.random.default_rng(0), data, slot, now, 5, 0.3)
+    assert len(ways) > 0
+    for path in paths(now, ways, 5):
         np.testing.assert_array_equal(path[:, :4], np.repeat(now[None], 5, axis=0))

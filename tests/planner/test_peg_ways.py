@@ -3,7 +3,7 @@
 import numpy as np
 
 from limberjack import suite
-from limberjack.planner.arm import ARM, OPEN_ANGLE, approaches, in_hand
+from limberjack.planner.arm import ARM, OPEN_ANGLE, approaches, in_hand, paths
 from limberjack.planner.grips import HANDLE, Pose
 from limberjack.planner.peg_ways import PegWays, grasp_of, opening
 from limberjack.planner.planar_ik import GRASP, PINCH, direction, hand_places, hand_poses
@@ -45,7 +45,7 @@ def test_costs_end_with_what_hand_and_peg_tell() -> None:
     assert end[4] == HANDLE.shut
     np.testing.assert_array_equal(ways.cost_to_target(end[None, :4], near_cost), near_cost)
     ways.forget()
-    assert ways.paths(now, 5) == []
+    assert ways.paths(now, 5).shape == (0, 5, 5)
 
 
 def test_the_way_to_a_peg_ends_around_it_with_an_open_hand() -> None:
@@ -69,7 +69,7 @@ def test_approaches_come_straight_on_and_close_at_the_peg() -> None:
     physics = suite.load("manipulator", "bring_peg", task_kwargs={"random": 0}).physics
     point, angle = grasp_of(_lying_peg(1.0))
     pose = _poses(point, angle)[0]
-    first = approaches(np.zeros(4), pose, 5, HANDLE.ready, HANDLE.shut)[0]
+    first = paths(np.zeros(4), approaches(pose[None], HANDLE.ready, HANDLE.shut), 5)[0]
     np.testing.assert_array_equal(first[3, :4], pose)
     assert first[:, 4].tolist() == [HANDLE.ready] * 4 + [HANDLE.shut]
     for joints, back in zip(first[1:4, :4], (0.06, 0.03, 0.0), strict=True):

@@ -122,6 +122,6 @@ def test_a_nudge_moves_the_wrist_and_turns_the_hand_as_asked() -> None:
     for joints in random.uniform(0.4, 1.2, (20, 4)):  # bent: a straight arm cannot go on
         moved = nudged(joints, np.array([0.03, -0.02]), 0.1)
         step = hand_places(moved, 0.0) - hand_places(joints, 0.0)
-        # Four Newton steps leave a rounding error: 1.3e-15 here.
-        np.testing.assert_allclose(step, [0.03, -0.02], rtol=0, atol=1e-12)
+        # Three Newton steps leave 6e-10 metres here, and 1e-8 at worst.
+        np.testing.assert_allclose(step, [0.03, -0.02], rtol=0, atol=1e-7)
         np.testing.assert_allclose(moved.sum() - joints.sum(), 0.1, rtol=0, atol=1e-12)

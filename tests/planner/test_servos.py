@@ -40,6 +40,11 @@ def _law(task: tuple[str, str]) -> Tracking:
     return Tracking(suite.load(*task).physics.model._model, **_LAW)
 
 
+def _plan(targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A spline with a knot at each step, (steps, rows, nu) -> its knots, and the steps' places."""
+    return targets.swapaxes(0, 1), np.arange(float(len(targets)))
+
+
 def _arm() -> tuple[Tracking, Any, Servos]:
     task = ("manipulator", "bring_ball")
     law = _law(task)
@@ -71,7 +76,7 @@ def test_servos_do_what_the_law_does(task: tuple[str, str]) -> None:
         assert not by_law.step_rows(None, 1).any()
         if step % 2:
             histories[0].note(step // 2)
-    diverged = servos.follow(by_servos, histories[1], targets, substeps=1, interval=2)
+    diverged = servos.follow(by_servos, histories[1], *_plan(targets), substeps=1, interval=2)
     assert diverged.shape == (_ROWS,)
     assert not diverged.any()
     expected, found = _read(seen[0]), _read(seen[1])
@@ -89,7 +94,7 @@ def test_the_last_state_is_looked_at_last_and_others_at_equal_distances() -> Non
     start = batch.data.time.copy()
     seen.data.time  # noqa: B018  # says that it is to be noted
     history.begin()
-    servos.follow(batch, history, _targets(law), substeps=3, interval=4)
+    servos.follow(batch, history, *_plan(_targets(law)), substeps=3, interval=4)
     steps = np.array([2, 6]) * 3  # of time
     expected = start + 0.01 * steps[:, None]
     # MuJoCo adds the time steps one by one.
@@ -101,7 +106,7 @@ def test_who_diverges_is_told_and_the_others_do_not_notice() -> None:
     for speed in (0.0, 1e9):
         law, batch, servos = _arm()
         batch.data.qvel[1] += speed
-        diverged = servos.follow(batch, History(batch, 1), _targets(law), 2, _STEPS)
+        diverged = servos.follow(batch, History(batch, 1), *_plan(_targets(law)), 2, _STEPS)
         assert diverged.tolist() == [False, speed > 0, False]
         ends.append(batch.data.qpos[[0, 2]].copy())
     np.testing.assert_array_equal(*ends)
@@ -113,7 +118,7 @@ def test_what_cannot_be_recorded_is_named() -> None:
     batch.seen_through(history).data.state  # noqa: B018
     history.begin()
     with pytest.raises(ValueError, match=r"step_cost reads .*state.*plan without Settings\(servos"):
-        servos.follow(batch, history, _targets(law), 1, _STEPS)
+        servos.follow(batch, history, *_plan(_targets(law)), 1, _STEPS)
 
 
 _ARM = """

@@ -8,7 +8,7 @@
     seen.named.data.xpos["head", "z"]  # (25 * num_envs,), the first moment's first
 
 Quantities of all moments cost hardly more time than those of one, most of which is Python's. Only
-what is read is kept: fields, and of those that are read by names the part of a row in which these
+what is read is kept: fields, and of those that are read by names the parts of a row in which these
 are. So what that is is known after the first reading:
 
     history.is_complete  # False: what was read was not noted; now it would be
@@ -23,7 +23,10 @@ __all__ = ["History"]
 
 _Field = tuple[np.ndarray, bool]  # and whether each simulation has values of its own
 _Key = tuple[str, str]  # what reads a field, and its name
-_WHOLE, _NOTHING = slice(None), slice(0, 0)
+_Parts = tuple[slice, ...]  # of a row's columns
+_WHOLE: _Parts = (slice(None),)
+_NOTHING: _Parts = ()
+_CLOSE = 8  # columns; parts that are so near to each other are copied as one, sooner than as two
 
 
 class History:
@@ -39,7 +42,7 @@ class History:
         self._simulation = batch._simulation
         self._moments = moments
         self._kept: dict[_Key, np.ndarray] = {}  # (moments, num_envs, ...) each
-        self._parts: dict[_Key, slice] = {}  # of their rows that are kept
+        self._parts: dict[_Key, _Parts] = {}  # of their rows that are kept
         # Those parts, here and in the batch, as (..., num_envs, columns), once they are noted.
         self._live: list[tuple[np.ndarray, np.ndarray]] | None = None
         self.is_complete = True
@@ -54,10 +57,10 @@ class History:
     def note(self, moment: int) -> None:
         """Notes the batch's present quantities as those of a moment, from 0 on."""
         if self._live is None:
-            self._live = [
-                (self._part(key, kept, 2), self._part(key, self._now(key), 1))
-                for key, kept in self._kept.items()
-            ]
+            self._live = []
+            for key, kept in self._kept.items():
+                live = self._in_parts(key, self._now(key), 1)
+                self._live += zip(self._in_parts(key, kept, 2), live, strict=True)
         for kept, live in self._live:
             kept[moment] = live
 
@@ -70,27 +73,28 @@ class History:
         """The fields of the data that are noted."""
         return list(dict.fromkeys(n for read, n in self._kept if read != "model_field"))
 
-    def note_all(self, values_of: Callable[[str], np.ndarray]) -> None:
+    def note_all(self, values_of: Callable[[str, slice], np.ndarray]) -> None:
         """Notes all moments at once.
 
         Args:
-          values_of: gives the values of a field of the data, (moments, num_envs, ...).
+          values_of: gives columns of a field of the data, (moments, num_envs, columns).
         """
         for key, kept in self._kept.items():
             if key[0] == "model_field":
                 kept[...] = self._now(key)
                 continue
-            values = values_of(key[1])
-            # MuJoCo records a matrix as 3 by 3, which is a row of 9 elsewhere.
-            values = values.reshape(*values.shape[:2], *kept.shape[2:])
-            np.copyto(self._part(key, kept, 2), self._part(key, values, 2))
+            # A matrix has a column for each of its elements.
+            columns = kept.reshape(*kept.shape[:2], -1)
+            for part in self._parts[key]:
+                np.copyto(columns[..., part], values_of(key[1], part))
 
-    def _part(self, key: _Key, values: np.ndarray, axes: int) -> np.ndarray:
-        """A view of what is kept of a field's values, behind so many axes."""
-        part = self._parts[key]
-        if part == _WHOLE:
-            return values
-        return values.reshape(*values.shape[:axes], -1)[..., part]
+    def _in_parts(self, key: _Key, values: np.ndarray, axes: int) -> list[np.ndarray]:
+        """Views of what is kept of a field's values, behind so many axes."""
+        parts = self._parts[key]
+        if parts == _WHOLE:
+            return [values]
+        columns = values.reshape(*values.shape[:axes], -1)
+        return [columns[..., part] for part in parts]
 
     @property
     def model(self) -> Any:
@@ -120,22 +124,22 @@ class History:
             self.is_complete &= not self._simulation.want(name, columns)
         key = "field_for_names", name
         shape = self._kept[key].shape[2:]
-        wanted = np.arange(np.prod(shape, dtype=int))[columns]
+        wanted = np.zeros(np.prod(shape, dtype=int), bool)
+        wanted[columns] = True
         before = self._parts[key]
-        if not wanted.size or before == _WHOLE:
+        if before == _WHOLE:
             return False
-        part = slice(int(wanted.min()), int(wanted.max()) + 1)
-        if before != _NOTHING:
-            part = slice(min(before.start, part.start), max(before.stop, part.stop))
-        self._parts[key] = part
-        self.is_complete &= part == before
-        return part != before
+        for part in before:
+            wanted[part] = True
+        self._parts[key] = parts = _parts_of(wanted)
+        self.is_complete &= parts == before
+        return parts != before
 
     def model_field(self, name: str) -> _Field:
         """A field of the model, and whether each row has values of its own."""
         return self._field(self._simulation.model_field, name, _WHOLE)
 
-    def _field(self, read: Callable[[str], _Field], name: str, part: slice) -> _Field:
+    def _field(self, read: Callable[[str], _Field], name: str, parts: _Parts) -> _Field:
         key = read.__name__, name
         if key not in self._kept:
             live, has_rows = read(name)
@@ -143,7 +147,7 @@ class History:
                 return live, False
             # Until it is noted the present values stand for all moments.
             self._kept[key] = np.repeat(live[None], self._moments, axis=0)
-            self._parts[key] = part if live.ndim > 1 else _WHOLE
+            self._parts[key] = parts if live.ndim > 1 else _WHOLE
             self.is_complete = False
         kept = self._kept[key]
         return kept.reshape(self.num_envs, *kept.shape[2:]), True
@@ -152,3 +156,13 @@ class History:
         raise AttributeError(
             f"states that were noted have no {name!r}: they can be read, not stepped or changed"
         )
+
+
+def _parts_of(wanted: np.ndarray) -> _Parts:
+    """The parts of a row in which columns are wanted, (columns,) booleans."""
+    columns = np.flatnonzero(wanted)
+    if not columns.size:
+        return _NOTHING
+    ends = np.flatnonzero(np.diff(columns) > _CLOSE)
+    starts, stops = columns[np.append(0, ends + 1)], columns[np.append(ends, -1)] + 1
+    return tuple(map(slice, starts.tolist(), stops.tolist()))

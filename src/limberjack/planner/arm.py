@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from limberjack.planner.cost import Settings
-from limberjack.planner.planar_ik import GRASP, direction, hand_poses, nudged
+from limberjack.planner.planar_ik import GRASP, direction, hand_poses_each, nudged
 
 __all__ = [
     "ARM",
@@ -59,7 +59,7 @@ class Course(NamedTuple):
       duration: knots from one pose to the next.
     """
 
-    poses: Sequence[np.ndarray]
+    poses: Sequence[np.ndarray] | np.ndarray
     grasp: list[float]
     duration: int = 1
 
@@ -79,7 +79,8 @@ SETTINGS = Settings(
 
 def fingers(data: Any) -> Any:
     """The fingers' angle, (...), radians."""
-    return data.qpos[_FINGERS].mean(axis=-1)
+    angles = data.qpos[_FINGERS]
+    return (angles[..., 0] + angles[..., 1]) / 2
 
 
 def closing(data: Any) -> Any:
@@ -108,7 +109,7 @@ def near(distance: Any, scale: float) -> Any:
 
 def loose(physics: Any, press: float) -> Any:
     """What a hand that presses less than it should costs, 0 to 0.3, (...): what it holds slips."""
-    return 0.15 * np.maximum(press - physics.control()[..., -1], 0.0)
+    return 0.15 * np.maximum(press - physics.named.data.ctrl["grasp"], 0.0)
 
 
 def lifts(
@@ -119,12 +120,9 @@ def lifts(
     press: float,
 ) -> list[Course]:
     """Ways that lift the closed hand, from a place (2,) and an angle."""
-    found: list[Course] = []
-    for height in (0.04, 0.12):
-        above = place + np.array([0.0, height])
-        for pose in hand_poses(random, above, GRASP, now, 3, angle, 0.3):
-            found.extend(Course([pose], [press], slow) for slow in (1, 3))
-    return found
+    above = place + np.array([[0.0, 0.04], [0.0, 0.12]])
+    poses = np.concatenate(hand_poses_each(random, above, GRASP, now, 3, angle, 0.3))
+    return [Course([pose], [press], slow) for pose in poses for slow in (1, 3)]
 
 
 def approaches(poses: np.ndarray, ready: float, shut: float) -> list[Course]:

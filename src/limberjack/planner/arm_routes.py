@@ -6,18 +6,19 @@ A route is a straight joint path to one of the goals, or two by way of a stop th
 knows nothing of objects on the way.
 """
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
 
 from limberjack.planner.planar_ik import hand_gap, hand_height, is_clear
 
-__all__ = ["Route", "routes"]
+__all__ = ["Route", "kept", "routes"]
 
 _STOPS = 80  # that are drawn
 _POINTS = np.arange(1, 7) / 6  # of a straight path, where it is looked at
 _ENDS = 24  # that are tried at least, of goals with the root a turn further or less
-_AT_ONCE = 256  # paths that are looked at together
+_AT_ONCE = 96  # paths that are looked at together
 _TIMES = np.array([0.67, 0.75, 1.0, 1.0])  # of a radian of each joint at most speed, to the wrist's
 _SPACING = 0.1  # radians; between the points of a route that are compared with
 _RETURN = 1.3  # how much a radian beside a route counts, against one along it
@@ -32,34 +33,45 @@ class Route:
     """Where to go next, and then.
 
     Attributes:
-      stations: joints to pass, (n, 4).
+      stations: joints to pass, (n, 4): a stop's if there is one, then the goal's.
+      goal: the latter, (m, 4).
       stop: the first of them if that is not a goal's, (4,), or None.
       length: radians of the wrist, which turns as long as the route takes.
     """
 
     def __init__(self, begin: np.ndarray, goal: np.ndarray, stop: np.ndarray | None = None) -> None:
         """Takes the joints at the beginning (k, 4), a goal's (m, 4), and those to pass before."""
-        stations = goal if stop is None else np.concatenate([stop[None], goal])
-        self.stations, self.stop = stations, stop
-        bends = np.concatenate([begin, stations])
-        passed = np.concatenate([[0.0], _far(bends[:-1], bends[1:]).cumsum()])
-        self._bends, self._passed = bends, passed
-        self.length = float(passed[-1])
-        places = np.linspace(0.0, self.length, 2 + int(self.length / _SPACING))
-        self._points = np.stack([np.interp(places, passed, j) for j in bends.T], axis=-1)
-        self._left = self.length - places
-        self._is_behind = places > passed[1]  # the first bend
+        self.goal, self.stop = goal, stop
+        self.stations = goal if stop is None else np.concatenate([stop[None], goal])
+        self._bends = np.concatenate([begin, self.stations])
+        lengths = _far(self._bends[:-1], self._bends[1:])
+        self._passed = np.concatenate([[0.0], lengths.cumsum()])
+        self.length = float(self._passed[-1])
+
+    @functools.cached_property
+    def _points(self) -> np.ndarray:
+        """Joints along it, (n, 4)."""
+        return self._at(self._places)
+
+    @functools.cached_property
+    def _places(self) -> np.ndarray:
+        """How far along it these are, (n,), radians of the wrist."""
+        return np.linspace(0.0, self.length, 2 + int(self.length / _SPACING))
+
+    def _at(self, places: np.ndarray) -> np.ndarray:
+        """Joints so far along it, (n,) -> (n, 4)."""
+        return np.stack([np.interp(places, self._passed, j) for j in self._bends.T], axis=-1)
 
     def remaining(self, joints: np.ndarray) -> np.ndarray:
         """How long the way is from joints to the end, (n, 4) -> (n,), radians."""
         aside = _far(joints[:, None], self._points)
-        cut = self._is_behind * np.maximum(aside - _CORNER, 0.0)
-        return (_RETURN * aside + _CUT * cut + self._left).min(axis=-1)
+        is_behind = self._places > self._passed[1]  # the first bend
+        cut = is_behind * np.maximum(aside - _CORNER, 0.0)
+        return (_RETURN * aside + _CUT * cut + (self.length - self._places)).min(axis=-1)
 
     def ahead(self, stride: float, count: int) -> np.ndarray:
         """Joints to pass, (count, 4), a stride in radians from one to the next."""
-        places = stride * np.arange(1, count + 1)
-        return np.stack([np.interp(places, self._passed, j) for j in self._bends.T], axis=-1)
+        return self._at(stride * np.arange(1, count + 1))
 
 
 def routes(
@@ -107,6 +119,31 @@ def routes(
     return sorted(found, key=lambda route: route.length)[:count]
 
 
+def kept(
+    now: np.ndarray,
+    known: Sequence[Route],
+    reach: float,
+    around: np.ndarray | None = None,
+    first: np.ndarray | None = None,
+) -> list[Route]:
+    """Those of known routes that are still clear from now on, without their stops if possible.
+
+    Takes what `routes` takes, and is much quicker: it looks for no other.
+    """
+    if not known:
+        return []
+    begin = now[None] if first is None else np.stack([now, first])
+    ends = [route.goal[0] for route in known]
+    ends += [route.stations[0] for route in known]
+    direct, to_stop = np.split(_is_straight_clear(begin[-1], np.array(ends), reach, around), 2)
+    found = [
+        Route(begin, route.goal, None if is_direct else route.stop)
+        for route, is_direct, is_clear_to_stop in zip(known, direct, to_stop, strict=True)
+        if is_direct or is_clear_to_stop
+    ]
+    return sorted(found, key=lambda route: route.length)
+
+
 def _onwards(
     now: np.ndarray,
     stops: np.ndarray,
@@ -134,7 +171,10 @@ def _onwards(
 
 def _far(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """How far the joint turns that takes longest, (..., 4) -> (...), radians of the wrist."""
-    return (_TIMES * np.abs(end - start)).max(axis=-1)
+    ways = _TIMES * np.abs(end - start)
+    # Quicker than `max` over so short an axis.
+    first, last = np.maximum(ways[..., 0], ways[..., 1]), np.maximum(ways[..., 2], ways[..., 3])
+    return np.maximum(first, last)
 
 
 def _is_straight_clear(

@@ -15,7 +15,6 @@ from limberjack.planner.planar_ik import (
     angle_of,
     direction,
     hand_places,
-    hand_poses,
     hand_poses_each,
     hand_route,
 )
@@ -84,11 +83,11 @@ def _stations(
     back: float,
 ) -> np.ndarray:
     """Where what is moved begins, is up, is over its end, and ends, (P, 4, 2), metres."""
-    start = hand_places(now, forward, lateral)
+    start, *ends = hand_places(np.concatenate([now[None], poses]), forward, lateral)
     stations = np.empty((len(poses), 4, 2))
     stations[:, 0] = start
     stations[:, 1] = start - back * direction(now.sum())
-    stations[:, 2:] = hand_places(poses, forward, lateral)[:, None]
+    stations[:, 2:] = np.reshape(ends, (-1, 1, 2))
     stations[:, 1:3, 1] = np.maximum(stations[:, 1:3, 1], cruise)
     return stations
 
@@ -144,8 +143,9 @@ def turning_over(
     points = box + np.array(_OVER_A_BOX) * [side, 1.0]
     down, slow = angle_of(np.array([0.0, -1.0])), round(_PUSH / settings.spacing)
     ways: list[np.ndarray] = []
-    for aside in (-TIP_ASIDE, TIP_ASIDE):  # a tower leaves room for one of the fingers
-        poses = hand_poses(random, points[0], TIP_REACH, now, 3, down, 0.4, aside)
+    sides = np.array([-TIP_ASIDE, TIP_ASIDE])  # a tower leaves room for one of the fingers
+    press = points[[0, 0]], TIP_REACH, now, 3, down, 0.4, sides
+    for aside, poses in zip(sides.tolist(), hand_poses_each(random, *press), strict=True):
         routes = hand_route(poses, poses, points, np.zeros(4), TIP_REACH, aside)
         routes = routes[np.isfinite(routes).all(axis=(-2, -1))]
         parts = [routes[:, first:] for first in range(3)]

@@ -28,6 +28,7 @@ _NEARLY_PLAY = np.radians(2.0)
 _READY = 0.3  # control of the grasp that brings them there
 _WIDE = 0.1  # radians; fingers that are bent back by more touch what is beside
 _EMPTY = np.radians(35.0)  # fingers that have closed by more than this hold nothing
+_EMPTIER = np.radians(10.0)  # by how much more, till that is certain
 _STILL = 0.6  # radians per second; fingers that turn faster do not hold yet
 _ABOVE = 0.06  # metres; how far above its place at a box the hand comes to it
 
@@ -57,7 +58,8 @@ def grip_of(data: Any, box: str) -> Grip:
     ahead, aside = in_hand(data, data.site_xpos[box])
     side, hand = data.xmat[box], data.site_xmat["grasp"]
     square = (side[..., 0] * hand[..., 0] + side[..., 6] * hand[..., 6]) ** 2
-    turning = np.abs(data.qvel[["thumb", "finger"]].mean(axis=-1))
+    speeds = data.qvel[["thumb", "finger"]]
+    turning = np.abs(speeds[..., 0] + speeds[..., 1]) / 2
     askew = square * (1.0 - square)
     return Grip(ahead, aside, askew, closing(data), turning, 1.0 + hand[..., 8])
 
@@ -69,7 +71,7 @@ def how_held(grip: Grip, has: bool) -> np.ndarray:
       grip: how the hand is to it.
       has: whether the hand has had it already. Otherwise it must first be held well.
     """
-    empty = np.clip((grip.closed - _EMPTY) / np.radians(10.0), 0.0, 1.0)
+    empty = np.clip((grip.closed - _EMPTY) / _EMPTIER, 0.0, 1.0)
     closed = np.clip(grip.closed / (_KEEPS if has else _CLOSING), 0.0, 1.0) ** 6 * (1.0 - empty)
     if not has:
         # Who lifts while the fingers still turn has the box at their tips, where it slips.

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["FLAT", "HALF", "PASSES", "crest", "lies_too_low", "stands", "turned"]
+__all__ = ["FLAT", "HALF", "PASSES", "crest", "haste", "lies_too_low", "stands", "turned"]
 
 HALF = 0.022  # metres; half a box
 _RESTS = 0.1  # metres per second; what is slower may be let go
@@ -12,6 +12,8 @@ FLAT = 0.01  # of `turned`: 6 degrees
 _BELOW = 0.18  # metres; boxes that are higher than this are falling, or on the arm
 PASSES = 1.5 * HALF  # above another one a box that is carried keeps clear of it
 _OFF_THE_FLOOR = 0.05  # metres; a box that is dragged over the floor turns in the hand
+_CARRIED = 1.3  # metres per second; a box that is carried faster slips out of the hand
+_SMOOTH = 10.0  # metres per second squared; so does one that is jerked more
 _FROM, _TILL = 0.13, 0.09  # metres to the middle of another box: where it must begin to be above
 
 
@@ -48,3 +50,11 @@ def lies_too_low(box: np.ndarray, others: np.ndarray) -> np.ndarray:
     lack = others[..., 1] + HALF + PASSES - box[..., None, 1]
     lack *= np.clip((_FROM - beside) / (_FROM - _TILL), 0.0, 1.0) * (others[..., 1] < _BELOW)
     return np.maximum(lack.max(axis=-1), np.maximum(_OFF_THE_FLOOR - box[..., 1], 0.0))
+
+
+def haste(data: Any, box: str) -> np.ndarray:
+    """By how much a box that is held is carried too fast, or jerked, (N,)."""
+    dofs = [f"{box}_x", f"{box}_z"]
+    velocity, pull = data.qvel[dofs], data.qacc[dofs]
+    fast = np.maximum(np.hypot(velocity[..., 0], velocity[..., 1]) - _CARRIED, 0.0)
+    return 2.0 * fast + 0.05 * np.maximum(np.hypot(pull[..., 0], pull[..., 1]) - _SMOOTH, 0.0)

@@ -49,6 +49,9 @@ class Settings:
         between the best sample and the worst of the best eighth.
       flowing: whether proposals begin at the targets of the present plan. A joint that moves is
         behind its target: if that were where the joint is now, it would stop at once.
+      proposal_interval: plannings from one call of `proposals` to the next, unless the cost's stage
+        changes. In between those that it gave last are tried again, as seen from then. Not for
+        anchored plans.
       cost_interval: control steps of a plan from one look at its cost to the next. Where steps are
         short, every second one tells as much and takes half of the time outside of MuJoCo.
       servos: whether in the plan servos follow the targets at each time step, instead of the law at
@@ -72,13 +75,15 @@ class Settings:
     finest: float = 0.03
     temperature: float = 0.3
     flowing: bool = False
+    proposal_interval: int = 1
     cost_interval: int = 1
     servos: bool = False
     rest: bool = False
 
     def __post_init__(self) -> None:
         fewest = 3 if self.anchored else 2
-        at_least = {"samples": 2, "knots": fewest, "interval": 1, "cost_interval": 1}
+        at_least = {"samples": 2, "knots": fewest}
+        at_least |= dict.fromkeys(("interval", "proposal_interval", "cost_interval"), 1)
         for name, least in at_least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
@@ -92,6 +97,10 @@ class Settings:
             value = getattr(self, name)
             if not (_is_number(value) and value >= 0):
                 raise ValueError(f"{name} is {value!r}; expected a number from 0 up")
+        if self.anchored and self.proposal_interval > 1:
+            raise ValueError(
+                f"proposal_interval is {self.proposal_interval}; expected 1, as plans are anchored"
+            )
         if self.finest > 1:
             raise ValueError(f"finest is {self.finest!r}; expected a part of `noise`, 1 at most")
 
@@ -156,6 +165,10 @@ class Cost:
           Targets of the actuators at the knots: an angle in radians for an actuator on a joint, the
           control for others. At most half of the samples are taken from them, from the first on.
         """
+        return None
+
+    def stage(self) -> Any:
+        """What proposals depend on besides the state; any value that can be compared."""
         return None
 
     def continued(self, plan: np.ndarray) -> np.ndarray:

@@ -24,10 +24,10 @@ from limberjack.planner.arm import (
     sag,
 )
 from limberjack.planner.costs_manipulator import Bring
-from limberjack.planner.grips import in_world
+from limberjack.planner.grips import Pose, in_world, pose_of
 from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses
 from limberjack.planner.receptacles import Receptacle
-from limberjack.planner.roadmap import Way, clearance, find_way
+from limberjack.planner.roadmap import Way, clearance, draw_map, find_way
 from limberjack.utils import arrays
 
 __all__ = ["Insert"]
@@ -41,6 +41,7 @@ _ASTRAY = 0.8  # radians; so far off its way the arm looks for another
 _ARRIVED = 0.5  # radians; so near its end a way has been gone
 _PRESS = 0.25  # control of the grasp under which an object may slip
 _PATIENCE = 10  # plannings; after so many another way is looked for
+_SPARE = 2  # times as many poses are drawn as are wanted that are clear of the walls
 _GOALS = 96  # poses in which a way may end; many of them are blocked
 _STAND_OFF = 0.06  # metres; how far from the object a way to it ends
 _IDLE = 30  # plannings; whoever makes no headway for so long looks for another way
@@ -67,13 +68,15 @@ class Insert(Bring):
     def __init__(self, task: Any) -> None:
         """Takes a `manipulator.Bring` task that inserts."""
         self._receptacle = Receptacle.for_object(self._object)
+        draw_map()
         super().__init__(task)
 
     def reset(self) -> None:
         """Forgets the ways."""
         super().reset()
+        self._stands_at = np.full(3, np.nan)  # where the receptacle is, metres
         self._way: Way | None = None  # around the receptacle
-        self._holds = False
+        self._holds = self._is_in = False
         self._at_mouth = False
         self._patience = 0  # plannings until another way is looked for
         self._found_at = np.zeros(3)  # where the object was when a way to it was found
@@ -81,21 +84,25 @@ class Insert(Bring):
         self._trials = 0  # to insert what is held now
         self._least, self._idle = np.inf, 0  # radians left of the way, and since when
 
-    def look(self, physics: Any) -> None:
+    def _decide(self, physics: Any) -> None:
         """As for bringing, and finds the arm's way; what is in its place is left there."""
         data = physics.named.data
-        self._walls = self._receptacle.walls(physics)
-        holds = bool(self._held(data) > 0.3)
+        place = data.site_xpos[self._receptacle.target]
+        if not np.array_equal(place, self._stands_at):
+            self._stands_at, self._walls = place.copy(), self._receptacle.walls(physics)
+        holds = self._has
         if holds != self._holds:
             self._way, self._patience, self._trials, self._attempts = None, 0, 0, 0
         self._holds = holds
         self._at_mouth = self._at_mouth and holds
-        if self._receptacle.holds(data) > 0.5 and not holds:
+        is_in = self._receptacle.holds(self._receptacle.offset(data, self._receptacle.sites[0]))
+        self._is_in = bool(is_in > 0.5)
+        if self._is_in and not holds:
             self._rake_to = self._way = None
             self._sag = np.zeros(4)
             self.breadth = _FINE
             return
-        super().look(physics)
+        super()._decide(physics)
         self._sag = sag(physics, self.settings.gain)
         self._patience -= 1
         if self._way is not None:
@@ -105,6 +112,10 @@ class Insert(Bring):
         else:
             self._approach(physics)
         self.breadth = self.mouth_breadth if self._at_mouth else 1.0
+
+    def stage(self) -> Any:
+        """What is being done, and on which way."""
+        return super().stage(), self._way, self._at_mouth, self._is_in
 
     def _approach(self, physics: Any) -> None:
         """Keeps the arm's way to the object, or looks for one if that is blocked."""
@@ -186,20 +197,17 @@ class Insert(Bring):
         data = physics.named.data
         if self._rake_to is not None:
             return None
-        random = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
-        goals = self._before_it(data, random)
+        goals = self._before_it(data, self._draws)
         if attempt:
-            few = np.random.default_rng(round(1000 * physics.time())).permutation(len(goals))[
-                : _GOALS // 8
-            ]
-            goals = goals[few]
+            goals = goals[self._draws.permutation(len(goals))[: _GOALS // 8]]
         return find_way(data.qpos[ARM], goals, GRASP + 0.02, self._walls)
 
     def _before_it(self, data: Any, random: np.random.Generator) -> np.ndarray:
         """Arm joints from which the hand can go straight on to the object, (n, 4)."""
         if self._is_fast(data):
             return np.zeros((0, 4))
-        return self._poses(data, random, "", _GOALS, _STAND_OFF)
+        now, lies = data.qpos[ARM], [pose_of(data, self._object)]
+        return self._poses_around(lies, now, random, _GOALS, _STAND_OFF)[0]
 
     def _way_to_mouth(self, physics: Any) -> Way | None:
         """The arm's way around the receptacle to before its mouth; another one at each trial."""
@@ -215,44 +223,46 @@ class Insert(Bring):
     def _carrying(self, physics: Any, held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How surely the object needs no fetching, 0 to 1, and what inserting it costs, (N,)."""
         data = physics.named.data
+        offsets = self._receptacle.offsets(data)
         missing = 1.0 - self.task.get_reward(physics)
         cost = missing + held * loose(physics, _PRESS)
         if self._way is not None and self._holds:
             left = _PER_RADIAN * self._way.remaining(data.qpos[ARM])
         else:
-            left = self._receptacle.distance(data) / (_NEAR if self._at_mouth else LONGEST)
+            left = self._receptacle.distance(offsets) / (_NEAR if self._at_mouth else LONGEST)
             left = left + held * np.maximum(_FACING - self._receptacle.facing(data), 0.0)
         # Always less than what an object costs that is not held.
         cost = cost + _FAR * np.tanh(left / _FAR)
-        return np.maximum(held, self._receptacle.holds(data)), cost
+        return np.maximum(held, self._receptacle.holds(offsets[0])), cost
 
-    def _fetching(self, data: Any) -> np.ndarray:
+    def _fetching(self, data: Any, offset: tuple[Any, Any]) -> np.ndarray:
         """As for bringing; if the receptacle is in the way, how far the arm has to go, (N,)."""
         if self._way is None or self._holds:
-            return super()._fetching(data)
+            return super()._fetching(data, offset)
         unready = np.abs(fingers(data) - self._grip.ready)
         return 2.0 + 1.5 * _PER_RADIAN * self._way.remaining(data.qpos[ARM]) + 2.0 * unready
 
-    def _poses(
+    def _poses_around(
         self,
-        data: Any,
+        objects: list[Pose],
+        now: np.ndarray,
         random: np.random.Generator,
-        prefix: str,
         count: int,
         back: float = 0.0,
-        at: int = 0,
         tilt: float = 0.5,
-    ) -> np.ndarray:
+    ) -> list[np.ndarray]:
         """As for bringing, less those in which the hand would be in the receptacle's walls."""
-        poses = super()._poses(data, random, prefix, 3 * count, back, at, tilt)
-        if not len(poses) or prefix:
-            return poses[:count]
-        poses = self._clear(poses)
-        return poses[:: max(1, len(poses) // count)][:count]
+        found = super()._poses_around(objects, now, random, _SPARE * count, back, tilt)
+        is_clear = self._is_clear(np.concatenate(found))
+        ends = np.cumsum([len(poses) for poses in found])[:-1]
+        left = [poses[ok] for poses, ok in zip(found, np.split(is_clear, ends), strict=True)]
+        return [poses[:: max(1, len(poses) // count)][:count] for poses in left]
 
-    def _clear(self, poses: np.ndarray) -> np.ndarray:
-        """Those of poses (n, 4) in which the hand is not in the receptacle's walls."""
-        return poses[clearance(poses, GRASP + 0.02, self._walls)[:, 0] > _TOUCHING]
+    def _is_clear(self, poses: np.ndarray) -> np.ndarray:
+        """In which poses (n, 4) the hand is not in the receptacle's walls, (n,)."""
+        if not len(poses):
+            return np.zeros(0, bool)
+        return clearance(poses, GRASP + 0.02, self._walls)[:, 0] > _TOUCHING
 
     def _poses_to(
         self,
@@ -280,7 +290,7 @@ class Insert(Bring):
     def _tried(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """As for bringing; once the object is in its place the hand goes away from it."""
         data = physics.named.data
-        if self._held(data) > 0.3 or self._receptacle.holds(data) < 0.5:
+        if self._has or not self._is_in:
             found = super()._tried(physics, random)
             if self._way is not None:
                 press = self._grip.shut if self._holds else OPEN_ANGLE

@@ -55,12 +55,16 @@ class InsertBall(Insert):
         self._shakes = 0  # plannings in which it is still shaken off
         self._raked_from, self._in_vain = np.zeros(3), 0  # since when it has not moved
 
-    def look(self, physics: Any) -> None:
+    def _decide(self, physics: Any) -> None:
         """As for inserting, unless the ball is let go or shaken off."""
         away = np.hypot(*self._receptacle.offset(physics.named.data, self._object))
         self._lets_go = max(self._lets_go - 1, 0) if away < _MISSED else 0
         if not self._lets_go and not self._is_shaken_off(physics):
-            super().look(physics)
+            super()._decide(physics)
+
+    def stage(self) -> Any:
+        """What is being done."""
+        return super().stage(), self._lets_go > 0, self._shakes > 0
 
     def _is_shaken_off(self, physics: Any) -> bool:
         """Whether the ball has come to rest on the folded arm."""
@@ -68,7 +72,7 @@ class InsertBall(Insert):
         is_in = self.task.get_reward(physics) > 0.5
         lies = height_above_ground(data.site_xpos[self._object]) > _LIES
         speed = np.abs(data.qvel[self.task._object_joints[:2]]).max()
-        rests = bool(lies and speed < _RESTS and self._held(data) < 0.3) and not is_in
+        rests = bool(lies and speed < _RESTS) and not self._has and not is_in
         self._lies_for = self._lies_for + 1 if rests else 0
         self._shakes = max(self._shakes - 1, 0)
         if self._lies_for > _SHAKES:
@@ -145,6 +149,6 @@ class InsertBall(Insert):
         places = [np.array([x, _ROLLS[1]]) for x in random.uniform(-_ROLLS[0], _ROLLS[0], 16)]
         now = data.qpos[ARM]
         found = [hand_poses(random, place, GRASP, now, 8, np.pi, 0.8) for place in places]
-        takes = self._clear(np.concatenate(found))
-        poses = [nudged(pose, -_STAND_OFF * direction(pose.sum()), 0.0) for pose in takes]
-        return np.array(poses).reshape(-1, 4)
+        takes = np.concatenate(found)
+        takes = takes[self._is_clear(takes)]
+        return nudged(takes, -_STAND_OFF * direction(takes.sum(axis=-1)), 0.0)

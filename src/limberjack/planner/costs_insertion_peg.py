@@ -12,6 +12,7 @@ import numpy as np
 from limberjack.planner.arm import ARM, PLANE, Course
 from limberjack.planner.costs_insertion import Insert
 from limberjack.planner.costs_peg import BLADE, HAND, STRETCHED, BringPeg
+from limberjack.planner.grips import Pose, pose_of
 from limberjack.planner.planar_ik import GRASP, direction, nudged
 from limberjack.planner.pushes import pushes
 from limberjack.planner.roadmap import Obstacle, Way, clearance, find_way
@@ -100,16 +101,15 @@ class InsertPeg(Insert, BringPeg):
         """The arm's way around the slot: to before the peg, to rake it, or to let it fall."""
         data = physics.named.data
         now, walls = data.qpos[ARM], self._walls
-        random = np.random.default_rng(round(1000 * physics.time()))
+        random = self._draws
         if self._rake_to is not None:
             return self._way_to_rake(data, self._rake_to)
         if self._lies_on_arm():
             return find_way(now, random.uniform(-STRETCHED, STRETCHED, (8, 4)), HAND, walls)
         if self._is_fast(data):
             return None
-        draws = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
         # From where the hand gets on to the peg: there, too, the walls must leave it room.
-        poses = self._poses(data, draws, "", _GOALS)
+        (poses,) = self._poses_around([pose_of(data, "peg")], now, random, _GOALS)
         if attempt:
             poses = poses[random.permutation(len(poses))[:_FEW]]
         way = None
@@ -148,19 +148,18 @@ class InsertPeg(Insert, BringPeg):
                     return way
         return None
 
-    def _poses(
+    def _poses_around(
         self,
-        data: Any,
+        objects: list[Pose],
+        now: np.ndarray,
         random: np.random.Generator,
-        prefix: str,
         count: int,
         back: float = 0.0,
-        at: int = 0,
         tilt: float = 0.5,
-    ) -> np.ndarray:
+    ) -> list[np.ndarray]:
         """As for any object, of more poses: few may be clear of the walls."""
-        many = max(count, _TRIED)
-        return super()._poses(data, random, prefix, many, back, at, tilt)[:count]
+        found = super()._poses_around(objects, now, random, max(count, _TRIED), back, tilt)
+        return [poses[:count] for poses in found]
 
     def _ways_in(self, data: Any, random: np.random.Generator) -> list[Course]:
         """Ways to push the peg in."""

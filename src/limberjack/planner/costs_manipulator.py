@@ -10,8 +10,10 @@ be inserted in `costs_insertion.py`. Both build on this, so that it speaks of an
 """
 
 import contextlib
+from collections.abc import Iterator
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from limberjack.planner.arm import (
@@ -41,16 +43,27 @@ from limberjack.planner.grips import (
     in_world,
     pose_of,
 )
-from limberjack.planner.planar_ik import GRASP, angle_of, direction, hand_places, hand_poses
+from limberjack.planner.planar_ik import (
+    GRASP,
+    angle_of,
+    drawn_back,
+    hand_poses,
+    hand_poses_each,
+)
 from limberjack.planner.raking import raking_cost, raking_courses
 from limberjack.rl.control import PhysicsError
 from limberjack.utils import arrays
 
 __all__ = ["Bring"]
 
+_STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 _LOOSE = 8.0  # what an object costs that is not held: more than any that is
+_HAS = 0.3  # of how well an object is held: from when on the hand has it
 _LENIENT = 0.06  # one less the cosine; how far from upright a hand may be that takes a ball
-_HOLDS = 8  # how often between two knots the arm is put back while the object's way is foreseen
+_HEAVY = 1e4  # kg m2; an arm that does not move while the object's way is foreseen
+_MEETS = 1, 2, 4  # knots at which an object that moves may be met
+_TAKES = 4  # poses of the arm that are tried for each
+_DOUBTS = 2  # plans that find the contrary of what was known of an object's reach, till it counts
 _PRESS = 0.25  # control of the grasp under which an object may slip
 _AT_REST = 0.02  # metres or radians per second
 _ALOFT = 0.15  # metres above the ground; what is there falls, or lies on the arm
@@ -71,12 +84,15 @@ class Bring(Cost):
 
     def reset(self) -> None:
         """Forgets where the object was going and what was being done about it."""
+        self._draws = np.random.default_rng(0)  # a look must not shift the samples' stream
+        self._has = False  # whether the hand has the object
         self._coming: list[Pose] = []  # where the object will be at the plan's knots
         self._sag = np.zeros(4)  # radians by which gravity bends the arm away from its targets
         self._near_for = 0  # plans in which the hand was near the object without holding it
         self._withdraws = 0  # plans in which it still goes away, to come again another way
         self._settles = False  # whether it will soon lie still
         self._rake_to: float | None = None  # x, metres, while the object is out of reach
+        self._doubts = 0  # plans that found the contrary of what is known of the object's reach
 
     def step_cost(self, physics: Any) -> np.ndarray:
         """Fetching costs more than carrying, and both less the nearer, (N,)."""
@@ -89,9 +105,10 @@ class Bring(Cost):
             return 2.0 * _LOOSE + 20.0 * near_by + 2.0 * moved + low
         if self._rake_to is not None:
             return 2.0 * _LOOSE + self._raking(data, self._rake_to) + low
-        held = self._held(data)
+        offset = self._offset(data)
+        held = self._held(data, offset)
         secure, carry = self._carrying(physics, held)
-        fetch = _LOOSE + self._fetching(data)
+        fetch = _LOOSE + self._fetching(data, offset)
         return secure * carry + (1.0 - secure) * fetch + low
 
     def _raking(self, data: Any, goal: float) -> np.ndarray:
@@ -111,14 +128,14 @@ class Bring(Cost):
         """How far the object is from the target, (N,), metres."""
         return arrays.norm(data.site_xpos["ball"] - data.site_xpos["target_ball"])
 
-    def _held(self, data: Any) -> np.ndarray:
-        """How well the hand holds the object, 0 to 1, (N,)."""
+    def _held(self, data: Any, offset: tuple[Any, Any]) -> np.ndarray:
+        """How well the hand holds an object that is so far off, 0 to 1, (N,)."""
         # A little play in the hand is no reason to stand still.
-        return np.minimum(PLAY * self._firm(data), 1.0)
+        return np.minimum(PLAY * self._firm(data, offset), 1.0)
 
-    def _firm(self, data: Any) -> np.ndarray:
+    def _firm(self, data: Any, offset: tuple[Any, Any]) -> np.ndarray:
         """1 where the object is right between the closed fingers, 0 far from there, (N,)."""
-        ahead, aside = self._offset(data)
+        ahead, aside = offset
         ahead = ahead - np.clip(ahead, 0.0, self._grip.slack)
         grip = self._grip
         closed = np.clip((fingers(data) - grip.ready) / (grip.firm - grip.ready), 0.0, 1.0)
@@ -137,9 +154,9 @@ class Bring(Cost):
         """One less the cosine between the hand and how it should point, 0 near enough, (...)."""
         return np.maximum(against_hand(data, downwards(data.site_xpos["ball"])) - _LENIENT, 0.0)
 
-    def _fetching(self, data: Any) -> np.ndarray:
-        """How far the hand is from holding the object, (N,)."""
-        ahead, aside = self._offset(data)
+    def _fetching(self, data: Any, offset: tuple[Any, Any]) -> np.ndarray:
+        """How far the hand is from holding an object that is so far off, (N,)."""
+        ahead, aside = offset
         distance = np.hypot(ahead - np.clip(ahead, 0.0, self._grip.slack), aside)
         turn = self._misalignment(data)
         # With the object beside it the hand must first back off: the fingers are in the way.
@@ -166,25 +183,40 @@ class Bring(Cost):
         return 4.0 * way + 0.5 * way / (way + 0.03)
 
     def look(self, physics: Any) -> None:
+        """Notices whether the hand has the object, and decides what to do."""
+        data = physics.named.data
+        self._has = bool(self._held(data, self._offset(data)) > _HAS)
+        self._decide(physics)
+
+    def stage(self) -> Any:
+        """What is being done."""
+        return self._has, self._rake_to is None, self._withdraws > 0, len(self._coming) > 0
+
+    def _decide(self, physics: Any) -> None:
         """Finds where the object will be; rakes what is out of reach."""
         data = physics.named.data
-        random = np.random.default_rng(0)  # its own: a look must not shift the samples' stream
-        if self._held(data) > 0.3:
+        if self._has:
             self._rake_to, self._near_for, self._withdraws = None, 0, 0
             self._turn_rake(data)
             self._find_way_to_target(physics)
             return
         self._lose_patience(data)
         self._coming = self._foreseen(physics)
-        within = len(self._poses(data, random, "", 2, at=len(self._coming))) > 0
-        if self._is_sure(within):
-            if self._rake_to is not None:
-                self._near_for = 0
-            self._rake_to = None
-        elif self._rake_to is not None or self._settles:  # what rolls may come by itself
-            self._rake_to = self._rake_goal(data)
+        if self._rake_to is not None or self._settles:  # what rolls may come by itself
+            end = self._met(data)[-1:]
+            takes = self._poses_around(end, data.qpos[ARM], self._draws, _TAKES)[0]
+            if not self._is_sure(len(takes) > 0):
+                self._rake_to = self._rake_goal(data)
+            elif self._rake_to is not None:
+                self._rake_to, self._near_for = None, 0
         self._turn_rake(data)
         self._find_way_to_object(physics)
+
+    def _met(self, data: Any) -> list[Pose]:
+        """The object's poses where the hand may take it: at each of `_MEETS`, or one if at rest."""
+        last = len(self._coming)
+        at = [self._coming[min(knot, last) - 1] for knot in _MEETS if last]
+        return at or [pose_of(data, self._object)]
 
     def _turn_rake(self, data: Any) -> None:
         """Decides from where the object is raked: always from behind its middle."""
@@ -194,8 +226,12 @@ class Bring(Cost):
         return self._object
 
     def _is_sure(self, within: bool) -> bool:
-        """Whether the object is within reach, given what one look says."""
-        return within
+        """Whether the object is within reach, which a few plans must agree on to change it."""
+        if within == (self._rake_to is None):
+            self._doubts = 0
+            return within
+        self._doubts += 1
+        return within if self._doubts > _DOUBTS else not within
 
     def _find_way_to_target(self, physics: Any) -> None:
         """Looks for what a plan does not find: a ball needs nothing."""
@@ -215,23 +251,20 @@ class Bring(Cost):
 
     def _foreseen(self, physics: Any) -> list[Pose]:
         """The object's poses at the plan's knots, if the arm stays where it is; none at rest."""
-        data, state = physics.named.data, physics.get_state()
+        data, state = physics.named.data, physics.get_state(_STATE)
         joints = self.task._object_joints
         self._settles = bool(np.abs(data.qvel[joints]).max() < _AT_REST)
         if self._settles:
             return []
-        arm = data.qpos[ARM].copy()
         span = self.settings.horizon / (self.settings.knots - 1)
         found: list[Pose] = []
-        # The arm is put back by force, which physics may not bear: then this is all that is seen.
-        with contextlib.suppress(PhysicsError):
+        with contextlib.suppress(PhysicsError), _stays(physics):
+            physics.forward()
             for _ in range(self.settings.knots - 1):
-                for _ in range(_HOLDS):
-                    physics.step(round(span / _HOLDS / physics.timestep()))
-                    data.qpos[ARM], data.qvel[ARM] = arm, 0.0
+                physics.step(round(span / physics.timestep()))
                 found.append(pose_of(data, self._object))
         self._settles = bool(np.abs(data.qvel[joints]).max() < 10 * _AT_REST)
-        physics.set_state(state)
+        physics.set_state(state, _STATE)
         physics.forward()
         return found
 
@@ -239,39 +272,35 @@ class Bring(Cost):
         """Where the object would be in reach: x, metres."""
         return 0.0
 
-    def _poses(
+    def _poses_at_target(self, data: Any, random: np.random.Generator, count: int) -> np.ndarray:
+        """Arm joints that have the object at the target, (n, 4), n <= count."""
+        place, _ = pose_of(data, f"target_{self._object}")
+        return hand_poses(random, place[PLANE], GRASP, data.qpos[ARM], count)
+
+    def _poses_around(
         self,
-        data: Any,
+        objects: list[Pose],
+        now: np.ndarray,
         random: np.random.Generator,
-        prefix: str,
         count: int,
         back: float = 0.0,
-        at: int = 0,
         tilt: float = 0.5,
-    ) -> np.ndarray:
-        """Arm joints that have the hand around the object, (n, 4).
+    ) -> list[np.ndarray]:
+        """Arm joints that have the hand around an object, (n, 4) for each of its poses.
 
         Args:
-          data: of a single simulation.
+          objects: the poses.
+          now: the arm's joints, (4,).
           random: draws the redundancy.
-          prefix: 'target_' for the object at the target.
-          count: how many at most.
+          count: how many at most, for each.
           back: how far the hand is to stand off.
-          at: the knot at which the object is to be met, 0 for now.
           tilt: radians that a hand may come from beside what has a direction.
         """
-        middle, now, grip = self._met(data, prefix, at)[0], data.qpos[ARM], self._grip
-        if prefix:
-            return hand_poses(random, middle[PLANE], GRASP, now, count)
-        down = angle_of(downwards(middle)[PLANE])
-        clear = {"width": grip.width, "slack": 1.5 * grip.slack}
-        return hand_poses(random, middle[PLANE], GRASP + back, now, count, down, 0.8, **clear)
-
-    def _met(self, data: Any, prefix: str, at: int) -> Pose:
-        """Where the object is met, or is to be; see `_poses`."""
-        if at and self._coming:
-            return self._coming[min(at, len(self._coming)) - 1]
-        return pose_of(data, prefix + self._object)
+        places = np.array([place for place, _ in objects])
+        down = angle_of(downwards(places)[:, PLANE])
+        clear = {"width": self._grip.width, "slack": 1.5 * self._grip.slack}
+        each = places[:, PLANE], GRASP + back, now, count
+        return hand_poses_each(random, *each, down, 0.8, **clear)
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Straight joint paths that fetch the object or carry it to the target."""
@@ -288,7 +317,7 @@ class Bring(Cost):
             ways = lifts(random, place, angle, now, OPEN_ANGLE)
         elif self._rake_to is not None:
             ways = raking_courses(random, data.site_xpos[self._raked_site()], self._rake_to, now)
-        elif self._held(data) > 0.3:
+        elif self._has:
             ways = self._carrying_ways(data, random)
         else:
             ways = self._fetching_ways(data, random)
@@ -299,7 +328,7 @@ class Bring(Cost):
         """Ways to the target, upwards, and none."""
         now, shut = data.qpos[ARM], self._grip.shut
         ways: list[Course] = []
-        for pose in self._poses(data, random, "target_", 6):
+        for pose in self._poses_at_target(data, random, 6):
             ways.extend(Course([pose], [shut], slow) for slow in (1, 2, 4))
         place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
         ways.extend(lifts(random, place, angle, now, shut))
@@ -310,13 +339,30 @@ class Bring(Cost):
         """Ways to where the object will be, at once or from ahead of it; the hand closes there."""
         now, grip = data.qpos[ARM], self._grip
         ways = [Course([now], [grip.shut])]
-        for knot, straight, speeds in ((1, (1,), ()), (2, (2,), (1,)), (4, (4,), (2,))):
+        takes = self._poses_around(self._met(data), now, random, _TAKES)
+        back = np.split(
+            drawn_back(np.concatenate(takes), BACK), np.cumsum([len(poses) for poses in takes])[:-1]
+        )
+        for number, knot in enumerate(_MEETS):
+            which = min(number, len(takes) - 1)
             grasp = [grip.ready] * knot + [grip.shut]
-            for pose in self._poses(data, random, "", 4, at=knot):
-                ways.extend(Course([pose], grasp, slow) for slow in straight)
-                angle = float(pose.sum())
-                place = hand_places(pose, GRASP) - BACK * direction(angle)
-                for before in hand_poses(random, place, GRASP, pose, 1, angle, 0.1):
-                    ways.extend(Course([before, pose], grasp, slow) for slow in speeds)
-                    ways.append(Course([before], [grip.ready], knot))
+            for pose, before in zip(takes[which], back[which], strict=True):
+                ways.append(Course([pose], grasp, knot))
+                if not np.isfinite(before[0]):
+                    continue
+                if knot > 1:
+                    ways.append(Course([before, pose], grasp, knot // 2))
+                ways.append(Course([before], [grip.ready], knot))
         return ways
+
+
+@contextlib.contextmanager
+def _stays(physics: Any) -> Iterator[None]:
+    """Within the context the arm of a single simulation is too heavy to move."""
+    armature = physics.named.model.dof_armature
+    before = armature[ARM].copy()
+    armature[ARM], physics.named.data.qvel[ARM] = _HEAVY, 0.0
+    try:
+        yield
+    finally:
+        armature[ARM] = before

@@ -26,6 +26,7 @@ from limberjack.planner.grips import (
     BACK,
     HANDLE,
     PEG_SETTINGS,
+    Pose,
     against_hand,
     downwards,
     height_above_ground,
@@ -33,7 +34,15 @@ from limberjack.planner.grips import (
     pose_of,
 )
 from limberjack.planner.peg_ways import PegWays, across, grasp_of, opening
-from limberjack.planner.planar_ik import GRASP, PINCH, angle_of, direction, hand_poses, nudged
+from limberjack.planner.planar_ik import (
+    GRASP,
+    PINCH,
+    angle_of,
+    direction,
+    hand_poses,
+    hand_poses_each,
+    nudged,
+)
 from limberjack.planner.raking import raking_courses
 from limberjack.planner.roadmap import Obstacle, clearance
 from limberjack.planner.spots import Spots
@@ -43,10 +52,8 @@ __all__ = ["BLADE", "HAND", "STRETCHED", "BringPeg"]
 
 _ALIGNED = 0.1  # radians; a hand that comes to a peg so far from straight on takes it
 _TURNED = 0.3  # radians; from one that is turned more it slips
-_RAKES = 12  # of the paths that are tried
 _ROLLS = 2.0  # metres or radians per second; no way is looked for to a peg that moves so fast
-_DOUBTS = 2  # plans that find the contrary of what was known of a peg's reach, before it counts
-_GOALS, _TAKES = 24, 12  # poses at the target and at a peg to which ways are looked for
+_GOALS, _BEST = 24, 12  # poses at the target and at a peg to which ways are looked for
 # Radians that a peg at the target may lean about the point between its middle and its tip, which
 # are then 0.05 sin(lean / 2) off each: up to 0.4 the reward is 1, at 0.8 it is 0.6. As ways are
 # found by chance, straight ones are looked for twice.
@@ -76,23 +83,29 @@ class BringPeg(Bring):
         self._ways = PegWays()
         self._walls = Obstacle(np.zeros((0, 2, 2)), np.zeros(0))  # that are in the way: none
         self._spots = Spots()  # where a peg is raked
-        self._doubts = 0  # plans that found the contrary of what is known of the peg's reach
         self._carried_for = 0  # plans in which the peg has lain on the arm
         self._lean = 0  # which of `_LEANS` the peg has at the target
 
-    def look(self, physics: Any) -> None:
+    def _decide(self, physics: Any) -> None:
         """As for a ball, for an arm that hangs a little below its targets."""
         self._sag = sag(physics, self.settings.gain)
         self._watch_arm(physics.named.data)
-        super().look(physics)
+        super()._decide(physics)
+
+    def stage(self) -> Any:
+        """What is being done, and where the peg is raked."""
+        return super().stage(), self._spots.now
 
     def _watch_arm(self, data: Any) -> None:
         """Notices a peg that lies on the arm."""
         aloft = height_above_ground(data.site_xpos["peg"]) > _ALOFT
-        peg = Obstacle(data.site_xpos[["peg_grasp", "peg_tip"]][None][..., PLANE], BLADE)
-        on_arm = clearance(data.qpos[ARM][None], HAND, peg)[0, 0] < _ON_ARM
-        carried = aloft and on_arm and self._held(data) < 0.3
+        carried = aloft and not self._has and self._touches_arm(data)
         self._carried_for = self._carried_for + 1 if carried else 0
+
+    def _touches_arm(self, data: Any) -> bool:
+        """Whether the arm is where the peg is."""
+        peg = Obstacle(data.site_xpos[["peg_grasp", "peg_tip"]][None][..., PLANE], BLADE)
+        return bool(clearance(data.qpos[ARM][None], HAND, peg)[0, 0] < _ON_ARM)
 
     def _lies_on_arm(self) -> bool:
         """Whether the peg has lain on the arm for long."""
@@ -116,9 +129,9 @@ class BringPeg(Bring):
         gaps = [arrays.norm(places[s] - places[f"target_{s}"]) for s in ("peg", "peg_tip")]
         return (gaps[0] + gaps[1]) / 2
 
-    def _firm(self, data: Any) -> np.ndarray:
+    def _firm(self, data: Any, offset: tuple[Any, Any]) -> np.ndarray:
         """1 where the handle is right between the closed fingers, and along the hand, (N,)."""
-        return super()._firm(data) * near(self._misalignment(data), 0.15)
+        return super()._firm(data, offset) * near(self._misalignment(data), 0.15)
 
     def _offset(self, data: Any) -> tuple[Any, Any]:
         """As for a ball, where the fingertips are: about there a hand may turn, (N,) each."""
@@ -142,14 +155,6 @@ class BringPeg(Bring):
         """As for a ball once it is near; before, what is left of the arm's way, (N,)."""
         near_by = super()._to_object(data, way, turn)
         return self._ways.cost_to_peg(data.qpos[ARM], near_by) + across(data, turn)
-
-    def _is_sure(self, within: bool) -> bool:
-        """Whether the peg is within reach, which a few plans must agree on to change it."""
-        if within == (self._rake_to is None):
-            self._doubts = 0
-            return within
-        self._doubts += 1
-        return within if self._doubts > _DOUBTS else not within
 
     def _lose_patience(self, data: Any) -> None:
         """As for a ball; what is raked in vain is raked from elsewhere instead."""
@@ -188,10 +193,10 @@ class BringPeg(Bring):
         """Looks for a way to the target; to a peg that leans there if no other is found."""
         data = physics.named.data
         is_found = self._ways.look_for_target(
-            np.random.default_rng(round(1000 * physics.time())),
+            self._draws,
             data.qpos[ARM],
             -downwards(data.site_xpos["grasp"])[PLANE],
-            lambda random: self._poses(data, random, "target_", _GOALS),
+            lambda random: self._poses_at_target(data, random, _GOALS),
         )
         if not is_found and self._gap(data) > _FAR_OFF:
             self._lean = (self._lean + 1) % len(_LEANS)
@@ -199,9 +204,8 @@ class BringPeg(Bring):
     def _find_way_to_object(self, physics: Any) -> None:
         """Looks for a way to a peg that lies still within reach, or to let one fall."""
         data, now = physics.named.data, physics.named.data.qpos[ARM]
-        random = np.random.default_rng(round(1000 * physics.time()))
         if self._lies_on_arm():
-            self._ways.look_for_room(random, now, STRETCHED)
+            self._ways.look_for_room(self._draws, now, STRETCHED)
             return
         moves = np.abs(data.qvel[self.task._object_joints]).max() > _ROLLS
         aloft = height_above_ground(data.site_xpos["peg"]) > _LIES
@@ -209,50 +213,50 @@ class BringPeg(Bring):
             self._ways.forget()
             return
         peg = pose_of(data, "peg")
-        self._ways.look_for_peg(random, now, peg, lambda random: self._takes(data, random))
+        self._ways.look_for_peg(self._draws, now, peg, lambda random: self._best(peg, now, random))
 
-    def _takes(self, data: Any, random: np.random.Generator) -> np.ndarray:
+    def _best(self, peg: Pose, now: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """Arm joints that have the hand around the peg, (n, 4): straight on if that is possible."""
-        straight = self._poses(data, random, "", _TAKES, tilt=_ALIGNED)
-        return straight if len(straight) else self._poses(data, random, "", _TAKES)
+        (straight,) = self._poses_around([peg], now, random, _BEST, tilt=_ALIGNED)
+        return straight if len(straight) else self._poses_around([peg], now, random, _BEST)[0]
 
     def _rake_goal(self, data: Any) -> float:
         """As for a ball; the hand comes from the handle's side, so it needs more room there."""
         return _RAKED if _forward(data.site_xmat["peg"])[0] > 0 else -_RAKED
 
-    def _poses(
+    def _poses_at_target(self, data: Any, random: np.random.Generator, count: int) -> np.ndarray:
+        """As for a ball, with the peg as it is to be there, or leaning."""
+        middle, frame = pose_of(data, "target_peg")
+        place = (middle + in_world(frame, _TURNS_ABOUT))[PLANE]
+        forward = GRASP + self._grip.place[1] - _TURNS_ABOUT[1]
+        wanted = angle_of(_forward(frame)[PLANE]), _LEANS[self._lean]
+        now, width = data.qpos[ARM], self._grip.width
+        return hand_poses(random, place, forward, now, count, *wanted, width=width)
+
+    def _poses_around(
         self,
-        data: Any,
+        objects: list[Pose],
+        now: np.ndarray,
         random: np.random.Generator,
-        prefix: str,
         count: int,
         back: float = 0.0,
-        at: int = 0,
         tilt: float = 0.5,
-    ) -> np.ndarray:
+    ) -> list[np.ndarray]:
         """As for a ball, straight on; `tilt` radians from it, since the hand straightens a peg."""
-        peg, now, grip = self._met(data, prefix, at), data.qpos[ARM], self._grip
-        if prefix:
-            middle, frame = peg
-            place = (middle + in_world(frame, _TURNS_ABOUT))[PLANE]
-            forward = GRASP + grip.place[1] - _TURNS_ABOUT[1]
-            angle, tilt = angle_of(_forward(frame)[PLANE]), _LEANS[self._lean]
-        else:
-            forward, (place, angle), tilt = PINCH, grasp_of(peg), min(tilt, _TURNED)
-        ahead = forward + back
-        return hand_poses(random, place, ahead, now, count, angle, tilt, width=grip.width)
+        grasps = [grasp_of(peg) for peg in objects]
+        places, angles = np.array([g[0] for g in grasps]), np.array([g[1] for g in grasps])
+        wanted = angles, min(tilt, _TURNED)
+        each = places, PINCH + back, now, count
+        return hand_poses_each(random, *each, *wanted, width=self._grip.width)
 
     def _tried(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """As for a ball; first of all along the way, or to the nearest poses to rake from."""
-        found = super()._tried(physics, random)
         data, count = physics.named.data, self.settings.knots
+        now = data.qpos[ARM]
         if self._rake_to is not None and not self._withdraws:
-            place, now = data.site_xpos[self._raked_site()], data.qpos[ARM]
-            ways = raking_courses(random, place, self._rake_to, now)[:_RAKES]
-            first = paths(now, ways, count)
-        else:
-            first = self._ways.paths(data.qpos[ARM], count)
-        return np.concatenate([first, found])
+            ways = raking_courses(random, data.site_xpos[self._raked_site()], self._rake_to, now)
+            return paths(now, [*ways, Course([now], [OPEN_ANGLE])], count)
+        return np.concatenate([self._ways.paths(now, count), super()._tried(physics, random)])
 
     def _fetching_ways(self, data: Any, random: np.random.Generator) -> list[Course]:
         """As for a ball while it moves; to one that lies still from straight on."""
@@ -262,8 +266,11 @@ class BringPeg(Bring):
         ways = [Course([now], [grip.shut])]
         back = nudged(now, -BACK * direction(now.sum()), 0.0)
         ways.extend(Course([back], [OPEN_ANGLE], slow) for slow in (1, 3))
-        poses = [self._poses(data, random, "", few, tilt=t) for t, few in ((_ALIGNED, 3), (0.5, 2))]
-        return ways + approaches(np.concatenate(poses), grip.ready, grip.shut)
+        peg = [pose_of(data, "peg")]
+        for few, tilt in ((3, _ALIGNED), (2, 0.5)):
+            (poses,) = self._poses_around(peg, now, random, few, tilt=tilt)
+            ways.extend(approaches(poses, grip.ready, grip.shut))
+        return ways
 
 
 def _forward(frame: np.ndarray) -> np.ndarray:

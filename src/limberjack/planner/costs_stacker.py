@@ -6,6 +6,7 @@ let down; when the last one stands, the hand goes away. Till all boxes have fall
 """
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -17,15 +18,16 @@ from limberjack.planner.arm import (
     OPEN,
     PLANE,
     SETTINGS,
+    Course,
     closing,
     in_hand,
     near,
     outward_speed,
-    path,
+    paths,
 )
 from limberjack.planner.arm_ways import later, leaving, turning_over, ways_over
 from limberjack.planner.box_grip import HIGH, PRESS, fetching, grip_of, how_held, ready
-from limberjack.planner.boxes import FLAT, HALF, PASSES, crest, lies_too_low, stands, turned
+from limberjack.planner.boxes import FLAT, HALF, PASSES, crest, haste, lies_too_low, stands, turned
 from limberjack.planner.cost import Cost
 from limberjack.planner.planar_ik import GRASP, angle_of, hand_poses_each
 from limberjack.planner.unsticking import Patience, refuge, shelter, ways_to
@@ -48,8 +50,6 @@ _FROM_WALL = 0.355  # metres; a box further out than this has no room for a fing
 _PLACED = 0.006  # metres; a box nearer to its place than this stands there, till twice as far
 _SUPPORT = 0.010  # metres; the same for a box that is to carry others
 _LEANS = 0.08  # of `turned`: 17 degrees
-_CARRIED = 1.3  # metres per second; a box that is carried faster slips out of the hand
-_SMOOTH = 10.0  # metres per second squared; so does one that is jerked more
 _DROP = 0.008  # metres; a box may be let go so high above its place
 _NARROW = 0.3  # how wide plans are varied that carry a box: wide ones jerk it
 _BEFORE = 0.13  # metres before a tower's middle, where what is carried to it has risen
@@ -78,14 +78,15 @@ class Stack(Cost):
 
     settings = dataclasses.replace(
         SETTINGS,
-        samples=32,
+        samples=36,
         horizon=0.45,
         # At each planning anew, a target is reached no sooner than the next knot.
         knots=9,
         temperature=0.1,
         armature=1e-3,
         flowing=True,
-        cost_interval=2,
+        cost_interval=3,
+        proposal_interval=2,
         servos=True,
         rest=True,
     )
@@ -137,6 +138,11 @@ class Stack(Cost):
         if not falling:
             self._await(data)
 
+    def stage(self) -> Any:
+        """What is being done, and with which box."""
+        away = self._backing > 0, self._falling, self._caught > _CAUGHT
+        return self._next, self._firm, len(self._placed), away
+
     def _await(self, data: Any) -> None:
         """Sends the hand away if the next box has not come nearer for long, nor the hand to it."""
         box, hand = data.site_xpos[self._next], data.site_xpos["grasp"]
@@ -162,11 +168,12 @@ class Stack(Cost):
         levels = round((float(target[2]) / HALF - 1) / 2) + 1
         heights = [HALF * (2 * level + 1) for level in range(levels)]
         self._places = [np.array([target[0], 0.0, height]) for height in heights]
-        left, before = list(self._boxes), self._placed
-        self._placed = []
+        left, before, self._placed = list(self._boxes), self._placed, []
+        boxes = {box: data.site_xpos[box].tolist() for box in left}
         for place in self._places:
-            gaps = [float(np.hypot(*(data.site_xpos[box] - place)[PLANE])) for box in left]
-            nearest = int(np.argmin(gaps))
+            x, _, z = place.tolist()
+            gaps = [math.hypot(boxes[box][0] - x, boxes[box][2] - z) for box in left]
+            nearest = gaps.index(min(gaps))
             allowed = _PLACED if place is self._places[-1] else _SUPPORT
             if not stands(data, left[nearest], gaps[nearest], allowed, left[nearest] in before):
                 self._place = place
@@ -182,17 +189,18 @@ class Stack(Cost):
         if self._next in left and self._held(data) > _LOST:
             return str(self._next)
 
+        places = {box: data.site_xpos[box].tolist() for box in self._boxes}
+
         def trouble(box: str) -> float:
-            place = data.site_xpos[box]
-            others = [data.site_xpos[other] - place for other in self._boxes if other != box]
-            covered = any(abs(o[0]) < 0.04 and 0.02 < o[2] < 0.07 for o in others)
-            beside = sum(abs(o[2]) < 0.03 and abs(o[0]) < _FREE for o in others)
-            aloft = place[2] > _ALOFT
-            cornered = max(0.0, abs(float(place[0])) - _FROM_WALL)
-            way = abs(float(place[0] - self._place[0]))
+            x, _, z = places[box]
+            others = [(o[0] - x, o[2] - z) for name, o in places.items() if name != box]
+            covered = any(abs(aside) < 0.04 and 0.02 < up < 0.07 for aside, up in others)
+            beside = sum(abs(up) < 0.03 and abs(aside) < _FREE for aside, up in others)
+            cornered = max(0.0, abs(x) - _FROM_WALL)
+            way = abs(x - float(self._place[0]))
             return (
                 way
-                + 2.0 * aloft
+                + 2.0 * (z > _ALOFT)
                 + 0.5 * covered
                 + 0.4 * beside
                 + 15.0 * cornered
@@ -205,8 +213,9 @@ class Stack(Cost):
     def step_cost(self, physics: Any) -> np.ndarray:
         """What is missing of the tower, and of the next box's way to it, (N,)."""
         data = physics.named.data
-        others = data.site_xpos[self._others][..., PLANE]
-        placed, waiting = np.split(others, [len(self._placed)], axis=-2)
+        others = data.site_xpos[self._others][..., ::2]  # x and z
+        stood = len(self._placed)
+        placed, waiting = others[..., :stood, :], others[..., stood:, :]
         cost = 1.0 - self.task.get_reward(physics) + self._shaken(data, placed)
         cost += 4.0 * self._in_the_way(waiting)
         hand = data.site_xpos["grasp"]
@@ -214,7 +223,7 @@ class Stack(Cost):
         if self._next is None:
             distance = arrays.norm(hand - data.site_xpos["target"])
             return cost + 5.0 * np.maximum(_AWAY - distance, 0.0)
-        box = data.site_xpos[self._next][..., PLANE]
+        box = data.site_xpos[self._next][..., ::2]
         if self._falling:
             return cost + self._dodging(data)
         if self._backing:
@@ -232,7 +241,9 @@ class Stack(Cost):
         moved = self._moved(data, box)
         carry = 1.0 - standing + self._grasp(physics, standing) + grip.tilt
         # Who has not got it yet does not lift it.
-        carry += self._way(data, box, others) + self._haste(data) if self._firm else moved
+        carry += (
+            self._way(data, box, others) + haste(data, str(self._next)) if self._firm else moved
+        )
         fetch = _LOOSE + fetching(grip) + moved + self._pushed(data, waiting)
         fetch += self._crowd(box, others) + self._over_tower(hand)
         return cost + secure * carry + (1.0 - secure) * fetch
@@ -250,13 +261,6 @@ class Stack(Cost):
         speed = np.hypot(velocity[..., 0], velocity[..., 1])
         return np.minimum(speed, 1.0) + 10.0 * np.maximum(box[..., 1] - _LYING, 0.0)
 
-    def _haste(self, data: Any) -> np.ndarray:
-        """By how much the box that is held is carried too fast, or jerked, (N,)."""
-        dofs = [f"{self._next}_x", f"{self._next}_z"]
-        velocity, pull = data.qvel[dofs], data.qacc[dofs]
-        fast = np.maximum(np.hypot(velocity[..., 0], velocity[..., 1]) - _CARRIED, 0.0)
-        return 2.0 * fast + 0.05 * np.maximum(np.hypot(pull[..., 0], pull[..., 1]) - _SMOOTH, 0.0)
-
     def _pushed(self, data: Any, waiting: np.ndarray) -> np.ndarray:
         """How much loose boxes lie on the arm, are pushed, or go outwards, (N,)."""
         outwards = outward_speed(data, f"{self._next}_x", str(self._next))
@@ -269,7 +273,7 @@ class Stack(Cost):
 
     def _grasp(self, physics: Any, standing: np.ndarray) -> np.ndarray:
         """How wrong the control of the grasp is: it holds, or lets go what stands, (N,)."""
-        press = physics.control()[..., -1]
+        press = physics.named.data.ctrl["grasp"]
         return np.where(standing < 0.5, 0.3 * np.abs(press - PRESS), 0.15 * (1.0 + press))
 
     def _crowd(self, box: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -330,9 +334,9 @@ class Stack(Cost):
             ways = self._carrying(data, now, random)
         else:
             ways = self._reaching(data, now, random)
-        stay = [path(now, [now], self.settings.knots, [g]) for g in (OPEN, PRESS, CLOSED)]
-        paths = np.concatenate([stay, ways])
-        return paths[random.permutation(len(paths))]
+        stay = paths(now, [Course([], [g]) for g in (OPEN, PRESS, CLOSED)], self.settings.knots)
+        found = np.concatenate([stay, ways])
+        return found[random.permutation(len(found))]
 
     def _reaching(self, data: Any, now: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """From above onto the next box, then closing."""

@@ -6,6 +6,7 @@ grasp = place + in_world(frame, HANDLE.place)
 """
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -31,22 +32,24 @@ BACK = 0.06  # metres; how far the hand stands off before it closes in
 
 BALL_SETTINGS = dataclasses.replace(
     SETTINGS,
-    samples=32,
+    samples=40,
     # Lighter fingers are pressed through what they should grasp.
     armature=0.001,
     # A good plan among many bad ones is rare, and must not be lost in their mean.
     temperature=0.1,
     # Fingers that come with the right opening close soon: at most at 2 radians per second.
     tendons=True,
-    cost_interval=2,
+    cost_interval=3,
+    proposal_interval=3,
     servos=True,
 )
 # A peg is taken between floor and fingers, where only true weights and short time steps tell. With
 # no armature at all light fingers shake: what they hold is 13 mm off after 0.2 seconds, else 2.5.
 PEG_SETTINGS = dataclasses.replace(
     BALL_SETTINGS,
-    samples=28,
+    samples=36,
     horizon=0.4,
+    proposal_interval=2,
     armature=0.0002,
     timestep=0.01 / 3,
     flowing=True,
@@ -75,17 +78,17 @@ class Grip:
     slack: float
     pressed: float
 
-    @property
+    @functools.cached_property
     def ready(self) -> float:
         """The fingers' angle with which the hand comes, radians."""
         return finger_angle(self.width + self.room)
 
-    @property
+    @functools.cached_property
     def firm(self) -> float:
         """The fingers' angle around the object, radians."""
         return finger_angle(self.width)
 
-    @property
+    @functools.cached_property
     def shut(self) -> float:
         """The target of the fingers' angle that holds, radians."""
         return finger_angle(self.pressed)

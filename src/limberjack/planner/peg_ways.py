@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from limberjack.planner.arm import OPEN_ANGLE, PLANE, TIPS, Course, paths
-from limberjack.planner.arm_routes import Route, routes
+from limberjack.planner.arm_routes import Route, kept, routes
 from limberjack.planner.grips import BACK, HANDLE, Pose, downwards, in_world
 from limberjack.planner.planar_ik import angle_of, direction, hand_height, nudged
 from limberjack.utils import arrays
@@ -32,6 +32,7 @@ _CLEAR = 0.04  # metres; how far fingertips keep from a peg that they are not ar
 _LIFTED = 0.035  # metres; so high a hand is lifted that holds a peg before it goes on its way
 _MOVED = 0.01  # metres, or of a frame; more changes the ways to a peg
 _GOALS = 8  # poses in which a peg may fall
+_LOOKS = 2  # plannings; so often better ways are looked for
 _STRIDES = 0.3, 1.0, 3.0  # radians of a way from one knot to the next
 
 _Goals = Callable[[np.random.Generator], np.ndarray]  # draws joints, (n, 4)
@@ -64,6 +65,7 @@ class PegWays:
         self._goals = np.zeros((0, 4))  # joints that have a held peg at the target
         self._before = np.zeros((0, 2, 4))  # joints that have the hand before a peg, and at it
         self._lay = np.zeros(12)  # the peg's pose for which these are
+        self._looked = 0  # plannings since better ways were looked for
 
     def forget(self) -> None:
         """Forgets all ways, as for a peg that moves or is out of reach."""
@@ -88,8 +90,25 @@ class PegWays:
         lift = _LIFTED - float(hand_height(now))
         first = nudged(now, lift * up, 0.0) if lift > 0 else None
         goals, known = self._goals[:, None], self._to_target
-        self._to_target = routes(random, now, goals, _HAND_AND_PEG, known=known, first=first)
+        self._to_target = self._kept(now, known, _HAND_AND_PEG, None, first) or routes(
+            random, now, goals, _HAND_AND_PEG, known=known, first=first
+        )
         return len(self._to_target) > 0
+
+    def _kept(
+        self,
+        now: np.ndarray,
+        known: list[Route],
+        reach: float,
+        around: np.ndarray | None = None,
+        first: np.ndarray | None = None,
+    ) -> list[Route]:
+        """Known ways as seen from now on, none if it is time to look for better ones."""
+        self._looked += 1
+        if self._looked < _LOOKS:
+            return kept(now, known, reach, around, first)
+        self._looked = 0
+        return []
 
     def look_for_peg(
         self, random: np.random.Generator, now: np.ndarray, peg: Pose, find: _Goals
@@ -106,12 +125,15 @@ class PegWays:
         pose = np.concatenate(peg)
         if not self._to_peg or np.abs(pose - self._lay).max() > _MOVED:
             self._lay, poses = pose, find(random)
+            self._looked = _LOOKS  # the ways that are known lead elsewhere
             back = nudged(poses, -_BEFORE * direction(poses.sum(axis=-1)), 0.0)
             self._before = np.stack([back, poses], axis=1)
         place, frame = peg
         line = np.stack([place + in_world(frame, HANDLE.place), place - 0.05 * frame[2::3]])
         known, around = self._to_peg, line[:, PLANE]
-        self._to_peg = routes(random, now, self._before, _HAND, known=known, around=around)
+        self._to_peg = self._kept(now, known, _HAND, around) or routes(
+            random, now, self._before, _HAND, known=known, around=around
+        )
 
     def look_for_room(
         self, random: np.random.Generator, now: np.ndarray, widest: np.ndarray

@@ -23,6 +23,7 @@ __all__ = [
     "WALL",
     "angle_of",
     "direction",
+    "drawn_back",
     "hand_gap",
     "hand_height",
     "hand_places",
@@ -43,6 +44,7 @@ _MOVES = 1j * np.array([*LENGTHS, _PALM])
 # Limits of shoulder, elbow and wrist, less a margin in which the limits' springs push back.
 LIMITS = np.radians([160.0, 160.0, 140.0]) - 0.05
 _MOST_BENT = float(LIMITS[2])
+_DRAWS, _FEWEST_DRAWS = 12, 72  # for each pose that is wanted, and for few of them
 # Between a joint or the palm and floor or walls: about a link's radius. Fingers may touch them.
 _CLEARANCE = np.array([0.021, 0.018, 0.016, 0.011])
 _FINGERTIP = 0.096  # from the wrist to the tips of fingers that hold something
@@ -113,26 +115,28 @@ def hand_poses_each(
     count: int,
     angle: float | np.ndarray | None = None,
     tilt: float | np.ndarray = np.pi,
-    lateral: float = 0.0,
+    lateral: float | np.ndarray = 0.0,
     width: float | None = None,
     slack: float = 0.0,
 ) -> list[np.ndarray]:
     """What `hand_poses` finds for each of several points, (n, 4) each, in one go.
 
     Args:
-      random, count, lateral, width, slack: as there, for all points.
+      random, count, width, slack: as there, for all points.
       points: where to, (R, 2).
-      forward, angle, tilt: as there, for all points or (R,).
+      forward, angle, tilt, lateral: as there, for all points or (R,).
       now: the present joints, for all points or (R, 4).
     """
-    rows, draws = len(points), max(24 * count, 72)
+    rows, draws = len(points), max(_DRAWS * count, _FEWEST_DRAWS)
+    if not rows:
+        return []
     tilt, forward = _of_each(tilt), _of_each(forward)
-    angle = _of_each(0.0 if angle is None else angle)
-    hand = random.uniform(-tilt, tilt, (rows, draws)) + angle
+    pointing_to = _of_each(0.0 if angle is None else angle)
+    hand = tilt * random.uniform(-1.0, 1.0, (rows, draws)) + pointing_to
     bend = random.uniform(-_MOST_BENT, _MOST_BENT, (rows, draws))
     ahead = forward + slack * random.uniform(0.0, 1.0, (rows, draws))
     place = (points[:, 0] + 1j * points[:, 1])[:, None]
-    wrist = place - _unit(hand) * (1j * ahead + lateral)
+    wrist = place - _unit(hand) * (1j * ahead + _of_each(lateral))
     elbows = np.array([[[1.0], [-1.0]]])
     usable = _joints(wrist[:, None], hand[:, None], bend[:, None], elbows).reshape(rows, -1, 4)
     row, column = _is_possible(usable).nonzero()
@@ -191,9 +195,28 @@ def hand_route(
     wrist = points[..., 0] + 1j * points[..., 1] - _unit(hand) * (1j * forward + lateral)
     elbow = np.where(now[..., 1] * pose[..., 1] < 0, np.nan, np.sign(pose[..., 1]))
     joints = _joints(wrist, hand, bend, elbow)
-    root = np.broadcast_to(now[..., 0], (*joints.shape[:-2], 1))
-    joints[..., 0] = np.unwrap(np.concatenate([root, joints[..., 0]], axis=-1))[..., 1:]
+    # The root turns without jumps.
+    turns = np.diff(joints[..., 0], prepend=np.broadcast_to(now[..., 0], (*joints.shape[:-2], 1)))
+    joints[..., 0] -= 2 * np.pi * np.round(turns / (2 * np.pi)).cumsum(axis=-1)
     return joints
+
+
+def drawn_back(poses: np.ndarray, by: float) -> np.ndarray:
+    """The joints with the hand so far back along itself, the wrist as it is, (n, 4) -> (n, 4).
+
+    NaN where the arm, with its elbow on the same side, does not get there.
+
+    Args:
+      poses: the joints before.
+      by: metres.
+    """
+    hand = poses.sum(axis=-1)
+    wrist = _corners(poses)[:, 3] - by * 1j * _unit(hand)
+    found = _joints(wrist, hand, poses[:, 3], np.sign(poses[:, 1]))
+    found[:, 0] += 2 * np.pi * np.round((poses[:, 0] - found[:, 0]) / (2 * np.pi))
+    clear = _is_possible(found) & _is_clear(_unit(found.cumsum(axis=-1)))
+    found[~clear] = np.nan
+    return found
 
 
 def nudged(joints: np.ndarray, by: np.ndarray, turn: np.ndarray | float) -> np.ndarray:
@@ -207,14 +230,20 @@ def nudged(joints: np.ndarray, by: np.ndarray, turn: np.ndarray | float) -> np.n
     goal = _corners(joints)[..., 3] + by[..., 0] + 1j * by[..., 1]
     angle = joints.sum(axis=-1) + turn
     wanted = np.broadcast_to(joints, (*goal.shape, 4))
-    for _ in range(4):
+    jacobian, error = np.ones((*goal.shape, 3, 4)), np.empty((*goal.shape, 1, 3))
+    for _ in range(3):  # a tenth of a millimetre is left of 10 centimetres then, in 9 poses of 10
         corners = _corners(wanted)
         # A joint's turning moves the wrist at right angles to the line between them.
         moves = 1j * (corners[..., 3:] - corners)
-        jacobian = np.stack([moves.real, moves.imag, np.ones(moves.shape)], axis=-2)
+        jacobian[..., 0, :], jacobian[..., 1, :] = moves.real, moves.imag
         left = goal - corners[..., 3]
-        error = np.stack([left.real, left.imag, angle - wanted.sum(axis=-1)], axis=-1)
-        wanted = wanted + (np.linalg.pinv(jacobian, rcond=0.02) @ error[..., None])[..., 0]
+        error[..., 0, 0], error[..., 0, 1] = left.real, left.imag
+        error[..., 0, 2] = angle - wanted.sum(axis=-1)
+        # Least squares, that leave directions alone in which the arm hardly moves.
+        across, strengths, along = np.linalg.svd(jacobian, full_matrices=False)
+        weak = strengths < 0.02 * strengths[..., :1]
+        shares = (error @ across)[..., 0, :] / np.where(weak, np.inf, strengths)
+        wanted = wanted + (shares[..., None, :] @ along)[..., 0, :]
     return wanted
 
 

@@ -9,6 +9,7 @@ or of one simulation.
 """
 
 import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
@@ -61,18 +62,26 @@ class Receptacle:
         beside = away[..., 0] * frame[..., 0] + away[..., 2] * frame[..., 6]
         return up, beside
 
+    def offsets(self, data: Any) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The same for each of the object's sites."""
+        return [self.offset(data, site) for site in self.sites]
+
     def facing(self, data: Any) -> np.ndarray:
         """The cosine between the hand and the way in, (N,)."""
         frame, hand = data.site_xmat[self.target], data.site_xmat["grasp"]
         return -frame[..., 2] * hand[..., 2] - frame[..., 8] * hand[..., 8]
 
-    def distance(self, data: Any) -> np.ndarray:
-        """How far the object has to go, around the walls and in along the axis, (N,), metres."""
-        offsets = [self.offset(data, site) for site in self.sites]
+    def distance(self, offsets: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """How far the object has to go, around the walls and in along the axis, (N,), metres.
+
+        Args:
+          offsets: of each of its sites.
+        """
         up, beside = offsets[0]
-        aside = np.max([np.abs(b) for _, b in offsets], axis=0)
+        aside = functools.reduce(np.maximum, [np.abs(b) for _, b in offsets])
         on_axis = np.clip(2.0 - aside / self.width, 0.0, 1.0) * (up > -self.width)
-        before = np.mean([np.hypot(u - self.before, b) for u, b in offsets], axis=0)
+        each = [np.hypot(u - self.before, b) for u, b in offsets]
+        before = functools.reduce(np.add, each) / len(each)
         below = np.clip((self.before - up) / _RIM - 0.2, 0.0, 1.0)
         around = below * np.maximum(self.side - np.abs(beside), 0.0)
         outside = self.before + before + 1.5 * around
@@ -80,15 +89,19 @@ class Receptacle:
 
     def from_mouth(self, data: Any) -> float:
         """How far the object of a single simulation is from being before the mouth, metres."""
-        offsets = [self.offset(data, site) for site in self.sites]
+        offsets = self.offsets(data)
         away = max(float(np.hypot(max(u - self.before, 0.0), b)) for u, b in offsets)
         up, beside = offsets[0]
         entering = up > 0 and abs(beside) < self.width
         return away if entering else away + max(self.before - 0.02 - float(up), 0.0)
 
-    def holds(self, data: Any) -> np.ndarray:
-        """How surely the object gets or stays where it is to be by itself, 0 to 1, (N,)."""
-        up, beside = self.offset(data, self.sites[0])
+    def holds(self, offset: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """How surely the object gets or stays where it is to be by itself, 0 to 1, (N,).
+
+        Args:
+          offset: of the first of its sites.
+        """
+        up, beside = offset
         above = np.where(up > 0, up, 6.0 * up)  # below it is outside again
         height, width = self.falls
         return np.minimum(PLAY * near(above, height) * near(beside, width), 1.0)

@@ -18,9 +18,9 @@ import numpy as np
 
 from limberjack.planner.planar_ik import BASE_HEIGHT, LENGTHS, LIMITS, WALL
 
-__all__ = ["Obstacle", "Way", "clearance", "find_way"]
+__all__ = ["Obstacle", "Way", "clearance", "draw_map", "find_way"]
 
-_BASE = np.array([0.0, BASE_HEIGHT])  # metres
+_BASE = BASE_HEIGHT * 1j  # x + z i, metres
 _MARGIN = 0.008  # metres; how far the arm keeps from everything
 _TOUCHING = -0.004  # metres; at the goals it may be so near if need be
 _NODES, _NEIGHBOURS = 2000, 14
@@ -39,18 +39,16 @@ _RETURN = 1.3  # how much a radian beside a way counts, against one along it
 # takes the short cut to them ends at the obstacle.
 _CORNER, _CUT = 0.35, 5.0
 
-# The hand's and fingers' middle lines in the hand's frame, metres: (aside, ahead) of both ends.
+# Both ends of the middle lines of hand and fingers in the hand's frame: aside + ahead i, metres.
 _HAND = np.array(
     [
-        [[0.0, 0.0], [0.0, 0.03]],
-        [[0.0, 0.03], [-0.034, 0.045]],
-        [[0.0, 0.03], [0.034, 0.045]],
-        [[-0.034, 0.045], [-0.034, 0.098]],
-        [[0.034, 0.045], [0.034, 0.098]],
+        [0.0j, 0.03j, 0.03j, 0.045j - 0.034, 0.045j + 0.034],
+        [0.03j, 0.045j - 0.034, 0.045j + 0.034, 0.098j - 0.034, 0.098j + 0.034],
     ]
 )
 _RADII = np.array([0.02, 0.017, 0.014, 0.011, 0.008, 0.008, 0.01, 0.01, 0.005])
-_ITSELF = ((0, 2), (0, 3), (0, 6), (0, 7), (0, 8), (1, 3), (1, 6), (1, 7), (1, 8))
+# Lines that keep clear of each other.
+_FIRST, _SECOND = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1]), np.array([2, 3, 6, 7, 8, 3, 6, 7, 8])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,7 +103,10 @@ class Way:
         """How far joints (n, 4) are from each pose that is next, (n, poses)."""
         # Not from all: the end may be near, but behind what the way goes around.
         poses = self._poses[self._passed : self._passed + _IN_VIEW]
-        return np.abs(joints[:, None] - poses).sum(axis=-1)
+        aside = np.zeros((len(joints), len(poses)))
+        for joint in range(4):  # quicker than a sum over so short an axis
+            aside += np.abs(joints[:, joint, None] - poses[:, joint])
+        return aside
 
 
 def find_way(
@@ -158,7 +159,8 @@ def _search(now: np.ndarray, goals: np.ndarray, scene: "_Scene") -> np.ndarray |
     first_local = first_goal + len(goals)
     goals_near: dict[int, list[int]] = {}
     for goal in range(first_goal, len(poses)):
-        for node in _nearest(poses[goal], nodes, _AT_ENDS):
+        near = _distance(nodes, poses[goal]).argpartition(_AT_ENDS)[:_AT_ENDS]
+        for node in near[usable[near]].tolist():
             goals_near.setdefault(node, []).append(goal)
     ahead = np.min([_distance(poses, goal) for goal in goals], axis=0)
     came: dict[int, int] = {}
@@ -197,8 +199,16 @@ def _map() -> tuple[np.ndarray, list[list[int]]]:
     return poses, [_nearest(pose, poses, 1 + _NEIGHBOURS)[1:] for pose in poses]
 
 
+def draw_map() -> None:
+    """Draws the map, if it has not been drawn yet, which takes a part of a second."""
+    _map()
+
+
 def _nearest(pose: np.ndarray, others: np.ndarray, count: int) -> list[int]:
-    return np.argsort(_distance(others, pose), kind="stable")[:count].tolist()
+    """The nearest of poses (n, 4) to one, nearest first."""
+    far = _distance(others, pose)
+    near = far.argpartition(count)[:count]
+    return near[far[near].argsort(kind="stable")].tolist()
 
 
 def _distance(poses: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -252,17 +262,23 @@ class _Scene:
 
     def is_free(self, poses: np.ndarray) -> np.ndarray:
         """Whether poses (n, 4) are within limits and clear of everything, (n,)."""
+        return self._is_free(poses, self._clearance(poses))
+
+    def _is_free(self, poses: np.ndarray, gaps: np.ndarray) -> np.ndarray:
         within = np.all(np.abs(poses[:, 1:]) <= LIMITS + 0.05, axis=-1)
-        return within & np.all(self._clearance(poses) > self._allowed(poses), axis=-1)
+        return within & np.all(gaps > self._allowed(poses), axis=-1)
 
     def is_way_free(self, begin: np.ndarray, way: np.ndarray) -> bool:
         """Whether an arm can go straight on from a pose, (4,) each."""
         count = int(np.ceil(np.abs(way).max() / _STEP))
         poses = begin + np.linspace(0.0, 1.0, 1 + count)[1:, None] * way
-        if not self.is_free(poses).all():
+        gaps = self._clearance(poses)
+        if not self._is_free(poses, gaps).all():
             return False
         # From one pose to the next a hand far from the base would jump over a wall.
-        near = self._clearance(poses)[:, 0] < _NEAR
+        near = gaps[:, 0] < _NEAR
+        if not near.any():
+            return True
         back = np.arange(1, _FINER)[:, None, None] / (_FINER * count) * way
         between = (poses[near] - back).reshape(-1, 4)
         touched = self._allowed(between)[:, 0] - _MARGIN
@@ -291,52 +307,58 @@ def _sights(poses: np.ndarray, scene: _Scene) -> np.ndarray:
 def clearance(poses: np.ndarray, held: float, obstacle: Obstacle) -> np.ndarray:
     """How far poses (n, 4) are from the obstacle, from themselves, from floor and walls, (n, 4)."""
     lines = _lines(poses, held)
-    gaps = _gaps(lines[:, :, None], obstacle.ends[None, None])
-    apart = gaps - _RADII[:, None] - obstacle.radii
-    first, second = np.array(_ITSELF).T
-    itself = _gaps(lines[:, first], lines[:, second]) - _RADII[first] - _RADII[second]
-    x, z = lines[:, 1:, :, 0], lines[:, 1:, :, 1]
-    wall = np.minimum(z, (z + WALL - np.abs(x)) / np.sqrt(2)) - _RADII[1:, None]
-    links, hand = wall[:, :_LINKS].min(axis=(1, 2)), wall[:, _LINKS:].min(axis=(1, 2))
-    apart = apart.min(axis=(1, 2), initial=np.inf)  # there may be no obstacle
-    return np.stack([apart, itself.min(axis=1), links, hand], axis=-1)
+    parts, others = lines.shape[-1], len(obstacle.ends)
+    ends = (obstacle.ends[..., 0] + 1j * obstacle.ends[..., 1]).T[:, None]
+    beside = np.broadcast_to(np.tile(ends, parts), (2, len(poses), parts * others))
+    # Each part beside each of the obstacle's lines, then the arm's parts beside each other.
+    first = np.concatenate([lines.repeat(others, axis=-1), lines[..., _FIRST]], axis=-1)
+    second = np.concatenate([beside, lines[..., _SECOND]], axis=-1)
+    radii = (_RADII[:, None] + obstacle.radii).ravel(), _RADII[_FIRST] + _RADII[_SECOND]
+    gaps = _gaps(first, second) - np.concatenate(radii)
+    x, z = np.real(lines[..., 1:]), np.imag(lines[..., 1:])
+    wall = np.minimum(z, (z + WALL - np.abs(x)) / np.sqrt(2)).min(axis=0) - _RADII[1:]
+    found = np.empty((len(poses), 4))
+    found[:, 0] = gaps[:, : parts * others].min(axis=1, initial=np.inf)  # there may be no obstacle
+    found[:, 1] = gaps[:, parts * others :].min(axis=1)
+    found[:, 2], found[:, 3] = wall[:, :_LINKS].min(axis=1), wall[:, _LINKS:].min(axis=1)
+    return found
+
+
+# In what follows, places are complex numbers, x + z i, in metres.
 
 
 def _lines(poses: np.ndarray, held: float) -> np.ndarray:
-    """The middle lines of links, hand, fingers and what is held, (n, 9, 2, 2), metres."""
-    angles = np.cumsum(poses, axis=-1)
-    ahead = np.stack([-np.sin(angles), np.cos(angles)], axis=-1)
-    joints = _BASE + np.cumsum(ahead[:, :3] * np.array(LENGTHS)[:, None], axis=1)
-    starts = np.concatenate([np.broadcast_to(_BASE, (len(poses), 1, 2)), joints[:, :2]], axis=1)
-    links = np.stack([starts, joints], axis=2)
-    forward = ahead[:, 3]
-    sideways = np.stack([forward[:, 1], -forward[:, 0]], axis=-1)
-    parts = np.concatenate([_HAND, [[[0.0, 0.065], [0.0, held]]]])
-    hand = (
-        joints[:, 2, None, None]
-        + parts[..., :1] * sideways[:, None, None]
-        + parts[..., 1:] * forward[:, None, None]
-    )
-    return np.concatenate([links, hand], axis=1)
+    """Both ends of the middle lines of links, hand, fingers and what is held, (2, n, 9)."""
+    sideways = np.exp(1j * poses.cumsum(axis=-1))
+    joints = _BASE + (1j * sideways[:, :3] * LENGTHS).cumsum(axis=1)
+    lines: np.ndarray = np.empty((2, len(poses), 3 + _HAND.shape[1] + 1), complex)
+    lines[0, :, 0], lines[0, :, 1:3], lines[1, :, :3] = _BASE, joints[:, :2], joints
+    lines[..., 3:-1] = joints[:, 2:] + _HAND[:, None] * sideways[:, 3:]
+    lines[..., -1] = joints[:, 2] + np.array([[0.065j], [held * 1j]]) * sideways[:, 3]
+    return lines
 
 
 def _gaps(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Distances between lines, both (..., 2, 2) of ends -> (...); 0 where they cross.
+    """Distances between lines, both (2, ...) of ends -> (...); 0 where they cross.
 
     Where lines do not cross, one of the four ends is nearest to the other line.
     """
-    first, second = np.moveaxis(first, (-1, -2), (0, 1)), np.moveaxis(second, (-1, -2), (0, 1))
-    shape = np.broadcast_shapes(first.shape[2:], second.shape[2:])
-    # From the start of a line to the ends of the other one: x and z, the ends, the lines.
-    to, along = np.empty((2, 4, *shape)), np.empty((2, 4, *shape))
-    np.subtract(first, second[:, :1], out=to[:, :2])
-    np.subtract(second, first[:, :1], out=to[:, 2:])
-    along[:, :2] = second[:, 1:] - second[:, :1]
-    along[:, 2:] = first[:, 1:] - first[:, :1]
-    (to_x, to_z), (x, z) = to, along
-    side = x * to_z - z * to_x
+    # From the start of a line to the ends of the other one.
+    to: np.ndarray = np.empty((4, *first.shape[1:]), complex)
+    along = np.empty_like(to)
+    np.subtract(first, second[0], out=to[:2])
+    np.subtract(second, first[0], out=to[2:])
+    along[:2], along[2:] = second[1] - second[0], first[1] - first[0]
+    turned = to * along.conj()
+    side = np.imag(turned)
     crossing = (side[0] * side[1] < 0) & (side[2] * side[3] < 0)
-    part = (x * to_x + z * to_z) / (x * x + z * z)
-    part = np.minimum(np.maximum(part, 0.0), 1.0)
-    gaps = np.hypot(to_x - part * x, to_z - part * z)
-    return np.where(crossing, 0.0, gaps.min(axis=0))
+    part = np.real(turned) / _squared(along)
+    off = to - np.minimum(np.maximum(part, 0.0), 1.0) * along
+    gaps = np.sqrt(_squared(off).min(axis=0))
+    gaps[crossing] = 0.0
+    return gaps
+
+
+def _squared(vectors: np.ndarray) -> np.ndarray:
+    """The squares of complex numbers' lengths."""
+    return np.real(vectors) ** 2 + np.imag(vectors) ** 2

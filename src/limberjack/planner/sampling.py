@@ -24,7 +24,7 @@ from limberjack.mujoco.history import History
 from limberjack.planner.cost import Cost, Settings
 from limberjack.planner.library import cost_for
 from limberjack.planner.servos import Servos
-from limberjack.planner.tracking import Tracking, targets_at
+from limberjack.planner.tracking import Tracking, shares_of_knots, targets_at
 from limberjack.planner.twin import let_rest, twin_of
 from limberjack.rl import control
 from limberjack.rl.guards import at_least_one
@@ -96,6 +96,9 @@ class Planner:
         self._cost.reset()
         self._random = np.random.default_rng(self._seed)
         self._plan: np.ndarray | None = None  # (knots, nu)
+        self._last_proposals, self._stage = np.zeros((0, 0, 0)), None
+        # Since they were made: it is time for the first ones.
+        self._plannings = self._settings.proposal_interval
         self._cost.place = 0.0
         self._age = 0  # control steps since the plan was made
         self._time = -np.inf
@@ -166,7 +169,7 @@ class Planner:
         settings, law = self._settings, self._law
         present = self._shifted(now)
         samples = np.repeat(present[None], settings.samples, axis=0)
-        proposals = self._proposals(now, present.shape)
+        proposals = self._proposed(now, present.shape)
         taken = len(proposals)
         samples[1 : 1 + taken] = proposals
         if settings.flowing:
@@ -180,6 +183,18 @@ class Planner:
         varied += widths[:, None, None] * law.scale * noise
         samples[1:] = law.within_limits(samples[1:])
         return samples
+
+    def _proposed(self, now: Any, shape: tuple[int, ...]) -> np.ndarray:
+        """The same as seen from now if it is not yet time for others, (n, knots, nu)."""
+        stage, knots = self._cost.stage(), shape[0]
+        self._plannings += 1
+        if self._plannings < self._settings.proposal_interval and stage == self._stage:
+            passed = shares_of_knots(knots, np.arange(knots) + self._passed())
+            self._last_proposals = passed @ self._last_proposals
+        else:
+            self._last_proposals = self._proposals(now, shape)
+            self._stage, self._plannings = stage, 0
+        return self._last_proposals
 
     def _proposals(self, now: Any, shape: tuple[int, ...]) -> np.ndarray:
         """What the cost proposes, as far as it is tried, (n, knots, nu)."""
@@ -230,15 +245,15 @@ class Planner:
         batch, law, history = self._batch, self._law, self._history
         history.begin()
         pace = self._env.control_timestep() / self._spacing
-        plans = targets_at(samples, self._cost.place + pace * np.arange(self._steps))
+        places = self._cost.place + pace * np.arange(self._steps)
         if self._servos is not None:
             batch.load_everywhere(saved)
-            interval = self._settings.cost_interval
-            return self._servos.follow(batch, history, plans, self._substeps, interval)
+            when = self._substeps, self._settings.cost_interval
+            return self._servos.follow(batch, history, samples, places, *when)
         batch.load_rows({n: np.repeat(v, len(samples), axis=0) for n, v in saved.items()}, None)
         qpos, qvel = batch.data.qpos, batch.data.qvel
         batch.forget_divergence()
-        for step, targets in enumerate(plans, 1 - self._steps):
+        for step, targets in enumerate(targets_at(samples, places), 1 - self._steps):
             batch.set_control(law.controls(targets, qpos, qvel))
             batch.step_on(None, self._substeps)
             # Counted from the end, so that the last state counts.

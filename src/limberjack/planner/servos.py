@@ -1,7 +1,7 @@
 """Plans that are simulated at once, as the model itself follows their targets.
 
     servos = Servos(model, law)  # changes the plan's model
-    diverged = servos.follow(batch, history, targets, substeps=4, interval=2)
+    diverged = servos.follow(batch, history, plans, places, substeps=4, interval=2)
 
 A motor that the law turns to an angle becomes a servo of MuJoCo's with the law's constants. It does
 what the law does, but at each time step, where the law holds its controls for a control step. So
@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.history import History
-from limberjack.planner.tracking import Tracking
+from limberjack.planner.tracking import Tracking, shares_of_knots
 
 __all__ = ["Servos"]
 
@@ -37,9 +37,13 @@ class Servos:
         Raises:
           ValueError: a motor has dynamics, or a gain that is not constant, or is 0.
         """
-        self._follows, self._follows_all = law.follows, bool(law.follows.all())
+        self._follows = law.follows
         self._strength = np.where(law.follows, model.actuator_gainprm[:, 0], 1.0)
         self._records: dict[str, np.ndarray] = {}
+        self._places, self._shares = (
+            np.zeros(0),
+            np.zeros((0, 0)),
+        )  # of the last plans; see `follow`
         for motor in np.flatnonzero(law.follows).tolist():
             is_fixed = model.actuator_gaintype[motor] == _FIXED
             is_plain = is_fixed and model.actuator_dyntype[motor] == _NO_DYNAMICS
@@ -67,21 +71,30 @@ class Servos:
         model.actuator_forcerange[motor] = low, high
 
     def follow(
-        self, batch: Any, history: History, targets: np.ndarray, substeps: int, interval: int
+        self,
+        batch: Any,
+        history: History,
+        plans: np.ndarray,
+        places: np.ndarray,
+        substeps: int,
+        interval: int,
     ) -> np.ndarray:
-        """Follows targets in each simulation; returns which diverged, (num_envs,).
+        """Follows a plan in each simulation; returns which diverged, (num_envs,).
 
         Args:
           batch: a batch of `Physics` of the model.
           history: notes it after each interval, the last time at the end.
-          targets: (steps, num_envs, nu).
+          plans: splines of targets, (num_envs, knots, nu).
+          places: in these, of the control steps, (steps,).
           substeps: time steps of a control step, in which a target holds.
           interval: control steps.
         """
-        steps = len(targets)
+        steps = len(places)
         # One more time step, after which what follows from the last state is known.
         at = np.minimum(np.arange(steps * substeps + 1) // substeps, steps - 1)
-        controls = np.ascontiguousarray(targets.swapaxes(0, 1)[:, at])
+        if not np.array_equal(places, self._places):  # hardly ever anew, for most settings
+            self._places, self._shares = places, shares_of_knots(plans.shape[1], places[at])
+        controls = self._shares @ plans
         first = ((steps - 1) % interval + 1) * substeps
         moments = slice(first, steps * substeps + 1, interval * substeps)
         earlier = slice(first - 1, steps * substeps, interval * substeps)
@@ -96,11 +109,13 @@ class Servos:
             ) from error
         self._records = records
 
-        def values_of(field: str) -> np.ndarray:
-            values = records[field][:, earlier if field in _OF_THE_STATE else moments]
-            if field == "ctrl":  # what the law would have said
-                said = records["actuator_force"][:, earlier] / self._strength
-                values = said if self._follows_all else np.where(self._follows, said, values)
+        def values_of(field: str, columns: slice) -> np.ndarray:
+            shape = records[field].shape
+            values = records[field].reshape(*shape[:2], -1)
+            values = values[:, earlier if field in _OF_THE_STATE else moments, columns]
+            if field == "ctrl" and self._follows[columns].any():  # what the law would have said
+                said = records["actuator_force"][:, earlier, columns] / self._strength[columns]
+                values = np.where(self._follows[columns], said, values)
             return values.swapaxes(0, 1)
 
         history.note_all(values_of)

@@ -14,7 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-__all__ = ["Tracking", "targets_at"]
+__all__ = ["Tracking", "shares_of_knots", "targets_at"]
 
 _ON_A_TENDON = mujoco.mjtTrn.mjTRN_TENDON.value
 _OF_JOINTS = mujoco.mjtWrap.mjWRAP_JOINT.value
@@ -30,11 +30,24 @@ def targets_at(knots: np.ndarray, places: float | np.ndarray) -> np.ndarray:
       places: one or an array of them; beyond the last knot its value holds.
     """
     last = knots.shape[-2] - 1
+    if isinstance(places, float):
+        place = min(max(places, 0.0), float(last))
+        left = min(int(place), last - 1)
+        part = place - left
+        return (1.0 - part) * knots[..., left, :] + part * knots[..., left + 1, :]
     places = np.minimum(np.maximum(places, 0.0), float(last))
     left = np.minimum(places.astype(int), last - 1)
     part = (places - left).reshape(places.shape + (1,) * (knots.ndim - 1))
     by_knot = np.moveaxis(knots, -2, 0)
     return (1.0 - part) * by_knot[left] + part * by_knot[left + 1]
+
+
+def shares_of_knots(count: int, places: np.ndarray) -> np.ndarray:
+    """What each of so many knots counts at places of a spline, (len(places), count).
+
+    Times knots, (..., count, nu), these are the spline's values there, (..., len(places), nu).
+    """
+    return targets_at(np.eye(count), places)
 
 
 class Tracking:
