@@ -34,7 +34,7 @@ class Watched(Cost):
         self._cost = cost
         self._site = site
         self.ways, self.total = np.zeros((0, 0, 3)), np.zeros(0)
-        self.reset, self.proposals = cost.reset, cost.proposals
+        self.reset, self.proposals, self.stage = cost.reset, cost.proposals, cost.stage
 
     def look(self, physics: Any) -> None:
         """As the other cost."""

@@ -83,3 +83,18 @@ def test_who_diverged_in_any_of_several_steps_is_told_at_their_end() -> None:
     np.testing.assert_array_equal(at_once.data.state, one_by_one.data.state)
     at_once.forget_divergence()
     assert not at_once.diverged().any()
+
+
+@pytest.mark.usefixtures("share")
+@pytest.mark.parametrize("task", ["bring_ball", "insert_peg"])
+def test_rows_that_were_loaded_everywhere_go_on_as_those_that_were_loaded_whole(task: str) -> None:
+    whole, bare = _physics(task), _physics(task)
+    fields = ("body_pos", "body_quat")
+    one = whole.save_rows(np.array([1]), fields)
+    whole.load_rows({name: np.repeat(value, _ROWS, axis=0) for name, value in one.items()}, None)
+    bare.load_everywhere(one)
+    recorded = ["qpos", "qvel", "time", "site_xpos", "sensordata"]
+    expected, _ = whole.roll_out(_controls(), recorded)
+    found, _ = bare.roll_out(_controls(), recorded)
+    for name in recorded:
+        np.testing.assert_array_equal(found[name], expected[name], name)

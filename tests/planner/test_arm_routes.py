@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from limberjack.planner.arm_routes import Route, routes
+from limberjack.planner.arm_routes import Route, kept, routes
 from limberjack.planner.planar_ik import GRASP, hand_gap, hand_places, hand_poses, is_clear, nudged
 
 _REACH = 0.178
@@ -75,3 +75,20 @@ def test_a_route_goes_around_a_line_and_first_where_it_is_told() -> None:
         length = Route(lifted[None], route.stations).length
         # As far as its points are apart, for a place between two of them.
         np.testing.assert_allclose(route.remaining(lifted[None])[0], length, atol=0.05)
+
+
+def test_known_routes_are_kept_as_far_as_they_are_clear_and_lose_stops_that_are_passed() -> None:
+    now, goals = np.array([1.0, 1.0, 1.0, 0.5]), _goals((-0.2, 0.2), 1.5)[:, None]
+    found = routes(np.random.default_rng(2), now, goals, _REACH)
+    assert any(route.stop is not None for route in found)
+    again = kept(now, found, _REACH)
+    assert [route.length for route in again] == [route.length for route in found]
+    for route in found:
+        near_end = route.ahead(0.9 * route.length, 1)[0]
+        (alone,) = kept(near_end, [route], _REACH)
+        assert alone.stop is None  # the goal is in sight
+        np.testing.assert_array_equal(alone.stations, route.goal)
+        assert alone.length < 0.2 * route.length
+    folded = np.array([1.0, 3.0, 3.0, 0.5])  # into itself
+    assert kept(folded, found, _REACH) == []
+    assert kept(now, [], _REACH) == []

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from limberjack.planner.arm import CLOSED, OPEN, path
+from limberjack.planner.arm import CLOSED, OPEN, Course, path, paths
 from limberjack.planner.arm_ways import later, turning_over, ways_over
 from limberjack.planner.costs_stacker import Stack
 from limberjack.planner.planar_ik import GRASP, angle_of, hand_places, hand_poses
@@ -35,6 +35,20 @@ def test_many_paths_are_those_that_each_would_be() -> None:
     np.testing.assert_array_equal(path(now, poses, 5, grasp, 2), each)
     assert path(now, poses[:0], 5, grasp).shape == (0, 5, 5)
     np.testing.assert_array_equal(path(now, [], 5, grasp)[:, :4], np.ones((5, 4)))
+
+
+def test_courses_of_all_kinds_are_the_paths_that_each_would_be() -> None:
+    now, first, second = np.random.default_rng(0).normal(size=(3, 4))
+    courses = [
+        Course([], [0.5]),
+        Course([first], [0.1, 0.2], 3),
+        Course(np.stack([first, second]), [0.3], 2),
+        Course([second, first, second], [0.1, 0.2, 0.3]),
+    ]
+    for knots in (2, 5, 9):
+        each = [path(now, list(c.poses), knots, c.grasp, c.duration) for c in courses]
+        np.testing.assert_array_equal(paths(now, courses, knots), each)
+    assert paths(now, [], 5).shape == (0, 5, 5)
 
 
 def test_a_way_over_goes_up_first_and_comes_down_at_its_end() -> None:

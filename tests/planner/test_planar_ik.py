@@ -10,6 +10,7 @@ from limberjack.planner.planar_ik import (
     PINCH,
     angle_of,
     direction,
+    drawn_back,
     hand_places,
     hand_poses,
     hand_poses_each,
@@ -125,3 +126,31 @@ def test_a_nudge_moves_the_wrist_and_turns_the_hand_as_asked() -> None:
         # Three Newton steps leave 6e-10 metres here, and 1e-8 at worst.
         np.testing.assert_allclose(step, [0.03, -0.02], rtol=0, atol=1e-7)
         np.testing.assert_allclose(moved.sum() - joints.sum(), 0.1, rtol=0, atol=1e-12)
+
+
+def test_a_hand_that_is_drawn_back_moves_along_itself() -> None:
+    poses = hand_poses(np.random.default_rng(0), np.array([0.2, 0.2]), GRASP, np.zeros(4), 40)
+    back = drawn_back(poses, 0.06)
+    possible = np.isfinite(back).all(axis=-1)
+    assert 10 < possible.sum() < len(poses)  # some are at the end of their reach
+    assert not np.isfinite(back[~possible]).any()
+    poses, back = poses[possible], back[possible]
+    expected = hand_places(poses, GRASP) - 0.06 * direction(poses.sum(axis=-1))
+    # Closed forms there and back: they round.
+    np.testing.assert_allclose(hand_places(back, GRASP), expected, rtol=0, atol=1e-12)
+    turned = (back - poses).sum(axis=-1) / (2 * np.pi)
+    np.testing.assert_allclose(turned, np.round(turned), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(back[:, 3], poses[:, 3])
+    assert (np.sign(back[:, 1]) == np.sign(poses[:, 1])).all()
+    assert np.abs(back[:, 0] - poses[:, 0]).max() < np.pi
+
+
+def test_places_beside_the_hands_middle_line_may_differ() -> None:
+    points, now = np.array([[0.2, 0.1], [0.2, 0.1]]), np.zeros(4)
+    aside = np.array([-0.04, 0.04])
+    each = hand_poses_each(np.random.default_rng(0), points, GRASP, now, 4, lateral=aside)
+    for poses, beside, point in zip(each, aside.tolist(), points, strict=True):
+        assert len(poses) == 4
+        # Closed forms there and back: they round.
+        reached = hand_places(poses, GRASP, beside)
+        np.testing.assert_allclose(reached, np.repeat(point[None], 4, axis=0), atol=1e-12)

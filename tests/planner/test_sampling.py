@@ -116,6 +116,41 @@ def test_a_plan_reaches_the_last_of_its_intervals() -> None:
     np.testing.assert_allclose(looks, [0.0, 0.075, 0.15], rtol=0, atol=1e-12)
 
 
+def test_proposals_are_tried_again_until_it_is_time_for_others_or_the_stage_changes() -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    asked, tried = [], []
+
+    class Proposing(_Towards):
+        settings = Settings(
+            samples=4, horizon=0.2, knots=5, timestep=0.0125, proposal_interval=3, noise=1e-9
+        )
+
+        def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+            asked.append(len(tried))
+            return np.linspace(0.0, 0.4, 5)[None, :, None] * np.ones(21)
+
+        def stage(self) -> int:
+            return len(tried) // 5
+
+    planner = Planner(env, num_threads=1, cost=Proposing(env.task))
+    samples = planner._samples
+
+    def noting(now: Any) -> np.ndarray:
+        found = samples(now)
+        tried.append(found[1, :, 0])
+        return found
+
+    planner._samples = noting
+    _actions(env, planner, 8)
+    assert asked == [0, 3, 5]
+    # From one to the next half of the time between two knots has passed. Their last targets hold.
+    for number, passed in enumerate([0, 1, 2, 0, 1, 0, 1, 2]):
+        expected = 0.1 * np.arange(3) + 0.05 * passed
+        # Splines of splines: they round.
+        np.testing.assert_allclose(tried[number][:3], expected, rtol=0, atol=1e-12)
+
+
 def test_anchored_knots_keep_their_moments_until_they_have_passed() -> None:
     env = _load("humanoid", "stand")
     env.reset()
@@ -294,6 +329,11 @@ def test_what_is_no_environment_of_ours_is_refused() -> None:
         ({"timestep": 0}, "timestep is 0; expected a positive number"),
         ({"armature": -1e-3}, "armature is -0.001; expected a number from 0 up"),
         ({"damping": float("nan")}, "damping is nan; expected a number from 0 up"),
+        ({"proposal_interval": 0}, "proposal_interval is 0; expected a whole number from 1 up"),
+        (
+            {"proposal_interval": 2, "anchored": True},
+            "proposal_interval is 2; expected 1, as plans are anchored",
+        ),
         ({"finest": 2.0}, "finest is 2.0; expected a part of `noise`, 1 at most"),
         ({"timestep": 0.004}, "must be an integer multiple"),
     ],

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.planner.tracking import Tracking, targets_at
+from limberjack.planner.tracking import Tracking, shares_of_knots, targets_at
 
 
 def test_a_spline_passes_its_knots_and_is_straight_between_them() -> None:
@@ -23,6 +23,14 @@ def test_a_row_of_many_splines_is_that_spline() -> None:
         rows = targets_at(knots, place)
         for row in range(6):
             np.testing.assert_array_equal(rows[row], targets_at(knots[row], place))
+
+
+def test_shares_of_knots_make_the_splines_values() -> None:
+    knots = np.random.default_rng(0).normal(size=(6, 4, 3))
+    places = np.array([0.0, 0.3, 1.0, 2.9, 3.0, 7.0])
+    found = shares_of_knots(4, places) @ knots
+    # Sums of products, of which all but two are 0: they round.
+    np.testing.assert_allclose(found.swapaxes(0, 1), targets_at(knots, places), atol=1e-15)
 
 
 @pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)

@@ -70,6 +70,8 @@ class Move(Cost):
         self._haste = 1.0
         self.settings = GOING if self._speed else _STILL
         self._goes = False
+        self._names: list[str] = []  # of the actuators
+        self._poses: np.ndarray | None = None  # that are proposed, (n, nu)
 
     def reset(self) -> None:
         """Stands up first."""
@@ -130,12 +132,15 @@ class Move(Cost):
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Strides while it goes; else poses held, and random ones."""
-        names = actuators(physics)
+        self._names = self._names or actuators(physics)
         if self._goes:
-            return _strides(names, self.settings, random)
-        held = [np.array([_angle(pose, name) for name in names]) for pose in _POSES]
-        held += list(random.uniform(-1.0, 1.0, (4, len(names))))
-        return np.repeat(np.array(held)[:, None], self.settings.knots, axis=1)
+            return _strides(self._names, self.settings, random)
+        if self._poses is None:
+            held = [[_angle(pose, name) for name in self._names] for pose in _POSES]
+            self._poses = np.array(held)
+        drawn = random.uniform(-1.0, 1.0, (4, len(self._names)))
+        held = np.concatenate([self._poses, drawn])
+        return np.repeat(held[:, None], self.settings.knots, axis=1)
 
 
 def actuators(physics: Any) -> list[str]:

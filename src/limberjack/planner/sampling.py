@@ -246,11 +246,10 @@ class Planner:
         history.begin()
         pace = self._env.control_timestep() / self._spacing
         places = self._cost.place + pace * np.arange(self._steps)
+        batch.load_everywhere(saved)
         if self._servos is not None:
-            batch.load_everywhere(saved)
             when = self._substeps, self._settings.cost_interval
             return self._servos.follow(batch, history, samples, places, *when)
-        batch.load_rows({n: np.repeat(v, len(samples), axis=0) for n, v in saved.items()}, None)
         qpos, qvel = batch.data.qpos, batch.data.qvel
         batch.forget_divergence()
         for step, targets in enumerate(targets_at(samples, places), 1 - self._steps):

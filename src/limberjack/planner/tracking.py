@@ -69,6 +69,7 @@ class Tracking:
             for joint, part in turned[actuator]:
                 self._positions[model.jnt_qposadr[joint], actuator] = part
                 self._velocities[model.jnt_dofadr[joint], actuator] = part
+        self._angles, self._rates = _picked(self._positions), _picked(self._velocities)
         self.gain: np.ndarray = np.where(follows, gain, 1.0)
         self.damping: np.ndarray = np.where(follows, damping, 0.0)
         self._is_damped = bool(self.damping.any())
@@ -95,12 +96,24 @@ class Tracking:
 
     def controls(self, targets: np.ndarray, qpos: np.ndarray, qvel: np.ndarray) -> np.ndarray:
         """What the actuators are to do, (..., nu), given targets (..., nu) and the state."""
-        wanted = targets - qpos @ self._positions
+        wanted = targets - _turned(qpos, self._positions, self._angles)
         wanted *= self.gain
         if self._is_damped:
-            wanted -= self.damping * (qvel @ self._velocities)
+            wanted -= self.damping * _turned(qvel, self._velocities, self._rates)
         np.maximum(wanted, self.low, out=wanted)
         return np.minimum(wanted, self.high, out=wanted)
+
+
+def _picked(parts: np.ndarray) -> np.ndarray | None:
+    """Which number of a state each actuator turns, (nu,); None if it is not just one of them."""
+    is_whole = bool(((parts == 0.0) | (parts == 1.0)).all())
+    is_one = bool((parts.sum(axis=0) == 1.0).all())
+    return parts.argmax(axis=0) if is_whole and is_one else None
+
+
+def _turned(state: np.ndarray, parts: np.ndarray, picked: np.ndarray | None) -> np.ndarray:
+    """What actuators turn, (..., nu): the state times its parts, which is quicker if picked."""
+    return state @ parts if picked is None else state[..., picked]
 
 
 def _joints_of(model: Any, actuator: int, tendons: bool) -> list[tuple[int, float]]:
