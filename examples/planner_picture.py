@@ -1,6 +1,6 @@
 """What the planner looked at before it acted: the ways of the hand in all plans that it tried.
 
-    python examples/planner_picture.py --steps 80 --out plans.png
+    python examples/planner_picture.py --steps 58 --out plans.png
 
 A cost sees every simulated state, so one that keeps notes shows what was simulated. Orange are the
 ways of plans that cost least, blue those of the others.
@@ -79,7 +79,7 @@ def _add_line(
 def main() -> None:
     """Plays, then draws."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--steps", type=int, default=80, help="to play first")
+    parser.add_argument("--steps", type=int, default=58, help="to play first")
     parser.add_argument("--seed", type=int, default=1003)
     parser.add_argument("--out", type=Path, default=Path("plans.png"))
     given = parser.parse_args()

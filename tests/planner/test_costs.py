@@ -8,6 +8,7 @@ import pytest
 from limberjack import suite
 from limberjack.planner import Planner, cost_for
 from limberjack.planner.arm import ARM
+from limberjack.planner.costs_manipulator import Bring
 from limberjack.rl.control import PhysicsError
 from limberjack.utils.arrays import rows_of_a_batch
 
@@ -67,7 +68,7 @@ def test_a_ball_is_foreseen_as_it_goes_while_the_arm_stays() -> None:
     for seed in (1000, 1002, 1012):
         env = suite.load("manipulator", "bring_ball", task_kwargs={"random": seed})
         env.reset()
-        physics, cost = env.physics.copy(), cost_for(env.task)
+        physics, cost = env.physics.copy(), Bring(env.task)
         data, kept = physics.named.data, env.physics.named.data.qpos[ARM].copy()
         data.qvel["ball_x"] = 0.5
         cost.look(physics)

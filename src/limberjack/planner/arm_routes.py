@@ -33,8 +33,8 @@ class Route:
     """Where to go next, and then.
 
     Attributes:
-      stations: joints to pass, (n, 4): a stop's if there is one, then the goal's.
-      goal: the latter, (m, 4).
+      stations: joints to pass, (n, 4): the stop if there is one, then the goal's.
+      goal: those of the goal alone, (m, 4).
       stop: the first of them if that is not a goal's, (4,), or None.
       length: radians of the wrist, which turns as long as the route takes.
     """

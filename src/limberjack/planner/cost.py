@@ -168,7 +168,10 @@ class Cost:
         return None
 
     def stage(self) -> Any:
-        """What proposals depend on besides the state; any value that can be compared."""
+        """What proposals depend on besides the state, to be compared by `==`.
+
+        While it stays the same, proposals may be tried again; see `Settings.proposal_interval`.
+        """
         return None
 
     def continued(self, plan: np.ndarray) -> np.ndarray:

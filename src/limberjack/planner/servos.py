@@ -40,10 +40,8 @@ class Servos:
         self._follows = law.follows
         self._strength = np.where(law.follows, model.actuator_gainprm[:, 0], 1.0)
         self._records: dict[str, np.ndarray] = {}
-        self._places, self._shares = (
-            np.zeros(0),
-            np.zeros((0, 0)),
-        )  # of the last plans; see `follow`
+        # Of the last plans, for which these were made; see `follow`.
+        self._shares, self._made_for = np.zeros((0, 0)), (0, 0, np.zeros(0))
         for motor in np.flatnonzero(law.follows).tolist():
             is_fixed = model.actuator_gaintype[motor] == _FIXED
             is_plain = is_fixed and model.actuator_dyntype[motor] == _NO_DYNAMICS
@@ -90,11 +88,7 @@ class Servos:
           interval: control steps.
         """
         steps = len(places)
-        # One more time step, after which what follows from the last state is known.
-        at = np.minimum(np.arange(steps * substeps + 1) // substeps, steps - 1)
-        if not np.array_equal(places, self._places):  # hardly ever anew, for most settings
-            self._places, self._shares = places, shares_of_knots(plans.shape[1], places[at])
-        controls = self._shares @ plans
+        controls = self._shares_at(places, substeps, plans.shape[1]) @ plans
         first = ((steps - 1) % interval + 1) * substeps
         moments = slice(first, steps * substeps + 1, interval * substeps)
         earlier = slice(first - 1, steps * substeps, interval * substeps)
@@ -120,3 +114,13 @@ class Servos:
 
         history.note_all(values_of)
         return diverged
+
+    def _shares_at(self, places: np.ndarray, substeps: int, knots: int) -> np.ndarray:
+        """What knots count at each time step, (steps * substeps + 1, knots); mostly as before."""
+        *sizes, before = self._made_for
+        if sizes != [substeps, knots] or not np.array_equal(places, before):
+            # One more time step, after which what follows from the last state is known.
+            at = np.minimum(np.arange(len(places) * substeps + 1) // substeps, len(places) - 1)
+            self._shares = shares_of_knots(knots, places[at])
+            self._made_for = substeps, knots, places
+        return self._shares
