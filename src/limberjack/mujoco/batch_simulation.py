@@ -169,6 +169,13 @@ class BatchSimulation(Busy):
         """As `SingleSimulation.step`."""
         self._call(nstep, rows)
 
+    def step_in_passing(self, nstep: int) -> None:
+        """As `step`, of all rows, before another one: it is not remembered how to repeat it.
+
+        What nobody has asked for yet must not be asked for until that step.
+        """
+        self._run(nstep, None)
+
     def step_whole(self, nstep: int, rows: np.ndarray | None = None) -> None:
         """As `SingleSimulation.step_whole`."""
         self._call(-nstep, rows)

@@ -232,10 +232,18 @@ class Rows:
         self.step_on(rows, nstep)
         return self.diverged()
 
-    def step_on(self, rows: np.ndarray | None, nstep: int) -> None:
-        """As `step_rows`, for who asks only after several steps which rows `diverged`."""
+    def step_on(self, rows: np.ndarray | None, nstep: int, in_passing: bool = False) -> None:
+        """As `step_rows`, for who asks only after several steps which rows `diverged`.
+
+        Args:
+          rows, nstep: as there.
+          in_passing: whether another step follows before anything is read that has not been read
+            before; only of all rows.
+        """
         simulation = self._living()
-        if getattr(self, "legacy_step", True):
+        if in_passing and getattr(self, "legacy_step", True):
+            simulation.step_in_passing(nstep)
+        elif getattr(self, "legacy_step", True):
             simulation.step(nstep, rows)
         else:
             simulation.step_whole(nstep, rows)

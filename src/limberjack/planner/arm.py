@@ -141,8 +141,7 @@ def approaches(poses: np.ndarray, ready: float, shut: float) -> list[Course]:
 def sag(physics: Any, gain: float) -> np.ndarray:
     """By how much gravity bends the arm away from its targets, (4,), radians."""
     force = physics.model.actuator_gear[:4, 0] * gain
-    dofs = physics.model.jnt_dofadr[physics.model.actuator_trnid[:4, 0]]
-    return physics.data.qfrc_bias[dofs] / force
+    return physics.named.data.qfrc_bias[ARM] / force
 
 
 def outward_speed(data: Any, joint: str, site: str) -> Any:

@@ -90,12 +90,14 @@ class Move(Cost):
         """Lowness, tilt, imbalance, haste and the missing reward, (N,)."""
         data = physics.named.data
         velocity = physics.center_of_mass_velocity()
-        lowness = np.maximum(_HEAD_HEIGHT - physics.head_height(), 0.0)
+        height = physics.head_height()
+        lowness = np.maximum(_HEAD_HEIGHT - height, 0.0)
         tilt = 1.0 - physics.torso_upright()
-        feet = data.xpos[_FEET].mean(axis=-2)
+        left, right = (data.xpos[foot] for foot in _FEET)
+        feet = (left[..., :2] + right[..., :2]) / 2
         centre = physics.center_of_mass_position()
-        is_up = np.clip((physics.head_height() - 0.9) / 0.4, 0.0, 1.0)
-        resting = centre[..., :2] + _FALLING * velocity[..., :2] - feet[..., :2]
+        is_up = np.clip((height - 0.9) / 0.4, 0.0, 1.0)
+        resting = centre[..., :2] + _FALLING * velocity[..., :2] - feet
         cost = 2.0 * lowness + 0.5 * is_up * tilt + 0.05 * (physics.control() ** 2).mean(axis=-1)
         cost += self._motion(physics, velocity, is_up, resting)
         return cost + 2.0 * (1.0 - self._reward(physics))
@@ -116,9 +118,9 @@ class Move(Cost):
             return arrays.norm(resting) + 0.3 * is_up * haste
         heading = physics.named.data.xmat["torso", ["xx", "yx"]]
         length = np.maximum(arrays.norm(heading), 1e-6)
-        ahead = (velocity[..., :2] * heading).sum(axis=-1) / length
+        ahead = _along(velocity, heading) / length
         short = np.maximum(self._aim - ahead, 0.0) / self._aim
-        forward = (resting * heading).sum(axis=-1) / length
+        forward = _along(resting, heading) / length
         sideways = np.abs(resting[..., 0] * heading[..., 1] - resting[..., 1] * heading[..., 0])
         forward -= _FALLING * np.minimum(ahead, self._aim)
         imbalance = self._imbalance(np.abs(forward), sideways / length)
@@ -146,6 +148,11 @@ class Move(Cost):
 def actuators(physics: Any) -> list[str]:
     """The actuators' names, in their order; they are those of the joints that they turn."""
     return [physics.model.id2name(i, "actuator") for i in range(physics.model.nu)]
+
+
+def _along(vectors: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """How far vectors (..., 2 or more) go along a heading (..., 2) times its length, (...)."""
+    return vectors[..., 0] * heading[..., 0] + vectors[..., 1] * heading[..., 1]
 
 
 def _strides(names: list[str], settings: Settings, random: np.random.Generator) -> np.ndarray:

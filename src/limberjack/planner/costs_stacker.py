@@ -95,6 +95,8 @@ class Stack(Cost):
         """Takes a `stacker.Stack` task."""
         super().__init__(task)
         self._boxes: list[str] = task._boxes
+        if len(self._boxes) > 2:  # each takes time
+            self.settings = dataclasses.replace(self.settings, samples=32)
         self._patience = Patience(_PATIENCE, _NEARER)
         self.reset()
 

@@ -254,7 +254,7 @@ class Planner:
         batch.forget_divergence()
         for step, targets in enumerate(targets_at(samples, places), 1 - self._steps):
             batch.set_control(law.controls(targets, qpos, qvel))
-            batch.step_on(None, self._substeps)
+            batch.step_on(None, self._substeps, in_passing=step < 0)
             # Counted from the end, so that the last state counts.
             if step % self._settings.cost_interval == 0:
                 history.note(step // self._settings.cost_interval - 1)

@@ -113,7 +113,7 @@ def _picked(parts: np.ndarray) -> np.ndarray | None:
 
 def _turned(state: np.ndarray, parts: np.ndarray, picked: np.ndarray | None) -> np.ndarray:
     """What actuators turn, (..., nu): the state times its parts, which is quicker if picked."""
-    return state @ parts if picked is None else state[..., picked]
+    return state @ parts if picked is None else state.take(picked, axis=-1)
 
 
 def _joints_of(model: Any, actuator: int, tendons: bool) -> list[tuple[int, float]]:
