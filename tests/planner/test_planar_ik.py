@@ -123,8 +123,12 @@ def test_a_nudge_moves_the_wrist_and_turns_the_hand_as_asked() -> None:
     for joints in random.uniform(0.4, 1.2, (20, 4)):  # bent: a straight arm cannot go on
         moved = nudged(joints, np.array([0.03, -0.02]), 0.1)
         step = hand_places(moved, 0.0) - hand_places(joints, 0.0)
-        # Three Newton steps leave 6e-10 metres here, and 1e-8 at worst.
-        np.testing.assert_allclose(step, [0.03, -0.02], rtol=0, atol=1e-7)
+        # Newton steps: three of them leave 2.2e-8 metres at worst here, three more only rounding.
+        np.testing.assert_allclose(step, [0.03, -0.02], rtol=0, atol=3e-8)
+        left, turned = [0.03, -0.02] - step, (moved - joints).sum()
+        again = nudged(moved, left, 0.1 - turned)
+        step = hand_places(again, 0.0) - hand_places(joints, 0.0)
+        np.testing.assert_allclose(step, [0.03, -0.02], rtol=0, atol=1e-12)
         np.testing.assert_allclose(moved.sum() - joints.sum(), 0.1, rtol=0, atol=1e-12)
 
 
@@ -139,6 +143,7 @@ def test_a_hand_that_is_drawn_back_moves_along_itself() -> None:
     # Closed forms there and back: they round.
     np.testing.assert_allclose(hand_places(back, GRASP), expected, rtol=0, atol=1e-12)
     turned = (back - poses).sum(axis=-1) / (2 * np.pi)
+    # Whole turns, as sums of angles that round.
     np.testing.assert_allclose(turned, np.round(turned), rtol=0, atol=1e-12)
     np.testing.assert_array_equal(back[:, 3], poses[:, 3])
     assert (np.sign(back[:, 1]) == np.sign(poses[:, 1])).all()
@@ -151,6 +156,6 @@ def test_places_beside_the_hands_middle_line_may_differ() -> None:
     each = hand_poses_each(np.random.default_rng(0), points, GRASP, now, 4, lateral=aside)
     for poses, beside, point in zip(each, aside.tolist(), points, strict=True):
         assert len(poses) == 4
-        # Closed forms there and back: they round.
         reached = hand_places(poses, GRASP, beside)
+        # Closed forms there and back: they round.
         np.testing.assert_allclose(reached, np.repeat(point[None], 4, axis=0), atol=1e-12)

@@ -272,7 +272,7 @@ class BatchSimulation(Busy):
     def load_everywhere(self, saved: dict[str, np.ndarray], constants: bool) -> None:
         """Sets all rows to the one that `save` gave; what follows from its state does not follow.
 
-        That is all that `roll_out` needs.
+        That is all that stepping them needs, or `roll_out`.
         """
         self._load_state(saved, None, constants)
 

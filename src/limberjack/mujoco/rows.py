@@ -118,9 +118,9 @@ class Rows:
         self._living().load(saved, rows, self._constants)
 
     def load_everywhere(self, saved: dict[str, np.ndarray]) -> None:
-        """Makes all rows of a batch go on as the only one that was saved, by `roll_out`.
+        """Makes all rows of a batch go on as the only one that was saved.
 
-        Quantities that follow from the state are not computed.
+        Quantities that follow from the state are those of before, till the rows are stepped.
         """
         self._living().load_everywhere(saved, self._constants)
 
