@@ -23,6 +23,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 @pytest.fixture(params=["own", "shared"])
 def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lets each row have an `MjData` of its own, as in a small batch, or not, as in a large one."""
-    from limberjack.mujoco import batch_simulation  # after the renderer is chosen
+    from limberjack.mujoco import lazy_batch  # after the renderer is chosen
 
-    monkeypatch.setattr(batch_simulation, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])
+    monkeypatch.setattr(lazy_batch, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])

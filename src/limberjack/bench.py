@@ -147,7 +147,7 @@ class Contest:
         self.vector_env.reset(seed=_SEED)
         self._start: np.ndarray = _state(self.environment).copy()
         # What differs among the rows' models: where the target is, in some tasks.
-        fields, of_batch = self.environment._saved_fields, self.environment.physics._simulation
+        fields, of_batch = self.environment._saved_fields, self.environment.physics.simulation
         self._start_fields = {name: of_batch.model_field(name)[0].copy() for name in fields}
 
     def physics(self, actions: np.ndarray) -> float:
@@ -173,7 +173,7 @@ class Contest:
         import mujoco.batch  # here, as `limberjack.mujoco` is to import it first
 
         like: Any = self.environment.physics
-        model, threads = like.single.model._model, like._simulation.num_threads
+        model, threads = like.model._model, like.simulation.num_threads
         batch = mujoco.batch.Batch(model, self.num_envs, threads, persistent)
         batch.state[...] = self._start
         for name, values in self._start_fields.items():
@@ -253,7 +253,7 @@ def player(step: Callable[[np.ndarray], Any]) -> Player:
 
 def _state(environment: BatchEnvironment) -> np.ndarray:
     """What a batch's steps depend on, (num_envs, nstate), live."""
-    return environment.physics._simulation.state
+    return environment.physics.simulation.state
 
 
 _random = np.random.RandomState(_SEED)

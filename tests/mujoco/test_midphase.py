@@ -94,7 +94,7 @@ def test_boxes_that_hold_their_geoms_are_no_reason_to_keep_it(kind: str) -> None
 @pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
 def test_the_suites_worlds_do_without(domain: str, task: str) -> None:
     batch = suite.load_batch(domain, task, 2, num_threads=1, seed=0)
-    trees = batch.physics._simulation.batch.expand("body_bvhadr")
+    trees = batch.physics.simulation._lazy.official.expand("body_bvhadr")
     np.testing.assert_array_equal(trees[:, 0], -1)
     assert (trees[:, 1:] >= 0).any()
     assert batch.physics.model.body_bvhadr[0] == 0  # what users see is the model

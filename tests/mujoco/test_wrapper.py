@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from limberjack.mujoco import wrapper
-from limberjack.mujoco.wrapper import core, mjbindings, util
+from limberjack.mujoco.wrapper import mjbindings, util
 
 _XML = """
 <mujoco model="balls">
@@ -41,71 +41,6 @@ def data(model: wrapper.MjModel) -> wrapper.MjData:
     data = wrapper.MjData(model)
     mujoco.mj_forward(model.ptr, data.ptr)
     return data
-
-
-def shared_pair() -> tuple[wrapper.MjModel, wrapper.MjModel]:
-    """Two models that share what was compiled."""
-    shared = core.SharedModel(mujoco.MjModel.from_xml_string(_XML))
-    return wrapper.MjModel(shared), wrapper.MjModel(shared)
-
-
-def test_reading_numbers_and_names_leaves_a_model_shared() -> None:
-    model, twin = shared_pair()
-    assert (model.nbody, model.ngeom, model.name) == (3, 3, "balls")
-    assert model.name2id("ball", "geom") == 1
-    assert model.id2name(1, "geom") == "ball"
-    assert isinstance(model.names, bytes)
-    assert "body_pos" in dir(model)
-    assert not hasattr(model, "nothing")
-    assert model.to_bytes() == twin.to_bytes()
-    assert model._model is twin._model
-
-
-@pytest.mark.parametrize(
-    "touch",
-    [
-        lambda m: m.ptr,
-        lambda m: m.opt,
-        lambda m: m.body_pos,
-        lambda m: m.body("ball"),
-        lambda m: m.vis,
-        lambda m: m.stat,
-        lambda m: m.disable("gravity").__enter__(),
-        lambda m: setattr(m, "body_mass", np.ones(3)),
-        lambda m: m.make_own(),
-    ],
-)
-def test_the_first_touch_that_could_change_a_model_copies_it_once(touch: Any) -> None:
-    model, twin = shared_pair()
-    shared = twin._model
-    touch(model)
-    own = model._model
-    assert own is not shared
-    assert twin._model is shared
-    touch(model)
-    assert model._model is own
-    assert model.ptr is own
-
-
-def test_a_copy_of_a_shared_model_goes_on_sharing_and_of_an_own_one_does_not() -> None:
-    for make in (copy.copy, copy.deepcopy, wrapper.MjModel.copy):
-        model, _ = shared_pair()
-        other = make(model)
-        assert other._model is model._model
-        other.opt.timestep = 0.5
-        assert model.opt.timestep == 0.002
-        third = make(model)
-        third.opt.timestep = 0.25
-        assert (model.opt.timestep, other.opt.timestep) == (0.002, 0.5)
-
-
-def test_a_passive_model_differs_in_actuation_only() -> None:
-    shared = core.SharedModel(mujoco.MjModel.from_xml_string(_XML))
-    assert shared.passive is shared.passive
-    assert shared.passive.opt.disableflags == mujoco.mjtDisableBit.mjDSBL_ACTUATION
-    assert shared.model.opt.disableflags == 0
-    shared.passive.opt.disableflags = 0
-    assert wrapper.MjModel(shared.passive).to_bytes() == wrapper.MjModel(shared.model).to_bytes()
 
 
 @pytest.mark.parametrize("way", ["copy", "deepcopy", "pickle", "bytes"])

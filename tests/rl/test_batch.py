@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from limberjack import mujoco, suite
-from limberjack.mujoco import batch_simulation
+from limberjack.mujoco import lazy_batch
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import base
@@ -248,7 +248,7 @@ def test_use_from_two_threads_at_once_is_refused() -> None:
 def test_a_forked_child_goes_on_exactly_and_exits_with_status_0(
     a_few: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(batch_simulation, "_A_FEW", a_few)
+    monkeypatch.setattr(lazy_batch, "_A_FEW", a_few)
     batch = suite.load_batch("manipulator", "insert_peg", 6, 2, 0)
     batch.reset()
     actions = np.random.RandomState(0).uniform(-1, 1, (20, *batch.action_spec().shape))
@@ -348,8 +348,11 @@ def test_a_state_that_was_set_is_stepped_from_as_after_forward() -> None:
     expected = env.step(zero[1]).observation
     for name, value in batch.step(zero).observation.items():
         np.testing.assert_array_equal(value[1], expected[name])
-    with pytest.raises(AttributeError, match=r"without forward\(\)"):
-        batch.physics.forward()
+    batch.physics.forward()
+    env.physics.forward()
+    for name in ("qacc", "actuator_force", "sensordata", "xpos"):
+        expected = getattr(env.physics.data, name)
+        np.testing.assert_array_equal(getattr(batch.physics.data, name)[1], expected, name)
 
 
 def test_an_interrupted_step_lets_every_row_begin_anew() -> None:

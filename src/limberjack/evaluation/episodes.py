@@ -96,7 +96,7 @@ class _Playing:
         self._seeds[taking] = seeds
         self._lengths[taking] = 0
         time_step = self._batch.reset(taking, seeds=seeds)
-        self._actor.begin(self._batch.task.action_spec(self._batch.physics.single), taking, seeds)
+        self._actor.begin(self._batch.task.action_spec(self._batch.single), taking, seeds)
         return time_step
 
     def _taken(self, most: int) -> list[int]:

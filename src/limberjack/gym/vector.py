@@ -108,7 +108,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         of_one = specs_of_one_row(batch.observation_spec())
         self._observations = observations_of(of_one, flat, dtype, batch.pixels)
         self.layout: tuple[Part, ...] = self._observations.layout
-        spec = batch.task.action_spec(batch.physics.single)
+        spec = batch.task.action_spec(batch.single)
         self.single_action_space = action_space(spec, self._observations.dtype)
         self.single_observation_space = self._observations.space
         self.action_space = batch_space(self.single_action_space, self.num_envs)

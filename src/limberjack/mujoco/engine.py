@@ -14,15 +14,14 @@ A domain subclasses it with the quantities its tasks measure. The class does not
 import collections
 import contextlib
 import functools
-import weakref
-from collections.abc import Callable, Iterator
-from typing import Any, Self
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Self, cast
 
 import mujoco
 import numpy as np
-from dm_env import specs
 
-from limberjack.mujoco import camera, index, wrapper
+from limberjack.mujoco import camera, drawing, fields, index, replicas, wrapper
+from limberjack.mujoco.action_spec import action_spec
 from limberjack.mujoco.camera import (
     Camera,
     CameraMatrices,
@@ -32,9 +31,11 @@ from limberjack.mujoco.camera import (
     Selected,
     TextOverlay,
 )
-from limberjack.mujoco.rows import Rows
-from limberjack.mujoco.simulation import SingleSimulation
-from limberjack.mujoco.wrapper.core import SharedModel
+from limberjack.mujoco.identity import identity
+from limberjack.mujoco.rows_view import RowsData
+from limberjack.mujoco.simulation import STATE, Fields, Simulation, is_bad_state, read_field
+from limberjack.mujoco.single_simulation import SingleSimulation
+from limberjack.mujoco.wrapper.sharing import compiled
 from limberjack.rl import control as _control
 from limberjack.utils.log import log
 
@@ -51,20 +52,19 @@ __all__ = [
     "action_spec",
 ]
 
+_SETTINGS = ("legacy_step",)  # how a simulation is run, which its copies have too
+
 NamedIndexStructs = collections.namedtuple("NamedIndexStructs", ["model", "data"])
 
-# Compiled models in use, by their source: the environments of a process share one.
-_models: "weakref.WeakValueDictionary[Any, SharedModel]" = weakref.WeakValueDictionary()
 
-
-class Physics(Rows, _control.Physics):
-    """A MuJoCo simulation; see the module's docstring."""
+class Physics(_control.Physics):
+    """A MuJoCo simulation, or a batch of them; see the module's docstring."""
 
     # In the class, because programs override `__init__` without calling it.
     _warnings_cause_exception = True
-    # Any: of a single simulation or of a batch.
+    # Any: a `wrapper.MjData`, or a `RowsData` with the same fields.
     _data: Any
-    _simulation: Any
+    _simulation: Simulation
 
     def __init__(self, data: wrapper.MjData) -> None:
         """Takes a `wrapper.MjData`; see the `from_...` constructors."""
@@ -96,11 +96,8 @@ class Physics(Rows, _control.Physics):
         takes a copy first, so that sharing is never noticed.
         """
         source = (xml_string, *sorted(assets.items()))
-        if (shared := _models.get(source)) is None:
-            shared = SharedModel(wrapper.MjModel.from_xml_string(xml_string, assets).ptr)
-        physics = cls.from_model(wrapper.MjModel(shared))
-        _models[source] = shared.publish()
-        return physics
+        shared = compiled(source, lambda: wrapper.MjModel.from_xml_string(xml_string, assets).ptr)
+        return cls.from_model(wrapper.MjModel(shared))
 
     @classmethod
     def from_byte_string(cls, byte_string: bytes) -> Self:
@@ -139,10 +136,10 @@ class Physics(Rows, _control.Physics):
 
     def free(self) -> None:
         """Frees the simulation; this object must not be used afterwards."""
-        for name in ("_data", "_simulation", "_scratch", "named"):
+        for name in ("_data", "_simulation", "named"):
             vars(self).pop(name, None)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Any:  # Any: it only raises
         if name in ("_data", "_simulation"):
             raise RuntimeError(
                 "this Physics is closed or was never initialised: make one with a from_... "
@@ -151,24 +148,83 @@ class Physics(Rows, _control.Physics):
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     @property
+    def simulation(self) -> Simulation:
+        """What steps, saves and loads."""
+        return self._simulation
+
+    @property
+    def num_envs(self) -> int | None:
+        """Number of simulations of a batch; None for a single one."""
+        return self._simulation.num_envs
+
+    @property
     def model(self) -> wrapper.MjModel:
-        """The model; editing it changes this simulation alone."""
+        """The model; editing it changes this simulation alone. That of a batch is read-only."""
         return self._data.model
 
     @property
-    def data(self) -> wrapper.MjData:
+    def data(self) -> Any:  # Any: the official struct's fields, which nothing lists
         """The state and all quantities computed from it."""
         return self._data
 
     @functools.cached_property
-    def named(self) -> Any:
+    def named(self) -> NamedIndexStructs:
         """`named.data` and `named.model`: fields indexed by the names of the model's objects."""
-        names, simulation = index.Names(self.model._model), self._simulation
-        watch = simulation.is_watched, simulation.want
+        simulation = self._simulation
+        names = index.Names(simulation.model._model)
         return NamedIndexStructs(
             model=index.NamedFields("MjModel", simulation.model_field, names),
-            data=index.NamedFields("MjData", simulation.field_for_names, names, *watch),
+            data=index.NamedFields("MjData", simulation.field_for_names, names, simulation.indexer),
         )
+
+    # Batches.
+
+    def replicate(
+        self, num_envs: int, num_threads: int, own_fields: Sequence[str] = ()
+    ) -> "replicas.Replicas[Self]":
+        """Many simulations of this one's model, in its default state; see `Replicas`.
+
+        Args:
+          num_envs: number of simulations.
+          num_threads: threads that step them, the caller's included.
+          own_fields: fields of the model that an episode's start may set, for its own row.
+        """
+        return replicas.Replicas(self, num_envs, num_threads, own_fields)
+
+    def seen_through(self, fields: Fields) -> Self:
+        """The same quantities of other fields, such as those of a `BatchSimulation`."""
+        cls: type[Self] = type(self)
+        other = cls.__new__(cls)
+        own = ("_data", "_simulation", "named")
+        vars(other).update((k, v) for k, v in vars(self).items() if k not in own)
+        other._simulation = cast(Simulation, fields)  # one that can only be read says so itself
+        other._forget_arrays()
+        return other
+
+    def _forget_arrays(self) -> None:
+        """Has the fields of a batch looked up again."""
+        vars(self).pop("named", None)
+        self._data = RowsData(self._simulation)
+
+    def _refuse_rows(self, what: str, instead: str) -> None:
+        """Raises TypeError if this is a batch."""
+        if self._simulation.num_envs is not None:
+            raise TypeError(f"the physics of a batch has no {what}: {instead}")
+
+    def origin(self, varying: Sequence[str] = ()) -> dict[str, Any]:
+        """What must agree for a saved state to be loaded; see `limberjack.mujoco.identity`."""
+        return identity(self._simulation.model, varying)
+
+    def nominal_fields(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """The model's present values of fields that are going to be randomised, by name.
+
+        Raises:
+          ValueError: there is no such field, or it is part of the model's structure.
+        """
+        for name in names:
+            fields.check_randomizable(name)
+        self._simulation.sets_constants = fields.have_constants(names)
+        return {name: np.array(read_field(self._data.model._model, name)) for name in names}
 
     # Stepping.
 
@@ -266,10 +322,7 @@ class Physics(Rows, _control.Physics):
         """
         if sig is None:
             return np.concatenate(self._physics_state_items(), axis=-1)
-        model = self.model._model
-        state = np.empty(mujoco.mj_stateSize(model, sig))
-        mujoco.mj_getState(model, self._data._data, state, sig)
-        return state
+        return self._simulation.get_state(sig)
 
     def set_state(self, physics_state: np.ndarray, sig: int | None = None) -> None:
         """Sets the state, an array as returned by `get_state(sig)`.
@@ -278,17 +331,17 @@ class Physics(Rows, _control.Physics):
           ValueError: the array has another shape; nothing is changed.
         """
         state = np.asarray(physics_state, float)
-        model = self.model._model
         items = self._physics_state_items()
-        size = sum(item.size for item in items) if sig is None else mujoco.mj_stateSize(model, sig)
-        if state.shape != (size,):
-            raise ValueError(f"Input physics state has shape {state.shape}. Expected {(size,)}.")
+        sizes = [item.shape[-1] for item in items]
+        size = sum(sizes) if sig is None else mujoco.mj_stateSize(self.model._model, sig)
+        shape = (size,) if self.num_envs is None else (self.num_envs, size)
+        if state.shape != shape:
+            raise ValueError(f"Input physics state has shape {state.shape}. Expected {shape}.")
         if sig is not None:
-            mujoco.mj_setState(model, self._data._data, state, sig)
+            self._simulation.set_state(state, sig)
             return
-        for item, part in zip(
-            items, np.split(state, np.cumsum([i.size for i in items])), strict=False
-        ):
+        parts = np.split(state, np.cumsum(sizes)[:-1], axis=-1)
+        for item, part in zip(items, parts, strict=True):
             np.copyto(item, part)
 
     def _physics_state_items(self) -> list[np.ndarray]:
@@ -298,22 +351,37 @@ class Physics(Rows, _control.Physics):
         return [*items, data.plugin_state] if self.model.nplugin else items
 
     def copy(self, share_model: bool = False) -> Self:
-        """A simulation in the same state.
+        """A simulation in the same state, which shows what this one shows.
 
         Args:
           share_model: let both use one model, so that editing it changes both.
         """
+        self._refuse_rows("copy()", "take a snapshot() of its BatchEnvironment, or deepcopy that")
         new = type(self).__new__(type(self))
-        new.__setstate__((self._data._make_copy(share_model=share_model), self._settings()))
+        _, *settings = self.__getstate__()
+        new.__setstate__((self._data._make_copy(share_model=share_model), *settings))
         return new
 
-    def __getstate__(self) -> tuple[wrapper.MjData, dict[str, Any]]:
-        return self._data, self._settings()
+    def __getstate__(self) -> tuple[Any, ...]:
+        self._refuse_rows("pickled form", "pickle its BatchEnvironment")
+        simulation = cast(SingleSimulation, self._simulation)
+        settings = {n: vars(self)[n] for n in _SETTINGS if n in vars(self)}
+        return self._data, settings, simulation.sets_constants, simulation.remembered()
 
-    def __setstate__(self, state: tuple[wrapper.MjData, dict[str, Any]]) -> None:
-        data, settings = state
-        self._reload_from_data(data)
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        """Goes on from another simulation's state.
+
+        Raises:
+          PhysicsError: MuJoCo would not go on from it.
+        """
+        data, settings, sets_constants, remembered = state
+        simulation = SingleSimulation(data)
+        if is_bad_state(data.model._model, simulation.get_state(STATE)):
+            raise _control.PhysicsError("the state is not finite, or beyond MuJoCo's bounds")
+        simulation.take_over(remembered)
+        simulation.sets_constants = sets_constants
         vars(self).update(settings)
+        self._data, self._simulation = data, simulation
 
     def control(self) -> np.ndarray:
         """The control signals, (nu,)."""
@@ -376,21 +444,21 @@ class Physics(Rows, _control.Physics):
         Returns:
           (height, width, 3) uint8 unless depth or segmentation is asked for.
         """
+        self._refuse_rows("render()", "call render(rows, ...) of its BatchEnvironment")
         what = height, width, camera_id, overlays, depth, segmentation
         how = scene_option, render_flag_overrides, scene_callback, quality
         return camera.render(self, *what, *how)
+
+    # Any: each keyword has a type of its own.
+    def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
+        """A picture of the only row of a single simulation, (1, height, width, ...)."""
+        return self.render(**kwargs)[None]
+
+    def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
+        """Shape and type of the picture that `render` gives; see `drawing.picture_spec`."""
+        return drawing.picture_spec(self, kwargs)
 
     @property
     def contexts(self) -> Any:
         """The OpenGL and MuJoCo rendering contexts, as `contexts.gl` and `contexts.mujoco`."""
         return camera.contexts(self)
-
-
-def action_spec(physics: Physics) -> specs.BoundedArray:
-    """The spec of the controls, (nu,); an unlimited one is bounded by MuJoCo's maximum."""
-    model = physics.model._model
-    limited = model.actuator_ctrllimited.ravel().astype(bool)[:, None]
-    bounds = np.where(limited, model.actuator_ctrlrange, [-mujoco.mjMAXVAL, mujoco.mjMAXVAL])
-    return specs.BoundedArray(
-        shape=(model.nu,), dtype=float, minimum=bounds[:, 0], maximum=bounds[:, 1]
-    )

@@ -21,7 +21,7 @@ __all__ = [
     "axes_of",
     "check_randomizable",
     "have_constants",
-    "varying",
+    "of_floats",
 ]
 
 # Objects counted by each size, by the spelling used in `MjModel.name_<kind>adr`.
@@ -201,10 +201,12 @@ def have_constants(names: Iterable[str]) -> bool:
     return any(name in inputs or name.startswith("opt.") for name in names)
 
 
-def varying() -> list[str]:
-    """Fields of MjModel that simulations of one model may differ in."""
-    known: Any = mujoco.batch.MODEL_FIELDS
-    return [name for name in known if not name.startswith("opt.") and _is_value(name)]
+@functools.cache
+def of_floats() -> tuple[str, ...]:
+    """Fields of MjModel that are arrays of floating point."""
+    model = _empty_model()
+    found = ((name, getattr(model, name)) for name in dir(model) if not name.startswith("_"))
+    return tuple(n for n, f in found if isinstance(f, np.ndarray) and f.dtype.kind == "f")
 
 
 def _is_value(name: str) -> bool:

@@ -9,23 +9,28 @@ joints (of which some have more than one number), and its columns, where it is a
 quaternion, a matrix or a colour, after `x y z`, `qw qx qy qz`, `xx xy ... zz` or `r g b a`. Which
 objects those are follows from the field's own name; a field is looked at only when it is asked for.
 
-A key of names is turned into a NumPy index once and remembered. In a batch the index gets `...` in
-front, so that `xpos["head", "z"]` is one number per simulation.
+A key is turned into a NumPy index once and remembered: names, numbers, slices and lists of them. In
+a batch the index gets `...` in front, so that `xpos["head", "z"]` is one number per simulation.
 """
 
 import collections
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from limberjack.mujoco import fields
+from limberjack.utils.arrays import index_for
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["Axes", "Axis", "FieldIndexer", "NamedFields", "Names"]
 
 Axes = collections.namedtuple("Axes", ["row", "col"], defaults=(None,))
+
+_MOST_KEYS = 1000  # that a field remembers; a loop over many numbers must not fill the memory
+_ENDS = (int, type(None))  # of a slice that is remembered
 
 
 class Axis:
@@ -164,24 +169,23 @@ class FieldIndexer:
         """The named tuple of row and column axis."""
         return self._axes
 
-    def __getitem__(self, key: Any) -> Any:
+    # Any: numbers of the field's type, one or an array of them.
+    def __getitem__(self, key: object) -> Any:
         array, index = self._lookup(key) or self._resolve(key)
         return array[index]
 
-    def __setitem__(self, key: Any, value: Any) -> None:
+    def __setitem__(self, key: object, value: object) -> None:
         array, index = self._lookup(key) or self._resolve(key)
         array[index] = value
 
-    def _lookup(self, key: Any) -> tuple[np.ndarray, Any] | None:
+    def _lookup(self, key: object) -> tuple[Any, Any] | None:
         """What a key was resolved to before."""
         if type(key) is str:
             return self._known.get(key)
-        if type(key) is tuple and len(key) == 2 and type(key[0]) is type(key[1]) is str:
-            return self._known.get(key)
         return self._known.get(_frozen(key))
 
-    def _resolve(self, key: Any) -> tuple[np.ndarray, Any]:
-        """The array and NumPy index that a key stands for; remembered if it is of names."""
+    def _resolve(self, key: object) -> tuple[Any, Any]:
+        """The array and the index that a key stands for; remembered if it is not an array."""
         items = key if isinstance(key, tuple) else (key,)
         dimensions = self._field.ndim - self._batch
         if len(items) > dimensions:
@@ -192,10 +196,11 @@ class FieldIndexer:
         axes = (*filter(None, self._axes), *(_UNNAMED,) * len(items))
         index = tuple(axis.convert_key_item(item) for axis, item in zip(axes, items, strict=False))
         resolved = self._field, self._in_batch(index) if self._batch else index
-        if _only_names(key):
-            if any(isinstance(item, np.ndarray) for item in index):
+        frozen = _frozen(key)
+        if frozen is not None and len(self._known) < _MOST_KEYS:
+            if any(isinstance(item, (list, np.ndarray)) for item in index):
                 resolved = self._flattened(index)
-            self._known[_frozen(key)] = resolved
+            self._known[frozen] = resolved
         return resolved
 
     def _in_batch(self, index: tuple) -> tuple:
@@ -203,13 +208,15 @@ class FieldIndexer:
         rest = self._field.ndim - 1 - len(index)
         return (..., *index, *(slice(None),) * rest)
 
-    def _flattened(self, index: tuple) -> tuple[np.ndarray, Any]:
-        """The same elements by one array of positions, which NumPy gathers fastest."""
-        shape = self._field.shape[self._batch :]
-        positions = np.arange(np.prod(shape)).reshape(shape)[index]
+    def _flattened(self, index: tuple) -> tuple[Any, Any]:
+        """The same elements by one array of positions, which is gathered fastest."""
+        shape = tuple(self._field.shape[self._batch :])
+        positions = np.arange(math.prod(shape)).reshape(shape)[index]
         if self._batch:
-            return self._field.reshape(len(self._field), -1), (..., positions)
-        return self._field.reshape(-1), positions
+            flat = self._field.reshape(len(self._field), -1)
+            return flat, (..., index_for(flat, positions))
+        flat = self._field.reshape(-1)
+        return flat, index_for(flat, positions)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._field, name)
@@ -242,30 +249,6 @@ class FieldIndexer:
         return "\n".join(lines) if len(self._field) else f"{title}\n(empty)"
 
 
-class _Watched(FieldIndexer):
-    """A batch's field which says what of it is read, as not all is computed, or kept."""
-
-    __slots__ = ("_want",)
-
-    def __init__(self, want: Callable[[str, Any], object], *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self._want = want
-
-    def _resolve(self, key: Any) -> tuple[np.ndarray, Any]:
-        array, index = super()._resolve(key)
-        shape = array.shape[1:]
-        self._want(self._name, np.arange(np.prod(shape, dtype=int)).reshape(shape)[None][index])
-        return array, index
-
-    def __getattr__(self, name: str) -> Any:
-        self._want(self._name, slice(None))
-        return getattr(self._field, name)
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        self._want(self._name, slice(None))
-        return super().__array__(dtype, copy)
-
-
 class NamedFields:
     """The fields of one struct as `FieldIndexer`s, made when they are first asked for."""
 
@@ -274,8 +257,7 @@ class NamedFields:
         struct_name: str,
         read: Callable[[str], tuple[Any, bool]],
         names: Names,
-        is_watched: Callable[[str], bool] = lambda name: False,
-        want: Callable[[str, Any], object] = lambda name, columns: None,
+        indexer: Callable[[str, Any, Axes, bool], FieldIndexer] = FieldIndexer,
     ) -> None:
         """Makes the view.
 
@@ -284,13 +266,12 @@ class NamedFields:
           read: gives a field's live array by name, and whether it has a leading axis of
             simulations.
           names: the model's axes.
-          is_watched: whether it matters what somebody reads of a field.
-          want: told that, by the field's name, as an index for its columns in a row.
+          indexer: makes the index of a field; arguments as `FieldIndexer`'s.
         """
-        self._is_watched, self._want = is_watched, want
         self._struct_name = struct_name
         self._read = read
         self._names = names
+        self._indexer = indexer
 
     def __getattr__(self, name: str) -> FieldIndexer:
         if name.startswith("_"):
@@ -300,17 +281,14 @@ class NamedFields:
         except AttributeError as error:
             hint = did_you_mean(name, dir(getattr(mujoco, self._struct_name)))
             raise AttributeError(f"{self._struct_name} has no field {name!r}.{hint}") from error
-        if not isinstance(field, np.ndarray) or field.dtype.fields:
+        if not hasattr(field, "shape") or getattr(field.dtype, "fields", None):
             raise AttributeError(f"{self._struct_name}.{name} is not an array, so it has no names")
-        shape = field.shape[batch:]
+        shape = tuple(field.shape[batch:])
         sizes = fields.axes_of(self._struct_name, name, shape, self._names.model)
         axes = Axes(*(self._names.axis(size) for size in sizes or (None,)))
-        if batch and self._is_watched(name):
-            indexer = _Watched(self._want, name, field, axes, batch)
-        else:
-            indexer = FieldIndexer(name, field, axes, batch)
+        indexer = self._indexer(name, field, axes, batch)
         if sizes[:1] != (None,):
-            # Arrays without named rows may move in memory from step to step: look them up anew.
+            # Arrays without named rows may move in memory from step to step: do not keep them.
             self.__dict__[name] = indexer
         return indexer
 
@@ -337,28 +315,34 @@ def _refuse(item: Any) -> None:
         raise IndexError("Empty strings are not allowed.")
 
 
-def _frozen(key: Any) -> Any:
-    """A key in hashable form; None if it has none, as a slice."""
-    # Lists are marked, because `a["x", "y"]` and `a[["x", "y"]]` are different keys.
+def _frozen(key: object) -> Hashable:
+    """A key in hashable form; None if it has none, as an array.
+
+    Equal forms are equal keys: types are part of it, as 1, 1.0 and True are different keys, and so
+    are `a["x", "y"]` and `a[["x", "y"]]`.
+    """
+    if type(key) is tuple:
+        if len(key) == 2 and type(key[0]) is type(key[1]) is str:
+            return key
+        parts = tuple([part if type(part) is str else _frozen(part) for part in key])
+        return None if None in parts else parts
     if type(key) is list:
-        frozen = (list, *key)
-    elif type(key) is tuple:
-        frozen = tuple([(list, *part) if type(part) is list else part for part in key])
-    else:
-        frozen = key
-    try:
-        hash(frozen)
-    except TypeError:
-        nested = isinstance(key, (list, tuple)) and any(isinstance(part, list) for part in key)
-        return (type(key), *map(_frozen, key)) if nested else None
-    return frozen
+        return _frozen_list(key)
+    if type(key) is str:
+        return key
+    if type(key) is int:
+        return (int, key)
+    if type(key) is slice and all(type(end) in _ENDS for end in (key.start, key.stop, key.step)):
+        return (slice, key.start, key.stop, key.step)
+    return None
 
 
-def _only_names(key: Any) -> bool:
-    """Whether a key is made of names alone; of numbers 1, 1.0 and True would be the same key."""
-    if isinstance(key, (tuple, list)):
-        return bool(key) and all(_only_names(part) for part in key)
-    return type(key) is str
+def _frozen_list(key: list) -> Hashable:
+    kinds = set(map(type, key))
+    if kinds == {str} or kinds == {int}:
+        return (list, *kinds, *key)
+    parts = tuple([_frozen(part) for part in key])
+    return None if None in parts else (list, *parts)
 
 
 def _row_labels(axis: Any, rows: int) -> list[str]:

@@ -1,55 +1,173 @@
-"""Running MuJoCo: with `batch_simulation.py`, for many, the only files that step.
+"""The interface of a simulation, single or batched, that `Physics` is a view of.
 
-A simulation knows nothing of names, tasks or rendering. `limberjack.mujoco.Physics` is what users
-see of it.
+    simulation.set_fields({"body_mass": masses})
+    simulation.step(5)
+    height = simulation.data_field("xpos")[0][..., 3, 2]
+    saved = simulation.save(None, ("body_mass",))
+    simulation.load(saved)
+
+`SingleSimulation` and `BatchSimulation` implement `Simulation` in full. `Fields` is the part of it
+that a `Physics` needs for being read; recorded states implement that alone.
+
+Arrays have a leading axis of simulations in a batch. `rows` are sorted row numbers, None for all; a
+single simulation is one row. A simulation knows nothing of names, tasks or rendering.
+
+Calls are remembered, so that a saved simulation shows after loading what it showed when it was
+saved: what depends on accelerations belongs to the last time step, not to the state that it led to.
 """
 
 import operator
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.leaving import Busy, begin, watch
-from limberjack.mujoco.wrapper.core import MjData
+from limberjack.mujoco.index import Axes, FieldIndexer
+from limberjack.mujoco.leaving import Busy
+from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.utils.log import log
 
-__all__ = ["ACTUATION", "NOT_FIELDS", "SingleSimulation", "read_field"]
+__all__ = [
+    "ACTUATION",
+    "FORWARD",
+    "LOAD",
+    "NOT_FIELDS",
+    "START",
+    "STATE",
+    "CountsWarnings",
+    "Fields",
+    "Rows",
+    "Simulation",
+    "is_bad_state",
+    "read_field",
+]
 
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value  # what a time step depends on
 ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
-NOT_FIELDS = ("state", "sensordata")  # what is saved beside the fields of the model
 
-_RUNGE_KUTTA = mujoco.mjtIntegrator.mjINT_RK4.value
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
+# The last call of a simulation: a number of steps (`step`), a negative number of them
+# (`step_whole`), or one of these.
+START = 0  # `forward_without_actuation`
+LOAD = np.iinfo(np.int64).max  # `load` of a state alone
+FORWARD = np.iinfo(np.int64).min  # `forward`
+
+# What `save` gives beside the fields of the model.
+NOT_FIELDS = ("state", "sensordata", "before", "call")
+
+Rows = np.ndarray | None
 
 
-class SingleSimulation(Busy):
-    """One simulation.
+class Fields(Protocol):
+    """Live arrays of MuJoCo's structs by name, of one simulation or of many."""
 
-    `warnings` counts MuJoCo's warnings by kind, (7,) ints, live.
-    """
+    # None for a single simulation, whose arrays have no leading axis.
+    num_envs: int | None
 
-    num_envs: int | None = None
-    is_orphan = False  # it has no threads to lose
+    @property
+    def model(self) -> MjModel:
+        """The model, or the one that the simulations have in common."""
+        ...
 
-    def __init__(self, data: MjData) -> None:
-        self._wrapper = data.model
-        self._data: Any = data._data
-        self.warnings: np.ndarray = self._data.warning.number
-        self._no_warnings = bytes(self.warnings.nbytes)
-        # The flags to put back if Ctrl-C came while actuation was disabled.
-        self._flags_before: int | None = None
-        self._model_of_opt: Any = None
-        self._opt: Any = None
-        watch(self)
+    def data_field(self, name: str) -> tuple[Any, bool]:
+        """A field of MjData, and whether it has an axis of simulations."""
+        ...
+
+    def model_field(self, name: str) -> tuple[Any, bool]:
+        """A field of MjModel, and whether each simulation has values of its own."""
+        ...
+
+    def field_for_names(self, name: str) -> tuple[Any, bool]:
+        """As `data_field`, of a field that nothing but its `indexer` reads."""
+        ...
+
+    def indexer(self, name: str, field: Any, axes: Axes, batch: bool) -> FieldIndexer:
+        """What such a field is indexed by names with; arguments as `FieldIndexer`'s."""
+        ...
+
+
+class Simulation(Fields, Protocol):
+    """MuJoCo's part of a `Physics`; see the module's docstring."""
+
+    # Whether constants of the model follow from the fields that episodes set: MuJoCo's mj_setConst.
+    sets_constants: bool
+    # MuJoCo's warnings by kind, (..., 7), live.
+    warnings: np.ndarray
+
+    def step(self, nstep: int, rows: Rows = None) -> None:
+        """Advances by time steps; positions and velocities are up to date afterwards.
+
+        It finishes the step whose first half ran last and ends with the first half of the next,
+        so that everything that depends on positions and velocities belongs to the new state.
+        """
+        ...
+
+    def step_whole(self, nstep: int, rows: Rows = None) -> None:
+        """Advances by whole time steps; quantities belong to the state before the last one."""
+        ...
+
+    def forward(self, rows: Rows = None) -> None:
+        """Recomputes every quantity from the state and the controls."""
+        ...
+
+    def forward_without_actuation(self, rows: Rows = None) -> None:
+        """Recomputes every quantity as if there were no actuators, as an episode begins."""
+        ...
+
+    def reset(self, keyframe: int | None = None, rows: Rows = None) -> None:
+        """Returns to the model's default state or to a keyframe, without a forward pass."""
+        ...
+
+    def get_state(self, signature: int) -> np.ndarray:
+        """Parts of the state, (..., size), as `mujoco.mjtState` bits."""
+        ...
+
+    def set_state(self, state: np.ndarray, signature: int) -> None:
+        """Sets those parts; no quantity follows."""
+        ...
+
+    def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
+        """Sets fields of the model, of one row in a batch, and the constants that follow."""
+        ...
+
+    def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
+        """All that the future and the present quantities depend on, (n, ...) each.
+
+        Args:
+          rows: of a batch.
+          fields: of the model, to be saved too.
+        """
+        ...
+
+    def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
+        """Sets what `save` gave; without its call, quantities that follow from the state follow."""
+        ...
 
     def set_warnings_aside(self) -> np.ndarray | None:
-        """Clears the counters of warnings; returns what they were, None for none.
+        """Clears the counters of warnings; returns what they were, None for none."""
+        ...
 
-        A simulation that diverges is reset by MuJoCo, counters included, so that one that has
-        counted before would show the same number.
-        """
+    def has_warned(self) -> bool:
+        """Whether any warning is counted."""
+        ...
+
+    def new_warnings(self, earlier: np.ndarray | None) -> np.ndarray | None:
+        """Which kinds of warnings came since they were set aside, (..., 7); None for none."""
+        ...
+
+
+class CountsWarnings(Busy):
+    """The part of a simulation that tells new warnings from earlier ones.
+
+    A simulation that diverges is reset by MuJoCo, counters included, so that one that has counted
+    before would show the same number: earlier counts are set aside around each call.
+    """
+
+    warnings: np.ndarray
+    _no_warnings: bytes
+
+    def set_warnings_aside(self) -> np.ndarray | None:
+        """See `Simulation`."""
         if not self.has_warned():
             return None
         earlier = self.warnings.copy()
@@ -57,133 +175,27 @@ class SingleSimulation(Busy):
         return earlier
 
     def has_warned(self) -> bool:
-        """Whether any warning is counted."""
+        """See `Simulation`."""
         return self.warnings.tobytes() != self._no_warnings
 
     def new_warnings(self, earlier: np.ndarray | None) -> np.ndarray | None:
-        """Which kinds of warnings came since they were set aside, (7,); None for none."""
+        """See `Simulation`."""
         new = self.warnings > 0 if self.has_warned() else None
         if earlier is not None:
             self.warnings += earlier
         return new
 
-    def step(self, nstep: int) -> None:
-        """Advances by `nstep` steps; positions and velocities are up to date afterwards.
 
-        It finishes the step whose first half ran last and ends with the first half of the next,
-        so that everything that depends on positions and velocities belongs to the new state.
-        """
-        model, data = self._model(), self._data
-        begin(self)
-        if model is not self._model_of_opt:  # asking for `opt` makes a new object each time
-            self._model_of_opt, self._opt = model, model.opt
-        if self._opt.integrator == _RUNGE_KUTTA:  # has no halves
-            mujoco.mj_step(model, data, nstep)
-        else:
-            mujoco.mj_step2(model, data)
-            if nstep > 1:
-                mujoco.mj_step(model, data, nstep - 1)
-        mujoco.mj_step1(model, data)
-        self.busy_in = None
+def is_bad_state(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
+    """Which states MuJoCo would replace by the default pose at the next step, (..., nstate).
 
-    def step_whole(self, nstep: int) -> None:
-        """Advances by `nstep` whole steps; quantities belong to the state before the last one."""
-        begin(self)
-        mujoco.mj_step(self._model(), self._data, nstep)
-        self.busy_in = None
-
-    def forward(self) -> None:
-        """Recomputes every quantity from the state and the controls."""
-        begin(self)
-        mujoco.mj_forward(self._model(), self._data)
-        self.busy_in = None
-
-    def forward_without_actuation(self) -> None:
-        """Recomputes every quantity as if there were no actuators."""
-        model = self._model()
-        shared = self._wrapper._shared
-        begin(self)
-        if shared is not None and shared.is_public:
-            mujoco.mj_forward(shared.passive, self._data)
-            self.busy_in = None
-            return
-        opt = model.opt
-        self._flags_before = opt.disableflags
-        try:
-            opt.disableflags = self._flags_before | ACTUATION
-            mujoco.mj_forward(model, self._data)
-        finally:
-            opt.disableflags = self._flags_before
-        self._flags_before = None
-        self.busy_in = None
-
-    def reset(self, keyframe: int | None = None) -> None:
-        """Returns to the model's default state or to a keyframe, without a forward pass."""
-        if keyframe is None:
-            mujoco.mj_resetData(self._model(), self._data)
-        else:
-            mujoco.mj_resetDataKeyframe(self._model(), self._data, keyframe)
-
-    def save(self, rows: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
-        """The state, sensor readings and fields of the model, copied, as one row: (1, ...) each."""
-        model, data = self._model(), self._data
-        state = np.empty(mujoco.mj_stateSize(model, _STATE))
-        mujoco.mj_getState(model, data, state, _STATE)
-        saved = {"state": state, "sensordata": data.sensordata.copy()}
-        saved |= {name: np.array(read_field(model, name)) for name in fields}
-        return {name: value[None] for name, value in saved.items()}
-
-    def load(self, saved: dict[str, np.ndarray], rows: Any, constants: bool) -> None:
-        """Sets what `save` gave, and recomputes what depends on positions and velocities."""
-        fields = {n: value[0] for n, value in saved.items() if n not in NOT_FIELDS}
-        if fields:
-            self.set_fields(fields, constants=constants)
-        mujoco.mj_setState(self._model(), self._data, saved["state"][0], _STATE)
-        mujoco.mj_step1(self._model(), self._data)
-        self._data.sensordata[...] = saved["sensordata"][0]
-
-    def set_fields(
-        self, values: dict[str, np.ndarray], row: int | None = None, constants: bool = False
-    ) -> None:
-        """Sets fields of the model, and redoes the constants that follow from them if asked to."""
-        model = self._wrapper.ptr
-        for name, value in values.items():
-            field = read_field(model, name)
-            if isinstance(field, np.ndarray):
-                field[...] = value
-            else:
-                setattr(model.opt, name.removeprefix("opt."), value.item())
-        if constants:
-            mujoco.mj_setConst(model, self._data)
-
-    def data_field(self, name: str) -> tuple[np.ndarray, bool]:
-        """A field of the data; it has no axis of simulations."""
-        return getattr(self._data, name), False
-
-    field_for_names = data_field
-
-    def is_watched(self, name: str) -> bool:
-        """As `BatchSimulation.is_watched`: never, as all sensors are computed."""
-        return False
-
-    def want(self, name: str, columns: Any) -> bool:
-        """Does nothing; see `BatchSimulation.want`."""
-        return False
-
-    def model_field(self, name: str) -> tuple[np.ndarray, bool]:
-        """A field of the model, for anybody to change; it has no axis of simulations."""
-        return getattr(self._wrapper.ptr, name), False
-
-    def _model(self) -> Any:
-        """The official model; whole again, should an interrupt have left a flag switched."""
-        model = self._wrapper._model
-        if self._flags_before is not None:
-            model.opt.disableflags = self._flags_before
-            self._flags_before = None
-        return model
+    Positions or velocities are NaN or beyond `mujoco.mjMAXVAL`: see mj_checkPos and mj_checkVel.
+    """
+    moving = state[..., 1 : 1 + model.nq + model.nv]  # behind the time
+    return ~(abs(moving) <= mujoco.mjMAXVAL).all(axis=-1)
 
 
-def read_field(model: Any, name: str) -> Any:
+def read_field(model: mujoco.MjModel, name: str) -> Any:
     """A field of a model, or of its options as 'opt.gravity'."""
     return operator.attrgetter(name)(model)
 

@@ -20,9 +20,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.history import History
+from limberjack.mujoco.simulation import NOT_FIELDS
 from limberjack.planner.cost import Cost, Settings
+from limberjack.planner.history import History
 from limberjack.planner.library import cost_for
+from limberjack.planner.rollouts import Rollouts, state_of
 from limberjack.planner.servos import Servos
 from limberjack.planner.tracking import Tracking, shares_of_knots, targets_at
 from limberjack.planner.twin import let_rest, twin_of
@@ -36,7 +38,6 @@ __all__ = ["Planner"]
 _GOOD_PART = 8  # one sample in so many is good
 _ROUNDING = 1e-6  # knots
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
-_NOT_FIELDS = ("state", "sensordata")  # of what a snapshot holds of the physics
 
 
 class Planner:
@@ -82,8 +83,8 @@ class Planner:
         self._spacing = self._settings.spacing
         self._steps = max(1, round(self._settings.horizon / env.control_timestep()))
         looks = -(-self._steps // self._settings.cost_interval)
-        self._history = History(self._batch, looks)
-        self._seen = self._batch.seen_through(self._history)
+        self._history = History(self._batch.simulation, looks)
+        self._seen = self._batch.physics.seen_through(self._history)
         self.reset()
 
     @property
@@ -137,28 +138,28 @@ class Planner:
         """Knots since the present plan was made."""
         return self._age * self._env.control_timestep() / self._spacing
 
-    def _make_batch(self, threads: int) -> tuple[Any, Any, int]:
+    def _make_batch(self, threads: int) -> tuple[Rollouts, Any, int]:
         """The simulations that plans are tried in, one of the present, time steps per control step.
 
         The latter has the motors that the environment has, for costs that simulate themselves.
         """
         env, settings = self._env, self._settings
-        fields = self._fields = tuple(n for n in env.snapshot().physics if n not in _NOT_FIELDS)
+        fields = self._fields = tuple(n for n in env.snapshot().physics if n not in NOT_FIELDS)
         twin = twin_of(env.physics, settings)
         if settings.servos:
             self._servos = Servos(twin.model.ptr, self._law)
         if settings.rest:
             let_rest(twin.model.ptr)
-        batch = twin.replicate(settings.samples, threads, fields)
+        batch = Rollouts(twin, settings.samples, threads, fields)
         is_like_it = not settings.servos and not settings.rest
         now = batch.single if is_like_it else twin_of(env.physics, settings)
         return batch, now, control.compute_n_steps(env.control_timestep(), twin.timestep())
 
     def _improved(self) -> np.ndarray:
         """The plan from now on, (knots, nu)."""
-        saved = self._env.physics.save_rows(None, self._fields)
+        saved = state_of(self._env.physics, self._fields)
         now = self._now
-        now.load_rows(saved, None)
+        now.simulation.load(saved)
         self._cost.look(now)
         samples = self._samples(now)
         costs = self._costs(saved, samples)
@@ -246,15 +247,15 @@ class Planner:
         history.begin()
         pace = self._env.control_timestep() / self._spacing
         places = self._cost.place + pace * np.arange(self._steps)
-        batch.load_everywhere(saved)
+        batch.load(saved)
         if self._servos is not None:
             when = self._substeps, self._settings.cost_interval
             return self._servos.follow(batch, history, samples, places, *when)
-        qpos, qvel = batch.data.qpos, batch.data.qvel
+        qpos, qvel = batch.physics.data.qpos, batch.physics.data.qvel
         batch.forget_divergence()
         for step, targets in enumerate(targets_at(samples, places), 1 - self._steps):
-            batch.set_control(law.controls(targets, qpos, qvel))
-            batch.step_on(None, self._substeps, in_passing=step < 0)
+            batch.physics.set_control(law.controls(targets, qpos, qvel))
+            batch.step(self._substeps)
             # Counted from the end, so that the last state counts.
             if step % self._settings.cost_interval == 0:
                 history.note(step // self._settings.cost_interval - 1)
@@ -262,7 +263,7 @@ class Planner:
 
     def _judged(self, count: int) -> np.ndarray:
         """The mean cost of what each of so many samples came through, (count,)."""
-        states = self._history.num_envs
+        states = self._history.num_envs or 0
         with rows_of_a_batch(states):
             cost = np.asarray(self._cost.step_cost(self._seen))
         if cost.shape != (states,) or cost.dtype.kind not in "biuf":

@@ -13,7 +13,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.history import History
+from limberjack.planner.history import History
+from limberjack.planner.rollouts import Rollouts
 from limberjack.planner.tracking import Tracking, shares_of_knots
 
 __all__ = ["Servos"]
@@ -70,7 +71,7 @@ class Servos:
 
     def follow(
         self,
-        batch: Any,
+        batch: Rollouts,
         history: History,
         plans: np.ndarray,
         places: np.ndarray,
@@ -80,7 +81,7 @@ class Servos:
         """Follows a plan in each simulation; returns which diverged, (num_envs,).
 
         Args:
-          batch: a batch of `Physics` of the model.
+          batch: simulations of the model.
           history: notes it after each interval, the last time at the end.
           plans: splines of targets, (num_envs, knots, nu).
           places: in these, of the control steps, (steps,).

@@ -40,7 +40,7 @@ class BatchEnvironment:
 
     def __init__(
         self,
-        physics: Any,
+        replicas: Any,
         task: Any,
         n_sub_steps: int = 1,
         step_limit: float = float("inf"),
@@ -53,7 +53,7 @@ class BatchEnvironment:
         """Makes a batch whose first `step` or `reset` begins an episode in every row.
 
         Args:
-          physics: a batched `mujoco.Physics`, as made by its `replicate`.
+          replicas: as made by `replicate` of a `mujoco.Physics`.
           task: a task whose quantities carry the leading axis; it must not be used elsewhere.
           n_sub_steps: physics steps per action.
           step_limit: steps in an episode.
@@ -67,9 +67,9 @@ class BatchEnvironment:
         Raises:
           ValueError: the task is not batch-safe, or `on_divergence` is something else.
         """
-        self.num_envs: int = physics.num_envs
+        self.num_envs: int = replicas.num_envs
         self.first_row = 0  # what messages call the first one: halves of a batch go on counting
-        self._physics = physics
+        self._replicas = replicas
         self._task = task
         self._n_sub_steps = n_sub_steps
         self._step_limit = step_limit
@@ -79,7 +79,7 @@ class BatchEnvironment:
         self._saved_fields = (*getattr(task, "EPISODE_FIELDS", ()), *randomized)
         self.randomization: dict[str, np.ndarray] = {}  # drawn for the rows' episodes, by field
         self.pixels = None if pixels is None else Pixels.of(pixels)
-        self._frames = Frames.of(self.pixels, physics)
+        self._frames = Frames.of(self.pixels, replicas)
         self._raises = guards.raises_on_divergence(on_divergence)
         self._streams = Streams(seed, self.num_envs)
         self._step_count = np.zeros(self.num_envs, int)
@@ -89,8 +89,8 @@ class BatchEnvironment:
         self.diverged = np.zeros(self.num_envs, bool)
         self.reward_terms: dict[str, Any] = {}  # of the last step, (num_envs,) each, by name
         self._use = guards.OneUser()
-        self._action_spec = guards.batched_spec(task.action_spec(physics.single), self.num_envs)
-        guards.check_batch_safe(task, physics, self._saved_fields)
+        self._action_spec = guards.batched_spec(task.action_spec(replicas.single), self.num_envs)
+        guards.check_batch_safe(task, replicas, self._saved_fields)
 
     @classmethod
     def from_environment(
@@ -115,13 +115,13 @@ class BatchEnvironment:
         task = copy.copy(env.task)
         if getattr(task, "visualize_reward", False):
             task.visualize_reward = False  # the rows have their materials' colours in common
-        physics = env.physics.replicate(
+        replicas = env.physics.replicate(
             num_envs,
             min(guards.at_least_one("num_threads", threads), num_envs),
             env._saved_fields(),
         )
         return cls(
-            physics,
+            replicas,
             task,
             n_sub_steps=env._n_sub_steps,
             step_limit=env._step_limit,
@@ -178,11 +178,12 @@ class BatchEnvironment:
             return self._step(checked, begins)
 
     def _step(self, actions: np.ndarray, begins: np.ndarray) -> dm_env.TimeStep:
-        physics, task = self._physics, self._task
+        replicas, task = self._replicas, self._task
+        physics = replicas.physics
         any_begins = arrays.any_of(begins)
         task.before_step(actions, physics)
         running = np.flatnonzero(~begins) if any_begins else None
-        self.diverged = physics.step_rows(running, self._n_sub_steps)
+        self.diverged = replicas.step(running, self._n_sub_steps)
         if arrays.any_of(self.diverged):
             self._report_divergence()
         if any_begins:
@@ -199,7 +200,7 @@ class BatchEnvironment:
         with self._use:
             return Snapshot(
                 self._origin(),
-                self._physics.save_rows(rows, self._saved_fields),
+                self._replicas.simulation.save(rows, self._saved_fields),
                 self._step_count[rows],
                 self._begins[rows],
                 self._streams.save(rows, with_beside=self._randomizer is not None),
@@ -220,7 +221,7 @@ class BatchEnvironment:
         snapshot.check(self._origin(), size=len(rows))
         with self._use:
             self._begins[rows] = True  # until it is complete
-            self._physics.load_rows(snapshot.physics, rows)
+            self._replicas.simulation.load(snapshot.physics, rows)
             self._streams.load(rows, snapshot.streams)
             if self._randomizer is not None:
                 fields = self._randomizer.fields
@@ -238,14 +239,13 @@ class BatchEnvironment:
         """Frees the batch; closing twice is fine, using it later is an error."""
         if self._use.what_is_wrong is None:
             with self._use:
-                self._physics.free()
+                self._replicas.free()
             self._use.what_is_wrong = "this batch is closed: make a new one"
 
     def __getstate__(self) -> dict[str, Any]:
         """What makes an equal batch elsewhere: for pickling, deep copies and spawned processes."""
-        kept = {k: v for k, v in vars(self).items() if k not in ("_physics", "_use", "_frames")}
-        simulation = self._physics._simulation
-        making = self._physics.single, self.num_envs, simulation.num_threads
+        kept = {k: v for k, v in vars(self).items() if k not in ("_replicas", "_use", "_frames")}
+        making = self._replicas.single, self.num_envs, self._replicas.num_threads
         return {**kept, "making": making, "snapshot": self.snapshot()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -253,8 +253,8 @@ class BatchEnvironment:
         single, num_envs, num_threads = state.pop("making")
         vars(self).update(state)
         self._use = guards.OneUser()
-        self._physics = single.replicate(num_envs, num_threads, self._saved_fields)
-        self._frames = Frames.of(self.pixels, self._physics)
+        self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
+        self._frames = Frames.of(self.pixels, self._replicas)
         self.restore(snapshot)
 
     def _rows(self, ids: Any) -> np.ndarray:
@@ -264,7 +264,7 @@ class BatchEnvironment:
     def _origin(self) -> dict[str, Any]:
         pixels = {} if self._frames is None else self._frames.origin()
         origin = {"task": type(self._task).__name__, "fields": self._saved_fields}
-        return {**origin, **pixels, **self._physics.origin()}
+        return {**origin, **pixels, **self._replicas.physics.origin(self._saved_fields)}
 
     def action_spec(self) -> specs.BoundedArray:
         """The spec of the actions of all rows, (num_envs, ...)."""
@@ -297,7 +297,7 @@ class BatchEnvironment:
     def control_timestep(self) -> float:
         """Time between two actions, seconds."""
         self._use.check()
-        return self._physics.single.timestep() * self._n_sub_steps
+        return self._replicas.single.timestep() * self._n_sub_steps
 
     def render(self, rows: Any = None, **kwargs: Any) -> np.ndarray:
         """Pictures of all rows or some, (n, height, width, 3) uint8.
@@ -311,12 +311,17 @@ class BatchEnvironment:
         """
         rows = self._rows(rows)
         with self._use:
-            return self._physics.render_rows(rows, **render_arguments(kwargs))
+            return self._replicas.render_rows(rows, **render_arguments(kwargs))
 
     @property
     def physics(self) -> Any:
         """The batched physics."""
-        return self._physics
+        return self._replicas.physics
+
+    @property
+    def single(self) -> Any:
+        """A single simulation of the same model, for specs and constants; not a row."""
+        return self._replicas.single
 
     @property
     def task(self) -> Any:
@@ -325,16 +330,16 @@ class BatchEnvironment:
 
     def _begin(self, rows: np.ndarray) -> None:
         """Begins an episode in each of the rows."""
-        physics, task = self._physics, self._task
+        replicas, task = self._replicas, self._task
         for row in rows.tolist():
             task._random = self._streams.own[row]
             if self._randomizer is not None:
                 drawn = self._randomizer.draw(self._streams.beside[row])
                 self._show_drawn(drawn, row)
-                physics.set_fields(drawn, row)
-            with physics.episode(row) as one:
+                replicas.simulation.set_fields(drawn, row)
+            with replicas.episode(row) as one:
                 task.initialize_episode(one)
-        physics.start_rows(rows)
+        replicas.start(rows)
         if self._frames is not None:
             self._frames.forget(rows)
         self._step_count[rows] = 0
@@ -381,11 +386,11 @@ class BatchEnvironment:
     def _observe(self, is_step: bool = True) -> Any:
         """What is observed now, in arrays of its own; a step has a new picture of every row."""
         state, frames = self._state(), self._frames
-        return state if frames is None else frames.observe(self._physics, state, is_step)
+        return state if frames is None else frames.observe(self._replicas, state, is_step)
 
     def _state(self) -> Any:
         """What the task observes."""
-        observation = self._task.get_observation(self._physics)
+        observation = self._task.get_observation(self._replicas.physics)
         return observations.of_rows(observation, self.num_envs, self._flat_observation)
 
     def _report_divergence(self) -> None:

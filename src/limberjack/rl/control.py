@@ -125,7 +125,7 @@ class Environment(dm_env.Environment):
         self._reset_next_step = True
         if self._randomizer is not None:
             self.randomization = self._randomizer.draw(self._draw_stream())
-            self._physics.set_fields(self.randomization)
+            self._physics.simulation.set_fields(self.randomization)
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
         if self._frames is not None:
@@ -226,7 +226,7 @@ class Environment(dm_env.Environment):
             streams.append(self._draw_stream().get_state())
         return Snapshot(
             self._origin(),
-            self._physics.save_rows(None, self._saved_fields()),
+            self._physics.simulation.save(None, self._saved_fields()),
             np.array([self._step_count]),
             np.array([self._reset_next_step]),
             [tuple(streams)],
@@ -242,7 +242,7 @@ class Environment(dm_env.Environment):
         self._check_open()
         snapshot.check(self._origin(), size=1)
         self._reset_next_step = True  # until it is complete
-        self._physics.load_rows(snapshot.physics, None)
+        self._physics.simulation.load(snapshot.physics)
         own, *beside = snapshot.streams[0]
         self._task.random.set_state(own)
         if self._randomizer is not None:
@@ -257,7 +257,7 @@ class Environment(dm_env.Environment):
     def _origin(self) -> dict[str, Any]:
         pixels = {} if self._frames is None else self._frames.origin()
         origin = {"task": type(self._task).__name__, "fields": self._saved_fields()}
-        return {**origin, **pixels, **self._physics.origin()}
+        return {**origin, **pixels, **self._physics.origin(self._saved_fields())}
 
     def _saved_fields(self) -> tuple[str, ...]:
         """Fields of the model that an episode has for itself."""

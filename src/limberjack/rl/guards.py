@@ -151,17 +151,17 @@ def batched_spec(spec: Any, num_envs: int) -> specs.BoundedArray:
     return specs.BoundedArray(shape, spec.dtype, minimum, maximum, name=spec.name)
 
 
-def check_batch_safe(task: Any, physics: Any, saved_fields: Sequence[str]) -> None:
+def check_batch_safe(task: Any, replicas: Any, saved_fields: Sequence[str]) -> None:
     """Compares what a task reads and writes in a batch with what it does in one simulation.
 
     Raises:
       ValueError: a quantity lacks the leading axis, or a start sets a field of the model that the
         task does not declare.
     """
-    num_envs, name = physics.num_envs, type(task).__name__
+    num_envs, physics, name = replicas.num_envs, replicas.physics, type(task).__name__
     with arrays.rows_of_a_batch(num_envs):
         batched = {**task.get_observation(physics), "reward": task.get_reward(physics)}
-    one = physics.single
+    one = replicas.single
     single = {**task.get_observation(one), "reward": task.get_reward(one)}
     for key, value in single.items():
         expected = (num_envs, *np.shape(value))
@@ -172,10 +172,23 @@ def check_batch_safe(task: Any, physics: Any, saved_fields: Sequence[str]) -> No
                 f"{num_envs}; expected {expected}: index with `...` and reduce over axis -1"
             )
     task._random = np.random.RandomState(0)
-    changed = set(physics.fields_changed_by(task.initialize_episode)) - set(saved_fields)
+    changed = set(_changed_by(one, task.initialize_episode)) - set(saved_fields)
     if changed:
         declared = tuple(sorted({*getattr(task, "EPISODE_FIELDS", ()), *changed}))
         raise ValueError(
             f"task {name} sets {', '.join(sorted(changed))} of the model as an episode begins; "
             f"declare EPISODE_FIELDS = {declared}, so that each row has its own"
         )
+
+
+def _changed_by(one: Any, start: Any) -> list[str]:
+    one.reset()
+    before = one.model.copy()._model
+    start(one)
+    after = one.model._model
+    return [
+        n
+        for n in dir(after)
+        if isinstance(getattr(after, n), np.ndarray)
+        if not np.array_equal(getattr(before, n), getattr(after, n))
+    ]

@@ -13,12 +13,14 @@ import contextlib
 import contextvars
 import functools
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
 __all__ = [
     "any_of",
     "concat",
+    "index_for",
     "minimum_of",
     "norm",
     "one_value_per_row",
@@ -60,6 +62,16 @@ def one_value_per_row(x: object) -> bool:
 def any_of(mask: np.ndarray) -> bool:
     """Whether any element is true; quicker than `mask.any()`, which batches ask several times."""
     return bool(np.count_nonzero(mask))
+
+
+def index_for(array: Any, positions: np.ndarray) -> Any:
+    """An array of positions in the form that indexes `array` fastest.
+
+    That is NumPy's, unless the array is of another library and its class defines `as_index`, which
+    takes the positions to where the array lies, such as a GPU. Any: either kind of array.
+    """
+    convert = getattr(array, "as_index", None)
+    return positions if convert is None else convert(positions)
 
 
 def norm(x: np.ndarray) -> np.ndarray:

@@ -11,7 +11,6 @@ from limberjack.mujoco.wrapper.data import MjData
 from limberjack.mujoco.wrapper.model import (
     Error,
     MjModel,
-    SharedModel,
     save_last_parsed_model_to_xml,
 )
 from limberjack.mujoco.wrapper.visual import MjvCamera, MjvFigure, MjvOption, MjvPerturb, MjvScene
@@ -27,7 +26,6 @@ __all__ = [
     "MjvOption",
     "MjvPerturb",
     "MjvScene",
-    "SharedModel",
     "callback_context",
     "enable_timer",
     "get_schema",

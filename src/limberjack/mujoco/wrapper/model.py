@@ -4,26 +4,35 @@
     physics.model.opt.timestep         # any field of the official struct
 
 Fields are looked up when they are asked for; nothing here lists them, so a new MuJoCo's fields
-are simply there. A compiled model may be shared by many simulations of the process: the first
-access through which somebody could change it gives this `MjModel` a copy of its own. Code inside
-the package that only reads uses `model._model` and leaves it shared.
+are simply there. Many simulations of a process may share a compiled model: see `sharing`.
 """
 
 import contextlib
 import copy
+import functools
 from collections.abc import Iterator
-from typing import Any, Self
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from limberjack.mujoco.wrapper import util
+from limberjack.mujoco.wrapper.sharing import CopyOnWrite
+from limberjack.utils.read_only import ReadOnly
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["Error", "MjModel", "SharedModel", "object_type_number", "save_last_parsed_model_to_xml"]
+__all__ = [
+    "Error",
+    "MjModel",
+    "fixed_field",
+    "is_structure",
+    "object_type_number",
+    "save_last_parsed_model_to_xml",
+]
 
-# What cannot be changed in place and so may be handed out of a shared model.
-_IMMUTABLE = (int, float, str, bytes)
+# Integers of a model that are values: masks, groups, materials and textures.
+_VALUES = ("contype", "conaffinity", "condim", "priority", "group", "matid", "texid", "tex_data")
+_FIXED = "{} is part of the model's structure and read-only: change the MJCF and compile it again"
 
 # The model that MuJoCo can still write as XML.
 _last_compiled: dict[str, Any] = {}
@@ -33,66 +42,23 @@ class Error(ValueError):
     """A name or type that the model does not have."""
 
 
-class SharedModel:
-    """A compiled model that several simulations use and none may change."""
+class MjModel(CopyOnWrite):
+    """A compiled model; fields not defined here are those of `mujoco.MjModel`.
 
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self.model = model
-        self.is_public = False  # whether more than its maker may be using it
-        self._passive: mujoco.MjModel | None = None
+    What says how the model is built (parents, addresses, counts, types) is read-only: MuJoCo does
+    not check it again, and would read beyond its memory. `ptr` is MuJoCo's own, unguarded.
+    """
 
-    def publish(self) -> Self:
-        """Lets others use it: from now on not even its maker may switch a flag for a moment."""
-        self.is_public = True
-        return self
-
-    @property
-    def passive(self) -> mujoco.MjModel:
-        """The model with actuation disabled, for the forward pass after a reset."""
-        # A second model, because switching the flag of a shared one would reach other threads.
-        if self._passive is None:
-            passive = copy.copy(self.model)
-            passive.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
-            self._passive = passive
-        return self._passive
-
-
-class MjModel:
-    """A compiled model; fields not defined here are those of `mujoco.MjModel`."""
-
-    # Any: the official struct's fields, which are not listed here.
-    _model: Any
-    _shared: SharedModel | None  # while it is shared
-    _origin: SharedModel | None  # kept for those who share it still
-
-    def __init__(self, model_ptr: "mujoco.MjModel | SharedModel") -> None:
-        shared = model_ptr if isinstance(model_ptr, SharedModel) else None
-        object.__setattr__(self, "_shared", shared)
-        object.__setattr__(self, "_origin", shared)
-        object.__setattr__(self, "_model", model_ptr if shared is None else shared.model)
-
-    @property
-    def ptr(self) -> mujoco.MjModel:
-        """The official `mujoco.MjModel`, this wrapper's own."""
-        if self._shared is not None:
-            self.make_own()
-        return self._model
-
-    def make_own(self) -> None:
-        """Takes a copy of a shared model, so that changes reach no other simulation."""
-        if self._shared is not None:
-            object.__setattr__(self, "_model", copy.copy(self._shared.model))
-            object.__setattr__(self, "_shared", None)
-
-    def __getattr__(self, name: str) -> Any:
-        if name == "_model":  # a half-made object, as in copying: do not look it up for ever
+    def __getattr__(self, name: str) -> Any:  # Any: as the official struct has it
+        if name in ("_model", "_shared"):  # a half-made object, as in copying
             raise AttributeError(name)
-        value = getattr(self._model, name)
-        if self._shared is None or isinstance(value, _IMMUTABLE):
-            return value
-        return getattr(self.ptr, name)
+        if is_structure(name):
+            return fixed_field(self._model, name)
+        return self._field(name)
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(self, name: str, value: object) -> None:
+        if is_structure(name):
+            raise ValueError(_FIXED.format(name))
         setattr(self.ptr, name, value)
 
     def __dir__(self) -> list[str]:
@@ -245,6 +211,24 @@ def save_last_parsed_model_to_xml(xml_path: str, check_model: MjModel | None = N
             "to an XML file."
         )
     mujoco.mj_saveLastXML(str(xml_path), last)
+
+
+@functools.cache
+def is_structure(name: str) -> bool:
+    """Whether a field of MjModel says how the model is built, so that it must not be written."""
+    field = getattr(_empty_model(), name, None)
+    is_integer = isinstance(field, np.ndarray) and field.dtype.kind in "iu"
+    return is_integer and not name.endswith(_VALUES)
+
+
+def fixed_field(model: mujoco.MjModel, name: str) -> np.ndarray:
+    """Such a field, which refuses to be written."""
+    return ReadOnly.of(getattr(model, name), _FIXED.format(name))
+
+
+@functools.cache
+def _empty_model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string("<mujoco/>")
 
 
 def object_type_number(object_type: str | int) -> int:

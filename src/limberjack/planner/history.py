@@ -1,9 +1,9 @@
 """`History`: what the simulations of a batch were at several moments, to be read as one batch.
 
-    history = History(batch, moments=25)
-    seen = batch.seen_through(history)  # the same kind of Physics, to be read only
+    history = History(rollouts.simulation, moments=25)
+    seen = rollouts.physics.seen_through(history)  # the same kind of Physics, to be read only
     for moment in range(25):
-        batch.step_rows(None, 2)
+        rollouts.step(2)
         history.note(moment)
     seen.named.data.xpos["head", "z"]  # (25 * num_envs,), the first moment's first
 
@@ -18,6 +18,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+
+from limberjack.mujoco.batch_simulation import BatchSimulation
+from limberjack.mujoco.index import Axes, FieldIndexer
 
 __all__ = ["History"]
 
@@ -37,16 +40,17 @@ class History:
       is_complete: whether all that was read since `begin` had been noted.
     """
 
-    def __init__(self, batch: Any, moments: int) -> None:
-        """Makes one for a batch of `Physics`; nothing is noted yet."""
-        self._simulation = batch._simulation
+    def __init__(self, simulation: BatchSimulation, moments: int) -> None:
+        """Makes one for a batch; nothing is noted yet."""
+        self._simulation = simulation
         self._moments = moments
         self._kept: dict[_Key, np.ndarray] = {}  # (moments, num_envs, ...) each
         self._parts: dict[_Key, _Parts] = {}  # of their rows that are kept
         # Those parts, here and in the batch, as (..., num_envs, columns), once they are noted.
         self._live: list[tuple[np.ndarray, np.ndarray]] | None = None
         self.is_complete = True
-        self.num_envs = moments * batch.num_envs
+        self.num_envs: int | None = moments * (simulation.num_envs or 1)
+        self._seen: set[tuple[str, bytes]] = set()  # fields and columns that were read by names
         self.begin()
 
     def begin(self) -> None:
@@ -106,34 +110,34 @@ class History:
         return self._field(self._simulation.data_field, name, _WHOLE)
 
     def field_for_names(self, name: str) -> _Field:
-        """As `data_field`, for who says with `want` what of it is read."""
+        """As `data_field`; its `indexer` records what of it is read."""
         return self._field(self._simulation.field_for_names, name, _NOTHING)
 
-    def is_watched(self, name: str) -> bool:
-        """Whether `want` is to be told what of a field is read: always."""
-        return True
+    def indexer(self, name: str, field: np.ndarray, axes: Axes, batch: bool) -> FieldIndexer:
+        """What a field is indexed by names with."""
+        live = self._simulation.field_for_names(name)[0]
+        return _Recorded(self, self._simulation.indexer(name, live, axes, True), name, field, axes)
 
-    def want(self, name: str, columns: Any) -> bool:
-        """Has some columns of a field's rows noted; whether they were not till now.
+    def want(self, name: str, columns: np.ndarray) -> None:
+        """Has some columns of a field's rows noted.
 
         Args:
           name: of a field of the data.
-          columns: an index for them.
+          columns: their numbers.
         """
-        if self._simulation.is_watched(name):
-            self.is_complete &= not self._simulation.want(name, columns)
+        seen = name, columns.tobytes()
+        self.is_complete &= seen in self._seen
+        self._seen.add(seen)
         key = "field_for_names", name
         shape = self._kept[key].shape[2:]
         wanted = np.zeros(np.prod(shape, dtype=int), bool)
         wanted[columns] = True
         before = self._parts[key]
         if before == _WHOLE:
-            return False
+            return
         for part in before:
             wanted[part] = True
-        self._parts[key] = parts = _parts_of(wanted)
-        self.is_complete &= parts == before
-        return parts != before
+        self._parts[key] = _parts_of(wanted)
 
     def model_field(self, name: str) -> _Field:
         """A field of the model, and whether each row has values of its own."""
@@ -150,12 +154,44 @@ class History:
             self._parts[key] = parts if live.ndim > 1 else _WHOLE
             self.is_complete = False
         kept = self._kept[key]
-        return kept.reshape(self.num_envs, *kept.shape[2:]), True
+        return kept.reshape(-1, *kept.shape[2:]), True
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(
             f"states that were noted have no {name!r}: they can be read, not stepped or changed"
         )
+
+
+class _Recorded(FieldIndexer):
+    """The index of a recorded field: what it reads by names is recorded from then on."""
+
+    __slots__ = ("_history", "_live")
+
+    def __init__(
+        self, history: History, live: FieldIndexer, name: str, field: np.ndarray, axes: Axes
+    ) -> None:
+        super().__init__(name, field, axes, batch=True)
+        self._history, self._live = history, live
+
+    def _resolve(self, key: object) -> tuple[Any, Any]:
+        array, index = super()._resolve(key)
+        shape = array.shape[1:]
+        numbers = np.arange(np.prod(shape, dtype=int)).reshape(shape)
+        _ = self._live[key]  # so that the batch computes it
+        self._history.want(self._name, numbers[None][index].ravel())
+        return array, index
+
+    def _want_all(self) -> None:
+        np.asarray(self._live)
+        self._history.want(self._name, np.arange(np.prod(self._field.shape[1:], dtype=int)))
+
+    def __getattr__(self, name: str) -> Any:
+        self._want_all()
+        return getattr(self._field, name)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        self._want_all()
+        return super().__array__(dtype, copy)
 
 
 def _parts_of(wanted: np.ndarray) -> _Parts:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco.history import History
+from limberjack.planner.history import History
 
 _MOMENTS = 3
 
@@ -38,7 +38,7 @@ def _played(physics: Any, history: History) -> list[list[np.ndarray]]:
     live = []
     for moment in range(_MOMENTS):
         physics.set_control(np.full((4, 5), 0.3 * moment - 0.4))
-        physics.step_rows(None, 5)
+        physics.step(5)
         history.note(moment)
         live.append(_seen(physics))
     return live
@@ -46,7 +46,7 @@ def _played(physics: Any, history: History) -> list[list[np.ndarray]]:
 
 def test_what_was_noted_is_what_was_seen() -> None:
     physics = _batch()
-    history = History(physics, _MOMENTS)
+    history = History(physics.simulation, _MOMENTS)
     seen = physics.seen_through(history)
     _seen(seen)
     assert not history.is_complete
@@ -62,7 +62,7 @@ def test_what_was_noted_is_what_was_seen() -> None:
 
 def test_what_is_asked_for_late_is_the_present_and_said_to_be_missing() -> None:
     physics = _batch()
-    history = History(physics, _MOMENTS)
+    history = History(physics.simulation, _MOMENTS)
     live = _played(physics, history)
     seen = physics.seen_through(history)
     np.testing.assert_array_equal(seen.position(), np.tile(live[-1][5], (_MOMENTS, 1)))
@@ -73,7 +73,7 @@ def test_what_is_asked_for_late_is_the_present_and_said_to_be_missing() -> None:
 
 def test_what_the_rows_have_in_common_is_the_models() -> None:
     physics = _batch()
-    history = History(physics, _MOMENTS)
+    history = History(physics.simulation, _MOMENTS)
     seen = physics.seen_through(history)
     assert seen.named.model.body_mass["ball"].shape == ()
     assert seen.model.nu == 5
@@ -82,14 +82,14 @@ def test_what_the_rows_have_in_common_is_the_models() -> None:
 
 def test_it_cannot_be_stepped() -> None:
     physics = _batch()
-    seen = physics.seen_through(History(physics, _MOMENTS))
+    seen = physics.seen_through(History(physics.simulation, _MOMENTS))
     with pytest.raises(AttributeError, match="can be read, not stepped"):
-        seen.step_rows(None, 1)
+        seen.step(1)
 
 
 def test_of_what_is_read_by_names_no_more_is_noted_than_that() -> None:
     physics = _batch()
-    history = History(physics, _MOMENTS)
+    history = History(physics.simulation, _MOMENTS)
     named = physics.seen_through(history).named.data
 
     def whole() -> np.ndarray:
@@ -112,7 +112,7 @@ def test_of_what_is_read_by_names_no_more_is_noted_than_that() -> None:
 
 def test_another_part_of_a_field_is_said_to_be_missing_until_it_is_noted() -> None:
     physics = _batch()
-    history = History(physics, _MOMENTS)
+    history = History(physics.simulation, _MOMENTS)
     named = physics.seen_through(history).named.data
     named.xmat["ball", "xx"]
     _played(physics, history)
@@ -133,7 +133,10 @@ def test_another_part_of_a_field_is_said_to_be_missing_until_it_is_noted() -> No
 
 def test_all_moments_at_once_are_noted_as_one_after_the_other() -> None:
     physics = _batch()
-    one_by_one, at_once = History(physics, _MOMENTS), History(physics, _MOMENTS)
+    one_by_one, at_once = (
+        History(physics.simulation, _MOMENTS),
+        History(physics.simulation, _MOMENTS),
+    )
     seen = [physics.seen_through(history) for history in (one_by_one, at_once)]
     for physics_of in seen:
         _seen(physics_of)
@@ -141,7 +144,7 @@ def test_all_moments_at_once_are_noted_as_one_after_the_other() -> None:
     one_by_one.begin()
     at_once.begin()
     for moment in range(_MOMENTS):
-        physics.step_rows(None, 5)
+        physics.step(5)
         one_by_one.note(moment)
         for field in at_once.fields:
             records.setdefault(field, []).append(np.array(getattr(physics.data, field)))

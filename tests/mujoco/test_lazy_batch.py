@@ -1,4 +1,4 @@
-"""Sensors that rest until somebody asks read what they would always have read."""
+"""A batch computes what is read, as if it had always been read."""
 
 import ctypes
 
@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco import sensors
-from limberjack.mujoco.history import History
+from limberjack.mujoco import lazy_batch
+from limberjack.planner.history import History
 from limberjack.rl.batch import BatchEnvironment
 
 _NUM_ENVS = 3
-_ASKED_BY_ITS_TASK = "torso_subtreelinvel"
+_READ_BY_ITS_TASK = "torso_subtreelinvel"
 _WORLD = """
 <mujoco>
   <worldbody>
@@ -31,11 +31,11 @@ _WORLD = """
 """
 
 
-def _walkers(asked: str | None = None) -> BatchEnvironment:
-    """A batch; if so, one of which a field has been asked for from the beginning."""
+def _walkers(bound: str | None = None) -> BatchEnvironment:
+    """A batch, one of whose fields may be bound from the beginning."""
     batch = suite.load_batch("humanoid", "walk", _NUM_ENVS, 2, seed=1)
-    if asked is not None:
-        getattr(batch.physics.data, asked)
+    if bound is not None:
+        getattr(batch.physics.data, bound)
     batch.reset()
     return batch
 
@@ -44,10 +44,12 @@ def _actions(batch: BatchEnvironment, count: int) -> np.ndarray:
     return np.random.RandomState(2).uniform(-1, 1, (count, *batch.action_spec().shape))
 
 
-def _resting(batch: BatchEnvironment) -> list[str]:
-    """The names of the sensors that rest."""
+def _disabled(batch: BatchEnvironment) -> list[str]:
+    """The names of the sensors that are not computed."""
     model = batch.physics.model
-    return [model.id2name(i, "sensor") for i in np.flatnonzero(batch.physics._simulation._resting)]
+    return [
+        model.id2name(i, "sensor") for i in np.flatnonzero(batch.physics.simulation._lazy._disabled)
+    ]
 
 
 def _step(action: np.ndarray, *batches: BatchEnvironment) -> None:
@@ -59,33 +61,35 @@ def _step(action: np.ndarray, *batches: BatchEnvironment) -> None:
 
 
 @pytest.mark.usefixtures("share")
-def test_what_nobody_asks_for_rests_and_what_is_asked_for_wakes_alone() -> None:
+def test_sensors_are_disabled_until_they_are_read_by_name_or_all() -> None:
     batch = _walkers()
-    before = _resting(batch)
+    before = _disabled(batch)
     assert len(before) == 31
-    assert _ASKED_BY_ITS_TASK not in before
+    assert _READ_BY_ITS_TASK not in before
     physics = batch.physics
     physics.named.data.sensordata["torso_accel"]
     physics.named.data.sensordata[["left_hand_touch", "right_hand_touch"]]
-    woken = {"torso_accel", "left_hand_touch", "right_hand_touch"}
-    assert set(before) - set(_resting(batch)) == woken
+    enabled = {"torso_accel", "left_hand_touch", "right_hand_touch"}
+    assert set(before) - set(_disabled(batch)) == enabled
     physics.named.data.sensordata[:3]
-    assert set(before) - set(_resting(batch)) == woken  # the three belong to what was never resting
+    assert (
+        set(before) - set(_disabled(batch)) == enabled
+    )  # the three belong to what was never disabled
     np.asarray(physics.named.data.sensordata)
-    assert not _resting(batch)
+    assert not _disabled(batch)
 
 
 @pytest.mark.usefixtures("share")
-@pytest.mark.parametrize("name", sensors.FIELDS)
-def test_a_field_that_is_asked_for_late_is_as_if_asked_for_early(name: str) -> None:
+@pytest.mark.parametrize("name", lazy_batch._OF_SENSORS)
+def test_a_field_that_is_bound_late_is_as_if_bound_early(name: str) -> None:
     late, early = _walkers(), _walkers(name)
-    assert not _resting(early)
+    assert not _disabled(early)
     for number, action in enumerate(_actions(late, 40)):
         _step(action, late, early)
         if number == 34:  # they have fallen
             late.reset([1])
             early.reset([1])
-            assert _resting(late)
+            assert _disabled(late)
         if number >= 34:
             values = getattr(early.physics.data, name)
             assert np.abs(values).max() > 1
@@ -94,7 +98,7 @@ def test_a_field_that_is_asked_for_late_is_as_if_asked_for_early(name: str) -> N
 
 @pytest.mark.usefixtures("share")
 @pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
-def test_a_name_that_is_asked_for_late_is_the_single_environments(task: tuple[str, str]) -> None:
+def test_a_sensor_that_is_read_late_is_the_single_environments(task: tuple[str, str]) -> None:
     batch = suite.load_batch(*task, _NUM_ENVS, 2, seed=1)
     singles = [suite.load(*task, {"random": 1 + row}) for row in range(_NUM_ENVS)]
     batch.reset()
@@ -118,7 +122,7 @@ def test_after_a_snapshot_readings_are_those_that_were_saved() -> None:
     readings = source.physics.data.sensordata.copy()
     target.step(second)
     target.restore(snapshot, [1, 2])
-    assert _resting(target)
+    assert _disabled(target)
     target.physics.named.data.sensordata["torso_accel"]
     np.testing.assert_array_equal(target.physics.data.sensordata[1:], readings[:2])
     target.step(third)
@@ -128,34 +132,34 @@ def test_after_a_snapshot_readings_are_those_that_were_saved() -> None:
 
 
 @pytest.mark.usefixtures("share")
-def test_asking_after_a_row_has_diverged_changes_nothing_else() -> None:
+def test_binding_a_field_after_a_row_has_diverged_changes_nothing_else() -> None:
     late, early = _walkers(), _walkers("sensordata")
     for batch in (late, early):
         batch.physics.data.qvel[1] = 1e9
         batch.step(np.zeros(batch.action_spec().shape))
         assert batch.diverged.tolist() == [False, True, False]
-    counted = late.physics._simulation.warnings.copy()
+    counted = late.physics.simulation.warnings.copy()
     np.testing.assert_array_equal(late.physics.data.sensordata, early.physics.data.sensordata)
-    np.testing.assert_array_equal(late.physics._simulation.warnings, counted)
+    np.testing.assert_array_equal(late.physics.simulation.warnings, counted)
     for action in _actions(late, 3):
         _step(action, late, early)
         np.testing.assert_array_equal(late.physics.data.sensordata, early.physics.data.sensordata)
 
 
-def test_a_history_says_that_readings_are_missing_which_were_not_computed() -> None:
+def test_a_history_knows_readings_that_were_not_computed() -> None:
     physics, other = _walkers().physics, _walkers("sensordata").physics
-    history = History(physics, 2)
+    history = History(physics.simulation, 2)
     seen = physics.seen_through(history)
 
     def read() -> np.ndarray:
         history.begin()
         for moment in range(2):
             for one in (physics, other):
-                one.step_rows(None, 5)
+                one.step(5)
             history.note(moment)
         return seen.named.data.sensordata["torso_accel"]
 
-    seen.named.data.sensordata[_ASKED_BY_ITS_TASK]
+    seen.named.data.sensordata[_READ_BY_ITS_TASK]
     read()
     assert not history.is_complete
     read()
@@ -168,24 +172,24 @@ def _model(more: str = "") -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(_WORLD.format(more=more))
 
 
-def test_which_may_rest() -> None:
+def test_sensors_that_can_be_disabled() -> None:
     model = _model('<jointactuatorfrc joint="hinge"/><clock/><touch site="tip"/><user dim="1"/>')
     expected = [False, True, True, False, True, False]
-    assert sensors.may_rest(model).tolist() == expected
-    assert sensors.may_rest(model, ["geom_friction"]).tolist() == expected
-    assert not sensors.may_rest(model, ["sensor_cutoff"]).any()
+    assert lazy_batch._can_be_disabled(model, ()).tolist() == expected
+    assert lazy_batch._can_be_disabled(model, ["geom_friction"]).tolist() == expected
+    assert not lazy_batch._can_be_disabled(model, ["sensor_cutoff"]).any()
 
 
 @pytest.mark.parametrize("how", ['delay=".01" nsample="6"', 'interval=".01 0" nsample="2"'])
-def test_none_rests_where_readings_are_remembered(how: str) -> None:
-    assert not sensors.may_rest(_model(f'<force site="tip" {how}/>')).any()
+def test_no_sensor_is_disabled_where_readings_are_remembered(how: str) -> None:
+    assert not lazy_batch._can_be_disabled(_model(f'<force site="tip" {how}/>'), ()).any()
 
 
-def test_none_rests_beside_a_callback() -> None:
+def test_no_sensor_is_disabled_beside_a_callback() -> None:
     callback = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(lambda model, data: None)
     try:
         mujoco.set_mjcb_control(callback)
-        assert not sensors.may_rest(_model()).any()
+        assert not lazy_batch._can_be_disabled(_model(), ()).any()
     finally:
         mujoco.set_mjcb_control(None)
-    assert sensors.may_rest(_model()).any()
+    assert lazy_batch._can_be_disabled(_model(), ()).any()

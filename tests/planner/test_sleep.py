@@ -1,22 +1,21 @@
 """Rows of a model in which islands sleep are loaded as if nothing had happened before."""
 
-from typing import Any
-
 import mujoco
 import numpy as np
 
 from limberjack import suite
+from limberjack.planner.rollouts import Rollouts, state_of
 from limberjack.planner.twin import let_rest
 
 _ROWS, _STEPS = 6, 90
 
 
-def _batch() -> Any:
+def _batch() -> Rollouts:
     """A batch of four boxes each, which may sleep."""
     env = suite.load("stacker", "stack_4", {"random": 0})
     twin = env.physics.copy()
     let_rest(twin.model.ptr)
-    return twin.replicate(_ROWS, 2, env.task.EPISODE_FIELDS)
+    return Rollouts(twin, _ROWS, 2, env.task.EPISODE_FIELDS)
 
 
 def _start(seed: int) -> dict[str, np.ndarray]:
@@ -24,14 +23,13 @@ def _start(seed: int) -> dict[str, np.ndarray]:
     env.reset()
     for _ in range(200):  # boxes have fallen, and most lie still
         env.step(np.zeros(5))
-    saved = env.snapshot().physics
-    return {name: np.repeat(value, _ROWS, axis=0) for name, value in saved.items()}
+    return state_of(env.physics, env.task.EPISODE_FIELDS)
 
 
 def _rolled_out(
-    batch: Any, start: dict[str, np.ndarray], steps: int = _STEPS
+    batch: Rollouts, start: dict[str, np.ndarray], steps: int = _STEPS
 ) -> dict[str, np.ndarray]:
-    batch.load_rows(start, None)
+    batch.load(start)
     controls = np.random.default_rng(0).uniform(-1, 1, (_ROWS, steps, 5))
     records, diverged = batch.roll_out(controls, ["qpos", "site_xpos"])
     assert not diverged.any()
@@ -48,7 +46,7 @@ def test_a_row_forgets_what_lay_still_before_and_where_a_target_was() -> None:
         found = _rolled_out(used, second)
         for name, values in expected.items():
             np.testing.assert_array_equal(found[name], values, name)
-        assert (used._simulation.batch.bind("tree_asleep") >= 0).any()
+        assert (used.simulation._lazy.official.bind("tree_asleep") >= 0).any()
 
 
 def test_nothing_sleeps_in_the_suites_own_models() -> None:

@@ -1,4 +1,4 @@
-"""Tests of limberjack.mujoco.simulation: one simulation."""
+"""Tests of limberjack.mujoco.single_simulation."""
 
 import logging
 
@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from limberjack.mujoco import wrapper
-from limberjack.mujoco.simulation import SingleSimulation
-from limberjack.mujoco.wrapper.core import SharedModel
+from limberjack.mujoco.single_simulation import SingleSimulation
+from limberjack.mujoco.wrapper.sharing import SharedModel
 
 _XML = """
 <mujoco>

@@ -1,0 +1,319 @@
+"""`LazyBatch`: MuJoCo's batch, which computes and keeps only what is read.
+
+All that makes batches fast is in this file; no other code knows of it. A reader of a field sees
+the values that a single simulation would have, always. To that end it does the following.
+
+- **Rows share an `MjData`.** In a large batch the rows of a thread share one: it stays in the
+  processor's caches, and memory hardly grows with the number of rows. In a small batch each row has
+  its own, so that a step goes on from where the last one ended.
+- **Fields are bound when they are first read.** What a thread computes for a row is copied out at
+  once, as the next row overwrites it; only bound fields are copied. A field that is bound late was
+  not copied in the last call, so that call is replayed.
+- **Calls are replayed.** Each row's last call, and the state that it began with, are remembered.
+  Doing it again gives every quantity again, in every bit. A snapshot is restored the same way.
+- **Sensors of accelerations and forces are disabled until they are read.** Nothing that a
+  simulation does depends on them. The humanoid has 31, which no task observes and which take 6 % of
+  a step. From their first reading on they are computed, the last call included.
+- **The world has no bounding volumes** where contacts are the same without: see `midphase`.
+
+What MuJoCo remembers besides its state (plugins, sleeping islands) cannot be replayed or shared:
+such models have an `MjData` for each row, and all sensors.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Self
+
+import mujoco
+import mujoco.batch
+import numpy as np
+
+from limberjack.mujoco import midphase
+from limberjack.mujoco.index import FieldIndexer
+from limberjack.mujoco.simulation import ACTUATION, FORWARD, LOAD, START, Rows, is_bad_state
+
+__all__ = ["LazyBatch"]
+
+_A_FEW = 128  # rows; beyond it, sharing is as quick and takes a twentieth of the memory
+
+_STAGE = mujoco.mjtStage
+_NEVER, _UP_TO_VELOCITY = _STAGE.mjSTAGE_NONE.value, _STAGE.mjSTAGE_VEL.value
+_FROM_ACCELERATION = _STAGE.mjSTAGE_ACC.value
+_SLEEP_OR_IPC = mujoco.mjtEnableBit.mjENBL_SLEEP.value | mujoco.mjtEnableBit.mjENBL_IPC.value
+
+_READINGS = "sensordata"
+# What depends on disabled sensors: their readings, and what MuJoCo computes for some of them only.
+_OF_SENSORS = (_READINGS, "cacc", "cfrc_int", "cfrc_ext")
+# They read accelerations and forces and write their readings, nothing else.
+_WITHOUT_EFFECT = [
+    getattr(mujoco.mjtSensor, f"mjSENS_{name}").value
+    for name in (
+        *("ACCELEROMETER", "FORCE", "TORQUE", "TOUCH"),
+        *("ACTUATORFRC", "JOINTACTFRC", "TENDONACTFRC", "JOINTLIMITFRC", "TENDONLIMITFRC"),
+        *("FRAMELINACC", "FRAMEANGACC"),
+    )
+]
+
+
+class LazyBatch:
+    """See the module's docstring.
+
+    Attributes:
+      official: the `mujoco.batch.Batch`.
+      state: what a time step depends on, (num_envs, nstate), live.
+      warning: MuJoCo's warnings: last information and number by kind, (num_envs, 7, 2), live.
+      own: fields of the model that each row has for itself, (num_envs, ...), live, by name.
+      remembers: whether MuJoCo remembers more of a row than its state.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        num_envs: int,
+        num_threads: int,
+        own: Iterable[str],
+        read_sensors: np.ndarray | None = None,
+    ) -> None:
+        """Makes a batch in the model's default state.
+
+        Args:
+          model: what the rows have in common.
+          num_envs: number of rows.
+          num_threads: threads that step them.
+          own: fields of the model that each row has for itself.
+          read_sensors: mask of sensors that are enabled from the beginning; none by default.
+        """
+        self.remembers = model.nplugin > 0 or bool(model.opt.enableflags & _SLEEP_OR_IPC)
+        self._shares = num_envs > _A_FEW and not self.remembers
+        self._model, self._num_threads = model, num_threads
+        # Any: MuJoCo's batch has its fields as attributes.
+        self.official: Any = mujoco.batch.Batch(
+            model, num_envs, num_threads, persistent=not self._shares
+        )
+        self.state: np.ndarray = self.official.state
+        self.warning: np.ndarray = self.official.warning
+        self.own: dict[str, np.ndarray] = {name: self.official.expand(name) for name in own}
+        self._disableflags: np.ndarray = self.official.expand("opt.disableflags")
+        if midphase.is_needless(model, self.own):
+            self.official.expand("body_bvhadr")[:, 0] = -1  # the world has no tree
+        none = np.zeros(model.nsensor, bool)
+        self._read_sensors = none if read_sensors is None else read_sensors
+        self._disabled = none if self.remembers else _can_be_disabled(model, self.own)
+        self._disabled = self._disabled & ~self._read_sensors
+        if self._disabled.any():
+            self._stages: np.ndarray = self.official.expand("sensor_needstage")
+            self._stages[:, self._disabled] = _NEVER
+        self._bound: set[str] = set()
+        self._was_called = False
+        self.last_call = np.full(num_envs, LOAD)
+        self.before_call = self.state.copy()
+
+    def call(self, kind: int, rows: Rows = None) -> None:
+        """Lets MuJoCo do something with rows: so many steps, or `START`, `FORWARD`, `LOAD`."""
+        if rows is None:
+            np.copyto(self.before_call, self.state)
+            self.last_call.fill(kind)
+        else:
+            self.before_call[rows] = self.state[rows]
+            self.last_call[rows] = kind
+        self._was_called = True
+        self._run(kind, rows)
+
+    def forget_calls(self) -> None:
+        """Takes it that the present state of each row was loaded: what led to it is unknown."""
+        self._was_called = True
+        self.last_call[:] = LOAD
+        self.before_call[...] = self.state
+
+    def _run(self, kind: int, rows: Rows) -> None:
+        batch = self.official
+        if kind == START:
+            flags = self._disableflags
+            before = flags.copy()
+            try:
+                flags |= ACTUATION
+                batch.forward(rows)
+            finally:
+                flags[...] = before
+        elif kind == LOAD:
+            batch.forward(rows, _UP_TO_VELOCITY)
+        elif kind == FORWARD:
+            batch.forward(rows)
+        elif kind > 0:
+            batch.step(rows, kind, _UP_TO_VELOCITY)
+        else:
+            batch.step(rows, -kind)
+
+    def _replay(self, rows: Rows = None) -> None:
+        """Does rows' last calls again, which writes all bound fields and leaves all else as is."""
+        kept = [(live, live.copy()) for live in (self.state, self.warning)]
+        readings = self.official.sensordata.copy() if _READINGS in self._bound else None
+        np.copyto(self.state, self.before_call)
+        try:
+            for kind in np.unique(self.last_call).tolist():
+                self._run(kind, np.flatnonzero(self.last_call == kind))
+        finally:
+            for live, values in kept:
+                np.copyto(live, values)
+        if readings is not None:
+            loaded = self.last_call == LOAD
+            self._set_readings(loaded, readings[loaded])
+
+    def field(self, name: str) -> np.ndarray:
+        """A field of the data, (num_envs, ...), live; all that it depends on is computed."""
+        field = self._bound_field(name)
+        if name in _OF_SENSORS:
+            self.enable_sensors(slice(None))
+        return field
+
+    def _bound_field(self, name: str) -> Any:
+        field = getattr(self.official, name)
+        if name not in self._bound and isinstance(field, np.ndarray) and field.base is not None:
+            if self._shares and self._was_called and not field.flags.writeable:
+                self._replay()
+            self._bound.add(name)
+        return field
+
+    def field_for_names(self, name: str) -> np.ndarray:
+        """As `field`, for an index that enables the sensors that it reads: see `indexer`."""
+        return self._bound_field(name) if name == _READINGS else self.field(name)
+
+    def indexer(self, *arguments: Any) -> FieldIndexer:
+        """What a field that `field_for_names` gave is indexed by names with."""
+        name = arguments[0]
+        return _Sensors(self, *arguments) if name == _READINGS else FieldIndexer(*arguments)
+
+    def enable_sensors(self, columns: Any) -> None:
+        """Has the sensors of some columns of `sensordata` computed, the last call included.
+
+        Args:
+          columns: an index for them.
+        """
+        if not self._disabled.any():
+            return
+        model = self._model
+        sensor_of_column = np.repeat(np.arange(model.nsensor), model.sensor_dim)
+        read = np.zeros(model.nsensor, bool)
+        read[sensor_of_column[columns]] = True
+        self._read_sensors = self._read_sensors | read
+        read &= self._disabled
+        if not read.any():
+            return
+        self._stages[:, read] = model.sensor_needstage[read]
+        self._disabled &= ~read
+        if self._was_called:
+            self._replay()
+
+    def _set_readings(self, rows: Any, values: np.ndarray) -> None:
+        """Sets readings that belong to the time step before a state that was loaded."""
+        readings = self.official.sensordata
+        readings.flags.writeable = True  # an output otherwise, so not to be written
+        readings[rows] = values
+        readings.flags.writeable = False
+
+    def save(self, rows: Rows) -> dict[str, np.ndarray]:
+        """See `Simulation.save`; without fields of the model."""
+        index = slice(None) if rows is None else rows
+        saved = {"state": self.state, "sensordata": self.field(_READINGS)}
+        saved |= {"before": self.before_call, "call": self.last_call}
+        return {name: np.array(values[index]) for name, values in saved.items()}
+
+    def seen(self, row: int) -> dict[str, np.ndarray]:
+        """See `BatchSimulation.seen`."""
+        call = self.last_call[row]
+        if 0 < call < LOAD:  # positions and velocities belong to the state that it led to
+            return {"state": self.state[row, None]}
+        saved = {"state": self.state, "before": self.before_call, "call": self.last_call}
+        return {name: values[row, None] for name, values in saved.items()}
+
+    def load(self, saved: Mapping[str, np.ndarray], rows: Rows) -> None:
+        """Sets what `save` gave; the rows' own fields have been set already."""
+        rows = np.arange(len(self.state)) if rows is None else rows
+        state = saved["state"]
+        self._bound_field(_READINGS)
+        if self.remembers:  # such as what has been lying still, and for how long
+            self.official.reset(rows, stage=_NEVER)
+        counted = self.warning.copy()
+        is_reached = self._repeat(saved, rows) if "call" in saved else np.zeros(len(rows), bool)
+        left = rows[~is_reached]
+        if left.size:
+            self.state[left] = state[~is_reached]
+            self.call(LOAD, left)
+            if _READINGS in saved:
+                self._set_readings(left, saved[_READINGS][~is_reached])
+        np.copyto(self.warning, counted)
+
+    def _repeat(self, saved: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """Makes the saved calls again; which of them led to the saved states, (n,) booleans.
+
+        Others lead elsewhere, as somebody has changed the state or the model since that call.
+        """
+        calls, state = saved["call"], saved["state"]
+        self.state[rows] = saved["before"]
+        can_be = (calls != LOAD) & ~is_bad_state(self._model, state)
+        can_be &= not self.remembers
+        for kind in np.unique(calls[can_be]).tolist():
+            self.call(kind, rows[can_be & (calls == kind)])
+        reached = self.state[rows]
+        same = reached.view(np.uint64) == np.ascontiguousarray(state).view(np.uint64)
+        return can_be & same.all(axis=-1)
+
+    def made_again(self, sets_constants: bool) -> Self:
+        """A batch in the same state as this one, which may only be read, as in a forked child."""
+        new = type(self)(
+            self._model, len(self.state), self._num_threads, self.own, self._read_sensors
+        )
+        for name, values in self.own.items():
+            new.own[name][...] = values
+        if sets_constants:
+            new.official.set_const()
+        new.state[...] = self.state
+        new.last_call, new.before_call = self.last_call, self.before_call
+        new._was_called = self._was_called
+        readings = self.official.sensordata if _READINGS in self._bound else None
+        if readings is not None:
+            new._bound_field(_READINGS)
+        new._replay()
+        if readings is not None:
+            new._set_readings(slice(None), readings)
+        return new
+
+
+class _Sensors(FieldIndexer):
+    """The index of `sensordata`, which enables the sensors that it reads."""
+
+    __slots__ = ("_lazy",)
+
+    def __init__(self, lazy: LazyBatch, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._lazy = lazy
+
+    def _resolve(self, key: object) -> tuple[Any, Any]:
+        array, index = super()._resolve(key)
+        self._lazy.enable_sensors(np.arange(array.shape[-1])[None][index])
+        return array, index
+
+    def __getattr__(self, name: str) -> Any:
+        self._lazy.enable_sensors(slice(None))
+        return getattr(self._field, name)
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        self._lazy.enable_sensors(slice(None))
+        return super().__array__(dtype, copy)
+
+
+def _can_be_disabled(model: mujoco.MjModel, own: Iterable[str]) -> np.ndarray:
+    """The sensors without which all but `_OF_SENSORS` is the same, bit for bit, (nsensor,)."""
+    # Plugins and callbacks may read readings; sensors with a delay remember them.
+    remembered = model.nhistory or model.sensor_interval.any() or model.sensor_delay.any()
+    if model.nplugin or remembered or _any_callback():
+        return np.zeros(model.nsensor, bool)
+    if any(field.startswith("sensor_") for field in own):
+        return np.zeros(model.nsensor, bool)
+    late = model.sensor_needstage == _FROM_ACCELERATION
+    return late & np.isin(model.sensor_type, _WITHOUT_EFFECT)
+
+
+def _any_callback() -> bool:
+    """Whether physics is extended by functions of the user's."""
+    getters = (getattr(mujoco, name) for name in dir(mujoco) if name.startswith("get_mjcb_"))
+    return any(get() is not None for get in getters)

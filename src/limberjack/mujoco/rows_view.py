@@ -1,0 +1,82 @@
+"""`RowsData` and `RowsModel`: what `physics.data` and `physics.model` are in a batch.
+
+    physics.data.qpos          # (num_envs, nq), live
+    physics.model.body_mass    # (num_envs, nbody) if each row has its own, else (nbody,), read-only
+
+They have the fields of the official structs, with one row per simulation. They do not step.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+
+from limberjack.mujoco.wrapper.core import MjModel
+from limberjack.utils.read_only import ReadOnlyStruct
+
+if TYPE_CHECKING:
+    from limberjack.mujoco.simulation import Fields
+
+__all__ = ["RowsData", "RowsModel"]
+
+
+class RowsData:
+    """The fields of a batch's MjData."""
+
+    def __init__(self, fields: "Fields") -> None:
+        vars(self)["_fields"] = fields
+        vars(self)["model"] = RowsModel(fields)
+
+    @property
+    def _data(self) -> "RowsData":
+        """Where a single simulation's wrapper has the official data: the same fields."""
+        return self
+
+    def __getattr__(self, name: str) -> Any:  # Any: as the official struct has it
+        if name == "_fields":  # a half-made object, as in copying: do not look it up for ever
+            raise AttributeError(name)
+        try:
+            field = self._fields.data_field(name)[0]
+        except AttributeError:
+            raise AttributeError(
+                f"the data of a batch has no {name!r}: it has the arrays of mujoco.MjData, one row "
+                "per simulation"
+            ) from None
+        if hasattr(field, "shape"):
+            vars(self)[name] = field  # the same array as long as the simulations live
+        return field
+
+    def __setattr__(self, name: str, value: object) -> None:
+        self._fields.data_field(name)[0][...] = value
+
+
+class RowsModel(MjModel):
+    """The fields of a batch's MjModel; those that rows have for themselves have a leading axis."""
+
+    def __init__(self, fields: "Fields") -> None:
+        object.__setattr__(self, "_fields", fields)
+        object.__setattr__(self, "_model", fields.model._model)
+        object.__setattr__(self, "_shared", fields.model._shared)
+
+    def __getattr__(self, name: str) -> Any:  # Any: as the official struct has it
+        if name in ("_fields", "_model", "_shared"):  # a half-made object
+            raise AttributeError(name)
+        field = self._fields.model_field(name)[0]
+        if hasattr(field, "shape") or isinstance(field, int | float | str | bytes):
+            return field
+        if callable(field):
+            raise AttributeError(f"a batch has no model.{name}(...): use physics.named.model")
+        return ReadOnlyStruct(field, name)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        field = self._fields.model_field(name)[0]
+        if not hasattr(field, "shape"):
+            raise ValueError(f"{name} of the model is the same in all rows and read-only")
+        field[...] = value
+
+    @property
+    def ptr(self) -> mujoco.MjModel:
+        """A copy of the official model that the rows have in common; changes reach no row."""
+        return super().ptr
+
+    def __copy__(self) -> MjModel:
+        return self._fields.model.copy()

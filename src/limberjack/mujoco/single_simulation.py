@@ -1,0 +1,231 @@
+"""`SingleSimulation`: one simulation, stepped with MuJoCo's own functions.
+
+    simulation = SingleSimulation(wrapper.MjData(model))
+    simulation.forward_without_actuation()
+    simulation.step(5)
+
+Its interface is `Simulation`; `BatchSimulation` is the other one. These two files alone step.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from limberjack.mujoco.index import FieldIndexer
+from limberjack.mujoco.leaving import begin, watch
+from limberjack.mujoco.simulation import (
+    ACTUATION,
+    FORWARD,
+    LOAD,
+    NOT_FIELDS,
+    START,
+    STATE,
+    CountsWarnings,
+    Rows,
+    is_bad_state,
+    read_field,
+)
+from limberjack.mujoco.wrapper.core import MjData, MjModel
+from limberjack.mujoco.wrapper.model import fixed_field, is_structure
+from limberjack.rl.contract import PhysicsError
+
+__all__ = ["SingleSimulation"]
+
+_RUNGE_KUTTA = mujoco.mjtIntegrator.mjINT_RK4.value
+
+
+class SingleSimulation(CountsWarnings):
+    """One simulation; see `limberjack.mujoco.simulation.Simulation`."""
+
+    num_envs: int | None = None
+    indexer = FieldIndexer  # by names, of a field of MjData
+    sets_constants = False
+
+    def __init__(self, data: MjData) -> None:
+        self._wrapper = data.model
+        self._data: Any = data._data
+        self.warnings: np.ndarray = self._data.warning.number
+        self._no_warnings = bytes(self.warnings.nbytes)
+        # The flags to put back if Ctrl-C came while actuation was disabled.
+        self._flags_before: int | None = None
+        self._passive: mujoco.MjModel | None = None
+        self._model_of_opt: Any = None
+        self._opt: Any = None
+        # The last call, and the state that it began with.
+        self._call = LOAD
+        self._before = np.empty(mujoco.mj_stateSize(self._wrapper._model, STATE))
+        watch(self)
+
+    @property
+    def model(self) -> MjModel:
+        """The model."""
+        return self._wrapper
+
+    def step(self, nstep: int, rows: Rows = None) -> None:
+        """See `Simulation`."""
+        model, data = self._model(), self._data
+        self._remember(nstep)
+        begin(self)
+        if model is not self._model_of_opt:  # asking for `opt` makes a new object each time
+            self._model_of_opt, self._opt = model, model.opt
+        if self._opt.integrator == _RUNGE_KUTTA:  # has no halves
+            mujoco.mj_step(model, data, nstep)
+        else:
+            mujoco.mj_step2(model, data)
+            if nstep > 1:
+                mujoco.mj_step(model, data, nstep - 1)
+        mujoco.mj_step1(model, data)
+        self.busy_in = None
+
+    def step_whole(self, nstep: int, rows: Rows = None) -> None:
+        """See `Simulation`."""
+        self._remember(-nstep)
+        begin(self)
+        mujoco.mj_step(self._model(), self._data, nstep)
+        self.busy_in = None
+
+    def forward(self, rows: Rows = None) -> None:
+        """See `Simulation`."""
+        self._remember(FORWARD)
+        begin(self)
+        mujoco.mj_forward(self._model(), self._data)
+        self.busy_in = None
+
+    def forward_without_actuation(self, rows: Rows = None) -> None:
+        """See `Simulation`."""
+        model = self._model()
+        shared = self._wrapper._shared
+        self._remember(START)
+        begin(self)
+        if shared is not None:
+            self._passive = shared.passive()
+            mujoco.mj_forward(self._passive, self._data)
+            self.busy_in = None
+            return
+        opt = model.opt
+        self._flags_before = opt.disableflags
+        try:
+            opt.disableflags = self._flags_before | ACTUATION
+            mujoco.mj_forward(model, self._data)
+        finally:
+            opt.disableflags = self._flags_before
+        self._flags_before = None
+        self.busy_in = None
+
+    def reset(self, keyframe: int | None = None, rows: Rows = None) -> None:
+        """See `Simulation`."""
+        if keyframe is None:
+            mujoco.mj_resetData(self._model(), self._data)
+        else:
+            mujoco.mj_resetDataKeyframe(self._model(), self._data, keyframe)
+        self._remember(LOAD)
+
+    def get_state(self, signature: int) -> np.ndarray:
+        """See `Simulation`."""
+        model = self._model()
+        state = np.empty(mujoco.mj_stateSize(model, signature))
+        mujoco.mj_getState(model, self._data, state, signature)
+        return state
+
+    def set_state(self, state: np.ndarray, signature: int) -> None:
+        """See `Simulation`."""
+        mujoco.mj_setState(self._model(), self._data, state, signature)
+
+    def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
+        """See `Simulation`; one row."""
+        model = self._model()
+        saved = {
+            "state": self.get_state(STATE),
+            "sensordata": self._data.sensordata.copy(),
+            "before": self._before.copy(),
+            "call": np.array(self._call),
+        }
+        saved |= {name: np.array(read_field(model, name)) for name in fields}
+        return {name: value[None] for name, value in saved.items()}
+
+    def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
+        """See `Simulation`; of one row.
+
+        Raises:
+          PhysicsError: MuJoCo would not go on from this state; nothing has changed.
+        """
+        state = saved["state"][0]
+        if is_bad_state(self._wrapper._model, state):
+            raise PhysicsError("the saved state is not finite, or beyond MuJoCo's bounds")
+        fields = {name: value[0] for name, value in saved.items() if name not in NOT_FIELDS}
+        if fields:
+            self.set_fields(fields)
+        earlier = self.set_warnings_aside()
+        if not self._repeat(saved, state):
+            self.set_state(state, STATE)
+            mujoco.mj_step1(self._model(), self._data)
+            self._remember(LOAD)
+            if "sensordata" in saved:
+                self._data.sensordata[...] = saved["sensordata"][0]
+        self.warnings[...] = 0 if earlier is None else earlier
+
+    def _repeat(self, saved: Mapping[str, np.ndarray], state: np.ndarray) -> bool:
+        """Makes the saved call again, if any; whether it led to the saved state.
+
+        It leads elsewhere where somebody has changed the state or the model since that call.
+        """
+        call = int(saved["call"][0]) if "call" in saved else LOAD
+        if call == LOAD:
+            return False
+        self.set_state(saved["before"][0], STATE)
+        if 0 < call < LOAD:
+            mujoco.mj_step1(self._model(), self._data)  # the first half of its first step
+            self.step(call)
+        elif call == FORWARD:
+            self.forward()
+        elif call == START:
+            self.forward_without_actuation()
+        else:
+            self.step_whole(-call)
+        return self.get_state(STATE).tobytes() == state.tobytes()
+
+    def remembered(self) -> tuple[int, np.ndarray]:
+        """The last call and the state that it began with, for a copy of the data."""
+        return self._call, self._before.copy()
+
+    def take_over(self, remembered: tuple[int, np.ndarray]) -> None:
+        """Takes what `remembered` gave, of a simulation whose data this one has a copy of."""
+        self._call, self._before = remembered
+
+    def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
+        """See `Simulation`."""
+        model = self._wrapper.ptr
+        for name, value in values.items():
+            field = read_field(model, name)
+            if isinstance(field, np.ndarray):
+                field[...] = value
+            else:
+                setattr(model.opt, name.removeprefix("opt."), value.item())
+        if self.sets_constants:
+            mujoco.mj_setConst(model, self._data)
+
+    def data_field(self, name: str) -> tuple[Any, bool]:
+        """See `Fields`; it has no axis of simulations."""
+        return getattr(self._data, name), False
+
+    field_for_names = data_field
+
+    def model_field(self, name: str) -> tuple[Any, bool]:
+        """See `Fields`; it has no axis of simulations, and may be written if it is a value."""
+        if is_structure(name):
+            return fixed_field(self._wrapper._model, name), False
+        return getattr(self._wrapper.ptr, name), False
+
+    def _remember(self, call: int) -> None:
+        self._call = call
+        mujoco.mj_getState(self._wrapper._model, self._data, self._before, STATE)
+
+    def _model(self) -> Any:
+        """The official model; whole again, should an interrupt have left a flag switched."""
+        model = self._wrapper._model
+        if self._flags_before is not None:
+            model.opt.disableflags = self._flags_before
+            self._flags_before = None
+        return model

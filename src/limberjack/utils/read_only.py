@@ -1,0 +1,67 @@
+"""`ReadOnly`: an array that refuses to be written, and says what to do instead; and so for structs.
+
+    masses = ReadOnly.of(model.body_mass, "body_mass is the same in all rows: use randomize")
+    masses[0] = 2.0     # ValueError, with that sentence
+    masses.copy()[0] = 2.0
+
+It shares the memory of the array that it is made of, so it shows what that holds now. Results of
+arithmetic are ordinary arrays.
+"""
+
+from typing import Any, Self
+
+import numpy as np
+
+__all__ = ["ReadOnly", "ReadOnlyStruct"]
+
+
+class ReadOnly(np.ndarray):
+    """A read-only view of an array; see the module's docstring."""
+
+    _advice = ""
+
+    @classmethod
+    def of(cls, array: np.ndarray, advice: str) -> Self:
+        """A read-only view of `array`; an attempt to write raises ValueError with `advice`."""
+        view = array.view(cls)
+        view._advice = advice
+        view.flags.writeable = False
+        return view
+
+    def __array_finalize__(self, source: object) -> None:
+        self._advice = getattr(source, "_advice", "")
+
+    # Any: NumPy's own keys, values and protocol.
+    def __setitem__(self, key: Any, value: Any) -> None:
+        self._refuse_writing()
+        super().__setitem__(key, value)
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        for out in kwargs.get("out", ()):
+            if isinstance(out, ReadOnly):
+                out._refuse_writing()
+        plain = [x.view(np.ndarray) if isinstance(x, ReadOnly) else x for x in inputs]
+        return getattr(ufunc, method)(*plain, **kwargs)
+
+    def _refuse_writing(self) -> None:
+        if not self.flags.writeable:
+            raise ValueError(self._advice)
+
+
+class ReadOnlyStruct:
+    """A view of an object with attributes, such as `mujoco.MjOption`, that cannot be written."""
+
+    def __init__(self, struct: object, name: str) -> None:
+        """Takes the object, and what messages call it."""
+        vars(self).update(_struct=struct, _name=name)
+
+    def __getattr__(self, name: str) -> Any:  # Any: as the struct has it
+        if name.startswith("_"):  # also a half-made object's own
+            raise AttributeError(name)
+        value = getattr(self._struct, name)
+        if isinstance(value, np.ndarray):
+            return ReadOnly.of(value, f"{self._name}.{name} is the same in all rows and read-only")
+        return value
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise ValueError(f"{self._name}.{name} is the same in all rows and read-only")

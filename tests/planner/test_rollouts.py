@@ -1,0 +1,110 @@
+"""Many time steps in one call are the same as one after the other."""
+
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.planner.rollouts import Rollouts, state_of
+
+_ROWS, _STEPS = 3, 12
+_FIELDS = ("body_pos", "body_quat")
+
+
+def _rollouts(task: str = "bring_ball") -> Rollouts:
+    """Simulations in which each row has begun an episode of its own."""
+    env = suite.load("manipulator", task, {"random": 5})
+    made = Rollouts(env.physics, _ROWS, 2, _FIELDS)
+    batch = suite.load_batch("manipulator", task, _ROWS, 2, seed=5)
+    batch.reset()
+    made.simulation.load(batch.snapshot().physics)
+    return made
+
+
+def _controls() -> np.ndarray:
+    return np.random.default_rng(0).uniform(-1, 1, (_ROWS, _STEPS, 5))
+
+
+@pytest.mark.usefixtures("share")
+def test_records_and_the_end_are_those_of_single_steps() -> None:
+    ours, other = _rollouts(), _rollouts()
+    controls = _controls()
+    fields = ["qpos", "time", "site_xpos", "actuator_force"]
+    records, diverged = ours.roll_out(controls, fields)
+    assert not diverged.any()
+    for step in range(_STEPS):
+        other.physics.set_control(controls[:, step])
+        other.simulation.step_whole(1)  # all but the state is of the state before
+        for name in fields:
+            expected = getattr(other.physics.data, name)
+            np.testing.assert_array_equal(
+                records[name][:, step], expected.reshape(_ROWS, *records[name].shape[2:]), name
+            )
+    np.testing.assert_array_equal(ours.simulation.state, other.simulation.state)
+
+
+@pytest.mark.usefixtures("share")
+def test_records_are_written_over_on_request() -> None:
+    rollouts = _rollouts()
+    first, _ = rollouts.roll_out(_controls(), ["qpos", "time"])
+    again, _ = rollouts.roll_out(_controls(), ["time", "qpos", "qvel"], first)
+    assert again["qpos"] is first["qpos"]
+    assert again["time"] is first["time"]
+    assert list(again) == ["time", "qpos", "qvel"]
+
+
+@pytest.mark.usefixtures("share")
+def test_a_row_that_diverges_stops() -> None:
+    rollouts = _rollouts()
+    rollouts.physics.data.qvel[1] = 1e9
+    records, diverged = rollouts.roll_out(_controls(), ["time"])
+    assert diverged.tolist() == [False, True, False]
+    assert (records["time"][1] == records["time"][1, -1]).all()
+    assert (np.diff(records["time"][0], axis=0) > 0).all()
+
+
+def test_what_cannot_be_recorded_is_named() -> None:
+    rollouts = _rollouts()
+    state = rollouts.simulation.state.copy()
+    with pytest.raises(ValueError, match="state is not"):
+        rollouts.roll_out(_controls(), ["state"])
+    np.testing.assert_array_equal(rollouts.simulation.state, state)
+
+
+@pytest.mark.usefixtures("share")
+def test_divergence_in_any_of_several_steps_is_reported_at_their_end() -> None:
+    rollouts = _rollouts()
+    expected = np.zeros(_ROWS, bool)
+    rollouts.forget_divergence()
+    batch = suite.load_batch("manipulator", "bring_ball", _ROWS, 2, seed=5)
+    batch.reset()
+    for step, controls in enumerate(_controls().swapaxes(0, 1)):
+        for physics in (rollouts.physics, batch.physics):
+            if step == 3:
+                physics.data.qvel[1] = 1e9
+            physics.set_control(controls)
+        rollouts.step(2)
+        expected |= batch._replicas.step(None, 2)
+    assert expected.tolist() == [False, True, False]
+    np.testing.assert_array_equal(rollouts.diverged(), expected)
+    np.testing.assert_array_equal(rollouts.simulation.state, batch.physics.simulation.state)
+    rollouts.forget_divergence()
+    assert not rollouts.diverged().any()
+
+
+@pytest.mark.usefixtures("share")
+@pytest.mark.parametrize("task", ["bring_ball", "insert_peg"])
+def test_rollouts_that_were_loaded_go_on_as_the_state_that_was_saved(task: str) -> None:
+    env = suite.load("manipulator", task, {"random": 6})
+    env.reset()
+    for action in np.random.default_rng(1).uniform(-1, 1, (20, 5)):
+        env.step(action)
+    whole, bare = _rollouts(task), _rollouts(task)
+    saved = env.snapshot().physics
+    every = {name: np.repeat(value, _ROWS, axis=0) for name, value in saved.items()}
+    whole.simulation.load(every)
+    bare.load(state_of(env.physics, _FIELDS))
+    recorded = ["qpos", "qvel", "time", "site_xpos", "sensordata"]
+    expected, _ = whole.roll_out(_controls(), recorded)
+    found, _ = bare.roll_out(_controls(), recorded)
+    for name in recorded:
+        np.testing.assert_array_equal(found[name], expected[name], name)
