@@ -1,18 +1,15 @@
 """`action_spec`: the controls of a model's actuators, as dm_env describes actions."""
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import mujoco
 import numpy as np
 from dm_env import specs
 
-if TYPE_CHECKING:
-    from limberjack.mujoco.engine import Physics
-
 __all__ = ["action_spec"]
 
 
-def action_spec(physics: "Physics") -> specs.BoundedArray:
+def action_spec(physics: Any) -> specs.BoundedArray:
     """The spec of the controls, (nu,); an unlimited one is bounded by MuJoCo's maximum."""
     model = physics.model._model
     limited = model.actuator_ctrllimited.ravel().astype(bool)[:, None]

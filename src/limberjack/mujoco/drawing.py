@@ -1,27 +1,24 @@
 """Pictures of a `Physics`: what `render` takes, what shape a picture has, and one for each row."""
 
 import inspect
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
-from limberjack.mujoco.camera import Camera, render
+from limberjack.mujoco import camera
 from limberjack.mujoco.rendering.pictures import Style
 from limberjack.utils.suggest import did_you_mean
 
-if TYPE_CHECKING:
-    from limberjack.mujoco.engine import Physics
-
-__all__ = ["check_names", "picture_spec"]
+__all__ = ["check_names", "picture_spec", "render"]
 
 _OF_STYLE = ("overlays", "depth", "segmentation", "render_flag_overrides", "quality")
 # The keyword arguments of `Physics.render`, with their defaults.
-_HOW = {p.name: p.default for p in list(inspect.signature(render).parameters.values())[1:]}
+_HOW = {p.name: p.default for p in list(inspect.signature(camera.render).parameters.values())[1:]}
 
 
 # Any: each keyword has a type of its own.
-def picture_spec(physics: "Physics", given: Mapping[str, Any]) -> tuple[tuple[int, ...], np.dtype]:
+def picture_spec(physics: Any, given: Mapping[str, Any]) -> tuple[tuple[int, ...], np.dtype]:
     """Shape and type of the picture that `render` gives with these arguments; draws nothing.
 
     Args:
@@ -37,7 +34,7 @@ def picture_spec(physics: "Physics", given: Mapping[str, Any]) -> tuple[tuple[in
     how = {**_HOW, **given}
     Style.of(**{name: how[name] for name in _OF_STYLE})  # checks them
     size = how["height"], how["width"]
-    Camera(physics, *size, camera_id=how["camera_id"], max_geom=1)  # checks them
+    camera.Camera(physics, *size, camera_id=how["camera_id"], max_geom=1)  # checks them
     if how["depth"]:
         return size, np.dtype(np.float32)
     if how["segmentation"]:
@@ -53,3 +50,40 @@ def check_names(given: Mapping[str, object]) -> None:
                 f"render got an unexpected keyword argument {name!r}.{did_you_mean(name, _HOW)} "
                 f"It takes: {', '.join(_HOW)}."
             )
+
+
+def render(
+    physics: Any,
+    height: int = 240,
+    width: int = 320,
+    camera_id: int | str = -1,
+    overlays: Any = (),
+    depth: bool = False,
+    segmentation: bool = False,
+    scene_option: Any = None,
+    render_flag_overrides: Any = None,
+    scene_callback: Callable[[Any, Any], None] | None = None,
+    quality: str = "full",
+) -> np.ndarray:
+    """A picture of the present state; see `limberjack.mujoco.camera.Camera.render`.
+
+    Args:
+      height: pixels.
+      width: pixels.
+      camera_id: name or number of a camera of the model; -1 is the free camera.
+      overlays: `TextOverlay`s to draw on an RGB picture.
+      depth: distances in metres, (height, width) float32, instead of colours.
+      segmentation: (height, width, 2) int32 of object number and `mjtObj` type, -1 for the
+        background, instead of colours.
+      scene_option: a `wrapper.MjvOption` of what to draw.
+      render_flag_overrides: rendering flags by name, such as {'wireframe': True}.
+      scene_callback: called with the physics and the scene before it is drawn.
+      quality: 'full', as dm_control, or 'fast', without shadows, reflections and sky.
+
+    Returns:
+      (height, width, 3) uint8 unless depth or segmentation is asked for.
+    """
+    physics._refuse_rows("render()", "call render(rows, ...) of its BatchEnvironment")
+    what = height, width, camera_id, overlays, depth, segmentation
+    how = scene_option, render_flag_overrides, scene_callback, quality
+    return camera.render(physics, *what, *how)

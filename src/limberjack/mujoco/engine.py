@@ -7,14 +7,13 @@
     physics.step()
     frame = physics.render(240, 320, camera_id="fixed")
 
-A domain subclasses it with the quantities its tasks measure. The class does not step by itself
-(`simulation.py` does), resolve names (`index.py`) or draw (`camera.py`).
+A domain subclasses it with the quantities its tasks measure. It does not step (`simulation.py`),
+resolve names (`index.py`) or draw (`camera.py`) by itself.
 """
 
-import collections
 import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Self, cast
 
 import mujoco
@@ -32,8 +31,9 @@ from limberjack.mujoco.camera import (
     TextOverlay,
 )
 from limberjack.mujoco.identity import identity
+from limberjack.mujoco.index import NamedIndexStructs
 from limberjack.mujoco.rows_view import RowsData
-from limberjack.mujoco.simulation import STATE, Fields, Simulation, is_bad_state, read_field
+from limberjack.mujoco.simulation import Fields, Simulation, described, signature_of
 from limberjack.mujoco.single_simulation import SingleSimulation
 from limberjack.mujoco.wrapper.sharing import compiled
 from limberjack.rl import control as _control
@@ -53,8 +53,6 @@ __all__ = [
 ]
 
 _SETTINGS = ("legacy_step",)  # how a simulation is run, which its copies have too
-
-NamedIndexStructs = collections.namedtuple("NamedIndexStructs", ["model", "data"])
 
 
 class Physics(_control.Physics):
@@ -170,12 +168,11 @@ class Physics(_control.Physics):
     @functools.cached_property
     def named(self) -> NamedIndexStructs:
         """`named.data` and `named.model`: fields indexed by the names of the model's objects."""
-        simulation = self._simulation
-        names = index.Names(simulation.model._model)
-        return NamedIndexStructs(
-            model=index.NamedFields("MjModel", simulation.model_field, names),
-            data=index.NamedFields("MjData", simulation.field_for_names, names, simulation.indexer),
-        )
+        source = self._simulation
+        names = index.Names(source.model._model)
+        model = index.NamedFields("MjModel", source.model_field, names)
+        data = index.NamedFields("MjData", source.field_for_names, names, source.indexer)
+        return NamedIndexStructs(model, data)
 
     # Batches.
 
@@ -221,10 +218,8 @@ class Physics(_control.Physics):
         Raises:
           ValueError: there is no such field, or it is part of the model's structure.
         """
-        for name in names:
-            fields.check_randomizable(name)
         self._simulation.sets_constants = fields.have_constants(names)
-        return {name: np.array(read_field(self._data.model._model, name)) for name in names}
+        return fields.nominal(self._data.model._model, names)
 
     # Stepping.
 
@@ -298,13 +293,12 @@ class Physics(_control.Physics):
     def _check_warnings(self, earlier: np.ndarray | None) -> None:
         """Raises or logs, naming their kinds, if there are warnings besides the earlier ones."""
         new = self._simulation.new_warnings(earlier)
-        if new is not None:
-            kinds = zip(mujoco.mjtWarning.__members__, new, strict=False)
-            names = [name for name, is_new in kinds if is_new]
-            message = f"Physics state is invalid. Warning(s) raised: {', '.join(names)}"
-            if self._warnings_cause_exception:
-                raise _control.PhysicsError(message)
-            log.warning(message)
+        if new is None:
+            return
+        message = f"Physics state is invalid. Warning(s) raised: {described(new)}"
+        if self._warnings_cause_exception:
+            raise _control.PhysicsError(message)
+        log.warning(message)
 
     def enable_profiling(self) -> None:
         """Lets MuJoCo time its stages."""
@@ -320,9 +314,7 @@ class Physics(_control.Physics):
             activations, and plugins' states: what dm_control means by state. That misses the
             solver's warm start; `mjSTATE_INTEGRATION` is everything a step depends on.
         """
-        if sig is None:
-            return np.concatenate(self._physics_state_items(), axis=-1)
-        return self._simulation.get_state(sig)
+        return self._simulation.get_state(signature_of(self.model._model, sig))
 
     def set_state(self, physics_state: np.ndarray, sig: int | None = None) -> None:
         """Sets the state, an array as returned by `get_state(sig)`.
@@ -331,24 +323,13 @@ class Physics(_control.Physics):
           ValueError: the array has another shape; nothing is changed.
         """
         state = np.asarray(physics_state, float)
-        items = self._physics_state_items()
-        sizes = [item.shape[-1] for item in items]
-        size = sum(sizes) if sig is None else mujoco.mj_stateSize(self.model._model, sig)
-        shape = (size,) if self.num_envs is None else (self.num_envs, size)
+        signature = signature_of(self.model._model, sig)
+        shape: tuple[int, ...] = (mujoco.mj_stateSize(self.model._model, signature),)
+        if self.num_envs is not None:
+            shape = (self.num_envs, *shape)
         if state.shape != shape:
             raise ValueError(f"Input physics state has shape {state.shape}. Expected {shape}.")
-        if sig is not None:
-            self._simulation.set_state(state, sig)
-            return
-        parts = np.split(state, np.cumsum(sizes)[:-1], axis=-1)
-        for item, part in zip(items, parts, strict=True):
-            np.copyto(item, part)
-
-    def _physics_state_items(self) -> list[np.ndarray]:
-        """The live arrays that make up the state."""
-        data = self._data._data
-        items = [data.qpos, data.qvel, data.act]
-        return [*items, data.plugin_state] if self.model.nplugin else items
+        self._simulation.set_state(state, signature)
 
     def copy(self, share_model: bool = False) -> Self:
         """A simulation in the same state, which shows what this one shows.
@@ -358,30 +339,21 @@ class Physics(_control.Physics):
         """
         self._refuse_rows("copy()", "take a snapshot() of its BatchEnvironment, or deepcopy that")
         new = type(self).__new__(type(self))
-        _, *settings = self.__getstate__()
-        new.__setstate__((self._data._make_copy(share_model=share_model), *settings))
+        simulation = cast(SingleSimulation, self._simulation).copy(share_model)
+        new.__setstate__((simulation, self._settings()))
         return new
 
-    def __getstate__(self) -> tuple[Any, ...]:
+    def __getstate__(self) -> tuple[Simulation, dict[str, Any]]:
         self._refuse_rows("pickled form", "pickle its BatchEnvironment")
-        simulation = cast(SingleSimulation, self._simulation)
-        settings = {n: vars(self)[n] for n in _SETTINGS if n in vars(self)}
-        return self._data, settings, simulation.sets_constants, simulation.remembered()
+        return self._simulation, self._settings()
 
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
-        """Goes on from another simulation's state.
-
-        Raises:
-          PhysicsError: MuJoCo would not go on from it.
-        """
-        data, settings, sets_constants, remembered = state
-        simulation = SingleSimulation(data)
-        if is_bad_state(data.model._model, simulation.get_state(STATE)):
-            raise _control.PhysicsError("the state is not finite, or beyond MuJoCo's bounds")
-        simulation.take_over(remembered)
-        simulation.sets_constants = sets_constants
+    def __setstate__(self, state: tuple[SingleSimulation, dict[str, Any]]) -> None:
+        self._simulation, settings = state
+        self._data = state[0].data
         vars(self).update(settings)
-        self._data, self._simulation = data, simulation
+
+    def _settings(self) -> dict[str, Any]:
+        return {name: vars(self)[name] for name in _SETTINGS if name in vars(self)}
 
     def control(self) -> np.ndarray:
         """The control signals, (nu,)."""
@@ -413,41 +385,7 @@ class Physics(_control.Physics):
 
     # Drawing.
 
-    def render(
-        self,
-        height: int = 240,
-        width: int = 320,
-        camera_id: int | str = -1,
-        overlays: Any = (),
-        depth: bool = False,
-        segmentation: bool = False,
-        scene_option: Any = None,
-        render_flag_overrides: Any = None,
-        scene_callback: Callable[[Any, Any], None] | None = None,
-        quality: str = "full",
-    ) -> np.ndarray:
-        """A picture of the present state; see `limberjack.mujoco.camera.Camera.render`.
-
-        Args:
-          height: pixels.
-          width: pixels.
-          camera_id: name or number of a camera of the model; -1 is the free camera.
-          overlays: `TextOverlay`s to draw on an RGB picture.
-          depth: distances in metres, (height, width) float32, instead of colours.
-          segmentation: (height, width, 2) int32 of object number and `mjtObj` type, -1 for the
-            background, instead of colours.
-          scene_option: a `wrapper.MjvOption` of what to draw.
-          render_flag_overrides: rendering flags by name, such as {'wireframe': True}.
-          scene_callback: called with the physics and the scene before it is drawn.
-          quality: 'full', as dm_control, or 'fast', without shadows, reflections and sky.
-
-        Returns:
-          (height, width, 3) uint8 unless depth or segmentation is asked for.
-        """
-        self._refuse_rows("render()", "call render(rows, ...) of its BatchEnvironment")
-        what = height, width, camera_id, overlays, depth, segmentation
-        how = scene_option, render_flag_overrides, scene_callback, quality
-        return camera.render(self, *what, *how)
+    render = drawing.render
 
     # Any: each keyword has a type of its own.
     def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:

@@ -6,6 +6,7 @@ here.
 """
 
 import functools
+import operator
 from collections.abc import Iterable
 from typing import Any
 
@@ -21,6 +22,7 @@ __all__ = [
     "axes_of",
     "check_randomizable",
     "have_constants",
+    "nominal",
     "of_floats",
 ]
 
@@ -193,6 +195,19 @@ def check_randomizable(name: str) -> None:
         )
     if name in _FIXED_OPTIONS or not (name.startswith("opt.") or _is_value(name)):
         raise ValueError(f"{name!r} is part of the model's structure, and the same in every row")
+
+
+def nominal(model: mujoco.MjModel, names: Iterable[str]) -> dict[str, np.ndarray]:
+    """The model's values of fields that are going to be randomised, by name.
+
+    Raises:
+      ValueError: there is no such field, or it is part of the model's structure.
+    """
+    values = {}
+    for name in names:
+        check_randomizable(name)
+        values[name] = np.array(operator.attrgetter(name)(model))
+    return values
 
 
 def have_constants(names: Iterable[str]) -> bool:

@@ -16,7 +16,7 @@ a batch the index gets `...` in front, so that `xpos["head", "z"]` is one number
 import collections
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -25,7 +25,14 @@ from limberjack.mujoco import fields
 from limberjack.utils.arrays import index_for
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["Axes", "Axis", "FieldIndexer", "NamedFields", "Names"]
+__all__ = [
+    "Axes",
+    "Axis",
+    "FieldIndexer",
+    "NamedFields",
+    "NamedIndexStructs",
+    "Names",
+]
 
 Axes = collections.namedtuple("Axes", ["row", "col"], defaults=(None,))
 
@@ -300,6 +307,13 @@ class NamedFields:
 
     def __dir__(self) -> list[str]:
         return sorted(self._asdict())
+
+
+class NamedIndexStructs(NamedTuple):
+    """What `physics.named` is."""
+
+    model: NamedFields
+    data: NamedFields
 
 
 def _refuse(item: Any) -> None:

@@ -6,15 +6,13 @@
 They have the fields of the official structs, with one row per simulation. They do not step.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 
+from limberjack.mujoco.simulation import Fields
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.utils.read_only import ReadOnlyStruct
-
-if TYPE_CHECKING:
-    from limberjack.mujoco.simulation import Fields
 
 __all__ = ["RowsData", "RowsModel"]
 
@@ -22,7 +20,7 @@ __all__ = ["RowsData", "RowsModel"]
 class RowsData:
     """The fields of a batch's MjData."""
 
-    def __init__(self, fields: "Fields") -> None:
+    def __init__(self, fields: Fields) -> None:
         vars(self)["_fields"] = fields
         vars(self)["model"] = RowsModel(fields)
 
@@ -52,7 +50,7 @@ class RowsData:
 class RowsModel(MjModel):
     """The fields of a batch's MjModel; those that rows have for themselves have a leading axis."""
 
-    def __init__(self, fields: "Fields") -> None:
+    def __init__(self, fields: Fields) -> None:
         object.__setattr__(self, "_fields", fields)
         object.__setattr__(self, "_model", fields.model._model)
         object.__setattr__(self, "_shared", fields.model._shared)

@@ -39,12 +39,19 @@ __all__ = [
     "Fields",
     "Rows",
     "Simulation",
+    "described",
     "is_bad_state",
     "read_field",
+    "signature_of",
 ]
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value  # what a time step depends on
 ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
+
+# What dm_control means by state.
+_POSITION, _VELOCITY, _ACTIVATION, _PLUGIN = (
+    getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("QPOS", "QVEL", "ACT", "PLUGIN")
+)
 
 # The last call of a simulation: a number of steps (`step`), a negative number of them
 # (`step_whole`), or one of these.
@@ -193,6 +200,23 @@ def is_bad_state(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
     """
     moving = state[..., 1 : 1 + model.nq + model.nv]  # behind the time
     return ~(abs(moving) <= mujoco.mjMAXVAL).all(axis=-1)
+
+
+def described(warnings: np.ndarray) -> str:
+    """The kinds of warnings that are set, (..., 7) booleans, and of a batch the rows."""
+    kinds = np.count_nonzero(warnings.reshape(-1, warnings.shape[-1]), axis=0).tolist()
+    members = zip(mujoco.mjtWarning.__members__, kinds, strict=False)
+    names = ", ".join(name for name, count in members if count)
+    if warnings.ndim == 1:
+        return names
+    return f"{names} in rows {np.flatnonzero(warnings.any(axis=-1)).tolist()}"
+
+
+def signature_of(model: mujoco.MjModel, signature: int | None) -> int:
+    """The parts of a state as `mujoco.mjtState` bits; of what dm_control means by it for None."""
+    if signature is not None:
+        return signature
+    return _POSITION | _VELOCITY | _ACTIVATION | (_PLUGIN if model.nplugin else 0)
 
 
 def read_field(model: mujoco.MjModel, name: str) -> Any:

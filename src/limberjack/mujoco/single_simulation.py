@@ -8,7 +8,7 @@ Its interface is `Simulation`; `BatchSimulation` is the other one. These two fil
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -44,6 +44,7 @@ class SingleSimulation(CountsWarnings):
     sets_constants = False
 
     def __init__(self, data: MjData) -> None:
+        self.data = data
         self._wrapper = data.model
         self._data: Any = data._data
         self.warnings: np.ndarray = self._data.warning.number
@@ -152,8 +153,7 @@ class SingleSimulation(CountsWarnings):
           PhysicsError: MuJoCo would not go on from this state; nothing has changed.
         """
         state = saved["state"][0]
-        if is_bad_state(self._wrapper._model, state):
-            raise PhysicsError("the saved state is not finite, or beyond MuJoCo's bounds")
+        _check(self._wrapper._model, state)
         fields = {name: value[0] for name, value in saved.items() if name not in NOT_FIELDS}
         if fields:
             self.set_fields(fields)
@@ -186,13 +186,25 @@ class SingleSimulation(CountsWarnings):
             self.step_whole(-call)
         return self.get_state(STATE).tobytes() == state.tobytes()
 
-    def remembered(self) -> tuple[int, np.ndarray]:
-        """The last call and the state that it began with, for a copy of the data."""
-        return self._call, self._before.copy()
+    def copy(self, share_model: bool) -> Self:
+        """A simulation in the same state, with a copy of the data and, if wanted, the same model.
 
-    def take_over(self, remembered: tuple[int, np.ndarray]) -> None:
-        """Takes what `remembered` gave, of a simulation whose data this one has a copy of."""
-        self._call, self._before = remembered
+        Raises:
+          PhysicsError: MuJoCo would not go on from this state.
+        """
+        data, *others = self.__getstate__()
+        new = type(self).__new__(type(self))
+        new.__setstate__((data._make_copy(share_model=share_model), *others))
+        return new
+
+    def __getstate__(self) -> tuple[Any, ...]:
+        return self.data, self.sets_constants, self._call, self._before.copy()
+
+    def __setstate__(self, state: tuple[Any, ...]) -> None:
+        data, *others = state
+        self.__init__(data)
+        self.sets_constants, self._call, self._before = others
+        _check(data.model._model, self.get_state(STATE))
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
         """See `Simulation`."""
@@ -229,3 +241,12 @@ class SingleSimulation(CountsWarnings):
             model.opt.disableflags = self._flags_before
             self._flags_before = None
         return model
+
+
+def _check(model: mujoco.MjModel, state: np.ndarray) -> None:
+    """Raises PhysicsError if MuJoCo would replace a state by the default pose."""
+    if is_bad_state(model, state):
+        raise PhysicsError(
+            "the state has positions or velocities that are not finite, or beyond MuJoCo's bounds, "
+            "so it cannot be gone on from"
+        )
