@@ -199,12 +199,10 @@ class Physics(_control.Physics):
         return other
 
     def _forget_arrays(self) -> None:
-        """Has the fields of a batch looked up again."""
         vars(self).pop("named", None)
         self._data = RowsData(self._simulation)
 
     def _refuse_rows(self, what: str, instead: str) -> None:
-        """Raises TypeError if this is a batch."""
         if self._simulation.num_envs is not None:
             raise TypeError(f"the physics of a batch has no {what}: {instead}")
 
@@ -252,11 +250,7 @@ class Physics(_control.Physics):
             self._simulation.forward()
 
     def reset(self, keyframe_id: int | None = None) -> None:
-        """Returns to the model's default state or to one of its keyframes.
-
-        Raises:
-          ValueError: there is no such keyframe.
-        """
+        """Returns to the default state or a keyframe; raises ValueError if there is none such."""
         if keyframe_id is not None and not self.model.nkey:
             raise ValueError(f"keyframe_id is {keyframe_id}, but the model has no keyframes")
         if keyframe_id is not None and not 0 <= keyframe_id < self.model.nkey:
@@ -332,7 +326,7 @@ class Physics(_control.Physics):
         self._simulation.set_state(state, signature)
 
     def copy(self, share_model: bool = False) -> Self:
-        """A simulation in the same state, which shows what this one shows.
+        """A simulation in the same state, except for the solver's warm start, as in dm_control.
 
         Args:
           share_model: let both use one model, so that editing it changes both.
@@ -351,6 +345,9 @@ class Physics(_control.Physics):
         self._simulation, settings = state
         self._data = state[0].data
         vars(self).update(settings)
+        # As dm_control: it changes the solver's warm start, and what depends on accelerations.
+        with self.suppress_physics_errors():
+            self.after_reset()
 
     def _settings(self) -> dict[str, Any]:
         return {name: vars(self)[name] for name in _SETTINGS if name in vars(self)}

@@ -198,12 +198,12 @@ class SingleSimulation(CountsWarnings):
         return new
 
     def __getstate__(self) -> tuple[Any, ...]:
-        return self.data, self.sets_constants, self._call, self._before.copy()
+        return self.data, self.sets_constants
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
         data, *others = state
         self.__init__(data)
-        self.sets_constants, self._call, self._before = others
+        (self.sets_constants,) = others
         _check(data.model._model, self.get_state(STATE))
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:

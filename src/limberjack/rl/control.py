@@ -254,6 +254,18 @@ class Environment(dm_env.Environment):
         self._step_count = int(snapshot.step_count[0])
         self._reset_next_step = bool(snapshot.begins[0])
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What makes an equal environment elsewhere, which shows what this one shows."""
+        saves = hasattr(self._physics, "simulation") and not self._closed
+        shown = self._physics.simulation.save(None, ()) if saves else None
+        return {**vars(self), "shown": shown}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        shown = state.pop("shown")
+        vars(self).update(state)
+        if shown is not None:
+            self._physics.simulation.load(shown)
+
     def _origin(self) -> dict[str, Any]:
         pixels = {} if self._frames is None else self._frames.origin()
         origin = {"task": type(self._task).__name__, "fields": self._saved_fields()}

@@ -18,7 +18,6 @@ import numpy as np
 
 from limberjack.mujoco.wrapper import util
 from limberjack.mujoco.wrapper.sharing import CopyOnWrite
-from limberjack.utils.read_only import ReadOnly
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -222,8 +221,10 @@ def is_structure(name: str) -> bool:
 
 
 def fixed_field(model: mujoco.MjModel, name: str) -> np.ndarray:
-    """Such a field, which refuses to be written."""
-    return ReadOnly.of(getattr(model, name), _FIXED.format(name))
+    """Such a field, read-only."""
+    field = getattr(model, name).view()
+    field.flags.writeable = False
+    return field
 
 
 @functools.cache
