@@ -10,7 +10,6 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from furnished import FURNISHED, KINDS, SIZE, add_box, furnished
 
 from limberjack.mujoco import Physics, wrapper
 from limberjack.mujoco.camera import (
@@ -22,6 +21,8 @@ from limberjack.mujoco.camera import (
     contexts,
     render,
 )
+
+from .furnished import FURNISHED, KINDS, SIZE, add_box, furnished
 
 _BARE = "<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>"
 

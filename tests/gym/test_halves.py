@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gym_episodes import MODES, assert_same, falling_envs
 from gymnasium import error
 from gymnasium.vector import AutoresetMode
-from programs import run
 
 from limberjack import gym
 from limberjack.rl import control
+from tests.programs import run
+
+from .gym_episodes import MODES, assert_same, falling_envs
 
 
 def _pair(**kwargs: Any) -> tuple[gym.VectorEnv, gym.VectorEnv]:

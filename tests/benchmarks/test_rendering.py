@@ -5,10 +5,10 @@ import json
 from typing import Any
 
 import pytest
-from programs import run_benchmark
 
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
+from tests.programs import run_benchmark
 
 _HAS_DM_CONTROL = importlib.util.find_spec("dm_control") is not None
 

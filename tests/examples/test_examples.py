@@ -13,7 +13,7 @@ import limberjack
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
 
-_EXAMPLES = Path(__file__).parents[1] / "examples"
+_EXAMPLES = Path(__file__).parents[2] / "examples"
 _SOURCE = Path(limberjack.__file__).parents[1]
 _LIMIT = 300  # seconds; Ray takes half a minute to start on a busy machine
 

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from programs import INSTALL, run
+
+from tests.programs import INSTALL, run
 
 _HERE = Path(__file__).parent
 _LINES = {  # what each program prints
@@ -37,15 +38,15 @@ _PLAY = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
 
 def play(client: str) -> str:
     """What a program prints on Limberjack."""
-    return run(f"{INSTALL}; {_PLAY}", str(_HERE / "clients" / f"{client}.py"))
+    return run(f"{INSTALL}; {_PLAY}", str(_HERE / f"{client}.py"))
 
 
 def play_on_dm_control(client: str) -> str:
     """What a program prints on the genuine dm_control."""
     # dm_control logs to standard error, and loads on this MuJoCo with the oracle's help.
-    patch = "import logging; logging.disable(); import oracle.oracle"
-    file = str(_HERE / "clients" / f"{client}.py")
-    return run(f"{patch}; {_PLAY}", file, path=_HERE, warnings="ignore")
+    patch = "import logging; logging.disable(); import tests.oracle.oracle"
+    file = str(_HERE / f"{client}.py")
+    return run(f"{patch}; {_PLAY}", file, path=_HERE.parents[1], warnings="ignore")
 
 
 def numbers(value: Any) -> list[float]:

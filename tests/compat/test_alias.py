@@ -5,9 +5,9 @@ import re
 from pathlib import Path
 
 import pytest
-from programs import INSTALL, run
 
 import limberjack
+from tests.programs import INSTALL, run
 
 # What programs for dm_control import, and what they take from there.
 IMPORTED = {

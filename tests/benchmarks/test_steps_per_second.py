@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 import typer.testing
-from programs import run_benchmark
 
 import limberjack
 from limberjack import bench, suite
 from limberjack.cli import app
+from tests.programs import run_benchmark
 
 _SOURCE = Path(limberjack.__file__).parents[1]
-_BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
+_BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
 @pytest.fixture(scope="module")

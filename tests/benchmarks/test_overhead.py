@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from programs import run_benchmark
 
 import limberjack
 from limberjack import suite
+from tests.programs import run_benchmark
 
 _SOURCE = Path(limberjack.__file__).parents[1]
 _TASKS = [f"{domain}:{task}" for domain, task in suite.ALL_TASKS]

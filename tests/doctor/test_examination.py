@@ -14,7 +14,6 @@ from typing import Any
 
 import pytest
 import typer.testing
-from programs import run
 
 import limberjack
 from limberjack import doctor
@@ -22,8 +21,9 @@ from limberjack.cli import app
 from limberjack.doctor import child, packages
 from limberjack.doctor.child import Answer
 from limberjack.utils import cores
+from tests.programs import run
 
-_REPOSITORY = Path(__file__).parents[1]
+_REPOSITORY = Path(__file__).parents[2]
 _WORKS: dict[str, Any] = {
     "core": {"steps": 10},
     "threads": {

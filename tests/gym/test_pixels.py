@@ -8,13 +8,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gym_episodes import MODES, assert_same, told_alike
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
 from limberjack import gym, suite
 from limberjack.rl.batch import BatchEnvironment
+
+from .gym_episodes import MODES, assert_same, told_alike
 
 _draws = pytest.mark.skipif(
     os.environ.get("MUJOCO_GL") == "disable", reason="MUJOCO_GL turns rendering off"

@@ -14,11 +14,11 @@ from typing import Any
 
 import pytest
 import typer.testing
-from programs import INSTALL, run
 
 from limberjack import suite, viewer
 from limberjack.cli import app
 from limberjack.viewer.session import ViewerError
+from tests.programs import INSTALL, run
 
 pytest.importorskip(
     "limberjack.viewer.studio", reason="needs the extra 'view'", exc_type=ImportError

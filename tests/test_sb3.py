@@ -9,11 +9,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gym_episodes import TASKS, assert_same, falling, falling_env, falling_envs
 
 from limberjack import gym, suite
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.randomize import scale
+from tests.gym.gym_episodes import TASKS, assert_same, falling, falling_env, falling_envs
 
 _REASON = "needs the extra 'sb3'"
 torch: Any = pytest.importorskip("torch", reason=_REASON)

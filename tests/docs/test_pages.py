@@ -15,12 +15,12 @@ from typing import Any
 
 import pytest
 import typer.main
-from programs import run
 
 from limberjack import suite
 from limberjack.cli import app
+from tests.programs import run
 
-_REPOSITORY = Path(__file__).parents[1]
+_REPOSITORY = Path(__file__).parents[2]
 _DOCS = _REPOSITORY / "docs"
 _PAGES = [*sorted(_DOCS.glob("*.md")), _REPOSITORY / "README.md", _REPOSITORY / "CONTRIBUTING.md"]
 
