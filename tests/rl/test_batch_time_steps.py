@@ -10,6 +10,7 @@ import pytest
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.randomize import shift, stream_beside
 from limberjack.suite import base
 
 _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
@@ -25,12 +26,10 @@ _SLIDER = """
 
 
 class _Scripted(base.Task):
-    """A task that says of each row of a batch what it is told to."""
+    """A task that, once the batch is made, says of its rows what it is told to."""
 
-    def __init__(self) -> None:
-        super().__init__(random=0)
-        self.rewards: Any = np.array([2.0, 3.0, 4.0])
-        self.discounts: Any = None
+    rewards: Any = None
+    discounts: Any = None
 
     def initialize_episode(self, physics: Any) -> None:
         physics.named.data.qpos["slide"] = self.random.uniform(-1, 1)
@@ -39,35 +38,28 @@ class _Scripted(base.Task):
         return collections.OrderedDict(position=physics.position())
 
     def get_reward(self, physics: Any) -> Any:
-        is_batch = physics.data.qpos.ndim == 2
-        return self.rewards if is_batch and np.shape(self.rewards) else 2.0
+        return physics.position()[..., 0] if self.rewards is None else self.rewards
 
     def get_termination(self, physics: Any) -> Any:
-        return self.discounts if physics.data.qpos.ndim == 2 else None
+        return self.discounts
 
 
-class _Constant(_Scripted):
-    """A task whose reward is one number, whatever the rows do."""
-
-    def get_reward(self, physics: Any) -> Any:
-        return 5.0
-
-
-def _made(task: _Scripted) -> tuple[BatchEnvironment, _Scripted]:
+def _single(seed: int = 0, **kwargs: Any) -> control.Environment:
     physics = mujoco.Physics.from_xml_string(_SLIDER)
-    single = control.Environment(physics, task, time_limit=_LIMIT * physics.timestep())
-    # Checks of what the task gives for a batch do not belong here: it is scripted by row later.
-    task.rewards = 2.0
-    batch = BatchEnvironment.from_environment(single, _ROWS, 1, seed=0)
-    scripted: Any = batch.task
-    scripted.rewards = np.array([2.0, 3.0, 4.0])
-    return batch, scripted
+    limit = _LIMIT * physics.timestep()
+    return control.Environment(physics, _Scripted(seed), time_limit=limit, **kwargs)
+
+
+def _made() -> tuple[BatchEnvironment, _Scripted]:
+    batch = BatchEnvironment.from_environment(_single(), _ROWS, 1, seed=0)
+    batch.task.rewards = np.array([2.0, 3.0, 4.0])
+    return batch, batch.task
 
 
 @pytest.fixture
 def made() -> tuple[BatchEnvironment, _Scripted]:
     """A batch whose episodes have just begun, and its task."""
-    batch, task = _made(_Scripted())
+    batch, task = _made()
     batch.reset()
     return batch, task
 
@@ -90,7 +82,7 @@ def test_a_row_that_begins_has_no_reward_and_is_not_discounted(made: Any) -> Non
 
 
 def test_the_first_step_of_a_new_batch_is_the_start_of_every_row() -> None:
-    batch, _ = _made(_Scripted())
+    batch, _ = _made()
     begun = _step(batch)
     assert begun.step_type.tolist() == [_FIRST] * _ROWS
     assert begun.reward.tolist() == [0.0] * _ROWS
@@ -101,7 +93,7 @@ def test_each_row_counts_its_own_steps_to_the_time_limit(made: Any) -> None:
     task.discounts = np.array([_NOT_ENDED, 0.0, _NOT_ENDED])
     _step(batch)  # ends the episode of row 1, which begins the next one a step later
     task.discounts = None
-    kinds = np.array([_step(batch).step_type for _ in range(_LIMIT + 2)])
+    kinds = np.array([_step(batch).step_type for _ in range(_LIMIT + 1)])
     assert np.flatnonzero(kinds[:, 0] == _LAST).tolist() == [_LIMIT - 2]
     assert np.flatnonzero(kinds[:, 1] == _FIRST).tolist() == [0]
     assert np.flatnonzero(kinds[:, 1] == _LAST).tolist() == [_LIMIT]
@@ -148,9 +140,9 @@ def test_rewards_that_a_task_keeps_are_not_written_to(made: Any) -> None:
     assert ended.reward.tolist() == [2.0, 3.0, 4.0]
 
 
-def test_one_reward_for_all_is_each_rows() -> None:
-    batch, task = _made(_Constant())
-    batch.reset()
+def test_one_reward_for_all_is_each_rows(made: Any) -> None:
+    batch, task = made
+    task.rewards = 5.0
     task.discounts = np.array([0.0, _NOT_ENDED, _NOT_ENDED])
     assert _step(batch).reward.tolist() == [5.0, 5.0, 5.0]
     assert _step(batch).reward.tolist() == [0.0, 5.0, 5.0]
@@ -172,17 +164,9 @@ def test_a_reset_of_some_rows_shows_the_others_in_mid_episode(made: Any) -> None
 
 
 def test_fields_are_drawn_from_the_stream_beside_each_row() -> None:
-    from limberjack.rl.randomize import shift, stream_beside
-
-    def single(seed: int) -> control.Environment:
-        physics = mujoco.Physics.from_xml_string(_SLIDER)
-        task = _Constant()
-        task._random = np.random.RandomState(seed)
-        options = {"randomize": {"body_mass": shift(0, 1)}, "time_limit": 0.1}
-        return control.Environment(physics, task, **options)
-
-    batch = BatchEnvironment.from_environment(single(0), 2, 1, seed=8)
-    nominal = single(0).physics.model.body_mass.copy()
+    single = _single(randomize={"body_mass": shift(0, 1)})
+    nominal = single.physics.model.body_mass.copy()
+    batch = BatchEnvironment.from_environment(single, 2, 1, seed=8)
     first = batch.reset()
     for row in range(2):
         drawn = stream_beside(np.random.RandomState(8 + row)).uniform(0, 1, nominal.shape)
