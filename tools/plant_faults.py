@@ -6,21 +6,22 @@
 
 A fault is a file of the package, a text in it and a wrong text. The tests that must notice it are
 those of the file's own part: for rl/batch.py, tests/rl/test_batch.py and then the rest of tests/rl.
-The working tree is never changed: tests import the package from a temporary copy.
+All of it happens in a temporary copy of the repository; the working tree is never changed.
 
 The exit status is 0 if every fault was caught. A fault whose text is not in the file exactly once
-is reported as stale, and is to be corrected or removed. Run it by hand: it takes about ten seconds
-for each fault that is caught, and as long as a part's tests for each that is not.
+is reported as stale, and is to be corrected or removed. A test that fails without the fault too, or
+tests that cannot be collected with it, are reported as broken. Run it by hand: it takes about ten
+seconds for each fault that is caught, and as long as a part's tests for each that is not.
 """
 
 import argparse
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -70,49 +71,67 @@ def part_of(file: str, repository: Path = REPOSITORY) -> list[str]:
     return [str(own)] * (repository / own).exists() + part
 
 
-def verdict(fault: Fault, repository: Path, copy: Path) -> tuple[str, str]:
-    """What became of a fault, and the test that noticed it or what went wrong."""
-    path = copy / PACKAGE / fault.file
-    source = path.read_text(encoding="utf-8") if path.exists() else ""
-    wrong = planted(source, fault)
-    if wrong is None:
-        return STALE, f"the text is there {source.count(fault.old)} times; expected once"
-    path.write_text(wrong, encoding="utf-8")
-    try:
-        return _tested(part_of(fault.file, repository), repository, copy)
-    finally:
-        path.write_text(source, encoding="utf-8")
+class Copy:
+    """A copy of the repository in which faults are planted and tests run."""
 
+    def __init__(self, folder: Path) -> None:
+        """Takes an empty folder, which gets all but what git and the tools keep for themselves."""
+        ignored = shutil.ignore_patterns(".*", "__pycache__", "demo", "shared")
+        shutil.copytree(REPOSITORY, folder, ignore=ignored, dirs_exist_ok=True)
+        self.folder = folder
+        self._passing: dict[str, bool] = {}  # by test: whether it passes without a fault
 
-def _tested(tests: list[str], repository: Path, copy: Path) -> tuple[str, str]:
-    """What a run of the tests says of the copy."""
-    environment = {**os.environ, "PYTHONPATH": str(copy / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
-    options = ["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-rfE"]
-    try:
-        done = subprocess.run(
-            [sys.executable, "-m", "pytest", *options, *tests],
-            cwd=repository,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=_LIMIT,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return CAUGHT, f"the tests ran for more than {_LIMIT} s"
-    if done.returncode == _PASSED:
+    def verdict(self, fault: Fault) -> tuple[str, str]:
+        """What became of a fault, and the test that noticed it or what went wrong."""
+        path = self.folder / PACKAGE / fault.file
+        source = path.read_text(encoding="utf-8") if path.exists() else ""
+        wrong = planted(source, fault)
+        if wrong is None:
+            return STALE, f"the text is there {source.count(fault.old)} times; expected once"
+        path.write_text(wrong, encoding="utf-8")
+        try:
+            kind, why = self._tested_in_turn(part_of(fault.file, self.folder))
+        finally:
+            path.write_text(source, encoding="utf-8")
+        if kind == CAUGHT and not self._passes_without_fault(why):
+            return BROKEN, f"fails without the fault too: {why}"
+        return kind, why
+
+    def _tested_in_turn(self, tests: list[str]) -> tuple[str, str]:
+        """What the first of the tests says that does not pass."""
+        for one in tests:
+            kind, why = self._tested([one])
+            if kind != MISSED:
+                return kind, why
         return MISSED, f"{' '.join(tests)} pass"
-    lines = done.stdout.splitlines()
-    first = next((line for line in lines if line.startswith(("FAILED ", "ERROR "))), lines[-1:])
-    return (CAUGHT if done.returncode == _FAILED else BROKEN), str(first)[:150]
 
+    def _tested(self, tests: list[str]) -> tuple[str, str]:
+        """What a run of tests says of the copy; the test that failed, where one did."""
+        options = ["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-rfE"]
+        unwritten = {"PYTHONDONTWRITEBYTECODE": "1"}
+        try:
+            done = subprocess.run(
+                [sys.executable, "-m", "pytest", *options, *tests],
+                cwd=self.folder,
+                env={**os.environ, **unwritten, "PYTHONPATH": str(self.folder / "src")},
+                capture_output=True,
+                text=True,
+                timeout=_LIMIT,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            return CAUGHT, ""
+        if done.returncode == _PASSED:
+            return MISSED, ""
+        failed = re.findall(r"^(?:FAILED|ERROR) (.+?)(?: - .*)?$", done.stdout, re.MULTILINE)
+        if done.returncode == _FAILED and failed:
+            return CAUGHT, failed[0]
+        return BROKEN, (done.stdout + done.stderr)[-200:]
 
-def _copied(repository: Path) -> Iterator[Path]:
-    """A temporary folder with a copy of the source, removed afterwards."""
-    with tempfile.TemporaryDirectory(prefix="planted-") as folder:
-        ignored = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(repository / "src", Path(folder, "src"), ignore=ignored)
-        yield Path(folder)
+    def _passes_without_fault(self, test: str) -> bool:
+        if test not in self._passing:
+            self._passing[test] = not test or self._tested([test])[0] == MISSED
+        return self._passing[test]
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -126,10 +145,11 @@ def main(arguments: list[str] | None = None) -> int:
         print(*faults, sep="\n")
         return 0
     counts = dict.fromkeys((CAUGHT, MISSED, STALE, BROKEN), 0)
-    for copy in _copied(REPOSITORY):
+    with tempfile.TemporaryDirectory(prefix="planted-") as folder:
+        copy = Copy(Path(folder))
         for fault in faults:
             began = time.monotonic()
-            kind, why = verdict(fault, REPOSITORY, copy)
+            kind, why = copy.verdict(fault)
             counts[kind] += 1
             print(f"{kind:7}{time.monotonic() - began:5.0f} s  {fault}\n{'':16}{why}", flush=True)
     print(", ".join(f"{count} {kind.lower()}" for kind, count in counts.items()))

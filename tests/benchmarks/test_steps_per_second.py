@@ -3,23 +3,21 @@
 import importlib.util
 import json
 import os
-import re
 import socket
 import sys
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
-import typer.testing
 
 import limberjack
 from limberjack import bench, suite
-from limberjack.cli import app
 from tests.programs import run_benchmark
 
 _SOURCE = Path(limberjack.__file__).parents[1]
+
+
 _BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
@@ -71,61 +69,6 @@ def test_steps_that_differ_are_noticed() -> None:
     with pytest.raises(RuntimeError, match="stacker:stack_2: the contestants did not"):  # noqa: SIM117
         with bench.Contest("stacker", "stack_2", 3, 2) as contest:
             contest.batch(contest.actions(1))
-
-
-def test_players_take_turns_with_the_same_actions() -> None:
-    seen: list[tuple[str, np.ndarray]] = []
-
-    def player(name: str) -> bench.Player:
-        def play(actions: np.ndarray) -> float:
-            seen.append((name, actions))
-            return len(actions) * 0.5
-
-        return play
-
-    players = {name: player(name) for name in "abc"}
-    taken = bench.take_turns(
-        players, lambda k: np.random.random((k, 512, 1)), 0.0, min_rounds=2, warm_up_steps=5
-    )
-    assert taken == {name: [0.5, 0.5] for name in "abc"}
-    assert "".join(name for name, _ in seen) == "abcabcbca"
-    for first in (0, 3, 6):
-        assert all(actions is seen[first][1] for _, actions in seen[first : first + 3])
-
-
-def test_measure_compares_and_sweeps_threads() -> None:
-    result = bench.measure("stacker", "stack_2", num_envs=4, num_threads=3, seconds=0.01)
-    assert [speed.what for speed in result.speeds] == ["physics", "batch", "vector"]
-    assert [speed.num_threads for speed in result.speeds] == [3, 3, 3]
-    assert [speed.num_threads for speed in result.sweep] == [1, 2, 3]
-    assert all(speed.steps_per_second > 0 for speed in (*result.speeds, *result.sweep))
-    assert result.speeds[0].ratio == result.sweep[0].ratio == 1
-    assert result.recommended_threads in (1, 2, 3)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"), [("num_envs", 0), ("num_threads", 0), ("seconds", 0.0), ("task", "stak_2")]
-)
-def test_what_cannot_be_measured_is_refused(name: str, value: Any) -> None:
-    with pytest.raises(ValueError, match=f"{name} is {value}|did you mean|Did you mean"):
-        bench.measure(**{"domain": "stacker", "task": "stack_2", name: value})
-
-
-def test_the_command_prints_speeds_and_a_recommendation() -> None:
-    arguments = ["bench", "stacker", "stack_2", "--num-envs", "4", "--threads", "2"]
-    done = typer.testing.CliRunner().invoke(app, [*arguments, "--seconds", "0.01"])
-    assert done.exit_code == 0, done.output
-    lines = done.stdout.splitlines()
-    first_words = [line.split()[0] for line in lines if line.strip()]
-    assert first_words[0] == "what"
-    assert first_words[2:5] == ["physics", "batch", "vector"]
-    assert re.search(r"^Recommended for 4 rows: num_threads=[12]$", lines[-1])
-
-
-def test_the_command_refuses_what_cannot_be_measured() -> None:
-    done = typer.testing.CliRunner().invoke(app, ["bench", "stacker", "stak_2"])
-    assert done.exit_code == 2
-    assert "Did you mean 'stack_2'?" in done.stderr
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores cannot be chosen here")

@@ -18,8 +18,13 @@ from limberjack.cli import app
 from limberjack.mujoco.camera import RenderingError
 
 _RUN = ["run", "humanoid", "stand", "--time-limit", "0.25"]
+
+
 _STEPS = 10  # of 0.025 s
+
+
 _ARM = ["run", "manipulator", "bring_ball", "--time-limit", "0.1"]
+
 
 # Ends or fails in the episode and at the step that the environment variable names.
 _POLICY = """
@@ -115,15 +120,6 @@ def drawing() -> bool:
     except RenderingError:
         return False
     return True
-
-
-def test_list_has_a_row_for_each_task_with_its_sizes() -> None:
-    result = _invoke("list")
-    assert result.exit_code == 0
-    rows = [tuple(line.split()[:2]) for line in result.stdout.splitlines()[2:]]
-    assert rows == list(suite.ALL_TASKS)
-    assert re.search(r"humanoid +walk +benchmarking +21 +67 *$", result.stdout, re.MULTILINE)
-    assert re.search(r"stacker +stack_4 +hard, extra +5 +63 *$", result.stdout, re.MULTILINE)
 
 
 def test_run_shows_what_the_episodes_gave() -> None:
@@ -229,21 +225,6 @@ def test_a_result_that_cannot_be_written_is_one_line_and_status_1(tmp_path: Path
     assert re.search(rf"^ +0 +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
 
 
-def test_the_installed_command_is_the_same(tmp_path: Path) -> None:
-    command = Path(sys.executable).with_name("limberjack")
-    if not command.exists():
-        pytest.skip("limberjack is not installed beside this Python; it is run from its source")
-    result = subprocess.run(
-        [command, *_RUN], cwd=tmp_path, capture_output=True, text=True, timeout=120
-    )
-    assert result.stdout == _call(*_RUN, directory=tmp_path).stdout
-
-
-def test_version_and_help() -> None:
-    assert _invoke("--version").stdout.strip() == limberjack.__version__
-    assert "Run episodes of a task" in _invoke("run", "--help").stdout
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -274,24 +255,6 @@ def test_a_mistake_on_the_command_line_is_one_line_and_status_2(
     assert result.stderr.startswith("limberjack: ")
     assert message in result.stderr
     assert result.stderr.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["run"],
-        ["run", "humanoid"],
-        [*_RUN, "--episodes", "0"],
-        [*_RUN, "--seed", "-1"],
-        [*_RUN, "--seed", "4294967296"],
-        [*_RUN, "--speed", "3"],
-        ["ru"],
-    ],
-)
-def test_what_cannot_be_parsed_is_status_2(arguments: list[str]) -> None:
-    result = _invoke(*arguments)
-    assert result.exit_code == 2
-    assert "Traceback" not in result.output
 
 
 @pytest.mark.parametrize(
@@ -378,12 +341,3 @@ def test_without_the_extra_one_line_names_it(tmp_path: Path) -> None:
     )
     left = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert left == ["report.html", "result.json"]
-
-
-def test_help_imports_nothing_heavy() -> None:
-    code = (
-        "import sys; from limberjack.cli import app; app(['--help'], standalone_mode=False)\n"
-        "heavy = {'mujoco', 'numpy', 'matplotlib', 'imageio_ffmpeg'} & set(sys.modules)\n"
-        "assert not heavy, heavy"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=120)

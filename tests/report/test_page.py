@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from limberjack import policies, report, rollout, suite
-from limberjack.report import trace as trace_module
-from limberjack.report.chart import Line, line_chart, thinned
 from limberjack.report.result import as_result
 
 _RUN = {
@@ -40,98 +38,11 @@ def _page(path: Path, **changes: Any) -> str:
     return path.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
-def test_a_trace_is_of_every_step(domain: str, task: str) -> None:
-    episode, trace = _traced(domain, task, 0.25)
-    count = episode.length + 1
-    np.testing.assert_array_equal(trace.rewards[1:], episode.rewards)
-    assert np.isnan(trace.rewards[0])
-    env = suite.load(domain, task, {"random": 3, "time_limit": 0.25})
-    np.testing.assert_array_equal(trace.seconds, np.arange(count) * env.control_timestep())
-    observation = env.reset().observation
-    assert list(trace.observations) == list(observation)
-    for name, value in observation.items():
-        assert trace.observations[name].shape == (count, np.size(value))
-        np.testing.assert_array_equal(trace.observations[name][0], np.ravel(value))
-    step = env.step(policies.random(env.action_spec(), 3)(observation))
-    assert step.reward == trace.rewards[1]
-    assert {name: series[1] for name, series in trace.terms.items()} == env.task.reward_terms(
-        env.physics
-    )
-
-
 def test_tracing_changes_nothing() -> None:
     env = suite.load("manipulator", "insert_peg", {"random": 3, "time_limit": 0.5})
     alone = rollout.run_episode(env, policies.random, 3)
     traced, _ = _traced("manipulator", "insert_peg", 0.5)
     np.testing.assert_array_equal(traced.rewards, alone.rewards)
-
-
-def test_a_long_trace_is_kept_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(trace_module, "_MOST_SAMPLES", 8)
-    episode, trace = _traced("humanoid", "walk", 0.5)  # 20 steps
-    np.testing.assert_allclose(trace.seconds, 0.025 * np.arange(0, 21, 4))
-    np.testing.assert_array_equal(trace.rewards[1:], episode.rewards[3::4])
-    assert all(len(series) == 6 for series in trace.observations.values())
-
-
-def test_a_task_without_terms_is_traced_by_its_reward() -> None:
-    env = suite.load("humanoid", "walk", {"random": 0})
-    env.task.get_reward = lambda physics: 0.25  # pyright: ignore[reportAttributeAccessIssue]
-    env.reset()
-    trace = report.Trace(env)
-    trace.add(0)
-    trace.add(1)
-    assert trace.rewards[1] == 0.25
-    assert trace.terms == {}
-
-
-def test_thinning_keeps_the_peaks_and_what_is_finite() -> None:
-    values = np.zeros(10_000)
-    values[1234], values[5678], values[9999] = 5.0, -7.0, np.nan
-    kept = thinned(values, 100)
-    assert len(kept) <= 200
-    assert {1234, 5678} <= set(kept.tolist())
-    assert 9999 not in kept
-    assert (np.diff(kept) > 0).all()
-    assert thinned(np.array([1.0, np.inf, 2.0])).tolist() == [0, 2]
-    assert thinned(np.full(3, np.nan)).tolist() == []
-
-
-def _points(chart: str) -> list[list[tuple[float, ...]]]:
-    lines = re.findall(r'points="([^"]*)"', chart)
-    return [[tuple(map(float, p.split(","))) for p in line.split()] for line in lines]
-
-
-def test_a_chart_is_drawn_to_scale() -> None:
-    values = np.array([np.nan, 0.0, 1.0, 0.5])
-    chart = line_chart("Reward", np.arange(4) * 0.5, [Line("reward", values)], 0.0, 1.0)
-    ((first, second, third),) = _points(chart)
-    assert [first[0], second[0], third[0]] == pytest.approx([333.3, 666.7, 1000.0], abs=0.1)
-    # The range is 0 to 1 and a margin of 5 % above and below.
-    assert [first[1], second[1], third[1]] == pytest.approx([95.45, 4.55, 50.0], abs=0.01)
-    assert re.findall(r'<span style="left: ([\d.]+)%">([\d.]+)', chart)[:2] == [
-        ("0.00", "0"),
-        ("13.33", "0.2"),
-    ]
-    assert 'aria-label="Reward: reward from 0 to 1"' in chart
-
-
-def test_a_chart_of_a_constant_and_one_of_nothing_can_be_drawn() -> None:
-    for value in (3.0, 0.0, -1e-9, 1e12, np.nan):
-        chart = line_chart("x", np.arange(3.0), [Line("x", np.full(3, value))])
-        assert "nan" not in chart.replace(" without values", "")
-        assert "inf" not in chart
-
-
-def test_few_lines_have_names_and_many_have_shades() -> None:
-    seconds = np.arange(5.0)
-    few = [Line(f"line {i}", seconds) for i in range(3)]
-    many = [Line(f"line {i}", seconds) for i in range(30)]
-    assert line_chart("few", seconds, few).count("<li class=") == 3
-    chart = line_chart("many", seconds, many)
-    assert "<li " not in chart
-    assert len(set(re.findall(r"--hue: \d+", chart))) == 30
 
 
 class _Outside(html.parser.HTMLParser):

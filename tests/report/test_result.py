@@ -13,6 +13,7 @@ from limberjack.rollout import Episode
 
 _EPISODES = [Episode(4, None, np.array([0.25, 0.5])), Episode(5, "in_hand", np.array([1.0]))]
 
+
 _PRINT_FINGERPRINT = """
 from limberjack import report, suite
 print(report.fingerprint(suite.load("manipulator", "insert_peg").physics.model._model))
@@ -85,31 +86,3 @@ def test_a_fingerprint_notices_a_change_of(change: object) -> None:
     assert callable(change)
     change(physics.model.ptr)
     assert report.fingerprint(physics.model._model) != before
-
-
-def test_a_plot_is_drawn_without_touching_pyplot(tmp_path: Path) -> None:
-    path = tmp_path / "return.png"
-    code = (
-        "import sys, numpy as np; from pathlib import Path\n"
-        "from limberjack import report; from limberjack.rollout import Episode\n"
-        "episode = Episode(0, None, np.ones(9))\n"
-        f"report.write_return_plot(Path({str(path)!r}), 'title', [episode], 1.0)\n"
-        "assert 'matplotlib.pyplot' not in sys.modules\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
-    assert path.read_bytes().startswith(b"\x89PNG")
-
-
-def test_a_plot_takes_any_number_of_episodes(tmp_path: Path) -> None:
-    episodes = [Episode(seed, None, np.linspace(0, 1, 5 + seed)) for seed in range(30)]
-    path = tmp_path / "return.png"
-    report.write_return_plot(path, "many", episodes, 0.01)
-    assert path.exists()
-
-
-def test_a_plot_without_matplotlib_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(ImportError, match=r"pip install 'limberjack\[video\]'"):
-        report.write_return_plot(tmp_path / "return.png", "", _EPISODES, 0.01)
