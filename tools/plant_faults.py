@@ -62,22 +62,22 @@ def planted(source: str, fault: Fault) -> str | None:
     return source.replace(fault.old, fault.new) if source.count(fault.old) == 1 else None
 
 
-def part_of(file: str, repository: Path = REPOSITORY) -> list[str]:
-    """The tests of a file's part: its own module first, since that is likely to fail first."""
+def part_of(file: str, repository: Path) -> list[str]:
+    """The tests of a file's part: its own modules first, since they are likely to fail first."""
     path = Path(file)
     folder = Path("tests", *(part.lstrip("_") for part in path.parts[:-1]))
-    own = folder / f"test_{path.name.lstrip('_')}"
+    own = sorted((repository / folder).glob(f"test_{path.stem.lstrip('_')}*.py"))
     part = TESTS.get(path.parts[0], [f"tests/{path.parts[0]}"])
-    return [str(own)] * (repository / own).exists() + part
+    return [*(str(module.relative_to(repository)) for module in own), *part]
 
 
 class Copy:
     """A copy of the repository in which faults are planted and tests run."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, repository: Path = REPOSITORY) -> None:
         """Takes an empty folder, which gets all but what git and the tools keep for themselves."""
         ignored = shutil.ignore_patterns(".*", "__pycache__", "demo", "shared")
-        shutil.copytree(REPOSITORY, folder, ignore=ignored, dirs_exist_ok=True)
+        shutil.copytree(repository, folder, ignore=ignored, dirs_exist_ok=True)
         self.folder = folder
         self._passing: dict[str, bool] = {}  # by test: whether it passes without a fault
 

@@ -11,6 +11,7 @@ from gymnasium import error
 from gymnasium.vector import AutoresetMode
 
 from limberjack import gym
+from limberjack.gym.halves import Workers, joined
 from limberjack.rl import control
 from tests.programs import run
 
@@ -291,3 +292,35 @@ def test_a_forked_child_has_threads_of_its_own() -> None:
     # Newer Pythons warn of any fork of a process with threads.
     one, other = run(program, warnings="ignore").split()
     assert one == other
+
+
+def test_parts_are_joined_by_name_and_a_missing_one_counts_as_zeros() -> None:
+    first, second = np.array([1.0, 2.0]), np.array([[3, 4]], np.uint8)
+    both = joined([{"a": first}, {"a": np.array([5.0]), "b": second}], [2, 1])
+    assert both["a"].tolist() == [1.0, 2.0, 5.0]
+    assert both["b"].tolist() == [[0, 0], [0, 0], [3, 4]]
+    assert both["b"].dtype == np.uint8
+    assert joined([None, {"b": second}], [2, 1])["b"].shape == (3, 2)
+
+
+def test_a_missing_part_of_objects_counts_as_none() -> None:
+    given = np.array([{"x": 1}], object)
+    assert joined([None, given], [2, 1]).tolist() == [None, None, {"x": 1}]
+
+
+def test_the_half_that_was_sent_first_is_received_first() -> None:
+    workers = Workers(2)
+    go_on = threading.Event()
+
+    def first() -> str:
+        go_on.wait(60)
+        return "first"
+
+    workers.send(1, first)
+    workers.send(0, lambda: "second")
+    assert workers.busy == [1, 0]
+    go_on.set()
+    assert [workers.receive(), workers.receive()] == [(1, "first"), (0, "second")]
+    with pytest.raises(RuntimeError, match="nothing was sent"):
+        workers.receive()
+    workers.close()
