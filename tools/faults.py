@@ -245,4 +245,12 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("before = self.flags.copy()", "before = self.flags"),
         ("= False\n\n    @property", "= True\n\n    @property"),
     ],
+    "planner/record.py": [
+        (
+            "np.array_equal(recorded, found, equal_nan=True)",
+            "np.allclose(recorded, found, rtol=0, atol=1e-9, equal_nan=True)",
+        ),
+        ("_observed_otherwise(recording, step + 1,", "_observed_otherwise(recording, step,"),
+        ("if last == (step + 1 == recorded):", "if not last or step + 1 == recorded:"),
+    ],
 }

@@ -53,6 +53,16 @@ def test_the_json_has_every_figure_with_its_bar(quick: tuple[str, str]) -> None:
                 assert row["ours"] is not None
 
 
+def test_imports_are_measured_of_the_suite_and_of_the_package_alone(
+    quick: tuple[str, str],
+) -> None:
+    rows = [row for row in json.loads(quick[1])["rows"] if row["measure"] == "import adds"]
+    bars = {row["subject"]: row["bar"]["limit"] for row in rows}
+    assert bars == {"import limberjack.suite": 50, "import limberjack": 15}
+    for row in rows:
+        assert row["details"]["base_ms"]["median"] > 0
+
+
 def test_what_needs_dm_control_is_measured_where_it_is_installed(quick: tuple[str, str]) -> None:
     table, text = quick
     rows: list[dict[str, Any]] = json.loads(text)["rows"]
