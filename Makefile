@@ -40,8 +40,8 @@ test-slow: $(VENV)/installed-test  ## Run the slow tests
 	$(BIN)/python -m pytest -m slow
 
 test-training: $(VENV)/installed-training  ## Run the tests of Stable-Baselines3 and the examples
-	$(BIN)/python -m pytest tests/gym/test_sb3.py tests/evaluation/test_saved_models.py \
-		tests/test_examples.py
+	$(BIN)/python -m pytest tests/test_sb3.py tests/evaluation/test_saved_models.py \
+		tests/examples
 
 lint: $(VENV)/installed-test  ## Check style and types
 	$(BIN)/ruff check .

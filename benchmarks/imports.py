@@ -1,4 +1,4 @@
-"""What importing a suite costs and brings in; each function is called in a fresh process.
+"""The cost of imports, and what they bring in; each function is called in a fresh process.
 
 Nothing is imported here at first but the clock, so that what is timed pays for all that it needs.
 """
@@ -7,20 +7,29 @@ import importlib
 import sys
 import time
 
-__all__ = ["opengl_modules", "seconds_to_import"]
+__all__ = ["opengl_modules", "seconds_to_import", "seconds_to_import_alone"]
 
 _OPENGL = ("OpenGL", "glfw", "mujoco.egl", "mujoco.glfw", "mujoco.osmesa")
 
 
 def seconds_to_import(package: str) -> dict[str, float]:
-    """Seconds for `import mujoco, dm_env`, and what `<package>.suite` adds to it."""
+    """Seconds for `import mujoco, dm_env, gymnasium`, and what `<package>.suite` adds to it."""
     start = time.perf_counter()
-    importlib.import_module("mujoco")
-    importlib.import_module("dm_env")
+    for name in ("mujoco", "dm_env", "gymnasium"):
+        importlib.import_module(name)
     between = time.perf_counter()
     import peers  # imports only what MuJoCo has imported already
 
     peers.suite(package)
+    return {"base": between - start, "added": time.perf_counter() - between}
+
+
+def seconds_to_import_alone(package: str) -> dict[str, float]:
+    """Seconds for `import gymnasium`, and what `import <package>` adds to it."""
+    start = time.perf_counter()
+    importlib.import_module("gymnasium")
+    between = time.perf_counter()
+    importlib.import_module(package)
     return {"base": between - start, "added": time.perf_counter() - between}
 
 

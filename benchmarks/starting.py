@@ -11,11 +11,12 @@ import fresh
 import mujoco
 import numpy as np
 import peers
-from report import Row, at_most, spread
+from report import Bar, Row, at_most, spread
 
 __all__ = ["measure_imports", "measure_loads", "measure_resets", "seconds_of_first"]
 
-_ADDED_BY_IMPORT = at_most(80)  # milliseconds, on top of `import mujoco, dm_env`
+_ADDED_BY_SUITE = at_most(50)  # milliseconds, beyond `import mujoco, dm_env, gymnasium`
+_ADDED_BY_PACKAGE = at_most(15)  # milliseconds, beyond `import gymnasium`
 _NO_OPENGL = at_most(0)  # modules
 _LOAD = at_most(1.2)  # over the model's compilation
 _RESET = at_most(1.0)  # over dm_control's
@@ -28,13 +29,16 @@ _TASK_OF_DOMAIN = (("humanoid", "walk"), ("manipulator", "bring_ball"), ("stacke
 
 
 def measure_imports(num_processes: int) -> list[Row]:
-    """What `import <package>.suite` adds to `import mujoco, dm_env`, and the OpenGL it brings in.
+    """What imports add to those of the packages below, and the OpenGL that they bring in.
 
     Args:
-      num_processes: for each package, in turns.
+      num_processes: for each package and import, in turns.
     """
     packages = peers.installed()
-    times: dict[str, list[dict[str, float]]] = {package: [] for package in packages}
+    # By function of `imports` and package; of dm_control nothing is imported but its suite.
+    calls = [("seconds_to_import", package) for package in packages]
+    calls.append(("seconds_to_import_alone", peers.OURS))
+    times: dict[tuple[str, str], list[dict[str, float]]] = {call: [] for call in calls}
     with tempfile.TemporaryDirectory() as cache:
         # As where a package is installed: its modules are compiled to bytecode once. Elsewhere,
         # so that a source tree is left as it was.
@@ -44,26 +48,35 @@ def measure_imports(num_processes: int) -> list[Row]:
             "PYTHONPYCACHEPREFIX": cache,
         }
         for number in range(1 + num_processes):
-            for package in packages:
-                seconds = fresh.call("imports", "seconds_to_import", package, variables=variables)
+            for function, package in calls:
+                seconds = fresh.call("imports", function, package, variables=variables)
                 if number:  # the first one compiled
-                    times[package].append({name: 1e3 * s for name, s in seconds.items()})
+                    milliseconds = {name: 1e3 * s for name, s in seconds.items()}
+                    times[function, package].append(milliseconds)
+    suites = {package: times["seconds_to_import", package] for package in packages}
+    alone = {peers.OURS: times["seconds_to_import_alone", peers.OURS]}
+    return [
+        _import_row("import limberjack.suite", suites, _ADDED_BY_SUITE),
+        _import_row("import limberjack", alone, _ADDED_BY_PACKAGE),
+        _opengl_row(),
+    ]
+
+
+def _import_row(subject: str, times: dict[str, list[dict[str, float]]], bar: Bar) -> Row:
+    """What an import adds, by package."""
     added = {name: spread([t["added"] for t in values]) for name, values in times.items()}
-    row = Row(
+    ours = added[peers.OURS]["median"]
+    return Row(
         measure="import adds",
-        subject="suite",
-        ours=added[peers.OURS]["median"],
+        subject=subject,
+        ours=ours,
         theirs=added.get(peers.THEIRS, {}).get("median"),
         unit="ms",
-        value=added[peers.OURS]["median"],
+        value=ours,
         value_unit="ms",
-        bar=_ADDED_BY_IMPORT,
-        details={
-            "mujoco_and_dm_env_ms": spread([t["base"] for t in times[peers.OURS]]),
-            "added_ms": added,
-        },
+        bar=bar,
+        details={"base_ms": spread([t["base"] for t in times[peers.OURS]]), "added_ms": added},
     )
-    return [row, _opengl_row()]
 
 
 def _opengl_row() -> Row:

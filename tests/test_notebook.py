@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from programs import run
 
 import limberjack
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
 from limberjack.notebook import Shown
+from tests.programs import run
 
 _SOURCE = Path(limberjack.__file__).parents[1]
 _NOTEBOOK = Path(__file__).parents[1] / "examples" / "notebook.ipynb"

@@ -9,11 +9,11 @@ from typing import Any
 import imageio_ffmpeg
 import numpy as np
 import pytest
-from programs import run
 
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
 from limberjack.video import Film, Writer, frame_stride, mosaic
+from tests.programs import run
 
 _HEIGHT, _WIDTH = 48, 64
 

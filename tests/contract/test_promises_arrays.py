@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from laws.episodes import TASKS, Task, actions, bits, load
+
+from tests.laws.episodes import TASKS, Task, actions, bits, load
 
 
 def arrays(value: Any) -> list[np.ndarray]:

@@ -7,11 +7,11 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from laws.episodes import DOMAINS, TASKS, Task, actions, bits, load, play, snapshot
 
 from limberjack import mujoco as lj_mujoco
 from limberjack import suite
 from limberjack.rl import control
+from tests.laws.episodes import DOMAINS, TASKS, Task, actions, bits, load, play, snapshot
 
 _INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION.value
 

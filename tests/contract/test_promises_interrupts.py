@@ -11,11 +11,11 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from laws.episodes import DOMAINS, Task, actions, bits, load, play
 
 import limberjack
 from limberjack import suite
 from limberjack.mujoco import engine
+from tests.laws.episodes import DOMAINS, Task, actions, bits, load, play
 
 _PACKAGE = os.path.dirname(limberjack.__file__) + os.sep
 _KEEPS_STATE = ("control.py", "simulation.py", "batch_simulation.py")  # looked at more closely

@@ -10,11 +10,11 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from laws.episodes import DOMAINS, TASKS, Task, bits, load, play, snapshot
 
 from limberjack import mujoco as lj_mujoco
 from limberjack import suite
 from limberjack.mujoco.wrapper import sharing
+from tests.laws.episodes import DOMAINS, TASKS, Task, bits, load, play, snapshot
 
 _TIMESTEP = 0.123  # seconds; no model of the suite has it
 

@@ -6,7 +6,8 @@ import textwrap
 from pathlib import Path
 
 import pytest
-from programs import run
+
+from tests.programs import run
 
 _PLAY_ALL = """
 import numpy as np

@@ -7,10 +7,10 @@ from concurrent import futures
 from typing import Any
 
 import pytest
-from laws.episodes import DOMAINS, Task, bits, load, play
 
 from limberjack import suite
 from limberjack.mujoco import engine
+from tests.laws.episodes import DOMAINS, Task, bits, load, play
 
 _THREADS = 4
 _EPISODES = 6

@@ -8,13 +8,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gym_episodes import TASKS, assert_same, falling_env
 from gymnasium import error
 from gymnasium.utils.env_checker import check_env
-from programs import run
 
 from limberjack import gym, suite
 from limberjack.rl import control
+from tests.programs import run
+
+from .gym_episodes import TASKS, assert_same, falling_env
 
 _NO_OPENGL = os.environ.get("MUJOCO_GL") == "disable"
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import gymnasium
 import pytest
 from gymnasium.envs.registration import EnvSpec
-from programs import run
 
 import limberjack.gym
 from limberjack import gym, suite
+from tests.programs import run
 
 _SOURCE = Path(limberjack.gym.__file__).parents[2]
 _PTH = _SOURCE / "limberjack-gymnasium.pth"

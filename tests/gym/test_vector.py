@@ -10,13 +10,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gym_episodes import MODES, TASKS, assert_same, falling_env, falling_envs, told_alike
 from gymnasium import error
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
 from limberjack import gym, suite
 from limberjack.rl import control
+
+from .gym_episodes import MODES, TASKS, assert_same, falling_env, falling_envs, told_alike
 
 _NO_OPENGL = os.environ.get("MUJOCO_GL") == "disable"
 _WALK = ("humanoid", "walk")

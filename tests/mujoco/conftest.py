@@ -46,5 +46,5 @@ def run_script() -> Callable[..., str]:
 def theirs() -> Callable[[str], ModuleType]:
     """`theirs("mujoco")` is dm_control's module; skips where dm_control is not installed."""
     # Any: the module is found on pytest's path alone.
-    oracle: Any = pytest.importorskip("oracle.oracle")
+    oracle: Any = pytest.importorskip("tests.oracle.oracle")
     return oracle.theirs

@@ -10,7 +10,6 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from furnished import FURNISHED, KINDS, SIZE, add_box, furnished
 
 from limberjack.mujoco import Physics, wrapper
 from limberjack.mujoco.camera import (
@@ -19,9 +18,10 @@ from limberjack.mujoco.camera import (
     Pose,
     RenderingError,
     TextOverlay,
-    contexts,
     render,
 )
+
+from .furnished import FURNISHED, KINDS, SIZE, add_box, furnished
 
 _BARE = "<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>"
 
@@ -171,9 +171,6 @@ print(camera.matrix.shape, camera.select((0.5, 0.5)).geom, camera.scene.ngeom)
     assert run_script(script, MUJOCO_GL="disable") == "(3, 4) 0 1\n"
 
 
-# Quality.
-
-
 def test_fast_is_without_shadows_reflections_and_sky_and_the_default_with_them() -> None:
     physics = furnished()
     off = {"shadow": False, "reflection": False, "skybox": False}
@@ -211,9 +208,6 @@ def test_flag_overrides_come_before_the_quality() -> None:
     with_sky = physics.render(**SIZE, **kwargs, render_flag_overrides={"skybox": True})
     assert (with_sky != physics.render(**SIZE, **kwargs)).any()
     assert (with_sky != physics.render(**SIZE, camera_id="wall")).any()
-
-
-# Bad input.
 
 
 @pytest.mark.parametrize("quality", ["fats", "", None, 1, ["fast"]])
@@ -282,21 +276,3 @@ def test_what_cannot_be_combined_is_refused(kwargs: dict[str, Any], word: str) -
         with pytest.raises(ValueError, match=word):
             draw(**kwargs)
     np.testing.assert_array_equal(physics.render(**SIZE), expected)
-
-
-def test_an_unknown_style_or_position_of_text_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"style is 'bigg'.*Did you mean 'big'"):
-        TextOverlay(style="bigg")
-    with pytest.raises(ValueError, match="position is 'centre'"):
-        TextOverlay(position="centre")
-
-
-def test_contexts_run_functions_where_opengl_is() -> None:
-    physics = furnished()
-    with contexts(physics).gl.make_current() as context:
-        assert context.call(lambda a, b: a + b, 1, b=2) == 3
-        with pytest.raises(ZeroDivisionError):
-            context.call(lambda: 1 / 0)
-    first = contexts(physics).mujoco.ptr
-    assert (first.offHeight, first.offWidth) == (200, 300)
-    assert physics.contexts.mujoco.ptr is first

@@ -8,11 +8,12 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from furnished import FURNISHED, KINDS, SIZE, add_box, furnished
 
 from limberjack import suite
 from limberjack.mujoco import Physics, wrapper
 from limberjack.mujoco.camera import Camera, MovableCamera, TextOverlay
+
+from .furnished import FURNISHED, KINDS, SIZE, add_box, furnished
 
 pytestmark = pytest.mark.oracle
 

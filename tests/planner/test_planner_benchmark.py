@@ -3,10 +3,9 @@
 import json
 from pathlib import Path
 
-from programs import run_benchmark
-
 from limberjack import suite
 from limberjack.utils.cores import usable_cores
+from tests.programs import run_benchmark
 
 
 def test_a_plan_is_timed_for_each_number_of_threads(tmp_path: Path) -> None:

@@ -73,6 +73,18 @@ def test_a_recording_that_was_changed_is_found_out(changed: str, message: str) -
     assert difference.startswith(message)
 
 
+@pytest.mark.parametrize("index", [0, 3, -1])
+@pytest.mark.parametrize("changed", ["states", "rewards", "velocity", "com_velocity"])
+def test_a_difference_in_the_last_bit_is_one(changed: str, index: int) -> None:
+    recording = _record("humanoid", "stand")
+    values = recording.observations.get(changed, getattr(recording, changed, None))
+    assert values is not None
+    values[index] = np.nextafter(values[index], np.inf)
+    difference = replay(recording, _load("humanoid", "stand"))
+    assert difference is not None
+    assert "differs from the recorded one by up to" in difference
+
+
 def test_the_first_observation_is_compared_too() -> None:
     recording = _record("manipulator", "bring_ball")
     recording.observations["touch"][0] += 1

@@ -5,9 +5,9 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from limberjack.mujoco.history import History
 
 from limberjack import suite
-from limberjack.mujoco.history import History
 from limberjack.planner.servos import Servos
 from limberjack.planner.tracking import Tracking
 

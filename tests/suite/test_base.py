@@ -24,6 +24,8 @@ _XML = """
   <actuator><motor joint="slide" ctrllimited="true" ctrlrange="-1 1"/></actuator>
 </mujoco>
 """
+
+
 _MATERIALS = ("self", "effector", "target")
 
 
@@ -137,13 +139,3 @@ def test_success_is_all_terms_of_the_goal_nearly_1() -> None:
 
     for near, high, expected in ((1.0, 0.95, True), (1.0, 0.5, False), (0.5, 1.0, False)):
         assert Two().is_success({"near": near, "high": high, "small_control": 0.0}) == expected
-
-
-def test_the_shared_files_are_read_by_the_names_they_are_included_by() -> None:
-    names = ["./common/materials.xml", "./common/skybox.xml", "./common/visual.xml"]
-    assert sorted(common.ASSETS) == names
-    for name in names:
-        assert common.ASSETS[name] == common.read_model(name)
-    assert b"<mujoco" in common.read_model("humanoid.xml")
-    with pytest.raises(FileNotFoundError, match=r"walker\.xml"):
-        common.read_model("walker.xml")

@@ -20,7 +20,7 @@ def wide(stream: np.random.RandomState, *shape: int) -> np.ndarray:
     return stream.randn(*shape) * 10.0 ** stream.uniform(-4, 4, shape)
 
 
-@pytest.mark.parametrize("length", [1, 2, 3])
+@pytest.mark.parametrize("length", [1, 2, 3, 21])
 def test_norm_of_a_batch_has_the_bits_of_its_rows(
     stream: np.random.RandomState, length: int
 ) -> None:

@@ -32,9 +32,10 @@ def check_numbers(given: np.ndarray) -> None:
         raise TypeError(f"action has dtype {given.dtype}; expected numbers: {given!r}")
     bad = not_finite(given)
     if bad is not None:
+        where = np.argwhere(bad)
+        index = where.ravel() if bad.ndim == 1 else where
         raise ValueError(
-            f"action is not finite at index {np.argwhere(bad).squeeze(-1).tolist()}: {given}; "
-            "nothing was stepped"
+            f"action is not finite at index {index.tolist()}: {given}; nothing was stepped"
         )
 
 

@@ -74,7 +74,7 @@ def test_observations_have_the_picture_that_physics_renders(
 @pytest.mark.oracle
 @pytest.mark.parametrize("pixels_only", [True, False])
 def test_an_episode_looks_as_in_dm_control(pixels_only: bool) -> None:
-    oracle: Any = pytest.importorskip("oracle.oracle")
+    oracle: Any = pytest.importorskip("tests.oracle.oracle")
     kwargs: dict[str, Any] = {"pixels_only": pixels_only, "render_kwargs": _SIZE}
     ours = pixels.Wrapper(_humanoid(), **kwargs)
     theirs = oracle.theirs("suite.wrappers.pixels").Wrapper(

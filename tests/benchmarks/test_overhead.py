@@ -1,0 +1,90 @@
+"""The benchmarks run, and say what they measured. What the figures are is theirs to say."""
+
+import importlib.util
+import json
+import socket
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import limberjack
+from limberjack import suite
+from tests.programs import run_benchmark
+
+_SOURCE = Path(limberjack.__file__).parents[1]
+_TASKS = [f"{domain}:{task}" for domain, task in suite.ALL_TASKS]
+
+_OF_EACH_TASK = ["steps per second", "added to MuJoCo's calls", "load / compile", "reset"]
+_OF_ALL = ["import adds", "OpenGL modules", "first load / compile", "memory grows by"]
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """What a quick run prints, and the text of its JSON."""
+    file = tmp_path_factory.mktemp("benchmarks") / "results" / "quick.json"
+    done = run_benchmark("overhead.py", "--quick", "--json", str(file))
+    assert done.returncode == 0, done.stderr
+    return done.stdout, file.read_text(encoding="utf-8")
+
+
+def test_one_command_prints_a_line_for_every_measure_and_task(quick: tuple[str, str]) -> None:
+    table, _ = quick
+    for measure in [*_OF_EACH_TASK, *_OF_ALL]:
+        assert measure in table
+    for task in _TASKS:
+        # Not each time with a measure, which is named once for all tasks.
+        assert table.count(f"{task} ") >= len(_OF_EACH_TASK)
+    assert ">= 1.25" in table
+    assert "met" in table
+
+
+def test_the_json_has_every_figure_with_its_bar(quick: tuple[str, str]) -> None:
+    rows = json.loads(quick[1])["rows"]
+    for measure in _OF_EACH_TASK:
+        subjects = [row["subject"] for row in rows if row["measure"] == measure]
+        assert [subject for subject in subjects if ":" in subject] == _TASKS
+    for row in rows:
+        if row["measure"] in [*_OF_EACH_TASK, *_OF_ALL]:
+            assert row["bar"] is not None
+            # Other systems do not tell the memory of a process in a file.
+            if sys.platform == "linux" or row["measure"] != "memory grows by":
+                assert row["ours"] is not None
+
+
+def test_imports_are_measured_of_the_suite_and_of_the_package_alone(
+    quick: tuple[str, str],
+) -> None:
+    rows = [row for row in json.loads(quick[1])["rows"] if row["measure"] == "import adds"]
+    bars = {row["subject"]: row["bar"]["limit"] for row in rows}
+    assert bars == {"import limberjack.suite": 50, "import limberjack": 15}
+    for row in rows:
+        assert row["details"]["base_ms"]["median"] > 0
+
+
+def test_what_needs_dm_control_is_measured_where_it_is_installed(quick: tuple[str, str]) -> None:
+    table, text = quick
+    rows: list[dict[str, Any]] = json.loads(text)["rows"]
+    compared = [row for row in rows if row["measure"] in ("steps per second", "reset")]
+    is_installed = importlib.util.find_spec("dm_control") is not None
+    assert [row["is_met"] is not None for row in compared] == [is_installed] * len(compared)
+    assert ("not measured" in table) is not is_installed
+
+
+def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[str, str]) -> None:
+    document = json.loads(quick[1])
+    assert document["versions"]["limberjack"] == limberjack.__version__
+    assert {"python", "numpy"} < document["versions"].keys()
+    assert document["machine"]["cores"] >= 1
+    assert document["settings"]["quick"] is True
+    assert f'"{socket.gethostname()}"' not in quick[1]
+    for path in (Path.home(), _SOURCE, sys.prefix):
+        assert str(path) not in quick[1]
+
+
+@pytest.mark.slow
+def test_memory_stays_flat_over_steps_and_loads() -> None:
+    # A tenth of what the benchmark itself does.
+    done = run_benchmark("memory.py", "--steps", "100000", "--loads", "500")
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,89 @@
+"""`limberjack doctor`: what is printed, and the exit status."""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+import typer.testing
+
+from limberjack import doctor
+from limberjack.cli import app
+from limberjack.doctor import packages
+from limberjack.doctor.child import Answer
+
+_WORKS: dict[str, Any] = {
+    "core": {"steps": 10},
+    "threads": {
+        "domain": "humanoid",
+        "task": "stand",
+        "num_envs": 64,
+        "recommended": 2,
+        "steps_per_second": [[1, 1000.0], [2, 1990.0], [4, 2000.0]],
+    },
+    "backends": ["egl", "osmesa"],
+    "drawing": {"name": "egl", "renderer": "llvmpipe", "vendor": "Mesa"},
+    "devices": ["NVIDIA H100", None],
+    "ffmpeg": "7.0.2",
+    "dm_control": "loads",
+}
+
+
+def _ask(answers: Mapping[str, Answer]) -> Any:
+    """Answers as where all works, but for the given probes."""
+    return lambda probe, *_: answers.get(probe, Answer(_WORKS[probe]))
+
+
+def _printed(monkeypatch: pytest.MonkeyPatch, answers: Mapping[str, Answer]) -> Any:
+    """The result of the command where probes answer so."""
+    diagnosis = doctor.examine(_ask(answers))
+    monkeypatch.setattr(doctor, "examine", lambda: diagnosis)
+    return typer.testing.CliRunner().invoke(app, ["doctor"])
+
+
+def test_where_all_works_the_command_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(packages, "version", lambda _: "1.0")
+    result = _printed(monkeypatch, {})
+    assert result.exit_code == 0
+    for text in (
+        "num_threads=2 for 64 rows of humanoid:stand",
+        "by egl: llvmpipe, Mesa",
+        "EGL device 0  NVIDIA H100",
+        "EGL device 1  gives no OpenGL",
+        "7.0.2",
+        "1.0 loads here",
+    ):
+        assert text in result.stdout
+    assert "PROBLEM" not in result.stdout
+
+
+def test_where_the_core_does_not_work_the_exit_status_is_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = _printed(monkeypatch, {"core": Answer(why="it crashed: SIGILL")})
+    assert result.exit_code == 1
+    assert "PROBLEM" in result.stdout
+    assert result.stdout.count("it crashed: SIGILL") == 2
+
+
+def test_where_nothing_works_there_is_a_diagnosis_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    answers = {name: Answer(why=f"{name} is broken") for name in _WORKS}
+    diagnosis = doctor.examine(_ask(answers))
+    assert not diagnosis.core.works
+    assert diagnosis.threads.recommended is None
+    assert (diagnosis.backends, diagnosis.devices) == ((), ())
+    assert json.loads(json.dumps(dataclasses.asdict(diagnosis)))["versions"]
+    result = _printed(monkeypatch, answers)
+    for name in ("core", "threads", "drawing", "ffmpeg"):
+        assert f"{name} is broken" in result.stdout
+
+
+def test_pictures_that_cannot_be_drawn_do_not_fail_the_core(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    nothing = Answer({"name": "egl", "why": "libEGL.so.1 cannot be loaded; install it"})
+    result = _printed(monkeypatch, {"drawing": nothing})
+    assert result.exit_code == 0
+    assert "PROBLEM" in result.stdout
+    assert "libEGL.so.1 cannot be loaded; install it" in result.stdout

@@ -1,0 +1,34 @@
+"""`limberjack list`."""
+
+import re
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+import typer.testing
+
+from limberjack import suite
+from limberjack.cli import app
+
+
+def _invoke(*arguments: str) -> Any:
+    """The result of the command in this process, without a terminal."""
+    return typer.testing.CliRunner().invoke(app, list(arguments))
+
+
+@pytest.fixture(autouse=True)
+def _search_path() -> Iterator[None]:
+    """The command adds the working directory to the module search path: that is undone."""
+    before = list(sys.path)
+    yield
+    sys.path[:] = before
+
+
+def test_list_has_a_row_for_each_task_with_its_sizes() -> None:
+    result = _invoke("list")
+    assert result.exit_code == 0
+    rows = [tuple(line.split()[:2]) for line in result.stdout.splitlines()[2:]]
+    assert rows == list(suite.ALL_TASKS)
+    assert re.search(r"humanoid +walk +benchmarking +21 +67 *$", result.stdout, re.MULTILINE)
+    assert re.search(r"stacker +stack_4 +hard, extra +5 +63 *$", result.stdout, re.MULTILINE)

@@ -1,0 +1,69 @@
+"""What commands print, and how they end."""
+
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from limberjack.cli import output
+
+
+def _printed(table: object, capsys: pytest.CaptureFixture[str]) -> list[str]:
+    output.console().print(table)
+    return [line for line in capsys.readouterr().out.splitlines() if line.strip()]
+
+
+def test_columns_are_aligned_as_their_names_say(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = output.table("task", "return>")
+    rows.add_row("walk", "7.0")
+    rows.add_row("a longer name", "123.0")
+    lines = _printed(rows, capsys)
+    assert lines[0].split() == ["task", "return"]
+    assert lines[-2].endswith("  7.0 ")
+    assert lines[-1].startswith(" a longer name ") or lines[-1].startswith("a longer name ")
+
+
+def test_without_a_terminal_a_long_row_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = output.table("what")
+    rows.add_row("x" * 150)
+    assert "x" * 150 in _printed(rows, capsys)[-1]
+
+
+@pytest.mark.parametrize("error", [ValueError("no such\n  task"), FileNotFoundError(2, "no file")])
+def test_what_was_wrong_to_ask_for_is_one_line_and_status_2(
+    error: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(typer.Exit) as end, output.misuse_reported():
+        raise error
+    assert end.value.exit_code == output.MISUSED
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err == f"limberjack: {' '.join(str(error).split())}\n"
+
+
+def test_an_error_of_the_program_itself_is_not_hidden() -> None:
+    with pytest.raises(KeyError), output.misuse_reported():
+        raise KeyError("bug")
+
+
+def test_exit_statuses_are_those_of_shells() -> None:
+    assert (output.FAILED, output.MISUSED) == (1, 2)
+    assert (output.INTERRUPTED, output.TERMINATED) == (128 + 2, 128 + 15)
+
+
+def test_without_a_terminal_there_is_no_bar(capsys: pytest.CaptureFixture[str]) -> None:
+    with output.show_progress(3) as progress:
+        progress.show(0, 10, 10, 1.5)
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_policy_is_found_in_the_working_directory_of_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "policy_of_a_test.py").write_text("def act(observation):\n    return [0.0]\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [place for place in sys.path if place])
+    found = output.find_policy("policy_of_a_test:act")
+    assert callable(found)
+    sys.modules.pop("policy_of_a_test", None)

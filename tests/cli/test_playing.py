@@ -1,0 +1,99 @@
+"""What `run` and `solve` have in common: seeds, what is kept, and how a command ends."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import rollout
+from limberjack.cli.output import FAILED, INTERRUPTED
+from limberjack.cli.playing import Playing
+from limberjack.policies import PolicyError
+from limberjack.rollout import Episode
+
+
+class _Scripted(Playing):
+    """Plays nothing: an episode of two rewards, or an error in the second one."""
+
+    failure: BaseException | None = None
+
+    def _prepare(self, environment: Any) -> None:
+        self.played: list[int] = []
+
+    def _play_in(
+        self, environment: Any, seed: int, on_step: Callable[[int, float], None]
+    ) -> Episode:
+        environment.reset()
+        if self.failure is not None and self.played:
+            raise self.failure
+        self.played.append(seed)
+        for step in range(3):
+            on_step(step, 0.5 * step)
+        return rollout.Episode(seed, None, np.array([0.5, 0.5]))
+
+
+def _made(
+    seeds: range = range(4, 7), time_limit: float | None = None, out: Path | None = None
+) -> _Scripted:
+    return _Scripted("humanoid", "stand", seeds, "scripted", time_limit, out)
+
+
+def test_each_seed_is_played_once_and_the_mean_is_printed(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    playing = _made()
+    assert playing.finish() == 0
+    assert playing.played == [4, 5, 6]
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert ["5", "1.000", "2"] in printed
+    assert ["mean", "1.000"] in printed
+
+
+@pytest.mark.parametrize(
+    ("failure", "status", "said"),
+    [
+        (KeyboardInterrupt(), INTERRUPTED, "limberjack: interrupted: 1 of 3 episodes finished"),
+        (PolicyError("no action"), FAILED, "limberjack: no action; 1 of 3 episodes finished"),
+    ],
+)
+def test_what_cuts_it_short_keeps_what_was_finished(
+    failure: BaseException, status: int, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    playing = _made()
+    playing.failure = failure
+    assert playing.finish() == status
+    assert capsys.readouterr().err.splitlines() == [said]
+
+
+def test_an_error_that_is_nobodys_is_raised_after_the_files_are_written(tmp_path: Path) -> None:
+    playing = _made(out=tmp_path)
+    playing.failure = ZeroDivisionError("bug")
+    with pytest.raises(ZeroDivisionError, match="bug"):
+        playing.finish()
+    result = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert [episode["seed"] for episode in result["episodes"]] == [4]
+    assert result["episodes_asked_for"] == 3
+    assert result["time_limit"] == 25.0  # the task's own
+
+
+def test_a_time_limit_that_was_asked_for_is_the_one_that_is_kept(tmp_path: Path) -> None:
+    assert _made(time_limit=0.1, out=tmp_path).finish() == 0
+    assert json.loads((tmp_path / "result.json").read_text())["time_limit"] == 0.1
+
+
+@pytest.mark.parametrize(
+    ("seeds", "time_limit", "message"),
+    [
+        (range(2**32 - 1, 2**32 + 1), None, "the last episode's seed is 4294967296"),
+        (range(1), float("inf"), "--time-limit is inf"),
+    ],
+)
+def test_what_cannot_be_played_is_refused_before_anything_is(
+    seeds: range, time_limit: float | None, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        _made(seeds, time_limit, tmp_path / "out")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,343 @@
+"""The command `limberjack`, called in this process and as a program."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.testing
+
+import limberjack
+from limberjack import policies, rollout, suite
+from limberjack.cli import app
+from limberjack.mujoco.camera import RenderingError
+
+_RUN = ["run", "humanoid", "stand", "--time-limit", "0.25"]
+
+
+_STEPS = 10  # of 0.025 s
+
+
+_ARM = ["run", "manipulator", "bring_ball", "--time-limit", "0.1"]
+
+
+# Ends or fails in the episode and at the step that the environment variable names.
+_POLICY = """
+import os, signal
+import numpy as np
+from limberjack.rl.control import PhysicsError
+
+class Scripted:
+    def __init__(self):
+        self.episode = -1
+        self.at = int(os.environ.get("EPISODE", "1"))
+
+    def reset(self):
+        self.episode += 1
+        self.step = 0
+
+    def act(self, observation):
+        self.step += 1
+        now = self.episode == self.at and self.step == 5
+        return self.happen() if now else np.zeros(21)
+
+class Interrupted(Scripted):
+    def happen(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        return np.zeros(21)
+
+class NotANumber(Scripted):
+    def happen(self):
+        return np.full(21, np.nan)
+
+class Diverging(Scripted):
+    def happen(self):
+        raise PhysicsError("the simulation diverged")
+
+class Broken(Scripted):
+    def happen(self):
+        return {}["no such key"]
+
+def still(observation):
+    return np.zeros(21)
+"""
+
+
+def _invoke(*arguments: str) -> Any:
+    """The result of the command in this process, without a terminal."""
+    return typer.testing.CliRunner().invoke(app, list(arguments))
+
+
+def _call(
+    *arguments: str, directory: Path | None = None, **variables: str
+) -> "subprocess.CompletedProcess[str]":
+    """The result of the command as a program, without a terminal."""
+    # Without what CI services set to have colours in their logs.
+    inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
+    return subprocess.run(
+        [sys.executable, "-m", "limberjack", *arguments],
+        cwd=directory,
+        env=inherited | variables,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def _result(directory: Path) -> dict[str, Any]:
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is no JSON")
+
+    return json.loads((directory / "result.json").read_text(), parse_constant=refuse)
+
+
+@pytest.fixture
+def directory(tmp_path: Path) -> Path:
+    """A working directory with a module of policies."""
+    (tmp_path / "my_policies.py").write_text(_POLICY)
+    return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def _search_path() -> Iterator[None]:
+    """The command adds the working directory to the module search path: that is undone."""
+    before = list(sys.path)
+    yield
+    sys.path[:] = before
+
+
+@pytest.fixture(scope="module")
+def drawing() -> bool:
+    """Whether OpenGL can be had here."""
+    try:
+        environment = suite.load("humanoid", "stand")
+        environment.physics.render(height=8, width=8)
+    except RenderingError:
+        return False
+    return True
+
+
+def test_run_shows_what_the_episodes_gave() -> None:
+    result = _invoke(*_RUN, "--episodes", "3", "--seed", "7", "--policy", "random")
+    assert result.exit_code == 0, result.output
+    for seed in (7, 8, 9):
+        kwargs = {"random": seed, "time_limit": 0.25}
+        environment = suite.load("humanoid", "stand", task_kwargs=kwargs)
+        total = rollout.run_episode(environment, policies.random, seed).total
+        assert re.search(rf"^ +{seed} +{total:.3f} +{_STEPS} *$", result.stdout, re.MULTILINE)
+    assert "mean" in result.stdout
+
+
+def test_run_shows_the_kind_of_start_where_there_are_kinds() -> None:
+    assert re.search(r"seed +start +return +steps", _invoke(*_ARM).stdout)
+    assert re.search(r"seed +return +steps", _invoke(*_RUN).stdout)
+
+
+def test_run_writes_result_plot_video_and_report(tmp_path: Path, drawing: bool) -> None:
+    out = tmp_path / "new" / "directory"
+    result = _invoke(*_ARM, "--episodes", "2", "--seed", "3", "--out", str(out))
+    assert result.exit_code == 0, result.output
+
+    content = _result(out)
+    assert [episode["seed"] for episode in content["episodes"]] == [3, 4]
+    for episode in content["episodes"]:
+        assert set(episode) == {"seed", "return", "length", "start"}
+        assert episode["length"] == 10
+        assert episode["start"] in ("in_hand", "in_target", "uniform")
+    assert content["domain"] == "manipulator"
+    assert content["task"] == "bring_ball"
+    assert content["policy"] == "zero"
+    assert content["time_limit"] == 0.1
+    assert content["control_timestep"] == 0.01
+    assert content["episodes_asked_for"] == 2
+    assert content["versions"]["limberjack"] == limberjack.__version__
+    assert re.fullmatch("[0-9a-f]{64}", content["fingerprint"])
+
+    names = ["result.json", "return.png", *(["video.mp4"] if drawing else []), "report.html"]
+    assert {path.name for path in out.iterdir()} == set(names)
+    assert result.stdout.splitlines()[-len(names) :] == [str(out / name) for name in names]
+
+
+def test_the_time_limit_of_a_result_is_the_tasks_own_if_none_is_given(tmp_path: Path) -> None:
+    arguments = ["run", "stacker", "stack_2", "--out", "out"]
+    result = _call(*arguments, directory=tmp_path, MUJOCO_GL="disable")  # no film: it takes long
+    assert result.returncode == 0, result.stderr
+    content = _result(tmp_path / "out")
+    assert content["time_limit"] == 10.0
+    assert content["episodes"][0]["length"] == 1000
+
+
+def test_each_episode_can_be_run_again_alone(tmp_path: Path) -> None:
+    arguments = [*_RUN, "--policy", "random"]
+    _invoke(*arguments, "--seed", "5", "--episodes", "3", "--out", str(tmp_path / "three"))
+    _invoke(*arguments, "--seed", "7", "--out", str(tmp_path / "one"))
+    three, one = _result(tmp_path / "three"), _result(tmp_path / "one")
+    assert three["episodes"][2] == one["episodes"][0]
+    assert three["fingerprint"] == one["fingerprint"]
+
+
+def test_a_policy_is_found_in_the_working_directory(
+    directory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(directory)
+    monkeypatch.delitem(sys.modules, "my_policies", raising=False)
+    result = _invoke(*_RUN, "--policy", "my_policies:still")
+    assert result.exit_code == 0, result.output
+
+
+def test_output_without_a_terminal_is_clean(tmp_path: Path) -> None:
+    for arguments in (["list"], [*_RUN, "--episodes", "2"]):
+        result = _call(*arguments, directory=tmp_path)
+        assert result.returncode == 0
+        assert result.stderr == ""
+        assert "\x1b" not in result.stdout
+        assert "\r" not in result.stdout
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
+def test_files_are_written_though_the_table_cannot_be_printed(tmp_path: Path) -> None:
+    with open("/dev/full", "w") as full:
+        result = subprocess.run(
+            [sys.executable, "-m", "limberjack", *_RUN, "--out", "out"],
+            cwd=tmp_path,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            timeout=120,
+            # Python's own status, 120, would come first where it has something left to flush.
+            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        )
+    assert result.returncode == 1
+    assert len(_result(tmp_path / "out")["episodes"]) == 1
+
+
+def test_a_result_that_cannot_be_written_is_one_line_and_status_1(tmp_path: Path) -> None:
+    (tmp_path / "out" / "result.json").mkdir(parents=True)  # a directory is in its place
+    result = _call(*_RUN, "--out", "out", directory=tmp_path)
+    assert result.returncode == 1
+    assert result.stderr.startswith("limberjack: ")
+    assert "result.json" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert re.search(rf"^ +0 +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "humanid", "stand"], "Did you mean 'humanoid'?"),
+        (["run", "humanoid", "wlak"], "Did you mean 'walk'?"),
+        (["run", "humanoid", "swim"], "Choose one of: run, run_pure_state, stand, walk."),
+        ([*_RUN[:3], "--time-limit", "0"], "time_limit is 0.0; expected a positive number"),
+        ([*_RUN[:3], "--time-limit", "-1"], "time_limit is -1.0; expected a positive number"),
+        ([*_RUN[:3], "--time-limit", "nan"], "time_limit is nan; expected a positive number"),
+        ([*_RUN[:3], "--time-limit", "inf"], "time-limit is inf; expected a number of seconds"),
+        ([*_RUN, "--seed", "4294967295", "--episodes", "2"], "seed is 4294967296; expected below"),
+        ([*_RUN, "--policy", "radnom"], "Did you mean 'random'?"),
+        ([*_RUN, "--policy", "no_module:act"], "there is no module 'no_module'"),
+        ([*_RUN, "--policy", "my_policies:stil"], "Did you mean 'still'?"),
+        ([*_RUN, "--policy", "my_policies:np"], "is of type module; expected a function"),
+        ([*_RUN, "--out", "my_policies.py"], "File exists: 'my_policies.py'"),
+        ([*_RUN, "--out", "my_policies.py/below"], "Not a directory: 'my_policies.py/below'"),
+    ],
+)
+def test_a_mistake_on_the_command_line_is_one_line_and_status_2(
+    arguments: list[str], message: str, directory: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(directory)
+    monkeypatch.delitem(sys.modules, "my_policies", raising=False)
+    result = _invoke(*arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert result.stderr.startswith("limberjack: ")
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("policy", "status", "message"),
+    [
+        ("Interrupted", 130, "limberjack: interrupted: 1 of 3 episodes finished\n"),
+        (
+            "NotANumber",
+            1,
+            "limberjack: policy 'my_policies:NotANumber', step 4 of the episode with seed 1: "
+            "returned nan at index [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, "
+            "18, 19, 20]; expected finite numbers; 1 of 3 episodes finished\n",
+        ),
+        ("Diverging", 1, "limberjack: the simulation diverged; 1 of 3 episodes finished\n"),
+    ],
+)
+def test_what_cuts_a_run_short_keeps_the_finished_episodes(
+    policy: str, status: int, message: str, directory: Path, drawing: bool
+) -> None:
+    policy = f"my_policies:{policy}"
+    arguments = [*_RUN, "--episodes", "3", "--policy", policy, "--out", "out"]
+    result = _call(*arguments, directory=directory)
+    assert result.returncode == status, result.stderr
+    assert result.stderr.endswith(message)
+    assert "Traceback" not in result.stderr
+    assert re.search(rf"^ +0 +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
+    content = _result(directory / "out")
+    assert [episode["seed"] for episode in content["episodes"]] == [0]
+    assert content["episodes_asked_for"] == 3
+    names = {"report.html", "result.json", "return.png", *(["video.mp4"] if drawing else [])}
+    assert {path.name for path in (directory / "out").iterdir()} == names
+
+
+def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory: Path) -> None:
+    arguments = [*_RUN, "--episodes", "3", "--policy", "my_policies:Broken", "--out", "out"]
+    result = _call(*arguments, directory=directory)
+    assert result.returncode == 1
+    assert "Traceback" in result.stderr
+    assert result.stderr.rstrip().endswith(
+        "KeyError: 'no such key'\npolicy 'my_policies:Broken', step 4 of the episode with seed 1"
+    )
+    assert len(_result(directory / "out")["episodes"]) == 1
+
+
+def test_a_run_that_ends_in_its_first_episode_leaves_nothing_of_an_earlier_one(
+    directory: Path,
+) -> None:
+    assert _call(*_RUN, "--out", "out", directory=directory).returncode == 0
+    assert (directory / "out" / "return.png").exists()
+    arguments = [*_RUN, "--policy", "my_policies:Interrupted", "--out", "out"]
+    result = _call(*arguments, directory=directory, EPISODE="0")
+    assert result.returncode == 130
+    assert "0 of 1 episodes finished" in result.stderr
+    assert [path.name for path in (directory / "out").iterdir()] == ["result.json"]
+    assert _result(directory / "out")["episodes"] == []
+
+
+def test_without_opengl_only_the_video_is_left_out_and_one_line_says_why(tmp_path: Path) -> None:
+    result = _call(*_RUN, "--out", "out", directory=tmp_path, MUJOCO_GL="disable")
+    assert result.returncode == 0
+    assert result.stderr.startswith("limberjack: no video.mp4: ")
+    assert "MUJOCO_GL" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        "report.html",
+        "result.json",
+        "return.png",
+    ]
+
+
+def test_without_the_extra_one_line_names_it(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['imageio_ffmpeg'] = sys.modules['matplotlib'] = None\n"
+        f"sys.argv[1:] = {[*_RUN, '--out', 'out']!r}\n"
+        "from limberjack.cli import main; main()"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == (
+        "limberjack: no video.mp4 and no return.png: needs the extra 'video': "
+        "pip install 'limberjack[video]'\n"
+    )
+    left = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert left == ["report.html", "result.json"]

@@ -1,0 +1,455 @@
+"""Tests of limberjack.install_as_dm_control, each in a Python of its own."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import limberjack
+from tests.programs import INSTALL, run
+
+# What programs for dm_control import, and what they take from there.
+IMPORTED = {
+    "dm_control.mujoco": ["Physics", "MovableCamera", "Camera", "TextOverlay", "action_spec"],
+    "dm_control.mujoco.engine": ["Physics", "Camera", "MovableCamera"],
+    "dm_control.mujoco.index": [],
+    "dm_control.mujoco.math": [],
+    "dm_control.mujoco.wrapper": ["MjModel", "MjData", "MjvOption", "mjbindings"],
+    "dm_control.mujoco.wrapper.core": ["MjModel", "MjData"],
+    "dm_control.mujoco.wrapper.mjbindings": ["enums", "constants", "functions", "mjlib"],
+    "dm_control.mujoco.wrapper.mjbindings.constants": [],
+    "dm_control.mujoco.wrapper.mjbindings.enums": ["mjtObj"],
+    "dm_control.mujoco.wrapper.mjbindings.functions": [],
+    "dm_control.mujoco.wrapper.util": [],
+    "dm_control.rl": ["control"],
+    "dm_control.rl.control": ["Environment", "Task", "Physics", "PhysicsError"],
+    "dm_control.suite": ["load", "ALL_TASKS", "BENCHMARKING", "_DOMAINS", "_get_tasks"],
+    "dm_control.suite.base": ["Task"],
+    "dm_control.suite.common": ["read_model", "ASSETS"],
+    "dm_control.suite.humanoid": ["Physics", "Humanoid", "walk", "SUITE"],
+    "dm_control.suite.manipulator": ["Physics", "Bring", "make_model", "SUITE"],
+    "dm_control.suite.stacker": ["Physics", "Stack", "make_model", "SUITE"],
+    "dm_control.suite.utils": ["randomizers"],
+    "dm_control.suite.utils.randomizers": ["randomize_limited_and_rotational_joints"],
+    "dm_control.suite.wrappers": ["pixels", "action_scale", "action_noise"],
+    "dm_control.suite.wrappers.action_noise": ["Wrapper"],
+    "dm_control.suite.wrappers.action_scale": ["Wrapper"],
+    "dm_control.suite.wrappers.pixels": ["Wrapper"],
+    "dm_control.utils": ["containers", "io", "rewards", "xml_tools"],
+    "dm_control.utils.containers": ["TaggedTasks"],
+    "dm_control.utils.io": ["GetResource"],
+    "dm_control.utils.rewards": ["tolerance"],
+    "dm_control.utils.xml_tools": ["find_element"],
+}
+
+
+# A dm_control that is not Limberjack's, for a folder on the path.
+GENUINE = {
+    "__init__.py": "IS_GENUINE = True\n",
+    "only_there.py": "",
+    "suite/__init__.py": "IS_GENUINE = True\n",
+    "suite/cartpole.py": "",
+}
+
+
+@pytest.fixture
+def genuine(tmp_path: Path) -> Path:
+    """A folder with a package dm_control, for the front of the path."""
+    for name, text in GENUINE.items():
+        file = tmp_path / "dm_control" / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(text)
+    return tmp_path
+
+
+def error_of(statement: str, path: Path | None = None) -> tuple[str, str]:
+    """Type and message of the error that a statement raises after the installation."""
+    program = f"""
+    {INSTALL}
+    try:
+        {statement}
+    except Exception as error:
+        print(type(error).__name__, error, sep="\\n")
+    """
+    kind, message = run(program, path=path).split("\n", 1)
+    return kind, message
+
+
+def test_limberjack_alone_imports_nothing_heavy() -> None:
+    program = """
+    import sys
+    before = set(sys.modules)
+    import limberjack
+    print(sorted(set(sys.modules) - before - {"limberjack"}))
+    """
+    # Where it is installed, Python has imported it at its start: see limberjack/_gymnasium_plugin.
+    assert run(program) == "[]\n"
+
+
+def test_the_installation_itself_imports_nothing_heavy() -> None:
+    program = f"""
+    import sys
+    {INSTALL}
+    heavy = ("numpy", "mujoco", "dm_env", "limberjack.suite", "limberjack.utils.rewards")
+    print([name for name in heavy if name in sys.modules])
+    """
+    assert run(program) == "[]\n"
+
+
+def test_the_version_is_one_of_pep_440() -> None:
+    assert re.fullmatch(r"\d+\.\d+\.\d+((a|b|rc|\.dev)\d+)?", limberjack.__version__)
+
+
+@pytest.mark.parametrize("first", ["dm_control", "limberjack", "in turn"])
+def test_every_module_is_one_object_under_both_names(first: str) -> None:
+    program = f"""
+    import importlib, pkgutil, sys
+    {INSTALL}
+    import dm_control
+    assert dm_control is limberjack
+    names = [m.name for m in pkgutil.walk_packages(limberjack.__path__, "limberjack.")]
+    # Importing __main__ would run it, and sb3 needs an extra.
+    names = [name for name in names if not name.endswith(("__main__", ".sb3"))]
+    for turn, name in enumerate(names):
+        alias = name.replace("limberjack", "dm_control", 1)
+        alias_first = turn % 2 if sys.argv[1] == "in turn" else sys.argv[1] == "dm_control"
+        for asked in [alias, name] if alias_first else [name, alias]:
+            module = importlib.import_module(asked)
+            assert module.__name__ == module.__spec__.name == name, (asked, module.__spec__)
+        assert sys.modules[alias] is sys.modules[name] is module
+        parent, _, child = name.rpartition(".")
+        assert getattr(sys.modules[parent], child) is module
+    owners = {{}}
+    for name, module in sys.modules.items():
+        if getattr(module, "__file__", None) and name.startswith(("limberjack", "dm_control")):
+            assert owners.setdefault(module.__file__, module) is module, name
+    print(len(names))
+    """
+    assert int(run(program, first)) > 20
+
+
+def test_everything_that_programs_import_is_there() -> None:
+    program = f"""
+    import importlib, json, sys
+    {INSTALL}
+    for name, attributes in json.loads(sys.argv[1]).items():
+        module = importlib.import_module(name)
+        for attribute in attributes:
+            scope = {{}}
+            exec(f"from {{name}} import {{attribute}} as it", scope)
+            assert scope["it"] is getattr(module, attribute)
+    """
+    run(program, json.dumps(IMPORTED))
+
+
+def test_all_forms_of_import_give_the_same_module() -> None:
+    program = f"""
+    import importlib, sys
+    {INSTALL}
+    import dm_control.suite.humanoid as first
+    from dm_control.suite import humanoid as second
+    from dm_control import suite
+    import dm_control.suite
+    import limberjack.suite.humanoid as third
+    fourth = importlib.import_module("dm_control.suite.humanoid")
+    fifth = importlib.import_module(".humanoid", "dm_control.suite")
+    assert first is second is third is fourth is fifth is suite.humanoid
+    assert dm_control.suite is suite
+    assert sys.modules["dm_control.suite.humanoid"] is sys.modules["limberjack.suite.humanoid"]
+    """
+    run(program)
+
+
+def test_modules_imported_before_the_installation_are_not_loaded_again() -> None:
+    program = f"""
+    import limberjack.suite.humanoid as before
+    {INSTALL}
+    import dm_control.suite.humanoid as after
+    from dm_control.rl import control
+    assert after is before
+    assert isinstance(after.walk(), control.Environment)
+    """
+    run(program)
+
+
+def test_what_is_pickled_names_limberjack_and_loads_without_the_installation() -> None:
+    write = f"""
+    import pickle
+    {INSTALL}
+    from dm_control.suite import humanoid
+    from dm_control.rl.control import PhysicsError
+    print(pickle.dumps([humanoid.Physics, humanoid.walk, PhysicsError("x")], 0).decode())
+    """
+    text = run(write)
+    assert "dm_control" not in text
+    read = """
+    import pickle, sys
+    physics, walk, error = pickle.loads(sys.argv[1].encode())
+    from limberjack.suite import humanoid
+    assert physics is humanoid.Physics and walk is humanoid.walk
+    """
+    run(read, text)
+
+
+def test_what_was_pickled_with_dm_control_loads_here() -> None:
+    program = f"""
+    import pickle
+    {INSTALL}
+    physics = pickle.loads(b"cdm_control.suite.humanoid\\nPhysics\\n.")
+    assert physics.__module__ == "limberjack.suite.humanoid"
+    """
+    run(program)
+
+
+def test_searches_find_what_is_there_and_nothing_else() -> None:
+    program = f"""
+    import importlib.util, pkgutil, sys
+    {INSTALL}
+    find = importlib.util.find_spec
+    assert find("dm_control").origin == limberjack.__file__
+    spec = find("dm_control.suite")
+    assert "limberjack.suite" not in sys.modules
+    assert spec.origin.endswith("__init__.py") and list(spec.submodule_search_locations)
+    import dm_control.suite
+    assert find("dm_control.suite").origin == spec.origin == dm_control.suite.__file__
+    assert find("dm_control.suite.humanoid") is not None
+    assert find("dm_control.composer.anything") is not None
+    assert find("dm_control.nothing") is None
+    assert find("dm_control.suite.cartpole") is None
+    assert find("limberjack.nothing") is None
+    assert find("dm_controller") is None
+    names = {{module.name for module in pkgutil.iter_modules(dm_control.__path__)}}
+    assert {{"mujoco", "rl", "suite", "utils"}} <= names, names
+    walk = pkgutil.walk_packages(dm_control.suite.__path__, "dm_control.suite.")
+    assert "dm_control.suite.utils.randomizers" in {{module.name for module in walk}}
+    assert dm_control.suite.utils.__name__ == "limberjack.suite.utils"
+    """
+    run(program)
+
+
+def test_threads_that_import_at_once_get_one_module() -> None:
+    # Not limberjack.suite.humanoid and the like: Python itself reports a deadlock where threads
+    # import, by one name and for the first time, a package and what that package imports.
+    program = """
+    import importlib, sys, threading
+    import limberjack
+    sys.setswitchinterval(1e-6)
+    below = ["suite.humanoid", "suite.stacker", "suite.base", "mujoco.engine", "rl.control"]
+    names = [f"dm_control.{name}" for name in below] * 2
+    names += ["limberjack.suite", "limberjack.mujoco", "limberjack.rl", "dm_control.suite"]
+    barrier, got, failed = threading.Barrier(len(names)), [], []
+    def work(name):
+        barrier.wait()
+        try:
+            limberjack.install_as_dm_control()
+            got.append((name.partition(".")[2], importlib.import_module(name)))
+        except BaseException as error:
+            failed.append(error)
+    threads = [threading.Thread(target=work, args=(name,)) for name in names]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failed, failed
+    for name, module in got:
+        importlib.import_module(f"dm_control.{name}")
+        assert module is sys.modules[f"limberjack.{name}"] is sys.modules[f"dm_control.{name}"]
+        assert module.__spec__.name == f"limberjack.{name}"
+    assert len(got) == len(names)
+    ours = [f for f in sys.meta_path if type(f).__module__ == "limberjack._compat.alias"]
+    assert len(ours) == 2, sys.meta_path
+    """
+    run(program)
+
+
+def test_installing_again_changes_nothing() -> None:
+    program = f"""
+    import sys
+    {INSTALL}
+    import dm_control.suite
+    before = list(sys.meta_path), dict(sys.modules)
+    limberjack.install_as_dm_control()
+    assert (list(sys.meta_path), dict(sys.modules)) == before
+    """
+    run(program)
+
+
+def test_installing_again_comes_before_finders_added_meanwhile() -> None:
+    program = f"""
+    import sys
+    {INSTALL}
+    class Finder:
+        def find_spec(self, name, path=None, target=None):
+            assert not name.startswith("dm_control"), name
+    sys.meta_path.insert(0, Finder())
+    sys.meta_path.append(Finder())
+    count = len(sys.meta_path)
+    limberjack.install_as_dm_control()
+    import dm_control.suite
+    assert len(sys.meta_path) == count
+    """
+    run(program)
+
+
+def test_a_genuine_dm_control_on_the_path_is_never_reached(genuine: Path) -> None:
+    program = f"""
+    import importlib.util, sys
+    {INSTALL}
+    import dm_control, dm_control.suite
+    assert dm_control is limberjack
+    assert not hasattr(dm_control, "IS_GENUINE") and not hasattr(dm_control.suite, "IS_GENUINE")
+    for name in ("dm_control.only_there", "dm_control.suite.cartpole"):
+        assert importlib.util.find_spec(name) is None
+        try:
+            __import__(name)
+        except ModuleNotFoundError as error:
+            assert error.name == name
+        else:
+            raise AssertionError(name)
+    del sys.modules["dm_control"]
+    import dm_control
+    assert dm_control is limberjack
+    """
+    run(program, path=genuine)
+
+
+def test_a_finder_of_an_editable_dm_control_is_never_asked(genuine: Path) -> None:
+    program = f"""
+    import importlib.util, sys
+    from importlib.machinery import ModuleSpec
+    class Finder:
+        def find_spec(self, name, path=None, target=None):
+            return ModuleSpec(name, None) if name.startswith("dm_control") else None
+    sys.meta_path.insert(0, Finder())
+    sys.meta_path.append(Finder())
+    {INSTALL}
+    for look in (__import__, importlib.util.find_spec):
+        try:
+            look("dm_control.suite.cartpole")
+        except ModuleNotFoundError:
+            continue
+        raise AssertionError(look)
+    """
+    run(program)
+
+
+def test_a_genuine_dm_control_that_is_imported_is_refused_and_left_alone(genuine: Path) -> None:
+    program = """
+    import sys
+    import dm_control.suite
+    import limberjack, limberjack._compat
+    before = list(sys.meta_path), dict(sys.modules)
+    for _ in range(2):
+        try:
+            limberjack.install_as_dm_control()
+        except RuntimeError as error:
+            print(error)
+    assert (list(sys.meta_path), dict(sys.modules)) == before
+    import dm_control.suite.cartpole
+    """
+    first, second = run(program, path=genuine).splitlines()
+    assert first == second
+    assert str(genuine) in first
+    assert "before anything imports dm_control" in first
+
+
+def test_an_alias_made_by_hand_that_loaded_copies_is_refused() -> None:
+    program = """
+    import sys
+    import limberjack
+    sys.modules["dm_control"] = limberjack
+    import dm_control.utils.rewards
+    try:
+        limberjack.install_as_dm_control()
+    except RuntimeError as error:
+        print(error)
+    """
+    assert "dm_control is already imported" in run(program)
+
+
+def test_a_blocked_import_is_unblocked() -> None:
+    program = f"""
+    import sys
+    sys.modules["dm_control"] = None
+    {INSTALL}
+    from dm_control import utils
+    """
+    run(program)
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "from dm_control.suite import cartpole",
+        "import dm_control.suite.cartpole",
+        "from dm_control.suite.cartpole import Physics",
+        "import limberjack.suite.cartpole",
+    ],
+)
+def test_a_domain_that_is_not_built_is_an_import_error_that_lists_the_domains(
+    statement: str,
+) -> None:
+    kind, message = error_of(statement)
+    assert kind == "ModuleNotFoundError"
+    assert "'suite.cartpole'" in message
+    assert "domains that it has are humanoid, manipulator, stacker" in message
+    assert "genuine dm_control" in message
+
+
+def test_a_name_that_is_not_there_brings_a_suggestion() -> None:
+    for statement in (
+        "from dm_control.utils import reward",
+        "import dm_control.utils.reward",
+    ):
+        kind, message = error_of(statement)
+        assert kind == "ModuleNotFoundError"
+        assert "Did you mean 'rewards'?" in message
+    _, message = error_of("from dm_control.suite import humanoidd")
+    assert "Did you mean 'humanoid'?" in message
+    _, message = error_of("from dm_control import nothing")
+    assert "No module named 'limberjack.nothing'" in message
+
+
+def test_a_missing_module_is_caught_as_an_import_error() -> None:
+    program = f"""
+    {INSTALL}
+    try:
+        from dm_control.suite import dog
+    except ImportError:
+        dog = None
+    from dm_control.suite import *
+    """
+    run(program)
+
+
+def test_an_error_inside_a_module_is_the_modules_own(tmp_path: Path) -> None:
+    program = f"""
+    import sys
+    {INSTALL}
+    limberjack.__path__.append(sys.argv[1])
+    for _ in range(2):
+        try:
+            import dm_control.broken
+        except ImportError as error:
+            print(error)
+    assert not any("broken" in name for name in sys.modules)
+    """
+    (tmp_path / "broken.py").write_text("raise ImportError('install the extra')")
+    assert run(program, str(tmp_path)) == "install the extra\n" * 2
+
+
+def test_a_forked_process_has_the_installation_and_a_spawned_one_has_not(tmp_path: Path) -> None:
+    (tmp_path / "looking.py").write_text(
+        "import sys\ndef look(_):\n    return 'dm_control' in sys.modules\n"
+    )
+    program = f"""
+    import multiprocessing
+    from looking import look
+    {INSTALL}
+    for method in ("fork", "spawn"):
+        if method in multiprocessing.get_all_start_methods():
+            with multiprocessing.get_context(method).Pool(1) as pool:
+                assert pool.map(look, [0]) == [method == "fork"], method
+    """
+    run(program, path=tmp_path)

@@ -1,0 +1,103 @@
+"""The tests mirror the source: the tests of a/b.py are tests/a/test_b.py."""
+
+import ast
+from pathlib import Path
+
+from .source import PACKAGE, REPOSITORY, SOURCE, modules, tree
+
+_TESTS = REPOSITORY / "tests"
+# The planner's modules are tested together, along the tasks that it solves.
+_OTHERWISE = ("planner",)
+
+# Modules without tests under their name, and why.
+_EXCEPTIONS = {
+    "__main__.py": "one line, which every command that is called as a program runs",
+    "_gymnasium_plugin.py": "tested in gym/test_registration.py",
+    "cli/gallery.py": "prints the paths that test_gallery.py looks for",
+    "cli/options.py": "texts of options, which docs/test_pages.py compares with the pages",
+    "mujoco/batch_simulation.py": "tested in rl/test_batch.py, and row by row in laws",
+    "mujoco/rendering/egl.py": "a backend, which rendering/test_backends.py chooses",
+    "mujoco/rows.py": "tested in test_simulation.py and test_roll_out.py",
+    "mujoco/wrapper/mjbindings/constants.py": "tested in wrapper/test_mjbindings.py",
+    "mujoco/wrapper/mjbindings/enums.py": "tested in wrapper/test_mjbindings.py",
+    "mujoco/wrapper/mjbindings/functions.py": "tested in wrapper/test_mjbindings.py",
+    "rl/guards.py": "tested in rl/test_batch.py",
+    "rl/reward_terms.py": "tested in report/test_trace.py and gym/test_vector.py",
+}
+# Folders of tests that mirror no part of the package; tests/__init__.py says what they are.
+_BESIDES = {
+    "benchmarks", "browser", "clients", "contract", "docs", "examples", "laws", "oracle", "planner",
+    "tools",
+}  # fmt: skip
+# Modules in a mirroring folder that test more than one module.
+_ACROSS = {
+    "evaluation/test_saved_models.py",
+    "gym/test_registration.py",
+    "mujoco/test_camera_beside_dm_control.py",
+    "mujoco/test_roll_out.py",
+    "mujoco/test_sleep.py",
+    "rl/test_batch_rendering.py",
+    "rl/test_batch_time_steps.py",
+    "suite/test_suite.py",
+}
+
+
+def _only_exports(module: str) -> bool:
+    """Whether a package's `__init__` has nothing but imports, names and a docstring."""
+    harmless = (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign, ast.Expr, ast.If, ast.Try)
+    return all(isinstance(node, harmless) for node in tree(module).body)
+
+
+def _test_of(path: Path) -> Path:
+    """Where the tests of a module, given below the package, are to be."""
+    folder = Path(*(part.lstrip("_") for part in path.parts[:-1]))
+    return folder / f"test_{path.name.lstrip('_')}"
+
+
+def _paths(of_packages: bool) -> dict[Path, str]:
+    """Names of modules or of packages that are to be mirrored, by path below the package."""
+    found = {}
+    for name, path in modules().items():
+        below = path.relative_to(SOURCE / PACKAGE)
+        is_package = below.name == "__init__.py"
+        if is_package is of_packages and below.parts[0] not in (*_OTHERWISE, "__init__.py"):
+            found[below.parent.with_suffix(".py") if is_package else below] = name
+    return found
+
+
+def test_every_module_has_tests_under_its_name() -> None:
+    lacking = [
+        f"{path}: expected tests/{_test_of(path)}"
+        for path in _paths(of_packages=False)
+        if str(path) not in _EXCEPTIONS and not (_TESTS / _test_of(path)).exists()
+    ]
+    assert not lacking, "\n".join(["write them, or give a reason in _EXCEPTIONS:", *lacking])
+
+
+def test_every_package_that_defines_something_has_tests() -> None:
+    for path, name in _paths(of_packages=True).items():
+        if _only_exports(name):
+            continue
+        test = _test_of(path)
+        within = list((_TESTS / test.parent / path.stem.lstrip("_")).glob("test_*.py"))
+        assert within or (_TESTS / test).exists(), f"{name}: expected tests/{test}"
+
+
+def test_every_module_of_tests_has_a_module_that_it_tests() -> None:
+    mirrored = {_test_of(path) for kind in (True, False) for path in _paths(of_packages=kind)}
+    tests = {path.relative_to(_TESTS) for path in _TESTS.rglob("test_*.py")}
+    astray = [
+        str(path)
+        for path in sorted(tests - mirrored)
+        if path.parts[0] not in _BESIDES and str(path) not in _ACROSS
+    ]
+    assert not astray, f"rename {astray} after what they test, or say in _ACROSS that it is more"
+
+
+def test_the_exceptions_are_needed() -> None:
+    paths = {str(path) for path in _paths(of_packages=False)}
+    assert set(_EXCEPTIONS) <= paths, "an exception for a module that is not there"
+    for path in _EXCEPTIONS:
+        assert not (_TESTS / _test_of(Path(path))).exists(), f"{path} has tests of its own now"
+    for path in _ACROSS:
+        assert (_TESTS / path).exists(), path

@@ -1,0 +1,57 @@
+"""Probes, called in this process: what they return, and how an error becomes an answer."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from limberjack.doctor import probes
+
+
+def test_an_answer_is_written_whole_with_the_value_or_the_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken() -> None:
+        raise OSError("no such\n  library")
+
+    def silent() -> None:
+        raise ValueError
+
+    file = tmp_path / "answer.json"
+    for probe, expected in (
+        (lambda: {"steps": 3}, {"value": {"steps": 3}}),
+        (broken, {"why": "OSError: no such library"}),
+        (silent, {"why": "ValueError"}),
+    ):
+        monkeypatch.setattr(probes, "core", probe)
+        probes.answer("core", str(file))
+        assert json.loads(file.read_text(encoding="utf-8")) == expected
+        assert [path.name for path in tmp_path.iterdir()] == ["answer.json"]
+
+
+def test_the_core_steps_a_short_episode() -> None:
+    assert probes.core() == {"steps": 10}  # of 0.025 s
+
+
+def test_numbers_that_are_not_finite_are_reported_with_the_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from limberjack.suite import humanoid
+
+    monkeypatch.setattr(humanoid.Humanoid, "reward_of", lambda self, terms: float("nan"))
+    with pytest.raises(RuntimeError, match="humanoid:stand: step 1 gave a number"):
+        probes.core()
+
+
+def test_the_version_of_an_unusual_ffmpeg_is_unknown(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from limberjack import video
+
+    program = tmp_path / "ffmpeg"
+    program.write_text("#!/bin/sh\necho libav 12", encoding="utf-8")
+    program.chmod(0o755)
+    monkeypatch.setattr(video, "find_ffmpeg", lambda: str(program))
+    assert probes.ffmpeg() == "of an unknown version"
+    program.write_text("#!/bin/sh\necho ffmpeg version 9.1 built", encoding="utf-8")
+    assert probes.ffmpeg() == "9.1"

@@ -1,0 +1,163 @@
+"""Episodes in batches are those of single environments, bit for bit."""
+
+from typing import Any
+
+import evaluated
+import numpy as np
+import pytest
+
+from limberjack import policies, rollout, suite
+from limberjack.evaluation import actors
+from limberjack.evaluation.actors import Batched, EachRow
+from limberjack.evaluation.episodes import play, play_alone
+from limberjack.evaluation.statistics import Score
+from limberjack.policies import Policy
+
+_SEEDS = [5, 0, 3, *range(100, 165)]  # more than there are rows
+
+
+_STEPS = 12
+
+
+def _load(domain: str, task: str) -> Any:
+    environment = suite.load(domain, task)
+    limit = _STEPS * environment.control_timestep()
+    environment.close()
+    return suite.load(domain, task, {"time_limit": limit})
+
+
+def _alone(environment: Any, policy: Policy, seeds: list[int]) -> list[Score]:
+    """What `run_episode` gives with each seed."""
+    scores = []
+    for seed in seeds:
+        environment.reseed(seed)
+        episode = rollout.run_episode(environment, policy, seed)
+        scores.append(Score.of_rewards(seed, episode.rewards))
+    return scores
+
+
+def _in_order(scores: Any, seeds: list[int]) -> list[Score]:
+    by_seed = {score.seed: score for score in scores}
+    assert sorted(by_seed) == sorted(seeds)
+    return [by_seed[seed] for seed in seeds]
+
+
+@pytest.mark.parametrize(
+    ("domain", "task"),
+    [("humanoid", "walk"), ("manipulator", "insert_peg"), ("stacker", "stack_2")],
+)
+@pytest.mark.parametrize("name", ["zero", "random"])
+def test_each_episode_is_that_of_a_single_environment(domain: str, task: str, name: str) -> None:
+    environment, policy = _load(domain, task), policies.find(name)
+    scores = _in_order(play(environment, EachRow(policy), _SEEDS, 1), _SEEDS)
+    some = _SEEDS[::9]
+    assert [scores[_SEEDS.index(seed)] for seed in some] == _alone(environment, policy, some)
+
+
+def test_random_actions_are_those_of_run_with_that_seed() -> None:
+    given: dict[int, list[np.ndarray]] = {}
+
+    def noting(spec: Any, seed: int) -> policies.Act:
+        act = policies.random(spec, seed)
+        actions = given.setdefault(seed, [])
+
+        def noted(observation: Any) -> np.ndarray:
+            actions.append(act(observation))
+            return actions[-1]
+
+        return noted
+
+    environment = _load("manipulator", "bring_ball")
+    list(play(environment, EachRow(noting), [3, 8], 1))
+    spec = environment.action_spec()
+    for seed in (3, 8):
+        act = policies.random(spec, seed)
+        expected = [act({}) for _ in range(_STEPS)]
+        np.testing.assert_array_equal(given[seed], expected)
+
+
+@pytest.mark.parametrize("policy", [evaluated.leaning, evaluated.Leaning])
+def test_a_function_of_one_observation_sees_what_a_single_environment_shows(policy: Any) -> None:
+    environment = _load("humanoid", "stand")
+    found = actors.find(policy, environment)
+    assert found.actor is not None
+    seeds = [4, 9]
+    act = policies.find("evaluated:leaning")
+    expected = _alone(_load("humanoid", "stand"), act, seeds)
+    assert _in_order(play(environment, found.actor, seeds, 1), seeds) == expected
+
+
+def test_a_row_takes_the_next_seed_when_its_episode_ends() -> None:
+    seeds = list(range(90))
+    found = actors.find("evaluated:linear", evaluated.sinking())
+    assert found.actor is not None
+    scores = list(play(evaluated.sinking(), found.actor, seeds, 1))
+    expected = _alone(evaluated.sinking(), policies.find("evaluated:linear"), seeds)
+    assert _in_order(scores, seeds) == expected
+    assert len({score.length for score in scores}) > 2  # so rows went on at different times
+    assert [score.seed for score in scores] != seeds
+
+
+def test_a_policy_on_batches_gives_what_it_gives_row_by_row() -> None:
+    seeds = list(range(90))
+    policy = evaluated.Linear()
+    found = actors.find(policy, evaluated.sinking())
+    assert isinstance(found.actor, Batched)
+    scores = _in_order(play(evaluated.sinking(), found.actor, seeds, 1), seeds)
+    assert scores == _alone(evaluated.sinking(), policies.find("evaluated:linear"), seeds)
+    assert sorted(policy.begun) == seeds
+
+
+def test_a_policy_on_batches_is_shown_64_rows_however_few_are_in_use() -> None:
+    found = actors.find(evaluated.Linear, evaluated.sinking())
+    assert found.actor is not None
+    few = list(play(evaluated.sinking(), found.actor, [7, 8, 9], 1))
+    assert len(few) == 3  # Linear itself checks the shape
+
+
+def test_an_episode_of_a_policy_in_float32_does_not_depend_on_the_others() -> None:
+    # A product of matrices in float32 rounds by the row.
+    found = actors.find(evaluated.Network, evaluated.sinking())
+    assert found.actor is not None
+    whole = {s.seed: s for s in play(evaluated.sinking(), found.actor, range(70), 1)}
+    for seeds in ([69], [64, 0, 128, 5], list(range(69, 2, -1))):
+        scores = list(play(evaluated.sinking(), found.actor, seeds, 1))
+        assert sorted(score.seed for score in scores) == sorted(seeds)
+        assert [whole.get(s.seed, s) for s in scores] == scores
+
+
+def test_the_number_of_threads_changes_nothing() -> None:
+    seeds = list(range(20))
+    one, two = (
+        list(play(evaluated.sinking(), EachRow(policies.random), seeds, threads))
+        for threads in (1, 2)
+    )
+    assert one == two
+
+
+def test_an_object_with_a_state_plays_one_episode_at_a_time() -> None:
+    environment = _load("humanoid", "stand")
+    found = actors.find("evaluated:Remembering", environment)
+    assert found.actor is None
+    assert found.alone is not None
+    seeds = [2, 6]
+    make = policies.find("evaluated:Remembering")
+    expected = _alone(_load("humanoid", "stand"), make, seeds)
+    assert list(play_alone(environment, found.alone, seeds)) == expected
+
+
+def test_the_planner_plays_one_at_a_time_as_it_does_in_run() -> None:
+    environment = suite.load("manipulator", "bring_ball", {"time_limit": 0.03})
+    found = actors.find("planner", environment, num_threads=1)
+    assert found.alone is not None
+    seeds = [1, 2]
+    expected = _alone(environment, policies.find("planner"), seeds)
+    assert list(play_alone(environment, found.alone, seeds)) == expected
+
+
+def test_divergence_ends_an_episode_alike_in_a_batch_and_alone() -> None:
+    seeds = list(range(24))
+    environment = evaluated.sinking(some_diverge=True)
+    batched = _in_order(play(environment, EachRow(policies.zero), seeds, 1), seeds)
+    assert list(play_alone(environment, policies.zero, seeds)) == batched
+    assert 0 < sum(score.diverged for score in batched) < 24

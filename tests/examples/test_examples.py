@@ -1,0 +1,103 @@
+"""Each example runs for a little while and says what it should."""
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import limberjack
+from limberjack import suite
+from limberjack.mujoco.camera import RenderingError
+
+_EXAMPLES = Path(__file__).parents[2] / "examples"
+_SOURCE = Path(limberjack.__file__).parents[1]
+_LIMIT = 300  # seconds; Ray takes half a minute to start on a busy machine
+
+# By name: the packages it needs, the extra that brings them, and what it is asked to do.
+_NEEDS = {
+    "batch": ((), ""),
+    "gymnasium_vector": ((), ""),
+    "planner_cost": ((), ""),
+    "planner_picture": ((), ""),
+    "sb3_ppo": (("stable_baselines3",), "sb3"),
+    "torchrl_collect": (("torchrl",), "torchrl"),
+    "rllib_ppo": (("ray", "torch"), "rllib"),
+}
+
+
+def _output(name: str, *arguments: str) -> str:
+    """What an example prints in a Python of its own; skips where its extra is not installed."""
+    packages, extra = _NEEDS[name]
+    missing = [package for package in packages if importlib.util.find_spec(package) is None]
+    if missing:
+        pytest.skip(f"needs the extra {extra!r}: {', '.join(missing)} not installed")
+    path = os.pathsep.join(filter(None, [str(_SOURCE), os.environ.get("PYTHONPATH")]))
+    done = subprocess.run(
+        [sys.executable, _EXAMPLES / f"{name}.py", *arguments],
+        capture_output=True,
+        text=True,
+        # One thread each for what is beneath PyTorch, on machines with other work.
+        env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        timeout=_LIMIT,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_example_is_here_and_says_how_to_run_it() -> None:
+    assert {path.stem for path in _EXAMPLES.glob("*.py")} == set(_NEEDS)
+    for name, (_, extra) in _NEEDS.items():
+        text = (_EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
+        assert f"    python examples/{name}.py --steps " in text
+        assert not extra or f"    pip install 'limberjack[{extra}]'\n" in text
+
+
+def test_batch() -> None:
+    printed = _output("batch", "--steps", "400", "--envs", "4")
+    assert re.search(r"^400 steps, \d+ a second, mean reward 0\.\d+$", printed, re.MULTILINE)
+    assert re.search(r"^highest head after 4 actions: \d\.\d+ m, row [0-3]$", printed, re.MULTILINE)
+
+
+def test_gymnasium_vector() -> None:
+    printed = _output("gymnasium_vector", "--steps", "840", "--envs", "4")
+    # 210 steps of each row: two episodes of 100, after each a step that only begins the next.
+    assert "832 transitions, 8 episodes cut off by the time limit" in printed
+
+
+def test_planner_cost() -> None:
+    printed = _output("planner_cost", "--steps", "90")
+    # The pole is up after 60 steps or so and stays there; without the planner it would hang.
+    assert re.search(r"^return [2-6]\d\.\d of 90, at last (0\.9\d|1\.00)$", printed, re.MULTILINE)
+
+
+def test_planner_picture(tmp_path: Path) -> None:
+    try:
+        suite.load("manipulator", "bring_ball").physics.render(8, 8)
+    except RenderingError as error:
+        pytest.skip(f"no pictures can be drawn here: {error}")
+    out = tmp_path / "plans.png"
+    printed = _output("planner_picture", "--steps", "4", "--out", str(out))
+    assert re.search(r"^\d+ plans of \d+ steps drawn in ", printed, re.MULTILINE)
+    assert out.read_bytes().startswith(b"\x89PNG")
+
+
+def test_sb3_ppo() -> None:
+    printed = _output("sb3_ppo", "--steps", "512", "--envs", "4", "--seconds", "0.5")
+    assert re.search(r"^512 steps; return \d+\.\d \+- \d+\.\d over 4$", printed, re.MULTILINE)
+
+
+def test_torchrl_collect() -> None:
+    printed = _output("torchrl_collect", "--steps", "1024", "--envs", "4")
+    # 256 steps of each row; its collector resets rows without a step.
+    assert re.search(r"^1024 transitions, \d+ a second, 8 episodes ended$", printed, re.MULTILINE)
+
+
+@pytest.mark.ray
+def test_rllib_ppo() -> None:
+    printed = _output("rllib_ppo", "--steps", "512", "--envs", "4", "--seconds", "0.5")
+    assert re.search(r"^512 steps, mean return \d+\.\d$", printed, re.MULTILINE)

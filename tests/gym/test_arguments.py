@@ -1,0 +1,117 @@
+"""Checks of what users give to `Env` and `VectorEnv`."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from limberjack.gym import arguments
+
+_LARGEST = 2**32 - 1
+
+
+def test_one_seed_gives_each_row_the_next_one() -> None:
+    assert arguments.row_seeds(np.int64(5), 3) == [5, 6, 7]
+    assert arguments.row_seeds(None, 2) == [None, None]
+
+
+def test_a_sequence_gives_each_row_its_own_seed_or_none() -> None:
+    assert arguments.row_seeds([4, None, _LARGEST], 3) == [4, None, _LARGEST]
+    assert arguments.row_seeds(np.array([2, 1]), 2) == [2, 1]
+
+
+def test_the_last_rows_seed_must_be_one_too() -> None:
+    assert arguments.row_seeds(_LARGEST - 2, 3)[-1] == _LARGEST
+    with pytest.raises(ValueError, match=f"seed is {_LARGEST + 1}"):
+        arguments.row_seeds(_LARGEST - 2, 4)
+
+
+@pytest.mark.parametrize(
+    ("seed", "error", "message"),
+    [
+        ([1, 2], ValueError, "there are 2 seeds; expected 3"),
+        ([1, 2, -1], ValueError, "seed is -1"),
+        ([1, 2, 0.5], TypeError, "seed is 0.5"),
+        (1.5, TypeError, "seed is 1.5"),
+    ],
+)
+def test_seeds_that_rows_cannot_have_are_refused(seed: Any, error: Any, message: str) -> None:
+    with pytest.raises(error, match=message):
+        arguments.row_seeds(seed, 3)
+
+
+def test_a_mask_is_copied() -> None:
+    given = np.array([True, False, True])
+    mask = arguments.reset_mask({"reset_mask": given}, 3)
+    given[:] = False
+    assert mask is not None
+    assert mask.tolist() == [True, False, True]
+
+
+def test_without_a_mask_there_is_none() -> None:
+    assert arguments.reset_mask(None, 3) is None
+    assert arguments.reset_mask({}, 3) is None
+
+
+@pytest.mark.parametrize(
+    ("mask", "error", "message"),
+    [
+        ([True, False], TypeError, "expected an array of booleans"),
+        (np.array([1, 0]), TypeError, "expected an array of booleans"),
+        (np.array([True]), ValueError, r"shape \(1,\); expected \(2,\)"),
+        (np.array([False, False]), ValueError, "selects no row"),
+    ],
+)
+def test_a_mask_that_is_none_is_refused(mask: Any, error: Any, message: str) -> None:
+    with pytest.raises(error, match=message):
+        arguments.reset_mask({"reset_mask": mask}, 2)
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_a_mode_is_given_as_itself_or_by_its_value(mode: AutoresetMode) -> None:
+    assert arguments.autoreset_mode(mode) is arguments.autoreset_mode(mode.value) is mode
+
+
+def test_an_unknown_mode_is_refused_with_a_suggestion_and_the_list() -> None:
+    with pytest.raises(ValueError, match="Did you mean 'SameStep'") as caught:
+        arguments.autoreset_mode("same_step")
+    assert all(mode.value in str(caught.value) for mode in AutoresetMode)
+
+
+def test_render_modes_are_none_and_pictures() -> None:
+    assert arguments.render_mode(None) is None
+    assert arguments.render_mode("rgb_array") == "rgb_array"
+    with pytest.raises(ValueError, match="'human'; expected None or one of: rgb_array"):
+        arguments.render_mode("human")
+
+
+def test_keywords_are_known_if_any_of_the_callables_takes_them_by_name() -> None:
+    def first(positional: int, *, flat: bool = False) -> None: ...
+
+    def second(*, dtype: str = "float64") -> None: ...
+
+    arguments.refuse_unknown({"flat": 1, "dtype": 2}, first, second)
+    with pytest.raises(TypeError, match=r"no argument 'dtpye'\. Did you mean 'dtype'"):
+        arguments.refuse_unknown({"dtpye": 1}, first, second)
+    with pytest.raises(TypeError, match="no argument 'positional'"):
+        arguments.refuse_unknown({"positional": 1}, first, second)
+
+
+def test_what_is_given_alone_joins_the_rest_and_leaves_the_callers_mapping_alone() -> None:
+    given = {"random": 1}
+    assert arguments.task_arguments(given, 2.5) == {"random": 1, "time_limit": 2.5}
+    assert arguments.task_arguments(None, None) == {}
+    pixels, randomize = {"camera": 0}, {"body_mass": None}
+    joined = arguments.environment_arguments({"flat_observation": True}, randomize, pixels)
+    assert joined == {"flat_observation": True, "randomize": randomize, "pixels": pixels}
+    assert given == {"random": 1}
+
+
+@pytest.mark.parametrize("name", ["randomize", "pixels"])
+def test_what_is_given_twice_is_refused_by_name(name: str) -> None:
+    alone: dict[str, Any] = {"randomize": None, "pixels": None, name: {}}
+    with pytest.raises(TypeError, match=f"{name} is given twice"):
+        arguments.environment_arguments({name: {}}, **alone)
+    with pytest.raises(TypeError, match="time_limit is given twice"):
+        arguments.task_arguments({"time_limit": 1}, 2.0)

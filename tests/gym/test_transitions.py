@@ -1,0 +1,159 @@
+"""A batch in Gymnasium's terms: ends, final observations and info, mode by mode."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium import error
+from gymnasium.vector import AutoresetMode
+
+from limberjack import gym
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.randomize import shift
+from limberjack.suite import humanoid
+
+from .gym_episodes import MODES, falling_env, falling_envs
+
+_ROWS, _STEPS = 5, 16  # steps to the time limit; rows fall after 13 to 18
+
+
+def _end_of_an_episode(mode: AutoresetMode, **kwargs: Any) -> tuple[gym.VectorEnv, tuple]:
+    """An environment without torques and its first step in which some row's episode ends."""
+    envs = falling_envs(_ROWS, autoreset_mode=mode, **kwargs)
+    envs.reset(seed=0)
+    for _ in range(_STEPS):
+        told = envs.step(np.zeros((_ROWS, 21)))
+        if (told[2] | told[3]).any():
+            return envs, told
+    raise AssertionError("no episode has ended")
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_an_episode_is_terminated_or_truncated_and_never_both(mode: AutoresetMode) -> None:
+    envs = falling_envs(_ROWS, autoreset_mode=mode)
+    envs.reset(seed=0)
+    terminations = truncations = 0
+    for _ in range(_STEPS):
+        _, _, terminated, truncated, _ = envs.step(np.zeros((_ROWS, 21)))
+        assert not (terminated & truncated).any()
+        terminations += int(terminated.sum())
+        truncations += int(truncated.sum())
+        ended = terminated | truncated
+        if mode is AutoresetMode.DISABLED and ended.any():
+            envs.reset(options={"reset_mask": ended})
+    assert terminations
+    assert truncations
+
+
+def test_in_the_same_step_the_info_has_what_ended_and_the_observation_what_begins() -> None:
+    envs, (observation, _, terminated, truncated, info) = _end_of_an_episode(
+        AutoresetMode.SAME_STEP
+    )
+    ended = terminated | truncated
+    np.testing.assert_array_equal(info["_final_obs"], ended)
+    np.testing.assert_array_equal(info["_final_info"], ended)
+    terms, final = info["reward_terms"], info["final_info"]["reward_terms"]
+    for row in range(_ROWS):
+        single = falling_env()
+        single.reset(seed=row)
+        assert (info["final_obs"][row] is not None) == ended[row]
+        # The other rows' terms are in the info itself, those of rows that ended in the final one.
+        assert bool(terms["_upright"][row]) is not bool(ended[row])
+        assert bool(final["_upright"][row]) is bool(ended[row])
+        if ended[row]:
+            assert terms["upright"][row] == 0.0
+            assert final["upright"][row] > 0.0
+            head = info["final_obs"][row]["head_height"]
+            assert head != observation["head_height"][row]
+            assert terminated[row] == (head < 0.8)
+    envs.close()
+
+
+def test_a_row_whose_episode_begins_has_no_terms_in_the_next_step() -> None:
+    envs, (_, _, terminated, truncated, info) = _end_of_an_episode(AutoresetMode.NEXT_STEP)
+    ended = terminated | truncated
+    assert info["_reward_terms"].all()
+    _, reward, _, _, info = envs.step(np.zeros((_ROWS, 21)))
+    np.testing.assert_array_equal(info["_reward_terms"], ~ended)
+    assert (reward[ended] == 0.0).all()
+    assert (info["reward_terms"]["upright"][ended] == 0.0).all()
+    assert (info["reward_terms"]["upright"][~ended] > 0.0).all()
+    envs.close()
+
+
+def test_rows_that_wait_for_a_reset_are_named_by_their_number_in_the_whole_batch() -> None:
+    envs = falling_envs(2, 3, autoreset_mode=AutoresetMode.DISABLED)
+    envs.reset(seed=0)
+    waiting: list[int] = []
+    while not any(row >= 2 for row in waiting):
+        _, _, terminated, truncated, _ = envs.step(np.zeros((5, 21)))
+        ended = terminated | truncated
+        waiting = np.flatnonzero(ended).tolist()
+        first_half = ended & (np.arange(5) < 2)
+        if first_half.any():
+            envs.reset(options={"reset_mask": first_half})
+            waiting = [row for row in waiting if row >= 2]
+        if waiting:
+            break
+    with pytest.raises(error.ResetNeeded, match=rf"rows \[{', '.join(map(str, waiting))}\]"):
+        envs.step(np.zeros((5, 21)))
+    envs.close()
+
+
+def test_a_mask_gives_each_row_its_own_seed() -> None:
+    envs = falling_envs(3)
+    envs.reset(seed=0)
+    mask = np.array([False, True, True])
+    observation, _ = envs.reset(seed=[90, 91, 92], options={"reset_mask": mask})
+    for row in (1, 2):
+        alone, _ = falling_env().reset(seed=90 + row)
+        np.testing.assert_array_equal(observation["joint_angles"][row], alone["joint_angles"])
+    envs.close()
+
+
+def test_what_was_drawn_is_told_where_episodes_begin_and_stays_as_it_was() -> None:
+    physics = humanoid.Physics.from_shared_xml(*humanoid.get_model_and_assets())
+    task = humanoid.Humanoid(move_speed=0, pure_state=False, random=0)
+    from limberjack.rl import control
+
+    single = control.Environment(
+        physics,
+        task,
+        time_limit=2 * 0.025,
+        control_timestep=0.025,
+        randomize={"body_mass": shift(0, 1)},
+    )
+    envs = gym.VectorEnv(BatchEnvironment.from_environment(single, 2, 1))
+    _, info = envs.reset(seed=0)
+    drawn = info["randomization"]["body_mass"]
+    kept = drawn.copy()
+    assert info["_randomization"].all()
+    for begun in (False, False, True):  # an episode of two steps, then the next one begins
+        *_, info = envs.step(np.zeros((2, 21)))
+        assert ("randomization" in info) == begun
+    np.testing.assert_array_equal(drawn, kept)
+    assert not np.array_equal(info["randomization"]["body_mass"], kept)
+    envs.close()
+
+
+def test_a_row_that_diverges_has_no_terms_and_is_flagged_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    envs = falling_envs(3)
+    envs.reset(seed=0)
+    batch = envs.batches[0]
+    plain = batch.physics.step_rows
+
+    def diverging(rows: Any, nstep: int) -> np.ndarray:
+        plain(rows, nstep)
+        return np.array([False, True, False])
+
+    monkeypatch.setattr(batch.physics, "step_rows", diverging)
+    _, reward, terminated, truncated, info = envs.step(np.zeros((3, 21)))
+    assert info["diverged"].tolist() == [False, True, False]
+    assert terminated.tolist() == [False, True, False]
+    assert not truncated.any()
+    assert reward[1] == 0.0
+    assert info["_reward_terms"].tolist() == [True, False, True]
+    assert info["reward_terms"]["upright"][1] == 0.0
+    envs.close()

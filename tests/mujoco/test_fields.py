@@ -1,0 +1,122 @@
+"""Which axis of a field is named after what, and which fields simulations may differ in."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from limberjack.mujoco import fields
+
+_XML = """
+<mujoco>
+  <worldbody>
+    <body name="one"><freejoint/><geom name="a" size=".1"/><geom name="b" size=".1"/></body>
+    <body name="two"><joint name="hinge"/><geom name="c" size=".1"/></body>
+  </worldbody>
+  <custom><numeric name="n" data="1 2 3"/></custom>
+  <keyframe><key name="k" qpos="0 0 0 1 0 0 0 .5"/></keyframe>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(_XML)
+
+
+def _axes(model: mujoco.MjModel, field: str) -> tuple[str | None, ...]:
+    return fields.axes_of("MjModel", field, getattr(model, field).shape, model)
+
+
+@pytest.mark.parametrize(
+    ("field", "expected"),
+    [
+        ("body_pos", ("nbody", "xyz")),
+        ("body_mass", ("nbody",)),
+        ("body_quat", ("nbody", "quat")),
+        ("key_qpos", ("nkey", "nq")),
+        ("key_qvel", ("nkey", "nv")),
+        ("key_ctrl", ("nkey", "nu")),
+        ("numeric_data", ("nnumericdata",)),
+        ("dof_damping", ("nv",)),
+        ("mesh_vert", (None, "xyz")),
+        ("M_rownnz", ("nv",)),
+        ("B_rownnz", ("nbody",)),
+    ],
+)
+def test_rows_and_columns_of_a_models_field_follow_from_its_name(
+    model: mujoco.MjModel, field: str, expected: tuple[str | None, ...]
+) -> None:
+    assert _axes(model, field) == expected
+
+
+def test_an_axis_of_another_length_than_its_prefix_says_is_unnamed(model: mujoco.MjModel) -> None:
+    assert fields.axes_of("MjModel", "geom_new", (model.ngeom, 2), model) == ("ngeom", None)
+    assert fields.axes_of("MjModel", "geom_new", (model.ngeom + 1, 2), model) == (None, None)
+    assert fields.axes_of("MjModel", "geom_new", (), model) == ()
+
+
+def test_every_size_that_names_an_axis_is_one_of_the_model(model: mujoco.MjModel) -> None:
+    named = {size for name in dir(model)
+             if isinstance(value := getattr(model, name), np.ndarray)
+             for size in fields.axes_of("MjModel", name, value.shape, model) if size}  # fmt: skip
+    assert {"nbody", "njnt", "nv", "nq", "ngeom"} <= named
+    for size in named - set(fields.COLUMN_NAMES):
+        assert hasattr(model, size), size
+
+
+def test_a_matrix_is_named_in_row_major_order() -> None:
+    rows = ["".join(pair) for pair in ((r, c) for r in "xyz" for c in "xyz")]
+    assert fields.COLUMN_NAMES["mat"] == rows
+
+
+def test_the_numbers_of_objects_that_have_several_start_where_the_model_says(
+    model: mujoco.MjModel,
+) -> None:
+    kind, start = fields.RAGGED["nq"]
+    assert kind == "jnt"
+    assert getattr(model, start).tolist() == [0, 7]
+    assert getattr(model, fields.RAGGED["nv"][1]).tolist() == [0, 6]
+
+
+@pytest.mark.parametrize(
+    "name", ["body_mass", "geom_priority", "geom_contype", "geom_condim", "opt.gravity"]
+)
+def test_what_is_a_value_may_be_randomised(name: str) -> None:
+    fields.check_randomizable(name)
+
+
+@pytest.mark.parametrize(
+    "name", ["geom_type", "body_parentid", "jnt_qposadr", "opt.timestep", "opt.integrator"]
+)
+def test_what_is_structure_may_not(name: str) -> None:
+    with pytest.raises(ValueError, match=f"'{name}' is part of the model's structure"):
+        fields.check_randomizable(name)
+
+
+def test_an_unknown_field_is_refused_with_a_suggestion() -> None:
+    with pytest.raises(ValueError, match="Did you mean 'body_mass'"):
+        fields.check_randomizable("body_mas")
+
+
+def test_fields_that_may_differ_are_values_of_the_model_without_its_options() -> None:
+    names = fields.varying()
+    assert {"body_mass", "geom_size", "geom_priority", "geom_rgba"} <= set(names)
+    assert not {"geom_type", "body_parentid", "opt.gravity"} & set(names)
+    for name in names:
+        fields.check_randomizable(name)
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["geom_rgba"], False),
+        (["body_mass"], True),
+        (["geom_rgba", "body_mass"], True),
+        (["opt.gravity", "geom_rgba"], True),
+        ([], False),
+    ],
+)
+def test_constants_follow_if_any_of_the_fields_is_one_that_they_depend_on(
+    names: list[str], expected: bool
+) -> None:
+    assert fields.have_constants(names) is expected

@@ -1,0 +1,128 @@
+"""`MjModel` as programs for dm_control know it, shared or not."""
+
+import copy
+import pickle
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import pytest
+
+from limberjack.mujoco import wrapper
+
+_XML = """
+<mujoco model="balls">
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 1"/>
+    <body name="ball" pos="0 0 .09">
+      <freejoint name="free"/>
+      <geom name="ball" size=".1" mass="2"/>
+      <site name="top" pos="0 0 .1"/>
+    </body>
+    <body><geom size=".1" pos="3 0 3"/></body>
+  </worldbody>
+  <sensor><framepos name="ball" objtype="body" objname="ball"/></sensor>
+</mujoco>
+"""
+
+
+_GRAVITY = mujoco.mjtDisableBit.mjDSBL_GRAVITY
+
+
+_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONTACT
+
+
+@pytest.fixture
+def model() -> wrapper.MjModel:
+    return wrapper.MjModel.from_xml_string(_XML)
+
+
+@pytest.mark.parametrize("way", ["copy", "deepcopy", "pickle", "bytes"])
+def test_a_model_is_the_same_after_a_copy(model: wrapper.MjModel, way: str) -> None:
+    model.opt.timestep = 0.125
+    made: dict[str, Any] = {
+        "copy": lambda: copy.copy(model),
+        "deepcopy": lambda: copy.deepcopy(model),
+        "pickle": lambda: pickle.loads(pickle.dumps(model)),
+        "bytes": lambda: wrapper.MjModel.from_byte_string(model.to_bytes()),
+    }
+    other = made[way]()
+    assert other.to_bytes() == model.to_bytes()
+    other.opt.timestep = 0.5
+    assert model.opt.timestep == 0.125
+
+
+def test_a_model_is_read_from_text_bytes_and_files(model: wrapper.MjModel, tmp_path: Path) -> None:
+    xml, binary = tmp_path / "balls.xml", tmp_path / "balls.mjb"
+    xml.write_text(_XML)
+    model.save_binary(str(binary))
+    for other in (
+        wrapper.MjModel.from_xml_string(_XML.encode()),
+        wrapper.MjModel.from_xml_path(str(xml)),
+        wrapper.MjModel.from_binary_path(str(binary)),
+    ):
+        assert other.to_bytes() == model.to_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "number"),
+    [
+        ("world", "body", 0),
+        ("ball", "body", 1),
+        ("ball", "geom", 1),
+        ("floor", mujoco.mjtObj.mjOBJ_GEOM, 0),
+        ("free", mujoco.mjtObj.mjOBJ_JOINT.value, 0),
+        ("top", "site", 0),
+        ("ball", "sensor", 0),
+    ],
+)
+def test_names_and_numbers_of_objects(
+    model: wrapper.MjModel, name: str, kind: Any, number: int
+) -> None:
+    assert model.name2id(name, kind) == number
+    assert model.id2name(number, kind) == name
+
+
+def test_what_has_no_name_has_an_empty_one(model: wrapper.MjModel) -> None:
+    assert model.id2name(2, "body") == ""
+    assert model.id2name(99, "body") == ""
+
+
+def test_unknown_names_and_kinds_are_refused_with_suggestions(model: wrapper.MjModel) -> None:
+    with pytest.raises(wrapper.Error, match=r"'body'.*'bal'.*Did you mean 'ball'\? Names: world"):
+        model.name2id("bal", "body")
+    with pytest.raises(wrapper.Error, match=r"'camera'.*'side'.*Names: none"):
+        model.name2id("side", "camera")
+    for use in (model.name2id, lambda name, kind: model.id2name(0, kind)):
+        with pytest.raises(wrapper.Error, match="'bodi' is not a valid object type"):
+            use("ball", "bodi")
+    assert issubclass(wrapper.Error, ValueError)
+
+
+@pytest.mark.parametrize(
+    "flags", [("gravity",), (_GRAVITY,), (_GRAVITY.value, "contact"), (_GRAVITY, _CONTACT), ()]
+)
+def test_parts_are_disabled_within_the_context(model: wrapper.MjModel, flags: Any) -> None:
+    bits = {"gravity": _GRAVITY.value, "contact": _CONTACT.value}
+    expected = sum(bits.get(flag, flag) if isinstance(flag, str) else int(flag) for flag in flags)
+    model.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_LIMIT.value
+    before = model.opt.disableflags
+    with model.disable(*flags):
+        assert model.opt.disableflags == before | expected
+        with model.disable("sensor"):
+            pass
+        assert model.opt.disableflags == before | expected
+    assert model.opt.disableflags == before
+
+
+def test_an_unknown_flag_is_refused_and_nothing_disabled(model: wrapper.MjModel) -> None:
+    with pytest.raises(ValueError, match=r"'gravty' is not a valid flag name.*gravity"):
+        model.disable("contact", "gravty").__enter__()
+    assert model.opt.disableflags == 0
+
+
+def test_every_flag_of_this_mujoco_has_a_name(model: wrapper.MjModel) -> None:
+    for name, bit in mujoco.mjtDisableBit.__members__.items():
+        if name.startswith("mjDSBL_"):
+            with model.disable(name.removeprefix("mjDSBL_").lower()):
+                assert model.opt.disableflags == bit.value

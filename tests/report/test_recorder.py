@@ -1,0 +1,94 @@
+"""The files of a run: what is written, what is left out and why, and what an earlier run left."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import report, suite
+from limberjack.mujoco.camera import RenderingError
+from limberjack.rollout import Episode
+
+_EPISODES = [Episode(0, None, np.array([0.25, 0.5]))]
+
+
+@pytest.fixture
+def environment(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """An environment that cannot be drawn."""
+    env = suite.load("humanoid", "stand", {"random": 0, "time_limit": 0.05})
+    env.reset()
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise RenderingError("no\n  OpenGL")
+
+    monkeypatch.setattr(type(env.physics), "render", fail)
+    return env
+
+
+def _about(env: Any) -> dict[str, Any]:
+    return {
+        "domain": "humanoid",
+        "task": "stand",
+        "policy": "zero",
+        "time_limit": 0.05,
+        "control_timestep": env.control_timestep(),
+        "episodes_asked_for": 1,
+    }
+
+
+def _played(recorder: report.Recorder, env: Any) -> None:
+    recorder.begin(env)
+    recorder.add_step(0)
+    for step in (1, 2):
+        env.step(np.zeros(21))
+        recorder.add_step(step)
+    recorder.finish_film()
+
+
+def test_what_cannot_be_filmed_is_left_out_with_one_line_and_the_rest_is_written(
+    environment: Any, tmp_path: Path
+) -> None:
+    recorder = report.Recorder(tmp_path / "new" / "out")
+    _played(recorder, environment)
+    recorder.write(_about(environment), _EPISODES, "abc")
+    assert recorder.left_out == ["no video.mp4: no OpenGL"]
+    names = ["result.json", "return.png", "report.html"]
+    assert [path.name for path in recorder.written] == names
+    assert sorted(path.name for path in (tmp_path / "new" / "out").iterdir()) == sorted(names)
+
+
+def test_files_of_an_earlier_run_that_this_one_has_not_are_removed(
+    environment: Any, tmp_path: Path
+) -> None:
+    for name in ("video.mp4", "return.png", "report.html", "notes.txt"):
+        (tmp_path / name).write_text("old")
+    recorder = report.Recorder(tmp_path)
+    recorder.write(_about(environment), [], "abc")  # no episode ended
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt", "result.json"]
+    assert json.loads((tmp_path / "result.json").read_text())["episodes"] == []
+
+
+def test_without_the_extra_film_and_plot_share_a_reason(
+    environment: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    recorder = report.Recorder(tmp_path)
+    _played(recorder, environment)
+    recorder.write(_about(environment), _EPISODES, "abc")
+    (line,) = recorder.left_out
+    assert line.startswith("no video.mp4 and no return.png: ")
+    assert [path.name for path in recorder.written] == ["result.json", "report.html"]
+
+
+def test_a_result_that_cannot_be_written_is_the_callers_error(
+    environment: Any, tmp_path: Path
+) -> None:
+    recorder = report.Recorder(tmp_path)
+    (tmp_path / "result.json").mkdir()
+    with pytest.raises(OSError, match=r"result\.json"):
+        recorder.write(_about(environment), _EPISODES, "abc")
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]

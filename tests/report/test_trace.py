@@ -1,0 +1,53 @@
+"""Traces: what was seen of an episode, step by step."""
+
+import numpy as np
+import pytest
+
+from limberjack import policies, report, rollout, suite
+from limberjack.report import trace as trace_module
+
+
+def _traced(domain: str, task: str, seconds: float) -> tuple[rollout.Episode, report.Trace]:
+    """An episode of random actions, and what was traced of it."""
+    env = suite.load(domain, task, {"random": 3, "time_limit": seconds})
+    trace = report.Trace(env)
+    return rollout.run_episode(env, policies.random, 3, lambda step, total: trace.add(step)), trace
+
+
+@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
+def test_a_trace_is_of_every_step(domain: str, task: str) -> None:
+    episode, trace = _traced(domain, task, 0.25)
+    count = episode.length + 1
+    np.testing.assert_array_equal(trace.rewards[1:], episode.rewards)
+    assert np.isnan(trace.rewards[0])
+    env = suite.load(domain, task, {"random": 3, "time_limit": 0.25})
+    np.testing.assert_array_equal(trace.seconds, np.arange(count) * env.control_timestep())
+    observation = env.reset().observation
+    assert list(trace.observations) == list(observation)
+    for name, value in observation.items():
+        assert trace.observations[name].shape == (count, np.size(value))
+        np.testing.assert_array_equal(trace.observations[name][0], np.ravel(value))
+    step = env.step(policies.random(env.action_spec(), 3)(observation))
+    assert step.reward == trace.rewards[1]
+    assert {name: series[1] for name, series in trace.terms.items()} == env.task.reward_terms(
+        env.physics
+    )
+
+
+def test_a_long_trace_is_kept_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trace_module, "_MOST_SAMPLES", 8)
+    episode, trace = _traced("humanoid", "walk", 0.5)  # 20 steps
+    np.testing.assert_allclose(trace.seconds, 0.025 * np.arange(0, 21, 4))
+    np.testing.assert_array_equal(trace.rewards[1:], episode.rewards[3::4])
+    assert all(len(series) == 6 for series in trace.observations.values())
+
+
+def test_a_task_without_terms_is_traced_by_its_reward() -> None:
+    env = suite.load("humanoid", "walk", {"random": 0})
+    env.task.get_reward = lambda physics: 0.25  # pyright: ignore[reportAttributeAccessIssue]
+    env.reset()
+    trace = report.Trace(env)
+    trace.add(0)
+    trace.add(1)
+    assert trace.rewards[1] == 0.25
+    assert trace.terms == {}

@@ -1,0 +1,87 @@
+"""The laws of a batch as a test class: a good task passes, and flawed ones fail."""
+
+import collections
+import unittest
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import mujoco
+from limberjack.rl import control
+from limberjack.rl.batch_test_utils import BatchEnvironmentTestMixin
+from limberjack.suite import base
+
+_SLIDER = """
+<mujoco>
+  <worldbody><body><joint name="slide" type="slide"/><geom size=".1"/></body></worldbody>
+  <actuator><motor joint="slide" ctrllimited="true" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+
+
+class _Task(base.Task):
+    """Pushes a ball along a rail."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        physics.named.data.qpos["slide"] = self.random.uniform(-1, 1)
+
+    def get_observation(self, physics: Any) -> collections.OrderedDict:
+        return collections.OrderedDict(position=physics.position())
+
+    def get_reward(self, physics: Any) -> Any:
+        return physics.position()[..., 0]
+
+
+class _Remembering(_Task):
+    """Counts its own calls, which rows of a batch have in common and single ones have not."""
+
+    calls = 0
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        super().before_step(action, physics)
+        self.calls += 1
+
+    def get_reward(self, physics: Any) -> Any:
+        return super().get_reward(physics) + (self.calls > 20)
+
+
+class _Shared(_Task):
+    """Draws from one stream for all rows."""
+
+    stream = np.random.RandomState(0)
+
+    def initialize_episode(self, physics: Any) -> None:
+        physics.named.data.qpos["slide"] = self.stream.uniform(-1, 1)
+
+
+def _result(task: type[_Task]) -> unittest.TestResult:
+    class Laws(BatchEnvironmentTestMixin, unittest.TestCase):
+        def make_single(self, seed: int) -> control.Environment:
+            physics = mujoco.Physics.from_xml_string(_SLIDER)
+            return control.Environment(physics, task(seed), time_limit=0.02)
+
+    result = unittest.TestResult()
+    unittest.defaultTestLoader.loadTestsFromTestCase(Laws).run(result)
+    return result
+
+
+def test_a_task_whose_rows_are_its_single_environments_passes() -> None:
+    result = _result(_Task)
+    assert result.testsRun >= 4
+    assert result.wasSuccessful(), result.failures + result.errors
+
+
+@pytest.mark.parametrize("task", [_Remembering, _Shared])
+def test_a_task_whose_rows_depend_on_each_other_fails(task: type[_Task]) -> None:
+    result = _result(task)
+    failed = [test.id().rpartition(".")[2] for test, _ in result.failures]
+    assert "test_a_row_is_the_single_environment" in failed
+
+
+def test_a_class_without_an_environment_says_what_to_define() -> None:
+    class Laws(BatchEnvironmentTestMixin):
+        pass
+
+    with pytest.raises(NotImplementedError, match=r"Laws defines no make_single\(seed\)"):
+        Laws().make_single(0)

@@ -1,0 +1,76 @@
+"""Streams of rows: one for starts, one beside it for the model's fields."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack.rl.randomize import stream_beside
+from limberjack.rl.streams import Streams, seed_of_a_stream
+
+_LARGEST = 2**32 - 1
+
+
+def test_a_row_draws_what_a_stream_with_its_seed_draws() -> None:
+    streams = Streams(seed=7, count=3)
+    for row in range(3):
+        assert streams.own[row].rand() == np.random.RandomState(7 + row).rand()
+        beside = stream_beside(np.random.RandomState(7 + row))
+        assert streams.beside[row].rand() == beside.rand()
+
+
+def test_without_a_seed_rows_differ_from_each_other_and_from_time_to_time() -> None:
+    drawn = [stream.rand() for _ in range(2) for stream in Streams(None, 3).own]
+    assert len(set(drawn)) == 6
+
+
+def test_a_replaced_stream_has_its_own_one_beside() -> None:
+    streams = Streams(seed=0, count=2)
+    streams.replace(1, np.random.RandomState(40))
+    assert streams.own[1].rand() == np.random.RandomState(40).rand()
+    assert streams.beside[1].rand() == stream_beside(np.random.RandomState(40)).rand()
+    assert streams.own[0].rand() == np.random.RandomState(0).rand()
+
+
+@pytest.mark.parametrize("with_beside", [True, False])
+def test_what_was_saved_goes_on_in_other_rows_of_other_streams(with_beside: bool) -> None:
+    source = Streams(seed=3, count=4)
+    for stream in (*source.own, *source.beside):
+        stream.rand(5)
+    saved = source.save(np.array([1, 3]), with_beside)
+    target = Streams(seed=90, count=4)
+    others = target.beside[0].get_state()
+    target.load(np.array([2, 0]), saved)
+    assert target.own[2].rand() == source.own[1].rand()
+    assert target.own[0].rand() == source.own[3].rand()
+    if with_beside:
+        assert target.beside[2].rand() == source.beside[1].rand()
+        assert target.beside[0].rand() == source.beside[3].rand()
+    else:
+        np.testing.assert_array_equal(target.beside[0].get_state()[1], others[1])
+
+
+def test_what_was_saved_does_not_go_on_with_the_stream() -> None:
+    streams = Streams(seed=3, count=1)
+    saved = streams.save(np.array([0]), with_beside=True)
+    drawn = streams.own[0].rand(3), streams.beside[0].rand(3)
+    streams.load(np.array([0]), saved)
+    np.testing.assert_array_equal(drawn, (streams.own[0].rand(3), streams.beside[0].rand(3)))
+
+
+def test_the_largest_seed_is_one_and_the_next_is_none() -> None:
+    assert seed_of_a_stream(_LARGEST) == _LARGEST
+    assert (
+        Streams(seed=_LARGEST - 2, count=3).own[2].rand() == np.random.RandomState(_LARGEST).rand()
+    )
+    with pytest.raises(ValueError, match="expected a whole number from 0 to 2\\*\\*32 - 1"):
+        Streams(seed=_LARGEST - 2, count=4)
+
+
+@pytest.mark.parametrize(
+    ("seed", "error"),
+    [(-1, ValueError), (_LARGEST + 1, ValueError), (1.0, TypeError), ("1", TypeError)],
+)
+def test_what_is_no_seed_is_refused_by_name(seed: Any, error: type[Exception]) -> None:
+    with pytest.raises(error, match="seed is"):
+        seed_of_a_stream(seed)
