@@ -1,11 +1,12 @@
 """Whether memory stays flat, and what an environment takes.
 
-    python benchmarks/memory.py [--steps 1000000] [--loads 5000] [--json FILE]
+    python benchmarks/memory.py [--steps 1000000] [--loads 5000] [--cycles 1000]
 
 Each figure comes from a process of its own. `python benchmarks/overhead.py` shows the same rows.
 """
 
 import ctypes
+import importlib
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,12 +15,14 @@ from typing import Annotated, Any
 import fresh
 import peers
 import typer
-from report import Row, all_met, at_most, print_table, summary, write_json
+from report import Bar, Row, all_met, at_most, print_table, summary, write_json
 
 __all__ = [
+    "NUM_CYCLES",
     "NUM_LOADS",
     "NUM_STEPS",
     "measure",
+    "megabytes_after_cycles",
     "megabytes_after_loads",
     "megabytes_after_steps",
     "megabytes_per_environment",
@@ -27,37 +30,54 @@ __all__ = [
 
 NUM_STEPS = 1_000_000
 NUM_LOADS = 5_000
+NUM_CYCLES = 1_000
 
 # Megabytes by which the process may grow once it is warm. The allocator is worth a megabyte or two;
 # a kilobyte kept per load is worth five, one object kept per step fifty, and one model twelve.
 _FLAT = at_most(4)
+# The same where the allocator keeps what it likes: what a user's process grows by, who makes one
+# vector environment after the other. Two models and their data fit in.
+_FLAT_AS_IT_IS = at_most(30)
 
 _STEPS_PER_EPISODE = 1_000
 _NUM_SAMPLES = 50
 _WARM_UP_ROUNDS = 2  # of all tasks, before the first sample
 _NUM_MORE_ENVIRONMENTS = 20
+_ENVIRONMENTS_OF_A_VECTOR = 8
 _TASK_OF_DOMAIN = (("humanoid", "walk"), ("manipulator", "bring_ball"), ("stacker", "stack_2"))
 
 
-def measure(num_steps: int, num_loads: int, num_domains: int = len(_TASK_OF_DOMAIN)) -> list[Row]:
+def measure(
+    num_steps: int, num_loads: int, num_cycles: int, num_domains: int = len(_TASK_OF_DOMAIN)
+) -> list[Row]:
     """All rows.
 
     Args:
       num_steps: in all, of all ten tasks in turns.
       num_loads: load-and-drop cycles in all, of all ten tasks in turns.
+      num_cycles: make-and-close cycles of vector environments in all, of three tasks in turns.
       num_domains: of which one task's environments are weighed.
     """
     return [
         _growth_row(f"{num_steps:,} steps", "megabytes_after_steps", num_steps),
         _growth_row(f"{num_loads:,} loads and drops", "megabytes_after_loads", num_loads),
+        _growth_row(
+            f"{num_cycles:,} vector environments",
+            "megabytes_after_cycles",
+            num_cycles,
+            series="resident",
+            bar=_FLAT_AS_IT_IS,
+        ),
         *(row for task in _TASK_OF_DOMAIN[:num_domains] for row in _environment_rows(*task)),
     ]
 
 
-def _growth_row(subject: str, function: str, count: int) -> Row:
-    """How much a process grows after it is warm."""
-    series = fresh.call("memory", function, count, variables=peers.WITHOUT_OPENGL)
-    first, last = series["in_use"][0], series["in_use"][-1]
+def _growth_row(
+    subject: str, function: str, count: int, series: str = "in_use", bar: Bar = _FLAT
+) -> Row:
+    """How much a process grows after it is warm, by one of the series of `_sampled`."""
+    found = fresh.call("memory", function, count, variables=peers.WITHOUT_OPENGL)
+    first, last = found[series][0], found[series][-1]
     growth = None if first is None or last is None else last - first
     return Row(
         measure="memory grows by",
@@ -67,8 +87,8 @@ def _growth_row(subject: str, function: str, count: int) -> Row:
         unit="MB",
         value=growth,
         value_unit="MB",
-        bar=_FLAT,
-        details={"megabytes": series},
+        bar=bar,
+        details={"megabytes": found},
     )
 
 
@@ -130,6 +150,24 @@ def megabytes_after_loads(num_loads: int) -> dict[str, list[float | None]]:
     return _sampled(load, num_loads, _WARM_UP_ROUNDS * len(suite.ALL_TASKS))
 
 
+def megabytes_after_cycles(num_cycles: int) -> dict[str, list[float | None]]:
+    """Memory as vector environments are made, reset, stepped and closed, tasks in turns.
+
+    Nothing is given back in between: `in_use` is the same as `resident`.
+    """
+    peers.suite(peers.OURS)
+    gym = importlib.import_module("limberjack.gym")
+
+    def cycle(number: int) -> None:
+        task = _TASK_OF_DOMAIN[number % len(_TASK_OF_DOMAIN)]
+        environments = gym.load_vector(*task, num_envs=_ENVIRONMENTS_OF_A_VECTOR)
+        environments.reset(seed=0)
+        environments.step(environments.action_space.sample())
+        environments.close()
+
+    return _sampled(cycle, num_cycles, _WARM_UP_ROUNDS * len(_TASK_OF_DOMAIN), gives_back=False)
+
+
 def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str, float | None]:
     """Memory of the first environment of a task, and of each one more, loaded and then used."""
     suite = peers.suite(package)
@@ -162,7 +200,7 @@ def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str,
 
 
 def _sampled(
-    work: Callable[[int], None], count: int, num_warm_up: int
+    work: Callable[[int], None], count: int, num_warm_up: int, gives_back: bool = True
 ) -> dict[str, list[float | None]]:
     """Memory along the work, after a warm-up.
 
@@ -176,7 +214,8 @@ def _sampled(
     for number in range(count + 1):
         if number % every == 0 or number == count:
             series["resident"].append(_resident_megabytes())
-            _return_unused_memory()
+            if gives_back:
+                _return_unused_memory()
             series["in_use"].append(_resident_megabytes())
         if number < count:
             work(number)
@@ -204,14 +243,15 @@ def _resident_megabytes() -> float | None:
 def main(
     steps: Annotated[int, typer.Option(min=100, help="Steps in all.")] = NUM_STEPS,
     loads: Annotated[int, typer.Option(min=10, help="Load-and-drop cycles in all.")] = NUM_LOADS,
+    cycles: Annotated[int, typer.Option(min=3, help="Vector environments in all.")] = NUM_CYCLES,
     json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
 ) -> None:
     """Print whether memory stays flat; the exit status is 1 if it does not."""
-    rows = measure(steps, loads)
+    rows = measure(steps, loads, cycles)
     print_table(rows, "dm_control")
     typer.echo(summary(rows))
     if json is not None:
-        write_json(json, rows, {"steps": steps, "loads": loads})
+        write_json(json, rows, {"steps": steps, "loads": loads, "cycles": cycles})
     sys.exit(not all_met(rows))
 
 

@@ -43,6 +43,7 @@ class Effort:
     domains: int  # of which a task is measured in fresh processes
     memory_steps: int  # in all
     memory_loads: int  # in all
+    memory_cycles: int  # in all
 
 
 _FULL = Effort(
@@ -54,6 +55,7 @@ _FULL = Effort(
     domains=3,
     memory_steps=memory.NUM_STEPS,
     memory_loads=memory.NUM_LOADS,
+    memory_cycles=memory.NUM_CYCLES,
 )
 # Shows that the benchmark works; its figures mean nothing.
 _QUICK = Effort(
@@ -65,6 +67,7 @@ _QUICK = Effort(
     domains=1,
     memory_steps=100,
     memory_loads=10,
+    memory_cycles=3,
 )
 
 
@@ -79,7 +82,8 @@ def _measure(section: Section, effort: Effort) -> list[Row]:
         case Section.RESET:
             return starting.measure_resets(effort.resets)
         case Section.MEMORY:
-            return memory.measure(effort.memory_steps, effort.memory_loads, effort.domains)
+            counts = effort.memory_steps, effort.memory_loads, effort.memory_cycles
+            return memory.measure(*counts, effort.domains)
 
 
 def main(

@@ -86,5 +86,5 @@ def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[st
 @pytest.mark.slow
 def test_memory_stays_flat_over_steps_and_loads() -> None:
     # A tenth of what the benchmark itself does.
-    done = run_benchmark("memory.py", "--steps", "100000", "--loads", "500")
+    done = run_benchmark("memory.py", "--steps", "100000", "--loads", "500", "--cycles", "300")
     assert done.returncode == 0, done.stdout + done.stderr

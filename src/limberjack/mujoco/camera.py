@@ -219,7 +219,13 @@ class Camera:
                     contents, self._physics, self._scene, self._scene_callback
                 )
             with self._scene.override_flags(style.flags):
-                raw = call(model, draw, self._scene, style, *size, contents, size=size)
+                raw = call(
+                    model,
+                    draw,
+                    *(self._scene, style, *size, contents),
+                    size=size,
+                    may_have_changed=_may_have_changed(self._physics),
+                )
             return finished(raw, style, model, self._scene)
 
     def select(self, cursor_position: tuple[float, float]) -> Selected:
@@ -319,11 +325,21 @@ def render(
     if scene_callback:
         contents = _with_callback(contents, physics, scene, scene_callback)
     with scene.override_flags(style.flags):
-        raw = call(model, draw, scene, style, *size, contents, size=size)
+        what = scene, style, *size, contents
+        is_new = _may_have_changed(physics)
+        raw = call(model, draw, *what, size=size, may_have_changed=is_new)
     picture = finished(raw, style, model, scene)
     if is_reusable and len(spares) < _MOST_SPARE_SCENES:
         spares.append(scene)
     return picture
+
+
+def _may_have_changed(physics: Any) -> bool:
+    """Whether the model's height fields, textures or meshes may have changed since they were drawn.
+
+    Those of a model that is shared cannot.
+    """
+    return physics.model._shared is None
 
 
 def _contents(physics: Any, view: MjvCamera, option: Any) -> tuple:

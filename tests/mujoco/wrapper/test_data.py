@@ -1,4 +1,4 @@
-"""`MjData` as programs for dm_control know it."""
+"""Tests of limberjack.mujoco.wrapper.data."""
 
 import copy
 import pickle
@@ -109,7 +109,27 @@ def test_an_objects_velocity_is_linear_then_angular(
         data.object_velocity("bal", "body")
 
 
+@pytest.mark.parametrize(
+    ("kind", "count"), [("body", 3), ("xbody", 3), ("geom", 3), ("site", 1), ("camera", 0)]
+)
+def test_the_velocity_of_an_object_that_does_not_exist_is_refused(
+    data: wrapper.MjData, kind: str, count: int
+) -> None:
+    for number in range(count):
+        assert data.object_velocity(number, kind).shape == (2, 3)
+    # MuJoCo itself would read outside its arrays, and crash the process for the large ones.
+    for number in (-1, count, 10**7, np.int64(10**12)):
+        expected = f"object_id is {number};.*the model has {count} objects of type '{kind}'"
+        with pytest.raises(ValueError, match=expected):
+            data.object_velocity(number, kind)  # pyright: ignore[reportArgumentType]
+
+
+@pytest.mark.parametrize("kind", ["joint", "light", "sensor", 0, mujoco.mjtObj.mjOBJ_FRAME, 999])
+def test_objects_that_have_no_velocity_are_refused(data: wrapper.MjData, kind: str | int) -> None:
+    with pytest.raises(ValueError, match=r"have no velocity; expected 'body', 'xbody'"):
+        data.object_velocity(0, kind)
+
+
 def test_freeing_twice_is_fine(model: wrapper.MjModel, data: wrapper.MjData) -> None:
     for thing in (data, model, wrapper.MjvScene()):
-        thing.free()
         thing.free()

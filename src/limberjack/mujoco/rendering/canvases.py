@@ -5,19 +5,21 @@
 
 An `MjrContext` holds a model's textures, meshes and buffers. It takes a tenth of a second and tens
 of megabytes, so models of which MuJoCo would make the same share one; each has an OpenGL context of
-its own, because MuJoCo sets some of OpenGL's state, the fog's for one, only when it makes it. All
-this is for the rendering thread alone.
+its own, because MuJoCo sets some of OpenGL's state, the fog's for one, only when it makes it.
+Models of one structure whose height fields, textures or meshes change share one, too: what differs
+is uploaded before each picture. All this is for the rendering thread alone.
 """
 
 import collections
 import hashlib
 import weakref
 from collections.abc import Callable
-from typing import Any
+from typing import NamedTuple, TypeVar
 
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.rendering import uploads
 from limberjack.mujoco.rendering.backends import Backend, RenderingError, open_backend
 
 __all__ = ["Canvases"]
@@ -30,6 +32,20 @@ _DRAWN_FIELDS = ("hfield_", "mat_tex", "mesh_", "skin_", "tex_")
 # Different models that can be drawn in turn without making anything anew. With Mesa's software
 # renderer each takes 75 MB.
 _MOST_SHARED = 8
+
+
+_T = TypeVar("_T")
+
+
+class _Private:
+    """The key of a canvas that no other model shares."""
+
+
+class _Shared(NamedTuple):
+    """The key of a canvas that models of equal fingerprints share."""
+
+    fingerprint: bytes
+    is_changing: bool  # the fingerprint leaves out what is uploaded when it changes
 
 
 class Canvases:
@@ -47,24 +63,29 @@ class Canvases:
         self._is_forked = is_forked
         self._inherited = inherited
         # Least recently used first.
-        self._canvases: collections.OrderedDict[Any, _Canvas] = collections.OrderedDict()
-        self._keys: weakref.WeakKeyDictionary[Any, Any] = weakref.WeakKeyDictionary()
+        self._canvases: collections.OrderedDict[_Private | _Shared, _Canvas]
+        self._canvases = collections.OrderedDict()
+        self._keys: weakref.WeakKeyDictionary[mujoco.MjModel, _Private | _Shared]
+        self._keys = weakref.WeakKeyDictionary()
         self._selected: _Canvas | None = None
-        self._in_use: _Canvas | None = None
+        self._in_use: tuple[_Canvas, mujoco.MjModel] | None = None
 
     def draw(
         self,
-        model: Any,
+        model: mujoco.MjModel,
         size: tuple[int, int],
-        when_gone: Callable[[Callable[..., Any], Any], Any] | None,
-        function: Callable[..., Any],
-        args: tuple,
-    ) -> Any:
-        """Calls `function(mjr_context, *args)` with the model's canvas selected.
+        may_have_changed: bool,
+        when_gone: Callable[..., object] | None,
+        function: Callable[..., _T],
+        args: tuple[object, ...],
+    ) -> _T:
+        """Calls `function(mjr_context, *args)` with the model's canvas selected and up to date.
 
         Args:
           model: the official `mujoco.MjModel`.
           size: height and width, pixels, that the canvas must have at least.
+          may_have_changed: the model's height fields, textures or meshes may have other values
+            than when it was first drawn.
           when_gone: None, or: no other model may share the canvas; when the model is gone, in
             whichever thread, this is called with what frees the canvas, here, and its argument.
           function: what draws.
@@ -73,72 +94,88 @@ class Canvases:
         Raises:
           RenderingError: OpenGL cannot be had.
         """
-        canvas, outer = self._canvas(model, size, when_gone), self._in_use
-        self._select(canvas)
-        self._in_use = canvas
+        canvas, outer = self._canvas(model, size, may_have_changed, when_gone), self._in_use
+        self._select(canvas, model)
+        self._in_use = canvas, model
         try:
             return function(canvas.mjr, *args)
         finally:
             self._in_use = outer
             if outer is not None:  # The function was called by another one, which goes on.
-                self._select(outer)
+                self._select(*outer)
 
     def close(self) -> None:
         """Frees them all."""
         for key in list(self._canvases):
             self._drop(key)
 
-    def _select(self, canvas: "_Canvas") -> None:
+    def _select(self, canvas: "_Canvas", model: mujoco.MjModel) -> None:
         if canvas is not self._selected:
             self._selected = None
             canvas.select()
             self._selected = canvas
         mujoco.mjr_setBuffer(_OFFSCREEN, canvas.mjr)
+        if canvas.is_changing:
+            canvas.uploads.update(model, canvas.mjr)
 
-    def _canvas(self, model: Any, size: tuple[int, int], when_gone: Callable | None) -> "_Canvas":
+    def _canvas(
+        self,
+        model: mujoco.MjModel,
+        size: tuple[int, int],
+        may_have_changed: bool,
+        when_gone: Callable[..., object] | None,
+    ) -> "_Canvas":
         """The model's canvas: its own, one shared with its like, or a new one."""
         key = self._keys.get(model)
         if when_gone is not None and not isinstance(key, _Private):
             key = _Private()
             weakref.finalize(model, when_gone, self._drop, key).atexit = False
-        if key in self._canvases and not self._canvases[key].has_room(size):
+        canvas = None if key is None else self._canvases.get(key)
+        if canvas is not None and not canvas.has_room(size):
             # The model's buffer was enlarged since. What others share stays.
             if isinstance(key, _Private):
                 self._drop(key)
-            else:
-                key = None
-        if key not in self._canvases and not isinstance(key, _Private):
-            key = _fingerprint(model)
+            canvas = None
+        if not isinstance(key, _Private):
+            is_changing = key is not None and key.is_changing
+            if may_have_changed and canvas is not None and not is_changing:
+                is_changing = not canvas.uploads.are_current(model)
+            if canvas is None or canvas.is_changing != is_changing:
+                key, canvas = _Shared(_fingerprint(model, is_changing), is_changing), None
+        assert key is not None
         self._keys[model] = key
         if key not in self._canvases:
-            self._canvases[key] = self._new_canvas(model)
+            self._canvases[key] = self._new_canvas(model, isinstance(key, _Private) or key[1])
         self._canvases.move_to_end(key)
         return self._canvases[key]
 
-    def _new_canvas(self, model: Any) -> "_Canvas":
+    def _new_canvas(self, model: mujoco.MjModel, is_changing: bool) -> "_Canvas":
         if self.backend is None:
             self.backend = open_backend(self._is_forked, self._inherited, self.device)
         shared = [key for key in self._canvases if not isinstance(key, _Private)]
         for oldest in shared[: max(0, len(shared) + 1 - _MOST_SHARED)]:
             self._drop(oldest)
         self._selected = None
-        return _Canvas(self.backend, model)
+        return _Canvas(self.backend, model, is_changing)
 
-    def _drop(self, key: Any) -> None:
+    def _drop(self, key: _Private | _Shared) -> None:
         canvas = self._canvases.pop(key, None)
         if canvas is not None:
             self._selected = None
             canvas.free()
 
 
-class _Private:
-    """The key of a canvas that no other model shares."""
-
-
 class _Canvas:
-    """An OpenGL context with what MuJoCo needs in it to draw a model."""
+    """An OpenGL context with what MuJoCo needs in it to draw a model.
 
-    def __init__(self, backend: Backend, model: mujoco.MjModel) -> None:
+    Attributes:
+      mjr: MuJoCo's context.
+      uploads: the values that it holds.
+      is_changing: before each picture these are made the model's.
+    """
+
+    def __init__(self, backend: Backend, model: mujoco.MjModel, is_changing: bool) -> None:
+        self.is_changing = is_changing
         self._backend = backend
         self._context = backend.create()
         if not self._context:
@@ -154,6 +191,7 @@ class _Canvas:
                 f"OpenGL by {backend.renderer!r} cannot draw into the model's off-screen buffer of "
                 f"{size} pixels, which may be larger than it can have: {error}"
             ) from error
+        self.uploads = uploads.Uploads(model)
 
     def has_room(self, size: tuple[int, int]) -> bool:
         """Whether a picture of that height and width fits into its buffer."""
@@ -171,15 +209,19 @@ class _Canvas:
         self._backend.destroy(self._context)
 
 
-def _fingerprint(model: Any) -> bytes:
+def _fingerprint(model: mujoco.MjModel, is_changing: bool) -> bytes:
     """Equal for two models if MuJoCo makes the same of them in OpenGL.
 
     That depends on textures, meshes, height fields, skins, planes and the visual settings, and not
     on where things are and what colour they have.
+
+    Args:
+      model: whose fingerprint it is.
+      is_changing: leave out the values that are uploaded when they change.
     """
     digest = hashlib.blake2b(digest_size=16)
     planes = model.geom_type == _PLANE
-    fields: dict[str, Any] = {
+    fields: dict[str, object] = {
         "vis": repr(model.vis),
         "extent": model.stat.extent,
         "plane sizes": model.geom_size[planes],
@@ -189,9 +231,10 @@ def _fingerprint(model: Any) -> bytes:
         if name.startswith(_DRAWN_FIELDS):
             fields[name] = getattr(model, name)
     for name, value in fields.items():
-        if isinstance(value, np.ndarray):
-            digest.update(f"{name} {value.dtype} {value.shape}".encode())
-            digest.update(np.ascontiguousarray(value).data)
-        else:
+        if not isinstance(value, np.ndarray):
             digest.update(f"{name} {value!r}".encode())
+            continue
+        digest.update(f"{name} {value.dtype} {value.shape}".encode())
+        if not (is_changing and name in uploads.FIELDS):
+            digest.update(np.ascontiguousarray(value).data)
     return digest.digest()

@@ -17,7 +17,9 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Generic, TypeVar, cast
+
+import mujoco
 
 from limberjack.mujoco.rendering.backends import Backend, RenderingError
 from limberjack.mujoco.rendering.canvases import Canvases
@@ -30,13 +32,15 @@ _FORK_PATIENCE = 30.0
 _LONGEST_JOB = 10.0
 
 
-class _Job:
+_T = TypeVar("_T")
+
+
+class _Job(Generic[_T]):
     """A call for the rendering thread to make."""
 
-    # Any: whatever the function takes and returns.
-    def __init__(self, function: Callable[..., Any], *args: Any) -> None:
-        self._call: tuple[Callable[..., Any], tuple] | None = (function, args)
-        self._value: Any = None
+    def __init__(self, function: Callable[..., _T], *args: object) -> None:
+        self._call: tuple[Callable[..., _T], tuple[object, ...]] | None = (function, args)
+        self._value: _T | None = None
         self._error: BaseException | None = None
         self._is_done = False
         # Whoever acquires it runs the job, or cancels it.
@@ -74,13 +78,13 @@ class _Job:
             with contextlib.suppress(KeyboardInterrupt):
                 self.wait(_LONGEST_JOB)
 
-    def result(self) -> Any:
+    def result(self) -> _T:
         """What the call returned or raised."""
         error, self._error = self._error, None
         try:
             if error is not None:
                 raise error
-            return self._value
+            return cast(_T, self._value)
         finally:
             self._value = error = None  # Else the traceback would keep itself alive.
 
@@ -91,7 +95,7 @@ class _RenderingThread(threading.Thread):
     def __init__(self, canvases: Canvases) -> None:
         # A daemon, because Python waits for all others before it tells anybody that it exits.
         super().__init__(name="limberjack-rendering", daemon=True)
-        self.jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        self.jobs: queue.SimpleQueue[_Job[Any] | None] = queue.SimpleQueue()
         self.busy = threading.RLock()
         self.canvases = canvases
 
@@ -101,14 +105,14 @@ class _RenderingThread(threading.Thread):
                 job.run()
             del job  # Else the last picture would be kept alive while this waits.
 
-    def do(self, job: _Job) -> None:
+    def do(self, job: _Job[Any]) -> None:
         """Has the job run here, later; at once if this is the present thread."""
         if threading.current_thread() is self:
             job.run()
         else:
             self.jobs.put(job)
 
-    def do_call(self, function: Callable[..., Any], *args: Any) -> None:
+    def do_call(self, function: Callable[..., object], *args: object) -> None:
         """Has a call made here, and does not wait; to be used by destructors, too."""
         self.do(_Job(function, *args))
 
@@ -129,15 +133,22 @@ class _Process:
         self._at_fork = threading.local()
 
     def call(
-        self, model: Any, size: tuple[int, int], is_private: bool, function: Callable, args: tuple
-    ) -> Any:
+        self,
+        model: mujoco.MjModel,
+        size: tuple[int, int],
+        may_have_changed: bool,
+        is_private: bool,
+        function: Callable[..., _T],
+        args: tuple[object, ...],
+    ) -> _T:
         """Draws on the thread, which is started if need be."""
         thread = self._thread or self._started_thread()
         if thread is self._hung:
             raise RenderingError(_HUNG)
         may_hang = self._is_forked() and thread.canvases.backend is None
         when_gone = thread.do_call if is_private else None
-        job = _Job(thread.canvases.draw, model, size, when_gone, function, args)
+        what = model, size, may_have_changed, when_gone, function, args
+        job: _Job[_T] = _Job(thread.canvases.draw, *what)
         try:
             thread.do(job)
             if not job.wait(_FORK_PATIENCE if may_hang else -1):
@@ -252,13 +263,13 @@ _process = _Process()
 
 
 def call(
-    # Any: MuJoCo's model, and whatever the function takes and returns.
-    model: Any,
-    function: Callable[..., Any],
-    *args: Any,
+    model: mujoco.MjModel,
+    function: Callable[..., _T],
+    *args: object,
     size: tuple[int, int] = (0, 0),
+    may_have_changed: bool = True,
     is_private: bool = False,
-) -> Any:
+) -> _T:
     """What `function(mjr_context, *args)` returns, called on the rendering thread.
 
     After Ctrl-C nothing of it is under way any more.
@@ -268,12 +279,14 @@ def call(
       function: called with OpenGL ready and the context's off-screen buffer selected.
       args: its further arguments.
       size: height and width, pixels, that the buffer must have at least; the model must allow it.
+      may_have_changed: whether to look for changes of the model's height fields, textures and
+        meshes since it was last drawn; that takes up to a millisecond.
       is_private: no other model may share the context. For what changes it.
 
     Raises:
       RenderingError: OpenGL cannot be had.
     """
-    return _process.call(model, size, is_private, function, args)
+    return _process.call(model, size, may_have_changed, is_private, function, args)
 
 
 def backend() -> Backend | None:

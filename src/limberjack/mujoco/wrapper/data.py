@@ -8,6 +8,7 @@ Fields are looked up when they are asked for; nothing here lists them.
 """
 
 import copy
+import operator
 from typing import Any
 
 import mujoco
@@ -16,6 +17,15 @@ import numpy as np
 from limberjack.mujoco.wrapper.model import MjModel, object_type_number
 
 __all__ = ["MjData"]
+
+# The objects whose velocity MuJoCo computes, with the size that counts them.
+_COUNT_OF_MOVING = {
+    mujoco.mjtObj.mjOBJ_BODY.value: "nbody",
+    mujoco.mjtObj.mjOBJ_XBODY.value: "nbody",
+    mujoco.mjtObj.mjOBJ_GEOM.value: "ngeom",
+    mujoco.mjtObj.mjOBJ_SITE.value: "nsite",
+    mujoco.mjtObj.mjOBJ_CAMERA.value: "ncam",
+}
 
 
 class MjData:
@@ -104,18 +114,30 @@ class MjData:
 
         Args:
           object_id: number or name.
-          object_type: 'body', 'geom', ... or a `mujoco.mjtObj`.
+          object_type: 'body', 'xbody', 'geom', 'site', 'camera', or a `mujoco.mjtObj`.
           local_frame: in the object's frame instead of the world's.
 
         Raises:
-          Error: no such type or name.
+          ValueError: objects of that type have no velocity, or there is no such name or number.
         """
         kind = object_type_number(object_type)
+        if kind not in _COUNT_OF_MOVING:
+            raise ValueError(
+                f"objects of type {object_type!r} have no velocity; expected 'body', 'xbody', "
+                "'geom', 'site' or 'camera'"
+            )
         if isinstance(object_id, str):
             object_id = self._model.name2id(object_id, kind)
+        number = operator.index(object_id)
+        count = getattr(self._model._model, _COUNT_OF_MOVING[kind])
+        if not 0 <= number < count:  # MuJoCo would read outside its arrays.
+            raise ValueError(
+                f"object_id is {number}; expected a name, or a number from 0: the model has "
+                f"{count} objects of type {object_type!r}"
+            )
         velocity = np.empty(6)
         mujoco.mj_objectVelocity(
-            self._model._model, self._data, kind, object_id, velocity, local_frame
+            self._model._model, self._data, kind, number, velocity, local_frame
         )
         return velocity.reshape(2, 3)[::-1]
 
