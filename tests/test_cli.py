@@ -16,6 +16,7 @@ import limberjack
 from limberjack import policies, rollout, suite
 from limberjack.cli import app
 from limberjack.mujoco.camera import RenderingError
+from limberjack.utils.files import Hold
 
 _RUN = ["run", "humanoid", "stand", "--time-limit", "0.25"]
 _STEPS = 10  # of 0.025 s
@@ -339,14 +340,41 @@ def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory:
 def test_a_run_that_ends_in_its_first_episode_leaves_nothing_of_an_earlier_one(
     directory: Path,
 ) -> None:
-    assert _call(*_RUN, "--out", "out", directory=directory).returncode == 0
-    assert (directory / "out" / "return.png").exists()
     arguments = [*_RUN, "--policy", "my_policies:Interrupted", "--out", "out"]
+    assert _call(*arguments, directory=directory, EPISODE="1").returncode == 0
+    assert (directory / "out" / "return.png").exists()
     result = _call(*arguments, directory=directory, EPISODE="0")
     assert result.returncode == 130
     assert "0 of 1 episodes finished" in result.stderr
     assert [path.name for path in (directory / "out").iterdir()] == ["result.json"]
     assert _result(directory / "out")["episodes"] == []
+
+
+def test_a_folder_with_other_results_is_status_2_and_left_alone(tmp_path: Path) -> None:
+    out = ["--out", str(tmp_path / "out")]
+    assert _invoke(*_RUN, *out).exit_code == 0
+    assert _invoke(*_RUN, "--seed", "1", *out).exit_code == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    result = _invoke(*_RUN, "--policy", "random", *out)
+    assert result.exit_code == 2
+    assert result.stderr == (
+        f"limberjack: {tmp_path / 'out'} holds results with policy 'zero', and these have "
+        "'random': choose another folder\n"
+    )
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+
+
+@pytest.mark.parametrize("command", [_RUN, ["solve", *_ARM[1:]], ["evaluate", *_ARM[1:]]])
+def test_a_folder_that_another_process_writes_to_is_status_2(
+    command: list[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("fcntl", reason="no locks on this system")
+    with Hold(tmp_path):
+        result = _invoke(*command, "--out", str(tmp_path))
+        assert result.exit_code == 2
+        assert "another process writes to" in result.stderr
+        assert result.stderr.count("\n") == 1
+        assert not list(tmp_path.iterdir())
 
 
 def test_without_opengl_only_the_video_is_left_out_and_one_line_says_why(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ def _traced(domain: str, task: str, seconds: float) -> tuple[rollout.Episode, re
     """An episode of random actions, and what was traced of it."""
     env = suite.load(domain, task, {"random": 3, "time_limit": seconds})
     trace = report.Trace(env)
-    return rollout.run_episode(env, policies.random, 3, lambda step, total: trace.add(step)), trace
+    return rollout.run_episode(env, policies.random, 3, trace.add), trace
 
 
 def _page(path: Path, **changes: Any) -> str:
@@ -76,14 +76,50 @@ def test_a_long_trace_is_kept_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_task_without_terms_is_traced_by_its_reward() -> None:
-    env = suite.load("humanoid", "walk", {"random": 0})
+    env = suite.load("humanoid", "walk", {"random": 0, "time_limit": 0.05})
     env.task.get_reward = lambda physics: 0.25  # pyright: ignore[reportAttributeAccessIssue]
-    env.reset()
     trace = report.Trace(env)
-    trace.add(0)
-    trace.add(1)
-    assert trace.rewards[1] == 0.25
+    rollout.run_episode(env, policies.zero, 0, trace.add)
+    assert trace.rewards[1:].tolist() == [0.25, 0.25]
     assert trace.terms == {}
+
+
+def test_a_task_that_draws_for_its_observation_draws_no_more_when_traced() -> None:
+    def run(*, traced: bool) -> list[list[float]]:
+        env = suite.load("stacker", "stack_2", {"random": 3, "time_limit": 0.05})
+        task, observe = env.task, env.task.get_observation
+        task.get_observation = lambda physics: {
+            "noise": task.random.standard_normal(2),
+            **observe(physics),
+        }
+        seen: list[list[float]] = []
+        trace = report.Trace(env)
+
+        def add(step: rollout.Step) -> None:
+            seen.append(step.time_step.observation["noise"].tolist())
+            if traced:
+                trace.add(step)
+
+        rollout.run_episode(env, policies.zero, 3, add)
+        assert not traced or trace.observations["noise"].tolist() == seen
+        return seen
+
+    assert run(traced=True) == run(traced=False)
+
+
+def test_a_directory_is_one_recorders_and_of_one_task_and_policy(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl", reason="no locks on this system")
+    with report.Recorder(tmp_path, _RUN) as first:
+        with pytest.raises(ValueError, match="another process writes to"):
+            report.Recorder(tmp_path, _RUN)
+        first.write(_RUN, [], "abc")
+    for name, other in (("domain", "stacker"), ("task", "run"), ("policy", "zero")):
+        with pytest.raises(ValueError, match=f"holds results with {name} '{_RUN[name]}', and"):
+            report.Recorder(tmp_path, _RUN | {name: other})
+    report.Recorder(tmp_path, _RUN | {"time_limit": 1.0}).close()
+    (tmp_path / "episodes.jsonl").touch()
+    with pytest.raises(ValueError, match="holds an evaluation: choose another folder"):
+        report.Recorder(tmp_path, _RUN)
 
 
 def test_thinning_keeps_the_peaks_and_what_is_finite() -> None:
@@ -196,9 +232,9 @@ def test_a_page_that_cannot_be_written_leaves_nothing_of_itself_or_of_an_earlier
         (tmp_path / name).write_text("of an earlier run")
     env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.1})
     monkeypatch.setattr("limberjack.report.recorder.Film", _no_film)
-    recorder = report.Recorder(tmp_path)
+    recorder = report.Recorder(tmp_path, _RUN)
     recorder.begin(env)
-    episode = rollout.run_episode(env, policies.zero, 3, lambda n, total: recorder.add_step(n))
+    episode = rollout.run_episode(env, policies.zero, 3, recorder.add_step)
     with monkeypatch.context() as full:
         full.setattr("limberjack.report.recorder.write_result", lambda *arguments: None)
         full.setattr(Path, "write_text", fill_the_disk)
@@ -222,7 +258,7 @@ def test_a_return_that_is_not_finite_is_named(tmp_path: Path) -> None:
 def test_the_page_of_a_long_episode_is_small(tmp_path: Path) -> None:
     env = suite.load("stacker", "stack_4", {"random": 0})  # 1,000 steps of 63 numbers
     trace = report.Trace(env)
-    episode = rollout.run_episode(env, policies.random, 0, lambda step, total: trace.add(step))
+    episode = rollout.run_episode(env, policies.random, 0, trace.add)
     path = tmp_path / "report.html"
     report.write_page(path, as_result(_RUN, [episode], "abc"), trace, None, "")
     assert episode.length == 1000
