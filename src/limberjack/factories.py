@@ -34,7 +34,8 @@ class Factory:
       title: what to call it in pictures.
       facts: what identifies it in results: `domain` and `task`, or `environment` and
         `environment_sha256`.
-      make: an environment whose first episode is that of the seed.
+      make: an environment whose first episode is that of the seed; raises ValueError if there is no
+        such domain, task or time limit, and TypeError if the function makes something else.
     """
 
     title: str
@@ -58,7 +59,6 @@ def factory_of(
       time_limit: seconds per episode; None for the task's own, as it must be with a function.
 
     Raises:
-      ValueError: there is no such domain, task or time limit.
       TypeError: arguments are missing or too many, or the function takes no seed.
     """
     if not callable(domain):
@@ -97,7 +97,6 @@ def _of_the_suite(domain: str, task: str, time_limit: float | None) -> Factory:
     def make(seed: int) -> Environment:
         return suite.load(domain, task, {"random": checked_seed(seed), **more})
 
-    make(0).close()  # raises if there is none
     return Factory(f"{domain} {task}", {"domain": domain, "task": task}, make)
 
 

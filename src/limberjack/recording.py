@@ -149,9 +149,7 @@ class _Stage:
         if visualize_reward:
             self._environment.task.visualize_reward = True
 
-    def look(
-        self, camera: int | str, height: int, width: int, rows: int, overlay: bool
-    ) -> None:
+    def look(self, camera: int | str, height: int, width: int, rows: int, overlay: bool) -> None:
         """Choose how it is drawn, and draw it once.
 
         Raises:

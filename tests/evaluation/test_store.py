@@ -8,19 +8,21 @@ import pytest
 from limberjack.evaluation import Score
 from limberjack.evaluation.store import Store
 
-_OURS, _THEIRS = {"task": "stand"}, {"task": "walk"}
+_VERSIONS = {"mujoco": "4.0.0", "python": "3.12.3"}
+_OURS = {"task": "stand", "versions": _VERSIONS}
+_THEIRS = {**_OURS, "task": "walk"}
 _SCORE = Score(3, 10.0, 1000, 0.5)
 
 
 @pytest.mark.parametrize("identity", [_OURS, _THEIRS])
 def test_a_second_writer_is_refused_until_the_first_has_closed(
-    identity: dict[str, str], tmp_path: Path
+    identity: dict[str, object], tmp_path: Path
 ) -> None:
     pytest.importorskip("fcntl", reason="no locks on this system")
     first = Store(tmp_path, _OURS)
-    with pytest.raises(ValueError, match=r"another process evaluates in .*: wait for it"):
+    with pytest.raises(ValueError, match=r"another process writes to .*: wait for it"):
         Store(tmp_path, identity)
-    first.add("zero", _SCORE)
+    first.add("zero", [_SCORE])
     first.close()
     second = Store(tmp_path, _OURS)
     assert second.scores["zero"] == {3: _SCORE}
@@ -38,13 +40,13 @@ def test_an_episode_that_the_disk_took_in_part_is_an_error_that_names_the_file(
     resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 10, limits[1]))
     try:
         with pytest.raises(OSError, match=r"episodes.jsonl") as caught:
-            store.add("zero", _SCORE)
+            store.add("zero", [_SCORE])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         store.close()
     assert caught.value.errno == errno.EFBIG
     assert not store.scores["zero"]
     again = Store(tmp_path, _OURS)
-    again.add("zero", _SCORE)
+    again.add("zero", [_SCORE])
     again.close()
     assert path.read_text(encoding="utf-8").count("\n") == 2

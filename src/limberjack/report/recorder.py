@@ -118,9 +118,7 @@ class Recorder:
         if film is not None:
             film.discard()
 
-    def write(
-        self, run: Facts, episodes: Sequence[Episode], model_fingerprint: str
-    ) -> None:
+    def write(self, run: Facts, episodes: Sequence[Episode], model_fingerprint: str) -> None:
         """Writes result.json, return.png and report.html, and removes files of an earlier run.
 
         Args:

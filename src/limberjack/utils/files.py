@@ -17,7 +17,7 @@ try:
 except ImportError:  # Windows has none
     fcntl = None
 
-__all__ = ["Hold", "partial_path", "put_in_place", "replacing"]
+__all__ = ["Hold", "flush_folder", "partial_path", "put_in_place", "replacing"]
 
 
 def partial_path(path: Path) -> Path:
@@ -28,12 +28,22 @@ def partial_path(path: Path) -> Path:
     return path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
 
 
+def flush_folder(folder: Path) -> None:
+    """Flushes the names of a folder's files to the disk."""
+    with contextlib.suppress(OSError):  # Windows and some network file systems cannot
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
+
+
 def put_in_place(partial: Path, path: Path) -> None:
     """Moves a file that is whole to `path`, after its content has reached the disk."""
     with partial.open("rb+") as file:
         os.fsync(file.fileno())
     os.replace(partial, path)
-    _flush_folder(path.parent)
+    flush_folder(path.parent)
 
 
 @contextlib.contextmanager
@@ -52,16 +62,6 @@ def replacing(path: Path) -> Iterator[Path]:
         if isinstance(error, OSError) and error.errno is not None and error.filename is None:
             error.filename = str(path)
         raise
-
-
-def _flush_folder(folder: Path) -> None:
-    """Flushes the names of a folder's files to the disk."""
-    with contextlib.suppress(OSError):  # Windows and some network file systems cannot
-        number = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(number)
-        finally:
-            os.close(number)
 
 
 class Hold:
