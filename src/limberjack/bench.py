@@ -1,6 +1,7 @@
 """How fast a task steps on this machine: the physics alone, a batch, a Gymnasium environment.
 
-    result = bench.measure("humanoid", "walk", num_envs=256)    # or measure(make), make(seed) -> env
+    result = bench.measure("humanoid", "walk", num_envs=256)
+    result = bench.measure(my_package.make)         # make(seed) -> Environment
     for speed in (*result.speeds, *result.sweep):
         print(speed.what, speed.num_threads, speed.steps_per_second)
     print(result.recommended_threads)
@@ -225,7 +226,7 @@ class Contest:
         count = self.environment._step_count
         first = np.flatnonzero(~self.environment.begins & (count == count.max()))
         bare = [batch.state[first] for batch in self._bare.values() if self._acts_directly(first)]
-        same = np.array_equal(*states) and all(
+        same = np.array_equal(states[0], states[1]) and all(
             np.array_equal(state, states[0][first]) for state in bare
         )
         if not same:

@@ -19,11 +19,12 @@ import importlib
 import inspect
 import itertools
 from collections.abc import Callable, Mapping
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 from dm_env import specs
 
+from limberjack.rl.control import Environment
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -39,7 +40,7 @@ __all__ = [
     "zero",
 ]
 
-Act = Callable[[Mapping[str, Any]], np.ndarray]
+Act = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 # Begins an episode: takes the spec of actions and the episode's seed.
 Policy = Callable[[specs.BoundedArray, int], Act]
 
@@ -53,7 +54,7 @@ class EnvironmentPolicy:
         read, and the episode's seed.
     """
 
-    begin_in: Callable[[Any, int], Act]
+    begin_in: Callable[[Environment, int], Act]
 
     def __call__(self, spec: specs.BoundedArray, seed: int) -> Act:
         """Refuses: a spec of actions is not enough.
@@ -94,7 +95,7 @@ def planner_with(num_threads: int | None) -> EnvironmentPolicy:
       num_threads: that it simulates with; None for all usable cores.
     """
 
-    def begin_in(environment: Any, seed: int) -> Act:
+    def begin_in(environment: Environment, seed: int) -> Act:
         # Imported here: who does not plan need not wait for it.
         from limberjack.planner import Planner
 
@@ -112,7 +113,7 @@ planner = planner_with(None)
 _BUILT_IN: dict[str, Policy] = {"zero": zero, "random": random, "planner": planner}
 
 
-def begin(policy: Policy, environment: Any, seed: int) -> Act:
+def begin(policy: Policy, environment: Environment, seed: int) -> Act:
     """Begins an episode of a policy of either kind, in an environment that has been reset."""
     if isinstance(policy, EnvironmentPolicy):
         return policy.begin_in(environment, seed)
@@ -137,7 +138,7 @@ def find(name: str) -> Policy:
     return _user_policy(name, act, getattr(target, "reset", None))
 
 
-def _named(name: str) -> Any:
+def _named(name: str) -> object:
     """What MODULE:CALLABLE names; an object of it if it is a class.
 
     Raises:
@@ -153,7 +154,7 @@ def _named(name: str) -> Any:
     return _make(name, target) if inspect.isclass(target) else target
 
 
-def _import_module(name: str, module_name: str) -> Any:
+def _import_module(name: str, module_name: str) -> ModuleType:
     try:
         return importlib.import_module(module_name)
     except ModuleNotFoundError as error:
@@ -174,8 +175,8 @@ def _import_module(name: str, module_name: str) -> Any:
         raise
 
 
-def _find_attribute(name: str, module: Any, path: str) -> Any:
-    target = module
+def _find_attribute(name: str, module: ModuleType, path: str) -> object:
+    target: object = module
     for part in path.split("."):
         try:
             target = getattr(target, part)
@@ -187,7 +188,7 @@ def _find_attribute(name: str, module: Any, path: str) -> Any:
     return target
 
 
-def _make(name: str, kind: type) -> Any:
+def _make(name: str, kind: type) -> object:
     """An object of the class, which must need no arguments."""
     try:
         inspect.signature(kind).bind()
@@ -202,14 +203,14 @@ def _make(name: str, kind: type) -> Any:
 
 
 def _user_policy(
-    name: str, act: Callable[[Any], Any], reset: Callable[[], object] | None
+    name: str, act: Callable[[Mapping[str, np.ndarray]], object], reset: Callable[[], object] | None
 ) -> Policy:
     def begin(spec: specs.BoundedArray, seed: int) -> Act:
         if reset is not None:
             reset()
         steps = itertools.count()
 
-        def checked(observation: Mapping[str, Any]) -> np.ndarray:
+        def checked(observation: Mapping[str, np.ndarray]) -> np.ndarray:
             where = f"policy {name!r}, step {next(steps)} of the episode with seed {seed}"
             try:
                 returned = act(observation)
@@ -223,7 +224,7 @@ def _user_policy(
     return begin
 
 
-def _checked_action(where: str, returned: Any, spec: specs.BoundedArray) -> np.ndarray:
+def _checked_action(where: str, returned: object, spec: specs.BoundedArray) -> np.ndarray:
     """What a policy returned as an array, or `PolicyError` if it is no action of the spec."""
     try:
         action = np.asarray(returned)

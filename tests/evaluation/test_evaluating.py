@@ -148,6 +148,44 @@ def test_a_policy_whose_source_has_changed_is_another_policy(
         _evaluate("changing_policy:act", out=tmp_path / "out")
 
 
+def test_a_policy_in_a_package_is_hashed_with_all_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "changing_package"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "network.py").write_text(
+        "import numpy as np\n\ndef run():\n    return np.zeros(21)\n"
+    )
+    (package / "policy.py").write_text(
+        "import importlib\n\ndef act(observation):\n"
+        "    return importlib.import_module('changing_package.network').run()\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    _evaluate("changing_package.policy:act", out=tmp_path / "out")
+    (package / "network.py").write_text("# another network\n")
+    with pytest.raises(ValueError, match="holds an evaluation with policy_sha256"):
+        _evaluate("changing_package.policy:act", out=tmp_path / "out")
+
+
+def test_an_evaluation_goes_on_with_another_patch_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected, now = _evaluate(seeds=range(3)), report.versions()
+    _evaluate(seeds=range(2), out=tmp_path)
+    assert "versions_of_episodes" not in _result(tmp_path)
+    later = {**now, "mujoco": now["mujoco"] + "1"}
+    monkeypatch.setattr(report, "versions", lambda: later)
+    evaluation = _evaluate(seeds=range(3), out=tmp_path)
+    assert evaluation.scores == expected.scores
+    assert _result(tmp_path)["versions"] == later
+    assert _result(tmp_path)["versions_of_episodes"] == [now, later]
+    major, _, rest = now["mujoco"].partition(".")
+    monkeypatch.setattr(report, "versions", lambda: {**now, "mujoco": f"{int(major) + 1}.{rest}"})
+    with pytest.raises(ValueError, match="holds an evaluation with versions"):
+        _evaluate(seeds=range(3), out=tmp_path)
+
+
 def test_a_policy_that_was_typed_in_is_known_by_its_source_or_not_at_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
