@@ -1,5 +1,6 @@
 """The command `limberjack`, called in this process and as a program."""
 
+import ast
 import json
 import os
 import re
@@ -193,6 +194,32 @@ def test_a_policy_is_found_in_the_working_directory(
     monkeypatch.delitem(sys.modules, "my_policies", raising=False)
     result = _invoke(*_RUN, "--policy", "my_policies:still")
     assert result.exit_code == 0, result.output
+
+
+@pytest.mark.parametrize("policy", ["zero", "my_policies:still"])
+def test_a_stray_module_in_the_working_directory_is_not_imported(
+    policy: str, tmp_path: Path
+) -> None:
+    (tmp_path / "matplotlib.py").write_text("raise SystemExit('the stray one')")
+    (tmp_path / "my_policies.py").write_text(
+        "import sys\ndef still(observation):\n    return [0.0] * 21\nprint(sys.path)\n"
+    )
+    arguments = [*_RUN, "--policy", policy, "--out", "out"]
+    # As the installed command: `python -m` and `-c` search the working directory first.
+    program = f"import sys; sys.argv[1:] = {arguments!r}; from limberjack.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program],
+        cwd=tmp_path,
+        env={**os.environ, "MUJOCO_GL": "disable"},  # no film: it takes long
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "return.png").exists()
+    if ":" in policy:
+        searched = ast.literal_eval(done.stdout.splitlines()[0])
+        assert searched[-1] == str(tmp_path)
 
 
 def test_output_without_a_terminal_is_clean(tmp_path: Path) -> None:

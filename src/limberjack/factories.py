@@ -16,6 +16,7 @@ import sys
 from collections.abc import Callable
 
 from limberjack import suite
+from limberjack.policies import name_of
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.sources import defined_in, hash_of_source
@@ -65,7 +66,7 @@ def factory_of(
         if task is None:
             raise TypeError(f"domain is {domain!r} and task is None; expected the name of a task")
         return _of_the_suite(domain, task, time_limit)
-    name = _name_of(domain)
+    name = name_of(domain)
     for argument, value in (("task", task), ("time_limit", time_limit)):
         if value is not None:
             raise TypeError(
@@ -98,12 +99,6 @@ def _of_the_suite(domain: str, task: str, time_limit: float | None) -> Factory:
         return suite.load(domain, task, {"random": checked_seed(seed), **more})
 
     return Factory(f"{domain} {task}", {"domain": domain, "task": task}, make)
-
-
-def _name_of(make: Make) -> str:
-    """MODULE:NAME of a function, or of an object's class."""
-    named = defined_in(make)
-    return f"{named.__module__}:{named.__qualname__}"
 
 
 def _found_by_name(make: Make) -> bool:

@@ -25,6 +25,7 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl.control import Environment
+from limberjack.utils.sources import defined_in
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "PolicyError",
     "begin",
     "find",
+    "name_of",
     "planner",
     "planner_with",
     "random",
@@ -120,15 +122,31 @@ def begin(policy: Policy, environment: Environment, seed: int) -> Act:
     return policy(environment.action_spec(), seed)
 
 
-def find(name: str) -> Policy:
-    """The policy called 'zero', 'random' or 'planner', or the one that MODULE:CALLABLE names.
+def find(policy: object) -> Policy:
+    """A policy by its name, or of what a name may stand for.
+
+    Args:
+      policy: 'zero', 'random', 'planner' or 'MODULE:CALLABLE'; or the function, object or class
+        that MODULE:CALLABLE might name.
 
     Raises:
       PolicyError: there is none of that name, or it cannot be called.
     """
-    if name in _BUILT_IN:
-        return _BUILT_IN[name]
-    target = _named(name)
+    if isinstance(policy, str):
+        if policy in _BUILT_IN:
+            return _BUILT_IN[policy]
+        return _of_target(policy, _named(policy))
+    name = name_of(policy)
+    return _of_target(name, _make(name, policy) if inspect.isclass(policy) else policy)
+
+
+def name_of(target: object) -> str:
+    """MODULE:CALLABLE of a function or class, or of an object's class."""
+    named = defined_in(target)
+    return f"{named.__module__}:{named.__qualname__}"
+
+
+def _of_target(name: str, target: object) -> Policy:
     act = getattr(target, "act", target)
     if not callable(act):
         raise PolicyError(

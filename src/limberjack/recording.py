@@ -39,7 +39,7 @@ def record(
     task: str | None = None,
     *,
     out: Path | str,
-    policy: str | Policy = "zero",
+    policy: object = "zero",
     seed: int = 0,
     camera: int | str = 0,
     height: int = 480,
@@ -56,7 +56,7 @@ def record(
       domain: a name such as 'humanoid', or a function `make(seed) -> control.Environment`.
       task: such as 'walk'; None with a function.
       out: the file, which ends in .mp4 or .gif; an earlier one is replaced.
-      policy: a name as for `policies.find`, or what that returns.
+      policy: its name, or the function, object or class itself; see `limberjack.policies`.
       seed: of the episode; of row i it is seed + i.
       camera: its number or name; -1 is the free camera.
       height: of the film, of all rows together, pixels.
@@ -114,12 +114,14 @@ def _checked_path(path: Path) -> Path:
     return path
 
 
-def _policies(policy: str | Policy, rows: int) -> list[Policy]:
-    """The policy of each row: an object of its own, where a name stands for an object."""
-    if not isinstance(policy, str):
-        found = [policy] * rows
-    else:
-        found = [policies.find(policy) for _ in range(rows)]
+def _policies(policy: object, rows: int) -> list[Policy]:
+    """The policy of each row: an object of its own, where it is a class."""
+    if rows > 1 and not isinstance(policy, str | type) and hasattr(policy, "reset"):
+        raise ValueError(
+            f"policy {policies.name_of(policy)!r} is an object with the state of one episode: give "
+            "its class, so that each row has one of its own"
+        )
+    found = [policies.find(policy) for _ in range(rows)]
     if rows > 1 and isinstance(found[0], EnvironmentPolicy):
         raise ValueError(f"policy {policy!r} acts in one environment; leave out the rows")
     return found

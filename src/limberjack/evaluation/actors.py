@@ -31,7 +31,7 @@ from dm_env import specs
 from limberjack import policies
 from limberjack.policies import Act, Policy, PolicyError
 from limberjack.rl.control import Environment
-from limberjack.utils.sources import defined_in, hash_of_files, hash_of_module, hash_of_source
+from limberjack.utils.sources import hash_of_files, hash_of_module, hash_of_source
 
 __all__ = ["ROWS", "Actor", "Batched", "EachRow", "Found", "find"]
 
@@ -193,7 +193,7 @@ def find(policy: object, environment: Environment | None, num_threads: int | Non
       PolicyError: there is none, or it cannot be used here.
     """
     if not isinstance(policy, str):
-        return _of_object(_name_of(policy), policy)
+        return _of_object(policies.name_of(policy), policy)
     if policy.startswith(_SAVED):
         return _of_saved_model(policy, environment)
     if policy == _PLANNER:
@@ -229,12 +229,6 @@ def _of_object(name: str, target: object) -> Found:
     if reset is not None:
         return Found(name, sha256, None, policy)
     return Found(name, sha256, EachRow(policy), None)
-
-
-def _name_of(target: object) -> str:
-    """MODULE:CALLABLE of a function or class, or of an object's class."""
-    named = defined_in(target)
-    return f"{named.__module__}:{named.__qualname__}"
 
 
 def _of_planner(environment: Environment | None, num_threads: int | None) -> Found:
