@@ -149,6 +149,6 @@ def test_what_is_no_action_is_refused_by_name_and_step(
     act = policies.find(f"{module}:ramp")(_SPEC, 8)
     act({"ramp": np.zeros(3)})
     with pytest.raises(policies.PolicyError) as caught:
-        act({"ramp": returned})
+        act({"ramp": returned})  # pyright: ignore[reportArgumentType] (on purpose)
     assert f"policy '{module}:ramp', step 1 of the episode with seed 8" in str(caught.value)
     assert message in str(caught.value)

@@ -47,14 +47,32 @@ def test_the_kind_of_start_is_kept_where_there_are_kinds() -> None:
     assert start("humanoid", "stand", 0) is None
 
 
-def test_every_step_is_reported_with_the_return_so_far() -> None:
-    seen: list[tuple[int, float]] = []
-    episode = rollout.run_episode(
-        _load("humanoid", "stand", 0), policies.random, 0, lambda *step: seen.append(step)
-    )
-    assert seen[0] == (0, 0.0)
-    assert [steps for steps, _ in seen] == list(range(episode.length + 1))
-    np.testing.assert_array_equal([total for _, total in seen[1:]], episode.returns)
+def test_the_reset_and_every_step_are_reported_as_they_were_returned() -> None:
+    seen: list[rollout.Step] = []
+    episode = rollout.run_episode(_load("humanoid", "stand", 0), policies.random, 0, seen.append)
+    assert [step.number for step in seen] == list(range(episode.length + 1))
+    assert (seen[0].action, seen[0].reward, seen[0].total) == (None, 0.0, 0.0)
+    assert [step.time_step.first() for step in seen] == [True] + [False] * episode.length
+    np.testing.assert_array_equal([step.total for step in seen[1:]], episode.returns)
+    np.testing.assert_array_equal([step.reward for step in seen[1:]], episode.rewards)
+    environment = _load("humanoid", "stand", 0)
+    environment.reset()
+    for step in seen[1:]:
+        assert environment.step(step.action).reward == step.reward
+
+
+def test_an_episode_can_be_cut_short() -> None:
+    whole = rollout.run_episode(_load("humanoid", "stand", 0), policies.random, 0)
+    part = rollout.run_episode(_load("humanoid", "stand", 0), policies.random, 0, max_steps=7)
+    np.testing.assert_array_equal(part.rewards, whole.rewards[:7])
+
+
+@pytest.mark.parametrize("seed", [True, 1.5, -1])
+def test_a_seed_that_is_none_is_refused_before_anything_moves(seed: object) -> None:
+    environment = _load("humanoid", "stand", 0)
+    with pytest.raises((TypeError, ValueError), match="seed is"):
+        rollout.run_episode(environment, policies.random, seed)  # pyright: ignore[reportArgumentType]
+    assert not environment.is_running
 
 
 def test_an_endless_environment_has_no_step_limit() -> None:

@@ -19,11 +19,13 @@ import importlib
 import inspect
 import itertools
 from collections.abc import Callable, Mapping
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 from dm_env import specs
 
+from limberjack.rl.control import Environment
+from limberjack.utils.sources import defined_in
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -33,13 +35,14 @@ __all__ = [
     "PolicyError",
     "begin",
     "find",
+    "name_of",
     "planner",
     "planner_with",
     "random",
     "zero",
 ]
 
-Act = Callable[[Mapping[str, Any]], np.ndarray]
+Act = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 # Begins an episode: takes the spec of actions and the episode's seed.
 Policy = Callable[[specs.BoundedArray, int], Act]
 
@@ -53,7 +56,7 @@ class EnvironmentPolicy:
         read, and the episode's seed.
     """
 
-    begin_in: Callable[[Any, int], Act]
+    begin_in: Callable[[Environment, int], Act]
 
     def __call__(self, spec: specs.BoundedArray, seed: int) -> Act:
         """Refuses: a spec of actions is not enough.
@@ -94,7 +97,7 @@ def planner_with(num_threads: int | None) -> EnvironmentPolicy:
       num_threads: that it simulates with; None for all usable cores.
     """
 
-    def begin_in(environment: Any, seed: int) -> Act:
+    def begin_in(environment: Environment, seed: int) -> Act:
         # Imported here: who does not plan need not wait for it.
         from limberjack.planner import Planner
 
@@ -112,22 +115,38 @@ planner = planner_with(None)
 _BUILT_IN: dict[str, Policy] = {"zero": zero, "random": random, "planner": planner}
 
 
-def begin(policy: Policy, environment: Any, seed: int) -> Act:
+def begin(policy: Policy, environment: Environment, seed: int) -> Act:
     """Begins an episode of a policy of either kind, in an environment that has been reset."""
     if isinstance(policy, EnvironmentPolicy):
         return policy.begin_in(environment, seed)
     return policy(environment.action_spec(), seed)
 
 
-def find(name: str) -> Policy:
-    """The policy called 'zero', 'random' or 'planner', or the one that MODULE:CALLABLE names.
+def find(policy: object) -> Policy:
+    """A policy by its name, or of what a name may stand for.
+
+    Args:
+      policy: 'zero', 'random', 'planner' or 'MODULE:CALLABLE'; or the function, object or class
+        that MODULE:CALLABLE might name.
 
     Raises:
       PolicyError: there is none of that name, or it cannot be called.
     """
-    if name in _BUILT_IN:
-        return _BUILT_IN[name]
-    target = _named(name)
+    if isinstance(policy, str):
+        if policy in _BUILT_IN:
+            return _BUILT_IN[policy]
+        return _of_target(policy, _named(policy))
+    name = name_of(policy)
+    return _of_target(name, _make(name, policy) if inspect.isclass(policy) else policy)
+
+
+def name_of(target: object) -> str:
+    """MODULE:CALLABLE of a function or class, or of an object's class."""
+    named = defined_in(target)
+    return f"{named.__module__}:{named.__qualname__}"
+
+
+def _of_target(name: str, target: object) -> Policy:
     act = getattr(target, "act", target)
     if not callable(act):
         raise PolicyError(
@@ -137,7 +156,7 @@ def find(name: str) -> Policy:
     return _user_policy(name, act, getattr(target, "reset", None))
 
 
-def _named(name: str) -> Any:
+def _named(name: str) -> object:
     """What MODULE:CALLABLE names; an object of it if it is a class.
 
     Raises:
@@ -153,7 +172,7 @@ def _named(name: str) -> Any:
     return _make(name, target) if inspect.isclass(target) else target
 
 
-def _import_module(name: str, module_name: str) -> Any:
+def _import_module(name: str, module_name: str) -> ModuleType:
     try:
         return importlib.import_module(module_name)
     except ModuleNotFoundError as error:
@@ -174,8 +193,8 @@ def _import_module(name: str, module_name: str) -> Any:
         raise
 
 
-def _find_attribute(name: str, module: Any, path: str) -> Any:
-    target = module
+def _find_attribute(name: str, module: ModuleType, path: str) -> object:
+    target: object = module
     for part in path.split("."):
         try:
             target = getattr(target, part)
@@ -187,7 +206,7 @@ def _find_attribute(name: str, module: Any, path: str) -> Any:
     return target
 
 
-def _make(name: str, kind: type) -> Any:
+def _make(name: str, kind: type) -> object:
     """An object of the class, which must need no arguments."""
     try:
         inspect.signature(kind).bind()
@@ -202,14 +221,14 @@ def _make(name: str, kind: type) -> Any:
 
 
 def _user_policy(
-    name: str, act: Callable[[Any], Any], reset: Callable[[], object] | None
+    name: str, act: Callable[[Mapping[str, np.ndarray]], object], reset: Callable[[], object] | None
 ) -> Policy:
     def begin(spec: specs.BoundedArray, seed: int) -> Act:
         if reset is not None:
             reset()
         steps = itertools.count()
 
-        def checked(observation: Mapping[str, Any]) -> np.ndarray:
+        def checked(observation: Mapping[str, np.ndarray]) -> np.ndarray:
             where = f"policy {name!r}, step {next(steps)} of the episode with seed {seed}"
             try:
                 returned = act(observation)
@@ -223,7 +242,7 @@ def _user_policy(
     return begin
 
 
-def _checked_action(where: str, returned: Any, spec: specs.BoundedArray) -> np.ndarray:
+def _checked_action(where: str, returned: object, spec: specs.BoundedArray) -> np.ndarray:
     """What a policy returned as an array, or `PolicyError` if it is no action of the spec."""
     try:
         action = np.asarray(returned)

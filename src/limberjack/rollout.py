@@ -1,21 +1,42 @@
-"""Runs episodes of an environment with a policy and keeps their rewards.
+"""Run episodes of an environment with a policy and keep their rewards.
 
     environment = suite.load("humanoid", "walk", task_kwargs={"random": seed})
     episode = run_episode(environment, policies.random, seed)
     print(episode.total, episode.length)
 
-It takes one environment at a time and keeps no observations.
+This is the project's loop over one environment; whatever else wants to see an episode passes
+`on_step`. Batches have loops of their own. No observations are kept.
 """
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
 
+import dm_env
 import numpy as np
 
 from limberjack.policies import Policy, begin
+from limberjack.rl.control import Environment
+from limberjack.utils.seeds import checked_seed
 
-__all__ = ["Episode", "run_episode"]
+__all__ = ["Episode", "OnStep", "Step", "kind_of_start", "run_episode"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """The reset of an episode or one of its steps."""
+
+    number: int  # of steps so far; 0 for the reset
+    total: float  # the return so far
+    time_step: dm_env.TimeStep
+    action: np.ndarray | None  # that led here; None for the reset
+
+    @property
+    def reward(self) -> float:
+        """The reward of this step; 0 for the reset."""
+        return 0.0 if self.time_step.reward is None else float(self.time_step.reward)
+
+
+OnStep = Callable[[Step], object]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,35 +64,44 @@ class Episode:
 
 
 def run_episode(
-    environment: Any,
+    environment: Environment,
     policy: Policy,
     seed: int,
-    on_step: Callable[[int, float], object] | None = None,
+    on_step: OnStep | None = None,
+    max_steps: float = float("inf"),
 ) -> Episode:
-    """The next episode of a `control.Environment`, from its reset to its last step.
+    """Run the next episode of an environment, from its reset to its last step.
 
     Args:
       environment: it is reset, but not closed.
-      policy: begun anew, with `seed`.
+      policy: begun after the reset, with `seed`.
       seed: what the environment was seeded with.
-      on_step: called with the number of steps so far and the return so far: once after the reset
-        and once after each step.
+      on_step: called once after the reset and once after each step.
+      max_steps: after which the episode is cut short; by default never.
+
+    Raises:
+      TypeError, ValueError: the seed is none; nothing was run.
     """
+    seed = checked_seed(seed)
     time_step = environment.reset()
-    start = getattr(environment.task, "start", _one_kind_of_start)(environment.physics)
+    start = kind_of_start(environment)
     act = begin(policy, environment, seed)
     rewards: list[float] = []
     total = 0.0
     if on_step is not None:
-        on_step(0, total)
-    while not time_step.last():
-        time_step = environment.step(act(time_step.observation))
+        on_step(Step(0, total, time_step, None))
+    while not time_step.last() and len(rewards) < max_steps:
+        action = act(time_step.observation)
+        time_step = environment.step(action)
         rewards.append(float(time_step.reward))
         total += rewards[-1]
         if on_step is not None:
-            on_step(len(rewards), total)
+            on_step(Step(len(rewards), total, time_step, action))
     return Episode(seed, start, np.array(rewards))
 
 
-def _one_kind_of_start(physics: Any) -> None:
-    """The start of tasks that are not made of `suite.base.Task`."""
+def kind_of_start(environment: Environment) -> str | None:
+    """The kind of start of an episode that has just begun; None for a task without kinds."""
+    # Tasks that are not made of `suite.base.Task` need not say.
+    start = getattr(environment.task, "start", None)
+    return None if start is None else start(environment.physics)

@@ -15,19 +15,18 @@ begins. It needs no more memory for a long film than for a short one.
 import contextlib
 import fractions
 import math
-import os
 import signal
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 
-from limberjack.utils.files import partial_path
+from limberjack.utils.files import partial_path, put_in_place
 
-__all__ = ["Film", "Writer", "find_ffmpeg", "frame_stride", "mosaic"]
+__all__ = ["Film", "Rendered", "Writer", "find_ffmpeg", "frame_stride", "mosaic"]
 
 # Frames per second, by the ending of the file. Every screen shows 50, and drawing more takes long;
 # a GIF counts in hundredths of a second, and is large.
@@ -142,7 +141,7 @@ class Writer:
                 raise self._write_error()
             if self._ending == ".gif" and self._write_gif() != 0:
                 raise self._write_error()
-            os.replace(self._partial, self._path)
+            put_in_place(self._partial, self._path)
         finally:
             self.discard()
 
@@ -202,6 +201,14 @@ class Writer:
         return OSError(f"{self._path} cannot be written: {why}")
 
 
+class Rendered(Protocol):
+    """Anything that can be drawn, such as `limberjack.mujoco.Physics`."""
+
+    def render(self, height: int, width: int, camera_id: int | str) -> np.ndarray:
+        """A picture, (height, width, 3) uint8."""
+        ...
+
+
 class Film:
     """A film of a simulation under way; its file appears when it is finished."""
 
@@ -229,17 +236,17 @@ class Film:
         self._stride = frame_stride(control_timestep, _MAX_FRAME_RATES[_ending(path)])
         frame_rate = 1.0 / (control_timestep * self._stride)
         self._writer = Writer(path, height, width, frame_rate)
-        self._view = {"height": height, "width": width, "camera_id": camera}
+        self._height, self._width, self._camera = height, width, camera
         self._steps = 0
 
-    def add(self, physics: Any) -> None:
+    def add(self, physics: Rendered) -> None:
         """Draws the present state, if its turn has come.
 
         Raises:
           RenderingError: no OpenGL can be had.
           OSError: the film cannot be written.
         """
-        self.add_picture(lambda: physics.render(**self._view))
+        self.add_picture(lambda: physics.render(self._height, self._width, self._camera))
 
     def add_picture(self, draw: Callable[[], np.ndarray]) -> None:
         """As `add`, for a picture of your own: `draw` is called if its turn has come."""

@@ -66,13 +66,40 @@ def test_episodes_takes_the_first_seeds() -> None:
 
 
 @pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ([], range(100)),
+        (["--episodes", "200"], range(200)),
+        (["--seeds", "3:13"], range(3, 13)),
+        (["--seeds", "3:13", "--episodes", "4"], range(3, 7)),
+    ],
+)
+def test_seeds_may_be_given_by_their_range_their_number_or_both(
+    arguments: list[str], expected: range, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[range] = []
+
+    def evaluate(domain: str, task: str, policy: str, seeds: range, **kwargs: object) -> None:
+        asked.append(seeds)
+        raise ValueError("that will do")
+
+    monkeypatch.setattr("limberjack.evaluation.evaluate", evaluate)
+    result = _invoke(*_COMMAND, *arguments)
+    assert result.stderr == "limberjack: that will do\n"
+    assert asked == [expected]
+
+
+@pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--seeds", "5"], "--seeds is '5'; expected A:B, such as 0:100"),
         (["--seeds", "-1:5"], "--seeds is '-1:5'; expected A:B"),
         (["--seeds", "5:5"], "--seeds is 5:5, which holds no seed; expected A:B with A below B"),
         (["--seeds", "0:4294967297"], "expected numbers up to 4294967296"),
-        (["--episodes", "101"], "--episodes is 101, but --seeds 0:100 holds 100: give more seeds"),
+        (
+            ["--episodes", "101", "--seeds", "0:100"],
+            "--episodes is 101, but --seeds 0:100 holds 100: give more seeds",
+        ),
         (["--policy", "radnom"], "Did you mean 'random'?"),
         (["--policy", "nowhere:act"], "there is no module 'nowhere'"),
         (["--time-limit", "0"], "time_limit is 0.0; expected a positive number"),

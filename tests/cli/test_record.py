@@ -14,8 +14,9 @@ import typer.testing
 
 from limberjack import suite
 from limberjack.cli import app
-from limberjack.cli.record import _Stage
+from limberjack.factories import factory_of
 from limberjack.mujoco.camera import RenderingError
+from limberjack.recording import _Stage
 
 _SIZE = ["--height", "96", "--width", "128"]
 _WALK = ["record", "humanoid", "walk", "--seconds", "0.5"]
@@ -96,9 +97,9 @@ def test_rows_are_filmed_side_by_side(tmp_path: Path) -> None:
 def test_a_row_looks_as_the_single_environment_with_its_seed(
     where: tuple[str, str], colours: bool
 ) -> None:
-    stage = _Stage(*where, 7, 1.0, colours)
+    stage = _Stage(factory_of(*where), 7, 1.0, colours)
     assert stage._environment.task.visualize_reward == colours
-    stage.look("0", 96, 128, 4, overlay=False)
+    stage.look(0, 96, 128, 4, overlay=False)
     batch = suite.load_batch(*where, num_envs=4, seed=7)
     singles = [suite.load(*where, {"random": 7 + i}, visualize_reward=colours) for i in range(4)]
     time_step = batch.reset()
@@ -143,9 +144,9 @@ def test_time_and_reward_are_drawn_in_a_corner_and_colours_change(tmp_path: Path
         (["--height", "99"], "H.264 needs even numbers"),
         (["--height", "20000"], "image height 20000 > 2160"),
         (["--rows", "10000"], "too small for 10000 rows"),
-        (["--seconds", "0"], "time_limit is 0.0; expected a positive number"),
-        (["--seconds", "nan"], "time_limit is nan"),
-        (["--seconds", "inf"], "--seconds is inf"),
+        (["--seconds", "0"], "seconds is 0.0; expected a positive number"),
+        (["--seconds", "nan"], "seconds is nan"),
+        (["--seconds", "inf"], "seconds is inf; expected a positive number"),
         (["--policy", "radnom"], "Did you mean 'random'?"),
         (["--policy", "planner", "--rows", "2"], "policy 'planner' acts in one environment; leave"),
     ],
@@ -179,7 +180,7 @@ def test_a_directory_is_refused_before_anything_is_filmed(tmp_path: Path) -> Non
     path.mkdir()
     done = _invoke(*_WALK, *_SIZE, "--out", path)
     assert done.exit_code == 2
-    assert done.stderr == f"limberjack: --out is {path}, a directory; expected a file's name\n"
+    assert done.stderr == f"limberjack: the film is {path}, a directory; expected a file's name\n"
     assert list(tmp_path.iterdir()) == [path]
 
 

@@ -1,5 +1,6 @@
 """`limberjack replay`: a recorded episode again, and where it differs."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,61 @@ def test_what_cannot_be_played_is_refused(arguments: list[str], message: str) ->
     result = _invoke(*arguments)
     assert result.exit_code == 2
     assert message in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("about", "message"),
+    [
+        ({"domain": ["stacker"]}, "says that its domain is ['stacker']"),
+        ({"task": None}, "says that its task is None"),
+        ({"task": "stack_3"}, "Did you mean"),
+        ({"time_limit": None}, "says that its time_limit is None"),
+        ({"time_limit": True}, "says that its time_limit is True"),
+        ({"time_limit": float("nan")}, "says that its time_limit is nan; expected seconds"),
+        ({"time_limit": float("inf")}, "says that its time_limit is inf; expected seconds"),
+        ({"time_limit": -1}, "says that its time_limit is -1; expected seconds"),
+        ({"time_limit": 10**400}, "expected seconds"),
+        ({"seed": "3"}, "says that its seed is '3'"),
+        ({"versions": ["4.0.0"]}, "says that its versions is ['4.0.0']"),
+        ({"fingerprint": 7}, "says that its fingerprint is 7"),
+        ({"domain": "humanoid", "task": "stand"}, "it is of another task or model"),
+    ],
+)
+def test_a_forged_recording_is_one_line_and_status_2(
+    about: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    env = suite.load("stacker", "stack_2", {"random": 1, "time_limit": 0.05})
+    told = {"domain": "stacker", "task": "stack_2", "time_limit": 0.05, **about}
+    path = tmp_path / "forged.npz"
+    record_episode(env, lambda: np.zeros(5), told).save(path)
+    result = _invoke("replay", str(path), "--out", str(tmp_path / "out"))
+    assert result.exit_code == 2, result.output
+    assert result.stderr.startswith("limberjack: ")
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["actions", "rewards", "states"])
+def test_arrays_of_other_shapes_are_one_line(name: str, tmp_path: Path) -> None:
+    env = suite.load("stacker", "stack_2", {"random": 1, "time_limit": 0.05})
+    about = {"domain": "stacker", "task": "stack_2", "time_limit": 0.05}
+    recording = record_episode(env, lambda: np.zeros(5), about)
+    wide = np.repeat(getattr(recording, name)[:, None], 2, axis=1)
+    path = tmp_path / "forged.npz"
+    dataclasses.replace(recording, **{name: wide}).save(path)
+    result = _invoke("replay", str(path))
+    assert result.exit_code == (1 if name == "states" else 2), result.output
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_damaged_file_is_one_line_and_status_2(tmp_path: Path) -> None:
+    path = tmp_path / "damaged.npz"
+    for content in (b"", b"PK\x03\x04", b"\x93NUMPY", bytes(1000)):
+        path.write_bytes(content)
+        result = _invoke("replay", str(path))
+        assert result.exit_code == 2, result.output
+        assert result.stderr.startswith(f"limberjack: {path} is no recording of an episode")
+        assert result.stderr.count("\n") == 1
 
 
 def test_a_recording_that_does_not_say_its_task_is_refused(tmp_path: Path) -> None:

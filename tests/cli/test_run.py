@@ -1,5 +1,6 @@
 """The command `limberjack`, called in this process and as a program."""
 
+import ast
 import json
 import os
 import re
@@ -16,6 +17,7 @@ import limberjack
 from limberjack import policies, rollout, suite
 from limberjack.cli import app
 from limberjack.mujoco.camera import RenderingError
+from limberjack.utils.files import Hold
 
 _RUN = ["run", "humanoid", "stand", "--time-limit", "0.25"]
 
@@ -190,6 +192,32 @@ def test_a_policy_is_found_in_the_working_directory(
     assert result.exit_code == 0, result.output
 
 
+@pytest.mark.parametrize("policy", ["zero", "my_policies:still"])
+def test_a_stray_module_in_the_working_directory_is_not_imported(
+    policy: str, tmp_path: Path
+) -> None:
+    (tmp_path / "matplotlib.py").write_text("raise SystemExit('the stray one')")
+    (tmp_path / "my_policies.py").write_text(
+        "import sys\ndef still(observation):\n    return [0.0] * 21\nprint(sys.path)\n"
+    )
+    arguments = [*_RUN, "--policy", policy, "--out", "out"]
+    # As the installed command: `python -m` and `-c` search the working directory first.
+    program = f"import sys; sys.argv[1:] = {arguments!r}; from limberjack.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program],
+        cwd=tmp_path,
+        env={**os.environ, "MUJOCO_GL": "disable"},  # no film: it takes long
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out" / "return.png").exists()
+    if ":" in policy:
+        searched = ast.literal_eval(done.stdout.splitlines()[0])
+        assert searched[-1] == str(tmp_path)
+
+
 def test_output_without_a_terminal_is_clean(tmp_path: Path) -> None:
     for arguments in (["list"], [*_RUN, "--episodes", "2"]):
         result = _call(*arguments, directory=tmp_path)
@@ -302,14 +330,41 @@ def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory:
 def test_a_run_that_ends_in_its_first_episode_leaves_nothing_of_an_earlier_one(
     directory: Path,
 ) -> None:
-    assert _call(*_RUN, "--out", "out", directory=directory).returncode == 0
-    assert (directory / "out" / "return.png").exists()
     arguments = [*_RUN, "--policy", "my_policies:Interrupted", "--out", "out"]
+    assert _call(*arguments, directory=directory, EPISODE="1").returncode == 0
+    assert (directory / "out" / "return.png").exists()
     result = _call(*arguments, directory=directory, EPISODE="0")
     assert result.returncode == 130
     assert "0 of 1 episodes finished" in result.stderr
     assert [path.name for path in (directory / "out").iterdir()] == ["result.json"]
     assert _result(directory / "out")["episodes"] == []
+
+
+def test_a_folder_with_other_results_is_status_2_and_left_alone(tmp_path: Path) -> None:
+    out = ["--out", str(tmp_path / "out")]
+    assert _invoke(*_RUN, *out).exit_code == 0
+    assert _invoke(*_RUN, "--seed", "1", *out).exit_code == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    result = _invoke(*_RUN, "--policy", "random", *out)
+    assert result.exit_code == 2
+    assert result.stderr == (
+        f"limberjack: {tmp_path / 'out'} holds results with policy 'zero', and these have "
+        "'random': choose another folder\n"
+    )
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+
+
+@pytest.mark.parametrize("command", [_RUN, ["solve", *_ARM[1:]], ["evaluate", *_ARM[1:]]])
+def test_a_folder_that_another_process_writes_to_is_status_2(
+    command: list[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("fcntl", reason="no locks on this system")
+    with Hold(tmp_path):
+        result = _invoke(*command, "--out", str(tmp_path))
+        assert result.exit_code == 2
+        assert "another process writes to" in result.stderr
+        assert result.stderr.count("\n") == 1
+        assert not list(tmp_path.iterdir())
 
 
 def test_without_opengl_only_the_video_is_left_out_and_one_line_says_why(tmp_path: Path) -> None:

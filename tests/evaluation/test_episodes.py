@@ -1,5 +1,6 @@
 """Episodes in batches are those of single environments, bit for bit."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import evaluated
@@ -36,8 +37,13 @@ def _alone(environment: Any, policy: Policy, seeds: list[int]) -> list[Score]:
     return scores
 
 
-def _in_order(scores: Any, seeds: list[int]) -> list[Score]:
-    by_seed = {score.seed: score for score in scores}
+def _listed(ended: Iterable[list[Score]]) -> list[Score]:
+    """The scores of all lists."""
+    return [score for scores in ended for score in scores]
+
+
+def _in_order(ended: Iterable[list[Score]], seeds: list[int]) -> list[Score]:
+    by_seed = {score.seed: score for score in _listed(ended)}
     assert sorted(by_seed) == sorted(seeds)
     return [by_seed[seed] for seed in seeds]
 
@@ -91,9 +97,10 @@ def test_a_row_takes_the_next_seed_when_its_episode_ends() -> None:
     seeds = list(range(90))
     found = actors.find("evaluated:linear", evaluated.sinking())
     assert found.actor is not None
-    scores = list(play(evaluated.sinking(), found.actor, seeds, 1))
+    ended = list(play(evaluated.sinking(), found.actor, seeds, 1))
+    scores = _listed(ended)
     expected = _alone(evaluated.sinking(), policies.find("evaluated:linear"), seeds)
-    assert _in_order(scores, seeds) == expected
+    assert _in_order(ended, seeds) == expected
     assert len({score.length for score in scores}) > 2  # so rows went on at different times
     assert [score.seed for score in scores] != seeds
 
@@ -111,7 +118,7 @@ def test_a_policy_on_batches_gives_what_it_gives_row_by_row() -> None:
 def test_a_policy_on_batches_is_shown_64_rows_however_few_are_in_use() -> None:
     found = actors.find(evaluated.Linear, evaluated.sinking())
     assert found.actor is not None
-    few = list(play(evaluated.sinking(), found.actor, [7, 8, 9], 1))
+    few = _listed(play(evaluated.sinking(), found.actor, [7, 8, 9], 1))
     assert len(few) == 3  # Linear itself checks the shape
 
 
@@ -119,9 +126,9 @@ def test_an_episode_of_a_policy_in_float32_does_not_depend_on_the_others() -> No
     # A product of matrices in float32 rounds by the row.
     found = actors.find(evaluated.Network, evaluated.sinking())
     assert found.actor is not None
-    whole = {s.seed: s for s in play(evaluated.sinking(), found.actor, range(70), 1)}
+    whole = {s.seed: s for s in _listed(play(evaluated.sinking(), found.actor, range(70), 1))}
     for seeds in ([69], [64, 0, 128, 5], list(range(69, 2, -1))):
-        scores = list(play(evaluated.sinking(), found.actor, seeds, 1))
+        scores = _listed(play(evaluated.sinking(), found.actor, seeds, 1))
         assert sorted(score.seed for score in scores) == sorted(seeds)
         assert [whole.get(s.seed, s) for s in scores] == scores
 
@@ -143,7 +150,7 @@ def test_an_object_with_a_state_plays_one_episode_at_a_time() -> None:
     seeds = [2, 6]
     make = policies.find("evaluated:Remembering")
     expected = _alone(_load("humanoid", "stand"), make, seeds)
-    assert list(play_alone(environment, found.alone, seeds)) == expected
+    assert _listed(play_alone(environment, found.alone, seeds)) == expected
 
 
 def test_the_planner_plays_one_at_a_time_as_it_does_in_run() -> None:
@@ -152,12 +159,12 @@ def test_the_planner_plays_one_at_a_time_as_it_does_in_run() -> None:
     assert found.alone is not None
     seeds = [1, 2]
     expected = _alone(environment, policies.find("planner"), seeds)
-    assert list(play_alone(environment, found.alone, seeds)) == expected
+    assert _listed(play_alone(environment, found.alone, seeds)) == expected
 
 
 def test_divergence_ends_an_episode_alike_in_a_batch_and_alone() -> None:
     seeds = list(range(24))
     environment = evaluated.sinking(some_diverge=True)
     batched = _in_order(play(environment, EachRow(policies.zero), seeds, 1), seeds)
-    assert list(play_alone(environment, policies.zero, seeds)) == batched
+    assert _listed(play_alone(environment, policies.zero, seeds)) == batched
     assert 0 < sum(score.diverged for score in batched) < 24

@@ -148,6 +148,44 @@ def test_a_policy_whose_source_has_changed_is_another_policy(
         _evaluate("changing_policy:act", out=tmp_path / "out")
 
 
+def test_a_policy_in_a_package_is_hashed_with_all_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "changing_package"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "network.py").write_text(
+        "import numpy as np\n\ndef run():\n    return np.zeros(21)\n"
+    )
+    (package / "policy.py").write_text(
+        "import importlib\n\ndef act(observation):\n"
+        "    return importlib.import_module('changing_package.network').run()\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    _evaluate("changing_package.policy:act", out=tmp_path / "out")
+    (package / "network.py").write_text("# another network\n")
+    with pytest.raises(ValueError, match="holds an evaluation with policy_sha256"):
+        _evaluate("changing_package.policy:act", out=tmp_path / "out")
+
+
+def test_an_evaluation_goes_on_with_another_patch_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected, now = _evaluate(seeds=range(3)), report.versions()
+    _evaluate(seeds=range(2), out=tmp_path)
+    assert "versions_of_episodes" not in _result(tmp_path)
+    later = {**now, "mujoco": now["mujoco"] + "1"}
+    monkeypatch.setattr(report, "versions", lambda: later)
+    evaluation = _evaluate(seeds=range(3), out=tmp_path)
+    assert evaluation.scores == expected.scores
+    assert _result(tmp_path)["versions"] == later
+    assert _result(tmp_path)["versions_of_episodes"] == [now, later]
+    major, _, rest = now["mujoco"].partition(".")
+    monkeypatch.setattr(report, "versions", lambda: {**now, "mujoco": f"{int(major) + 1}.{rest}"})
+    with pytest.raises(ValueError, match="holds an evaluation with versions"):
+        _evaluate(seeds=range(3), out=tmp_path)
+
+
 def test_a_policy_that_was_typed_in_is_known_by_its_source_or_not_at_all(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,11 +225,12 @@ def test_a_policy_that_fails_keeps_the_episodes_before(tmp_path: Path) -> None:
         ([-1], "seed is -1; expected 0 or more, and below 4294967296"),
         ([2**32], "seed is 4294967296; expected 0 or more"),
         ([1.5], "seed is 1.5; expected a whole number"),
+        ([True], "seed is True; expected a whole number"),
         ([1, 2, 1], "a seed stands twice"),
     ],
 )
 def test_seeds_that_cannot_be_are_refused(seeds: Any, message: str, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((TypeError, ValueError), match=message):
         _evaluate(seeds=seeds, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
@@ -202,7 +241,9 @@ def test_a_task_or_number_that_cannot_be_makes_no_folder(tmp_path: Path) -> None
         evaluate("humanoid", "stnad", out=out)
     with pytest.raises(ValueError, match="num_threads is 0; expected a whole number of at least 1"):
         _evaluate(out=out, num_threads=0)
-    with pytest.raises(ValueError, match="time_limit is inf, so no episode would end"):
+    with pytest.raises(
+        ValueError, match="humanoid stand has no time limit, so an episode might never end"
+    ):
         _evaluate(out=out, time_limit=float("inf"))
     with pytest.raises(PolicyError, match="there is no module 'nowhere'"):
         _evaluate("nowhere:act", out=out)

@@ -1,6 +1,8 @@
 """The file that finished episodes are kept in."""
 
+import dataclasses
 import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -8,19 +10,21 @@ import pytest
 from limberjack.evaluation import Score
 from limberjack.evaluation.store import Store
 
-_OURS, _THEIRS = {"task": "stand"}, {"task": "walk"}
+_VERSIONS = {"mujoco": "4.0.0", "python": "3.12.3"}
+_OURS = {"task": "stand", "versions": _VERSIONS}
+_THEIRS = {**_OURS, "task": "walk"}
 _SCORE = Score(3, 10.0, 1000, 0.5)
 
 
 @pytest.mark.parametrize("identity", [_OURS, _THEIRS])
 def test_a_second_writer_is_refused_until_the_first_has_closed(
-    identity: dict[str, str], tmp_path: Path
+    identity: dict[str, object], tmp_path: Path
 ) -> None:
     pytest.importorskip("fcntl", reason="no locks on this system")
     first = Store(tmp_path, _OURS)
-    with pytest.raises(ValueError, match=r"another process evaluates in .*: wait for it"):
+    with pytest.raises(ValueError, match=r"another process writes to .*: wait for it"):
         Store(tmp_path, identity)
-    first.add("zero", _SCORE)
+    first.add("zero", [_SCORE])
     first.close()
     second = Store(tmp_path, _OURS)
     assert second.scores["zero"] == {3: _SCORE}
@@ -38,13 +42,69 @@ def test_an_episode_that_the_disk_took_in_part_is_an_error_that_names_the_file(
     resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 10, limits[1]))
     try:
         with pytest.raises(OSError, match=r"episodes.jsonl") as caught:
-            store.add("zero", _SCORE)
+            store.add("zero", [_SCORE])
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         store.close()
     assert caught.value.errno == errno.EFBIG
     assert not store.scores["zero"]
     again = Store(tmp_path, _OURS)
-    again.add("zero", _SCORE)
+    again.add("zero", [_SCORE])
     again.close()
     assert path.read_text(encoding="utf-8").count("\n") == 2
+
+
+def test_what_is_added_is_flushed_to_the_disk_once_for_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Store(tmp_path, _OURS)
+    flushed: list[str] = []
+    monkeypatch.setattr(
+        os, "fsync", lambda number: flushed.append((tmp_path / "episodes.jsonl").read_text())
+    )
+    store.add("zero", [_SCORE, dataclasses.replace(_SCORE, seed=4)])
+    store.close()
+    assert len(flushed) == 1
+    assert flushed[0] == (tmp_path / "episodes.jsonl").read_text()
+    assert flushed[0].count("\n") == 3
+
+
+@pytest.mark.parametrize("name", ["mujoco", "python"])
+def test_another_patch_version_goes_on_and_is_told(name: str, tmp_path: Path) -> None:
+    Store(tmp_path, _OURS).close()
+    first = Store(tmp_path, _OURS)
+    first.add("zero", [_SCORE])
+    first.close()
+    patched = {**_VERSIONS, name: _VERSIONS[name] + "7"}
+    before = (tmp_path / "episodes.jsonl").read_bytes()
+    second = Store(tmp_path, {**_OURS, "versions": patched})
+    assert second.scores["zero"] == {3: _SCORE}
+    assert second.versions == [_VERSIONS]
+    assert (tmp_path / "episodes.jsonl").read_bytes() == before
+    second.add("zero", [dataclasses.replace(_SCORE, seed=4)])
+    second.add("zero", [dataclasses.replace(_SCORE, seed=5)])
+    assert second.versions == [_VERSIONS, patched]
+    second.close()
+    third = Store(tmp_path, _OURS)
+    assert third.versions == [_VERSIONS, patched]
+    assert sorted(third.scores["zero"]) == [3, 4, 5]
+    third.close()
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {**_OURS, "versions": {**_VERSIONS, "mujoco": "4.1.0"}},
+        {**_OURS, "versions": {**_VERSIONS, "mujoco": "5.0.0"}},
+        {**_OURS, "versions": {"mujoco": "4.0.0"}},
+        {**_OURS, "fingerprint": "another"},
+    ],
+)
+def test_another_minor_version_or_fingerprint_is_refused(
+    other: dict[str, object], tmp_path: Path
+) -> None:
+    first = Store(tmp_path, {"fingerprint": "ours", **_OURS})
+    first.add("zero", [_SCORE])
+    first.close()
+    with pytest.raises(ValueError, match=r"holds an evaluation with (versions|fingerprint)"):
+        Store(tmp_path, {"fingerprint": "ours", **other})

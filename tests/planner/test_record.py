@@ -1,13 +1,15 @@
 """Recordings of episodes, and playing them again."""
 
 import dataclasses
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import plain_domain
 import pytest
 
-from limberjack import suite
+from limberjack import policies, rollout, suite
 from limberjack.planner.record import Recording, record_episode, replay
 
 
@@ -130,6 +132,83 @@ def test_a_recording_with_parts_missing_is_refused(
     broken.save(tmp_path / "episode.npz")
     with pytest.raises(ValueError, match=f"is no recording of an episode .*{message}"):
         Recording.load(tmp_path / "episode.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("actions", lambda actions: actions > 0, "'actions' has dtype bool"),
+        ("actions", lambda actions: actions * 1j, "'actions' has dtype complex128"),
+        ("actions", lambda actions: actions * np.nan, "'actions' has infinities or NaN"),
+        ("states", lambda states: states + np.inf, "'states' has infinities or NaN"),
+        ("states", lambda states: states[0, 0], r"'states' has dtype float64 and shape \(\)"),
+        ("rewards", lambda rewards: rewards[:, None], r"'rewards' has shape \(8, 1\)"),
+        ("about", lambda about: "[" * 100_000, "'about' is a str"),
+        ("start", lambda start: {"state": start["state"] * np.nan}, "'start.state' has infinities"),
+    ],
+)
+def test_a_forged_recording_is_refused(
+    name: str, change: Any, message: str, tmp_path: Path
+) -> None:
+    recording = _record("humanoid", "stand")
+    forged = dataclasses.replace(recording, **{name: change(getattr(recording, name))})
+    forged.save(tmp_path / "episode.npz")
+    with pytest.raises(ValueError, match=f"is no recording of an episode .*{message}"):
+        Recording.load(tmp_path / "episode.npz")
+
+
+def test_a_recording_whose_json_is_nested_without_end_is_refused(tmp_path: Path) -> None:
+    recording = _record("humanoid", "stand")
+    recording.save(tmp_path / "episode.npz")
+    with np.load(tmp_path / "episode.npz") as file:
+        arrays = dict(file)
+    for about in ("[" * 100_000, "{", "NaN", ""):
+        np.savez(tmp_path / "episode.npz", **{**arrays, "about": np.array(about)})
+        with pytest.raises(ValueError, match="is no recording of an episode"):
+            Recording.load(tmp_path / "episode.npz")
+
+
+def test_a_start_that_cannot_be_simulated_is_one_sentence() -> None:
+    recording = _record("humanoid", "stand")
+    recording.start["state"][...] = 1e300
+    assert re.search("cannot be simulated|differs|diverges", _outcome(recording))
+
+
+def _outcome(recording: Recording) -> str:
+    """What is said of a recording that is not played again as it was."""
+    try:
+        return replay(recording, _load("humanoid", "stand")) or ""
+    except ValueError as error:
+        return str(error)
+
+
+def test_observations_that_are_true_or_false_are_compared() -> None:
+    def load() -> Any:
+        return plain_domain.make(3)
+
+    recording = record_episode(load(), lambda: np.ones(1), {})
+    assert recording.observations["fast"].dtype == bool
+    assert replay(recording, load()) is None
+    recording.observations["fast"][2] ^= True
+    assert replay(recording, load()) == (
+        "step 1: the observation 'fast' differs from the recorded one by up to 1"
+    )
+
+
+def test_what_a_task_shows_of_live_memory_is_recorded_as_it_was() -> None:
+    recording = record_episode(plain_domain.make(3), lambda: np.ones(1), {})
+    environment = plain_domain.make(3)
+    places = [environment.reset().observation["place"].copy()]
+    places += [environment.step([1.0]).observation["place"].copy() for _ in range(25)]
+    np.testing.assert_array_equal(recording.observations["place"], places)
+
+
+def test_recording_an_episode_is_running_it() -> None:
+    seen: list[rollout.Step] = []
+    recording = record_episode(_load("humanoid", "walk"), lambda: np.zeros(21), {}, seen.append)
+    episode = rollout.run_episode(_load("humanoid", "walk"), policies.zero, 3)
+    np.testing.assert_array_equal(recording.rewards, episode.rewards)
+    assert [step.number for step in seen] == list(range(9))
 
 
 def test_a_recording_of_another_task_is_refused() -> None:

@@ -27,7 +27,7 @@ def _traced(domain: str, task: str, seconds: float) -> tuple[rollout.Episode, re
     """An episode of random actions, and what was traced of it."""
     env = suite.load(domain, task, {"random": 3, "time_limit": seconds})
     trace = report.Trace(env)
-    return rollout.run_episode(env, policies.random, 3, lambda step, total: trace.add(step)), trace
+    return rollout.run_episode(env, policies.random, 3, trace.add), trace
 
 
 def _page(path: Path, **changes: Any) -> str:
@@ -107,9 +107,9 @@ def test_a_page_that_cannot_be_written_leaves_nothing_of_itself_or_of_an_earlier
         (tmp_path / name).write_text("of an earlier run")
     env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.1})
     monkeypatch.setattr("limberjack.report.recorder.Film", _no_film)
-    recorder = report.Recorder(tmp_path)
+    recorder = report.Recorder(tmp_path, _RUN)
     recorder.begin(env)
-    episode = rollout.run_episode(env, policies.zero, 3, lambda n, total: recorder.add_step(n))
+    episode = rollout.run_episode(env, policies.zero, 3, recorder.add_step)
     with monkeypatch.context() as full:
         full.setattr("limberjack.report.recorder.write_result", lambda *arguments: None)
         full.setattr(Path, "write_text", fill_the_disk)
@@ -133,7 +133,7 @@ def test_a_return_that_is_not_finite_is_named(tmp_path: Path) -> None:
 def test_the_page_of_a_long_episode_is_small(tmp_path: Path) -> None:
     env = suite.load("stacker", "stack_4", {"random": 0})  # 1,000 steps of 63 numbers
     trace = report.Trace(env)
-    episode = rollout.run_episode(env, policies.random, 0, lambda step, total: trace.add(step))
+    episode = rollout.run_episode(env, policies.random, 0, trace.add)
     path = tmp_path / "report.html"
     report.write_page(path, as_result(_RUN, [episode], "abc"), trace, None, "")
     assert episode.length == 1000

@@ -10,7 +10,7 @@ import pytest
 
 from limberjack import report, suite
 from limberjack.mujoco.camera import RenderingError
-from limberjack.rollout import Episode
+from limberjack.rollout import Episode, Step
 
 _EPISODES = [Episode(0, None, np.array([0.25, 0.5]))]
 
@@ -39,19 +39,25 @@ def _about(env: Any) -> dict[str, Any]:
     }
 
 
+_RUN = {"domain": "humanoid", "task": "stand", "policy": "random"}
+
+
 def _played(recorder: report.Recorder, env: Any) -> None:
     recorder.begin(env)
-    recorder.add_step(0)
-    for step in (1, 2):
-        env.step(np.zeros(21))
-        recorder.add_step(step)
+    recorder.add_step(Step(0, 0.0, env.reset(), None))
+    total = 0.0
+    for number in (1, 2):
+        action = np.zeros(21)
+        time_step = env.step(action)
+        total += time_step.reward
+        recorder.add_step(Step(number, total, time_step, action))
     recorder.finish_film()
 
 
 def test_what_cannot_be_filmed_is_left_out_with_one_line_and_the_rest_is_written(
     environment: Any, tmp_path: Path
 ) -> None:
-    recorder = report.Recorder(tmp_path / "new" / "out")
+    recorder = report.Recorder(tmp_path / "new" / "out", _about(environment))
     _played(recorder, environment)
     recorder.write(_about(environment), _EPISODES, "abc")
     assert recorder.left_out == ["no video.mp4: no OpenGL"]
@@ -65,7 +71,7 @@ def test_files_of_an_earlier_run_that_this_one_has_not_are_removed(
 ) -> None:
     for name in ("video.mp4", "return.png", "report.html", "notes.txt"):
         (tmp_path / name).write_text("old")
-    recorder = report.Recorder(tmp_path)
+    recorder = report.Recorder(tmp_path, _about(environment))
     recorder.write(_about(environment), [], "abc")  # no episode ended
     assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt", "result.json"]
     assert json.loads((tmp_path / "result.json").read_text())["episodes"] == []
@@ -76,7 +82,7 @@ def test_without_the_extra_film_and_plot_share_a_reason(
 ) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    recorder = report.Recorder(tmp_path)
+    recorder = report.Recorder(tmp_path, _about(environment))
     _played(recorder, environment)
     recorder.write(_about(environment), _EPISODES, "abc")
     (line,) = recorder.left_out
@@ -87,8 +93,23 @@ def test_without_the_extra_film_and_plot_share_a_reason(
 def test_a_result_that_cannot_be_written_is_the_callers_error(
     environment: Any, tmp_path: Path
 ) -> None:
-    recorder = report.Recorder(tmp_path)
+    recorder = report.Recorder(tmp_path, _about(environment))
     (tmp_path / "result.json").mkdir()
     with pytest.raises(OSError, match=r"result\.json"):
         recorder.write(_about(environment), _EPISODES, "abc")
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_a_directory_is_one_recorders_and_of_one_task_and_policy(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl", reason="no locks on this system")
+    with report.Recorder(tmp_path, _RUN) as first:
+        with pytest.raises(ValueError, match="another process writes to"):
+            report.Recorder(tmp_path, _RUN)
+        first.write(_RUN, [], "abc")
+    for name, other in (("domain", "stacker"), ("task", "run"), ("policy", "zero")):
+        with pytest.raises(ValueError, match=f"holds results with {name} '{_RUN[name]}', and"):
+            report.Recorder(tmp_path, _RUN | {name: other})
+    report.Recorder(tmp_path, _RUN | {"time_limit": 1.0}).close()
+    (tmp_path / "episodes.jsonl").touch()
+    with pytest.raises(ValueError, match="holds an evaluation: choose another folder"):
+        report.Recorder(tmp_path, _RUN)

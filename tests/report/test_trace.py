@@ -11,7 +11,7 @@ def _traced(domain: str, task: str, seconds: float) -> tuple[rollout.Episode, re
     """An episode of random actions, and what was traced of it."""
     env = suite.load(domain, task, {"random": 3, "time_limit": seconds})
     trace = report.Trace(env)
-    return rollout.run_episode(env, policies.random, 3, lambda step, total: trace.add(step)), trace
+    return rollout.run_episode(env, policies.random, 3, trace.add), trace
 
 
 @pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
@@ -43,11 +43,32 @@ def test_a_long_trace_is_kept_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_task_without_terms_is_traced_by_its_reward() -> None:
-    env = suite.load("humanoid", "walk", {"random": 0})
+    env = suite.load("humanoid", "walk", {"random": 0, "time_limit": 0.05})
     env.task.get_reward = lambda physics: 0.25  # pyright: ignore[reportAttributeAccessIssue]
-    env.reset()
     trace = report.Trace(env)
-    trace.add(0)
-    trace.add(1)
-    assert trace.rewards[1] == 0.25
+    rollout.run_episode(env, policies.zero, 0, trace.add)
+    assert trace.rewards[1:].tolist() == [0.25, 0.25]
     assert trace.terms == {}
+
+
+def test_a_task_that_draws_for_its_observation_draws_no_more_when_traced() -> None:
+    def run(*, traced: bool) -> list[list[float]]:
+        env = suite.load("stacker", "stack_2", {"random": 3, "time_limit": 0.05})
+        task, observe = env.task, env.task.get_observation
+        task.get_observation = lambda physics: {
+            "noise": task.random.standard_normal(2),
+            **observe(physics),
+        }
+        seen: list[list[float]] = []
+        trace = report.Trace(env)
+
+        def add(step: rollout.Step) -> None:
+            seen.append(step.time_step.observation["noise"].tolist())
+            if traced:
+                trace.add(step)
+
+        rollout.run_episode(env, policies.zero, 3, add)
+        assert not traced or trace.observations["noise"].tolist() == seen
+        return seen
+
+    assert run(traced=True) == run(traced=False)

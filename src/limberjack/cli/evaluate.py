@@ -1,15 +1,15 @@
 """`limberjack evaluate`: how good a policy is, beside zero and random actions on the same seeds."""
 
 import contextlib
-import os
 import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import rich.console
 import rich.progress
+import rich.table
 import typer
 
 from limberjack.cli.app import app
@@ -22,6 +22,7 @@ from limberjack.cli.output import (
     complain,
     console,
     misuse_reported,
+    search_working_directory,
     table,
 )
 
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from limberjack.evaluation import Evaluation, Summary
 
 __all__: list[str] = []
+
+_EPISODES = 100  # unless another number, or seeds, are asked for
 
 
 @app.command("evaluate")
@@ -42,10 +45,18 @@ def _evaluate(
         ),
     ] = "zero",
     seeds: Annotated[
-        str, typer.Option(metavar="A:B", help="One episode for each seed from A on, without B.")
-    ] = "0:100",
+        str | None,
+        typer.Option(
+            metavar="A:B",
+            help="One episode for each seed from A on, without B; 0:100 by default.",
+            show_default=False,
+        ),
+    ] = None,
     episodes: Annotated[
-        int | None, typer.Option(min=1, help="Only so many of the seeds, the first ones.")
+        int | None,
+        typer.Option(
+            min=1, max=SEEDS, help="Only so many of the seeds; without --seeds, from 0 on."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -65,12 +76,20 @@ def _evaluate(
     """
     with misuse_reported():
         chosen = _chosen_seeds(seeds, episodes)
-    # The installed command does not look for modules in the working directory; `python -m` does.
-    if os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())
-    how = {"out": out, "num_threads": threads, "time_limit": time_limit}
-    with _progress(len(chosen), policy) as progress:
-        evaluation = _run(progress, domain, task, policy, chosen, **how)
+    search_working_directory(policy)
+    with _progress(len(chosen), policy) as progress, _failures_reported(progress, out):
+        from limberjack.evaluation import evaluate
+
+        evaluation = evaluate(
+            domain,
+            task,
+            policy,
+            chosen,
+            out=out,
+            num_threads=threads,
+            time_limit=time_limit,
+            on_progress=progress.show,
+        )
     _print(evaluation)
 
 
@@ -107,12 +126,14 @@ def _progress(episodes: int, policy: str) -> Iterator[_Progress]:
         yield _Progress(bar, episodes * len({policy, *FLOORS}))
 
 
-def _chosen_seeds(seeds: str, episodes: int | None) -> range:
-    """The seeds that were asked for.
+def _chosen_seeds(seeds: str | None, episodes: int | None) -> range:
+    """The seeds that were asked for: by their range, their number, or both.
 
     Raises:
       ValueError: they are no range, or an empty one, or fewer than the episodes.
     """
+    if seeds is None:
+        return range(_EPISODES if episodes is None else episodes)
     found = re.fullmatch(r"(\d+):(\d+)", seeds)
     if found is None:
         raise ValueError(f"--seeds is {seeds!r}; expected A:B, such as 0:100 for the first hundred")
@@ -128,29 +149,29 @@ def _chosen_seeds(seeds: str, episodes: int | None) -> range:
     return chosen[:episodes]
 
 
-def _run(progress: _Progress, *what: Any, **how: Any) -> "Evaluation":
-    """The evaluation; what cuts it short is one line and an exit status."""
-    from limberjack.evaluation import evaluate
+@contextlib.contextmanager
+def _failures_reported(progress: _Progress, out: Path | None) -> Iterator[None]:
+    """Turn what cuts an evaluation short into one line and an exit status."""
     from limberjack.policies import PolicyError
     from limberjack.rl.control import PhysicsError
 
     try:
-        return evaluate(*what, **how, on_progress=progress.show)
+        yield
     except KeyboardInterrupt:
-        complain(f"interrupted: {_done(progress, how['out'])}")
+        complain(f"interrupted: {_done(progress, out)}")
         raise typer.Exit(INTERRUPTED) from None
     except (PolicyError, PhysicsError, OSError) as error:
         if progress.finished is None:
             complain(error)
             raise typer.Exit(MISUSED) from None
-        complain(f"{error}; {_done(progress, how['out'])}")
+        complain(f"{error}; {_done(progress, out)}")
         raise typer.Exit(FAILED) from None
     except Exception as error:
         if progress.finished is None and isinstance(error, ValueError):
             complain(error)
             raise typer.Exit(MISUSED) from None
         if progress.finished is not None:  # a policy's own error: its traceback says where
-            error.add_note(f"limberjack: {_done(progress, how['out'])}")
+            error.add_note(f"limberjack: {_done(progress, out)}")
         raise
 
 
@@ -181,7 +202,7 @@ def _print(evaluation: "Evaluation") -> None:
         typer.echo(path)
 
 
-def _add_row(rows: Any, policy: str, start: str, summary: "Summary") -> None:
+def _add_row(rows: rich.table.Table, policy: str, start: str, summary: "Summary") -> None:
     interval = ""
     if summary.interval is not None:
         interval = "{:.1f} to {:.1f}".format(*summary.interval)

@@ -12,6 +12,8 @@ import rich.progress
 import rich.table
 import typer
 
+from limberjack.utils.seeds import SEEDS
+
 if TYPE_CHECKING:
     from limberjack.policies import Policy
 
@@ -26,6 +28,7 @@ __all__ = [
     "console",
     "find_policy",
     "misuse_reported",
+    "search_working_directory",
     "show_progress",
     "table",
 ]
@@ -35,7 +38,7 @@ FAILED = 1
 MISUSED = 2
 INTERRUPTED, TERMINATED = 130, 143  # as shells report what Ctrl-C or SIGTERM ended
 
-SEEDS = 2**32  # numpy.random.RandomState takes seeds below this
+_MODEL = "sb3:"  # begins a policy that is a file
 _PIPE_WIDTH = 200  # columns where there is no terminal: no row is broken
 _BAR_UPDATE = 10  # steps; the bar is drawn ten times a second at most
 
@@ -83,10 +86,18 @@ def find_policy(name: str) -> "Policy":
     """The policy of that name, whose module may lie in the working directory."""
     from limberjack import policies
 
-    # The installed command does not look for modules in the working directory; `python -m` does.
-    if os.getcwd() not in sys.path:
-        sys.path.insert(0, os.getcwd())
+    search_working_directory(name)
     return policies.find(name)
+
+
+def search_working_directory(policy: str) -> None:
+    """Let a policy MODULE:CALLABLE be found in the working directory, as with `python -m`.
+
+    The folder is searched last, and only for such a policy: a stray matplotlib.py that lies in it
+    is not imported in the place of the installed one.
+    """
+    if ":" in policy and not policy.startswith(_MODEL) and os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
 
 
 def table(*columns: str) -> rich.table.Table:

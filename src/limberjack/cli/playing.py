@@ -2,9 +2,8 @@
 
 import contextlib
 import math
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -20,8 +19,9 @@ from limberjack.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from limberjack.report import Recorder
-    from limberjack.rollout import Episode
+    from limberjack.report import Facts, Recorder
+    from limberjack.rl.control import Environment
+    from limberjack.rollout import Episode, OnStep, Step
 
 __all__ = ["Playing"]
 
@@ -54,35 +54,42 @@ class Playing:
         self._seeds = seeds
         self._time_limit = time_limit
         with contextlib.closing(self._load(seeds[0])) as first:
+            if first.step_limit is None:
+                raise ValueError(
+                    f"{domain} {task} has no time limit of its own, so an episode might never end: "
+                    "give --time-limit SECONDS"
+                )
             self._prepare(first)
             self._fingerprint = report.fingerprint(first.physics.model._model)
             self._step_limit = first.step_limit
-            self._about: dict[str, Any] = {
+            self._about: Facts = {
                 "domain": domain,
                 "task": task,
                 "policy": policy,
                 "time_limit": self._seconds(first),
                 "control_timestep": first.control_timestep(),
             }
-        self._recorder: Recorder | None = None if out is None else report.Recorder(out)
+        self._recorder: Recorder | None = None
+        if out is not None:
+            self._recorder = report.Recorder(out, self._about)
         self._recordings: list[Path] = []  # files that the command has written itself
         self._episodes: list[Episode] = []
 
-    def _prepare(self, environment: Any) -> None:
+    def _prepare(self, environment: "Environment") -> None:
         """Looks up what plays; raises ValueError if there is no such thing for this task."""
         raise NotImplementedError
 
-    def _play_in(self, environment: Any, seed: int, on_step: Callable[[int, float], None]) -> Any:
-        """Plays an `Episode` from the environment's reset on.
+    def _play_in(self, environment: "Environment", seed: int, on_step: "OnStep") -> "Episode":
+        """Play an episode from the environment's reset on.
 
         Args:
           environment: made with the seed.
           seed: of the episode.
-          on_step: to be called with the number of steps and the return so far.
+          on_step: as `rollout.run_episode` takes it.
         """
         raise NotImplementedError
 
-    def _seconds(self, environment: Any) -> float | None:
+    def _seconds(self, environment: "Environment") -> float | None:
         """The time limit that was asked for, else the task's own; None without any."""
         if self._time_limit is not None or environment.step_limit is None:
             return self._time_limit
@@ -90,8 +97,12 @@ class Playing:
 
     def finish(self) -> int:
         """Plays, writes and prints; returns the exit status, raises what is not expected."""
-        failure = self.play()
-        status = self.report(failure)
+        try:
+            failure = self.play()
+            status = self.report(failure)
+        finally:
+            if self._recorder is not None:
+                self._recorder.close()
         if status is None:
             assert failure is not None
             raise failure
@@ -128,10 +139,10 @@ class Playing:
             return FAILED
         return None
 
-    def _load(self, seed: int) -> Any:
+    def _load(self, seed: int) -> "Environment":
         from limberjack import suite
 
-        task_kwargs: dict[str, Any] = {"random": seed}
+        task_kwargs: dict[str, float] = {"random": seed}
         if self._time_limit is not None:
             task_kwargs["time_limit"] = self._time_limit
         return suite.load(*self._where, task_kwargs=task_kwargs)
@@ -144,10 +155,10 @@ class Playing:
             recorder.begin(environment)
         limit = self._step_limit
 
-        def on_step(steps: int, total: float) -> None:
-            progress.show(seed - self._seeds[0], steps, limit, total)
+        def on_step(step: "Step") -> None:
+            progress.show(seed - self._seeds[0], step.number, limit, step.total)
             if recorder is not None:
-                recorder.add_step(steps)
+                recorder.add_step(step)
 
         with contextlib.closing(environment):
             episode = self._play_in(environment, seed, on_step)

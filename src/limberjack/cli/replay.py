@@ -2,7 +2,7 @@
 
 import contextlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,8 +11,23 @@ from limberjack.cli.output import FAILED, complain, misuse_reported
 
 if TYPE_CHECKING:
     from limberjack.planner.record import Recording
+    from limberjack.report import Facts, Recorder
+    from limberjack.rl.control import Environment
+    from limberjack.rollout import Episode
 
 __all__: list[str] = []
+
+_RECORDED = "recorded"  # the policy of an episode that is played again
+_LONGEST = 1e9  # seconds; an episode of a lifetime
+# What entries of `Recording.about` must be.
+_KINDS: dict[str, type | tuple[type, ...]] = {
+    "domain": str,
+    "task": str,
+    "time_limit": (int, float),
+    "seed": int,
+    "versions": dict,
+    "fingerprint": str,
+}
 
 
 @app.command("replay")
@@ -33,15 +48,19 @@ def _replay(
         from limberjack.planner.record import Recording
 
         recording = Recording.load(file)
-        environment = _environment_of(recording, file)
-        other = _versions_differ(recording, environment)
+        about = _checked_about(recording.about, file)
+        environment = _environment_of(about)
+        other = _versions_differ(about, environment)
         _check_out(out, file)
-        recorder = None if out is None else report.Recorder(out)
+        recorder = None if out is None else report.Recorder(out, {**about, "policy": _RECORDED})
     with contextlib.closing(environment), misuse_reported():
         try:
-            difference = _played(recording, environment, recorder)
-        except ValueError as error:
+            difference = _played(recording, about, environment, recorder)
+        except (TypeError, ValueError) as error:
             raise ValueError(f"{file}: {error}.{other}") from error
+        finally:
+            if recorder is not None:
+                recorder.close()
     if difference is not None:
         complain(f"{file}: {difference}.{other}")
         raise typer.Exit(FAILED)
@@ -49,42 +68,60 @@ def _replay(
     typer.echo(f"{file}: {len(recording.rewards)} steps, return {total:.3f}, every bit the same")
 
 
-def _played(recording: "Recording", environment: Any, recorder: Any) -> str | None:
-    """Where the recording differs; if nowhere, the recorder writes what was seen.
-
-    recorder: a `report.Recorder`, or None.
-    """
+def _played(
+    recording: "Recording",
+    about: "Facts",
+    environment: "Environment",
+    recorder: "Recorder | None",
+) -> str | None:
+    """The first difference; without any, the recorder writes the episode."""
+    from limberjack import rollout
     from limberjack.planner.record import replay
 
-    start: list[str | None] = []
-    steps = 0
+    start: str | None = None
 
-    def on_step() -> None:
-        nonlocal steps
-        if recorder is not None and not steps:
-            start.append(environment.task.start(environment.physics))
+    def on_step(step: rollout.Step) -> None:
+        nonlocal start
+        if recorder is None:
+            return
+        if step.action is None:
+            start = rollout.kind_of_start(environment)
             recorder.begin(environment)
-        if recorder is not None:
-            recorder.add_step(steps)
-        steps += 1
+        recorder.add_step(step)
 
     difference = replay(recording, environment, on_step)
     if recorder is not None and difference is None:
         recorder.finish_film()
-        _write(recorder, recording, start[0], environment.control_timestep())
-    elif recorder is not None:
-        recorder.drop_film()
+        episode = rollout.Episode(about["seed"], start, recording.rewards)
+        _write(recorder, about, episode, environment.control_timestep())
     return difference
 
 
-def _environment_of(recording: "Recording", file: Path) -> Any:
-    """An environment of the recording's task and length."""
-    from limberjack import suite
+def _checked_about(about: "Facts", file: Path) -> "Facts":
+    """What the file says of itself, with what it does not say filled in.
 
-    about = recording.about
+    Raises:
+      ValueError: an entry that is needed is missing, or one is of another kind than `limberjack
+        solve` writes.
+    """
     missing = [name for name in ("domain", "task", "time_limit") if name not in about]
     if missing:
         raise ValueError(f"{file} does not say its {', '.join(missing)}, so it cannot be played")
+    checked = {"seed": 0, "versions": {}, "fingerprint": "", **about}
+    for name, kind in _KINDS.items():
+        value = checked[name]
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise ValueError(f"{file} says that its {name} is {value!r}; it cannot be played")
+    seconds = checked["time_limit"]
+    if not (0 < seconds < _LONGEST):
+        raise ValueError(f"{file} says that its time_limit is {seconds}; expected seconds")
+    return checked
+
+
+def _environment_of(about: "Facts") -> "Environment":
+    """An environment of the recording's task and length."""
+    from limberjack import suite
+
     task_kwargs = {"random": 0, "time_limit": about["time_limit"]}
     return suite.load(about["domain"], about["task"], task_kwargs=task_kwargs)
 
@@ -101,30 +138,25 @@ def _check_out(out: Path | None, file: Path) -> None:
 
 
 def _write(
-    recorder: Any, recording: "Recording", start: str | None, control_timestep: float
+    recorder: "Recorder", about: "Facts", episode: "Episode", control_timestep: float
 ) -> None:
-    """Writes what the recorder has; recorder: a `report.Recorder`."""
-    from limberjack.rollout import Episode
-
-    about = {"policy": "recorded", "control_timestep": control_timestep, **recording.about}
-    fingerprint = str(about.pop("fingerprint", ""))
-    about.pop("versions", None)
-    episode = Episode(int(about.get("seed", 0)), start, recording.rewards)
-    recorder.write({**about, "episodes_asked_for": 1}, [episode], fingerprint)
+    """Writes the files of the recorded episode, and prints their names."""
+    run = {name: about[name] for name in ("domain", "task", "time_limit")}
+    run |= {"policy": _RECORDED, "control_timestep": control_timestep, "episodes_asked_for": 1}
+    recorder.write(run, [episode], about["fingerprint"])
     for line in recorder.left_out:
         complain(line)
     for path in recorder.written:
         typer.echo(path)
 
 
-def _versions_differ(recording: "Recording", environment: Any) -> str:
+def _versions_differ(about: "Facts", environment: "Environment") -> str:
     """A sentence on versions and a model that are not the recorded ones; empty if all are."""
     from limberjack import report
 
-    recorded = recording.about.get("versions", {})
+    recorded = about["versions"]
     other = [f"{n} {recorded.get(n)}, here {v}" for n, v in report.versions().items()
              if recorded.get(n) != v]  # fmt: skip
-    fingerprint = recording.about.get("fingerprint")
-    if fingerprint not in (None, report.fingerprint(environment.physics.model._model)):
+    if about["fingerprint"] not in ("", report.fingerprint(environment.physics.model._model)):
         other.append("a model with another fingerprint")
     return f" It was recorded with {'; '.join(other)}." if other else ""

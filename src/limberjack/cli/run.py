@@ -1,8 +1,7 @@
 """`limberjack run`: episodes of a task, in numbers and in pictures."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,6 +9,10 @@ from limberjack.cli.app import app
 from limberjack.cli.options import Domain, FirstSeed, PolicyName, TaskName, TimeLimit
 from limberjack.cli.output import find_policy, misuse_reported
 from limberjack.cli.playing import Playing
+
+if TYPE_CHECKING:
+    from limberjack.rl.control import Environment
+    from limberjack.rollout import Episode, OnStep
 
 __all__: list[str] = []
 
@@ -59,10 +62,10 @@ class _Run(Playing):
         self._policy_name = policy
         super().__init__(domain, task, seeds, policy, time_limit, out)
 
-    def _prepare(self, environment: Any) -> None:
+    def _prepare(self, environment: "Environment") -> None:
         self._policy = find_policy(self._policy_name)
 
-    def _play_in(self, environment: Any, seed: int, on_step: Callable[[int, float], None]) -> Any:
+    def _play_in(self, environment: "Environment", seed: int, on_step: "OnStep") -> "Episode":
         from limberjack import rollout
 
         return rollout.run_episode(environment, self._policy, seed, on_step)

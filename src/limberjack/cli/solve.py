@@ -1,9 +1,7 @@
 """`limberjack solve`: episodes of a task with the planner."""
 
-import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +9,10 @@ from limberjack.cli.app import app
 from limberjack.cli.options import Domain, FirstSeed, TaskName, TimeLimit
 from limberjack.cli.output import misuse_reported
 from limberjack.cli.playing import Playing
+
+if TYPE_CHECKING:
+    from limberjack.rl.control import Environment
+    from limberjack.rollout import Episode, OnStep, Step
 
 __all__: list[str] = []
 
@@ -59,53 +61,29 @@ class _Solving(Playing):
         """Checks everything that was asked for; raises ValueError or OSError."""
         self._out = out
         self._threads = threads
-        if out is not None:
-            _check_folder(out, {"domain": domain, "task": task, "policy": "planner"})
         super().__init__(domain, task, seeds, "planner", time_limit, out)
 
-    def _prepare(self, environment: Any) -> None:
+    def _prepare(self, environment: "Environment") -> None:
         from limberjack.planner import cost_for
 
         cost_for(environment.task)
 
-    def _play_in(self, environment: Any, seed: int, on_step: Callable[[int, float], None]) -> Any:
-        from limberjack import report
-        from limberjack.planner import Planner
-        from limberjack.planner.record import record_episode
-        from limberjack.rollout import Episode
+    def _play_in(self, environment: "Environment", seed: int, on_step: "OnStep") -> "Episode":
+        from limberjack import policies, report, rollout
+        from limberjack.planner.record import Transcript
 
-        planner = Planner(environment, self._threads, seed)
-        start: list[str | None] = []
+        transcript = Transcript(environment)
 
-        def notice(steps: int, total: float) -> None:
-            if not steps:
-                start.append(environment.task.start(environment.physics))
-            on_step(steps, total)
+        def add(step: "Step") -> None:
+            transcript.add(step)
+            on_step(step)
 
-        versions = {"versions": report.versions(), "fingerprint": self._fingerprint}
-        about = {**self._about, "seed": seed, **versions}
-        recording = record_episode(environment, planner.act, about, notice)
+        episode = rollout.run_episode(
+            environment, policies.planner_with(self._threads), seed, on_step=add
+        )
         if self._out is not None:
+            versions = {"versions": report.versions(), "fingerprint": self._fingerprint}
             path = self._out / f"episode-{seed}.npz"
-            recording.save(path)
+            transcript.recording({**self._about, "seed": seed, **versions}).save(path)
             self._recordings.append(path)
-        return Episode(seed, start[0], recording.rewards)
-
-
-def _check_folder(out: Path, expected: dict[str, str]) -> None:
-    """Raises ValueError if the folder holds results that recordings must not be mixed with."""
-    if (out / "episodes.jsonl").exists():
-        raise ValueError(f"{out} holds an evaluation: choose another folder")
-    try:
-        result = json.loads((out / "result.json").read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return
-    except ValueError:
-        result = None
-    told = result if isinstance(result, dict) else {}
-    for name, value in expected.items():
-        if told.get(name) != value:
-            raise ValueError(
-                f"{out} holds results with {name} {told.get(name)!r}, and these have {value!r}: "
-                "choose another folder"
-            )
+        return episode

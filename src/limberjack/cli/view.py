@@ -3,7 +3,7 @@
 import contextlib
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,7 +12,8 @@ from limberjack.cli.options import Domain, FirstSeed, TaskName, TimeLimit
 from limberjack.cli.output import FAILED, INTERRUPTED, complain, find_policy, misuse_reported
 
 if TYPE_CHECKING:
-    from limberjack.viewer.session import Session
+    from limberjack.rl.control import Environment
+    from limberjack.viewer.session import Begin, Session
 
     Show = Callable[[Session], None]
 
@@ -80,18 +81,18 @@ def _find_viewer(native: bool, host: str, port: int | None, title: str) -> "Show
     return show
 
 
-def _load(domain: str, task: str, seed: int, time_limit: float | None) -> Any:
+def _load(domain: str, task: str, seed: int, time_limit: float | None) -> "Environment":
     from limberjack import suite
 
     if time_limit is not None and math.isinf(time_limit):
         raise ValueError(f"--time-limit is {time_limit}; expected a number of seconds")
-    task_kwargs: dict[str, Any] = {"random": seed}
+    task_kwargs: dict[str, float] = {"random": seed}
     if time_limit is not None:
         task_kwargs["time_limit"] = time_limit
     return suite.load(domain, task, task_kwargs=task_kwargs)
 
 
-def _begin(policy: str) -> Any:
+def _begin(policy: str) -> "Begin":
     """What begins the policy's episodes."""
     from limberjack import viewer
 
@@ -100,7 +101,7 @@ def _begin(policy: str) -> Any:
     return viewer.begin_policy(find_policy(policy))
 
 
-def _show(environment: Any, begin: Any, seed: int, speed: float, show: "Show") -> int:
+def _show(environment: "Environment", begin: "Begin", seed: int, speed: float, show: "Show") -> int:
     """Shows it until it is closed; returns the exit status."""
     from limberjack.policies import PolicyError
     from limberjack.rl.control import PhysicsError

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, BinaryIO
 
 __all__ = ["Answer", "ask"]
 
@@ -62,7 +62,7 @@ def ask(probe: str, variables: Mapping[str, str] | None = None, limit: float = _
     return Answer(why=_reason(status, complaints))
 
 
-def _run(program: str, environment: dict[str, str], errors: Any, limit: float) -> int | None:
+def _run(program: str, environment: dict[str, str], errors: BinaryIO, limit: float) -> int | None:
     """The exit status of a Python program; None if it took too long."""
     process = subprocess.Popen(
         [sys.executable, "-c", program],

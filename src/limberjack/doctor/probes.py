@@ -37,8 +37,7 @@ _SIZE = 64  # pixels a side
 
 def answer(probe: str, file: str) -> None:
     """Writes what a probe returns, or why it fails, to a file."""
-    # Any: what json can write.
-    result: dict[str, Any]
+    result: dict[str, object]
     try:
         result = {"value": globals()[probe]()}
     except Exception as error:
@@ -58,21 +57,21 @@ def core() -> dict[str, int]:
     """
     import numpy as np
 
-    from limberjack import suite
+    from limberjack import rollout, suite
+
+    def check(step: rollout.Step) -> None:
+        observed = step.time_step.observation.values()
+        if not all(math.isfinite(n) for n in [step.reward, *map(np.sum, observed)]):
+            name = ":".join(_TASK)
+            raise RuntimeError(f"{name}: step {step.number} gave a number that is not finite")
 
     env = suite.load(*_TASK, task_kwargs={"random": 0, "time_limit": _EPISODE})
-    time_step, count = env.reset(), 0
     action = np.full(env.action_spec().shape, 0.1)
-    while not time_step.last():
-        time_step = env.step(action)
-        count += 1
-        numbers = [time_step.reward, *(np.sum(part) for part in time_step.observation.values())]
-        if not all(math.isfinite(number) for number in numbers):
-            raise RuntimeError(f"{':'.join(_TASK)}: step {count} gave a number that is not finite")
-    return {"steps": count}
+    episode = rollout.run_episode(env, lambda spec, seed: lambda observation: action, 0, check)
+    return {"steps": episode.length}
 
 
-def threads() -> dict[str, Any]:
+def threads() -> dict[str, object]:
     """Steps per second of a batch by number of threads, and the number to take."""
     import numpy as np
 

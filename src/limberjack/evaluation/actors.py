@@ -19,19 +19,19 @@ of one episode, and plays one at a time.
 """
 
 import dataclasses
-import functools
 import hashlib
 import inspect
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from dm_env import specs
 
 from limberjack import policies
 from limberjack.policies import Act, Policy, PolicyError
+from limberjack.rl.control import Environment
+from limberjack.utils.sources import hash_of_files, hash_of_module, hash_of_source
 
 __all__ = ["ROWS", "Actor", "Batched", "EachRow", "Found", "find"]
 
@@ -85,10 +85,9 @@ class EachRow:
         """See `Actor`."""
         num_envs = len(next(iter(observation.values())))
         actions = np.zeros((num_envs, *self._shape))
-        make: Any = type(observation)  # an OrderedDict, as one environment gives
         for row in rows.tolist():
-            of_row = make((name, values[row]) for name, values in observation.items())
-            actions[row] = self._acts[row](of_row)
+            of_row = {name: values[row] for name, values in observation.items()}
+            actions[row] = self._acts[row](_like(observation, of_row))
         return actions
 
 
@@ -98,7 +97,7 @@ class Batched:
     def __init__(
         self,
         name: str,
-        act_batch: Callable[[dict[str, np.ndarray]], Any],
+        act_batch: Callable[[Mapping[str, np.ndarray]], object],
         reset_batch: Callable[[np.ndarray, np.ndarray], object] | None = None,
     ) -> None:
         """Takes the policy's functions; see the module's docstring."""
@@ -122,11 +121,10 @@ class Batched:
 
     def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """See `Actor`."""
-        make: Any = type(observation)
         places = self._shown_in[rows]
-        shown = make((n, _spread(values[rows], places)) for n, values in observation.items())
+        shown = {n: _spread(values[rows], places) for n, values in observation.items()}
         try:
-            returned = self._act_batch(shown)
+            returned = self._act_batch(_like(observation, shown))
         except Exception as error:
             error.add_note(self._where(rows[0]))
             raise
@@ -137,7 +135,7 @@ class Batched:
         actions[rows] = returned
         return actions
 
-    def _checked(self, returned: Any, rows: np.ndarray) -> np.ndarray:
+    def _checked(self, returned: object, rows: np.ndarray) -> np.ndarray:
         """What the policy returned for these rows as an array, or `PolicyError`."""
         expected = (ROWS, *self._shape)
         try:
@@ -168,6 +166,13 @@ class Batched:
         return f"policy {self._name!r}, step {step} of the episode with seed {seed}"
 
 
+def _like(
+    observation: Mapping[str, np.ndarray], values: dict[str, np.ndarray]
+) -> Mapping[str, np.ndarray]:
+    """The values in a mapping of the observation's type, an OrderedDict in the suite."""
+    return type(observation)(values)  # pyright: ignore[reportCallIssue] (mappings take mappings)
+
+
 def _spread(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     """64 rows with the values at their places, and copies of the first elsewhere."""
     shown = np.repeat(values[:1], ROWS, axis=0)
@@ -175,20 +180,20 @@ def _spread(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     return shown
 
 
-def find(policy: Any, environment: Any, num_threads: int | None = None) -> Found:
+def find(policy: object, environment: Environment | None, num_threads: int | None = None) -> Found:
     """The policy of that name, or an object that MODULE:CALLABLE might name.
 
     Args:
       policy: 'zero', 'random', 'planner', 'MODULE:CALLABLE', 'sb3:PATH'; or the function, object
         or class itself.
-      environment: a `control.Environment` that it is to act in.
+      environment: that it is to act in; None where neither the planner nor a model is asked for.
       num_threads: that the planner simulates with; by default the cores that it may use.
 
     Raises:
       PolicyError: there is none, or it cannot be used here.
     """
     if not isinstance(policy, str):
-        return _of_object(_name_of(policy), policy)
+        return _of_object(policies.name_of(policy), policy)
     if policy.startswith(_SAVED):
         return _of_saved_model(policy, environment)
     if policy == _PLANNER:
@@ -197,23 +202,24 @@ def find(policy: Any, environment: Any, num_threads: int | None = None) -> Found
         found = policies.find(policy)
         return Found(policy, _hash(inspect.getsource(found).encode()), EachRow(found), None)
     found = _of_object(policy, policies._named(policy))
-    return dataclasses.replace(found, sha256=_module_hash(policy.partition(":")[0]))
+    return dataclasses.replace(found, sha256=hash_of_module(policy.partition(":")[0]))
 
 
-def _of_object(name: str, target: Any) -> Found:
+def _of_object(name: str, target: object) -> Found:
     """A policy that is at hand."""
-    sha256 = _source_hash(target)
+    sha256 = hash_of_source(target)
     if inspect.isclass(target):
         target = policies._make(name, target)
     act, reset = getattr(target, "act", target), getattr(target, "reset", None)
-    if hasattr(target, "act_batch"):
+    act_batch = getattr(target, "act_batch", None)
+    if act_batch is not None:
         reset_batch = getattr(target, "reset_batch", None)
         if reset is not None and reset_batch is None:
             raise PolicyError(
                 f"policy {name!r} has act_batch and reset, which a batch never calls: write "
                 "reset_batch(rows, seeds), called where episodes begin in some of the rows"
             )
-        return Found(name, sha256, Batched(name, target.act_batch, reset_batch), None)
+        return Found(name, sha256, Batched(name, act_batch, reset_batch), None)
     if not callable(act):
         raise PolicyError(
             f"policy {name!r} is of type {type(target).__name__}; expected a function of an "
@@ -225,25 +231,20 @@ def _of_object(name: str, target: Any) -> Found:
     return Found(name, sha256, EachRow(policy), None)
 
 
-def _name_of(target: Any) -> str:
-    """MODULE:CALLABLE of a function or class, or of an object's class."""
-    named = _defined(target)
-    return f"{named.__module__}:{named.__qualname__}"
-
-
-def _of_planner(environment: Any, num_threads: int | None) -> Found:
+def _of_planner(environment: Environment | None, num_threads: int | None) -> Found:
     from limberjack.planner.library import sources_for
 
+    assert environment is not None
     try:
         sources = sources_for(environment.task)
     except ValueError as error:
         raise PolicyError(f"policy {_PLANNER!r}: {error}") from error
-    sha256 = _hash(b"".join(file.read_bytes() for file in sources))
-    return Found(_PLANNER, sha256, None, policies.planner_with(num_threads))
+    return Found(_PLANNER, hash_of_files(sources), None, policies.planner_with(num_threads))
 
 
-def _of_saved_model(name: str, environment: Any) -> Found:
+def _of_saved_model(name: str, environment: Environment | None) -> Found:
     """The policy of a model that Stable-Baselines3 has saved."""
+    assert environment is not None
     path = Path(name.removeprefix(_SAVED))
     try:
         from limberjack import sb3
@@ -259,30 +260,3 @@ def _of_saved_model(name: str, environment: Any) -> Found:
 
 def _hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
-
-
-def _defined(target: Any) -> Any:
-    """The function or class that a policy is, is made of, or is an object of."""
-    while isinstance(target, functools.partial):
-        target = target.func
-    return target if hasattr(target, "__qualname__") else type(target)
-
-
-def _source_hash(target: Any) -> str | None:
-    """The hash of the module that defines it, or of what was typed in; None if unknown."""
-    named = _defined(target)
-    of_module = _module_hash(named.__module__)
-    if of_module is not None:
-        return of_module
-    try:
-        return _hash(inspect.getsource(named).encode())  # a notebook knows what was typed
-    except (OSError, TypeError):
-        return None
-
-
-def _module_hash(name: str) -> str | None:
-    """The hash of a module's file; None where it has none, as a program that was typed in."""
-    file = getattr(sys.modules.get(name), "__file__", None)
-    if file is None or not Path(file).is_file():
-        return None
-    return _hash(Path(file).read_bytes())

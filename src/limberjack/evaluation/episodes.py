@@ -1,17 +1,19 @@
 """Plays the first episode of each of many seeds, in batches on all cores.
 
-    for score in play(environment, EachRow(policies.random), range(1000)):
-        print(score.seed, score.total)
+    for ended in play(environment, EachRow(policies.random), range(1000)):
+        for score in ended:
+            print(score.seed, score.total)
 
 Each row of a batch plays one seed's episode; a row whose episode has ended takes the next seed.
 Seeds that are equal modulo 64 play one after the other, so that an actor can tell rows by that.
-Scores come as episodes end; kinds of starts are not told. Each episode is `rollout.run_episode` of
-an environment with that seed, bit for bit, as long as the policy gives a row the same action
-whatever the other rows are. Where that would raise `PhysicsError`, the episode ends and says so.
+Scores come in lists, of the episodes that end with the same step; they lack kinds of starts. Each
+episode is `rollout.run_episode` of an environment with that seed, bit for bit, as long as the
+policy gives a row the same action whatever the other rows are. Where that would raise
+`PhysicsError`, the episode ends and its score has `diverged`.
 """
 
+import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import dm_env
 import numpy as np
@@ -21,7 +23,7 @@ from limberjack.evaluation.actors import ROWS, Actor
 from limberjack.evaluation.statistics import Score
 from limberjack.policies import Policy
 from limberjack.rl.batch import BatchEnvironment
-from limberjack.rl.control import PhysicsError
+from limberjack.rl.control import Environment, PhysicsError
 
 __all__ = ["play", "play_alone"]
 
@@ -32,13 +34,13 @@ _OnSteps = Callable[[int], object]
 
 
 def play(
-    environment: Any,
+    environment: Environment,
     actor: Actor,
     seeds: Sequence[int],
     num_threads: int | None = None,
     on_steps: _OnSteps | None = None,
-) -> Iterator[Score]:
-    """The score of each seed's first episode, as they end.
+) -> Iterator[list[Score]]:
+    """The scores of each seed's first episode, as they end.
 
     Args:
       environment: a `control.Environment`; it is left alone.
@@ -46,13 +48,13 @@ def play(
       seeds: at least one.
       num_threads: threads that step the rows; by default the cores that this process may use.
       on_steps: called after each step of the batch with how many episodes went on.
+
+    Raises:
+      ValueError: the task cannot be played in a batch; nothing was played.
     """
     rows = min(ROWS, len(seeds))
     batch = BatchEnvironment.from_environment(environment, rows, num_threads)
-    try:
-        yield from _Playing(batch, actor, seeds).episodes(on_steps)
-    finally:
-        batch.close()
+    return _Playing(batch, actor, seeds).episodes(on_steps)
 
 
 class _Playing:
@@ -68,8 +70,12 @@ class _Playing:
         self._lengths = np.zeros(rows, int)
         self._rewards = np.zeros((rows, _FIRST_CAPACITY))
 
-    def episodes(self, on_steps: _OnSteps | None) -> Iterator[Score]:
-        """Plays all seeds."""
+    def episodes(self, on_steps: _OnSteps | None) -> Iterator[list[Score]]:
+        """Play all seeds, and close the batch."""
+        with contextlib.closing(self._batch):
+            yield from self._episodes(on_steps)
+
+    def _episodes(self, on_steps: _OnSteps | None) -> Iterator[list[Score]]:
         batch = self._batch
         time_step = self._begin()
         while self._running.any():
@@ -81,7 +87,7 @@ class _Playing:
                 on_steps(len(running))
             ended = running[time_step.step_type[running] == _LAST]
             if ended.size:
-                yield from [self._score(row) for row in ended.tolist()]
+                yield [self._score(row) for row in ended.tolist()]
                 self._running[ended] = False
                 time_step = self._begin() or time_step
 
@@ -129,12 +135,12 @@ class _Playing:
 
 
 def play_alone(
-    environment: Any,
+    environment: Environment,
     policy: Policy,
     seeds: Sequence[int],
     on_steps: _OnSteps | None = None,
-) -> Iterator[Score]:
-    """The score of each seed's first episode, with a policy that can play only one at a time.
+) -> Iterator[list[Score]]:
+    """As `play`, with a policy that can play only one episode at a time.
 
     Args:
       environment: a `control.Environment` that nobody else uses.
@@ -146,16 +152,16 @@ def play_alone(
         environment.reseed(seed)
         so_far = (0, 0.0)
 
-        def on_step(steps: int, total: float) -> None:
+        def on_step(step: rollout.Step) -> None:
             nonlocal so_far
-            so_far = steps, total
-            if on_steps is not None and steps:
+            so_far = step.number, step.total
+            if on_steps is not None and step.number:
                 on_steps(1)
 
         try:
             episode = rollout.run_episode(environment, policy, seed, on_step)
         except PhysicsError:
             # As in a batch: the step that diverged is the last, and its reward is 0.
-            yield Score.of_divergence(seed, so_far[1], so_far[0] + 1)
+            yield [Score.of_divergence(seed, so_far[1], so_far[0] + 1)]
         else:
-            yield Score.of_rewards(seed, episode.rewards)
+            yield [Score.of_rewards(seed, episode.rewards)]

@@ -11,7 +11,6 @@ was reached and kept. Nothing here is random: the bootstrap's draws have a seed 
 import collections
 import dataclasses
 from collections.abc import Iterable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -86,7 +85,7 @@ class Summary:
         """The share of episodes that succeeded."""
         return self.successes / self.episodes
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> dict[str, object]:
         """Its numbers by name."""
         return {**dataclasses.asdict(self), "success_rate": self.success_rate}
 

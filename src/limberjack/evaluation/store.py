@@ -1,45 +1,52 @@
 """Finished episodes in a file that only grows, so that a run goes on where it was killed.
 
     store = Store(Path("out"), identity)
-    store.add("random", score)
+    store.add("random", [score])
     store.scores["random"][score.seed]
 
 The file is episodes.jsonl: a line says whose results these are, and each other line is one episode
-of one policy. A line that a kill left unfinished is dropped; its episode is played again. One
-process at a time may write: others are refused, where the system knows locks.
+of one policy. A line that a kill left unfinished is dropped; its episode is played again. What was
+added is on the disk, so a loss of power takes none of it. One process at a time may write: others
+are refused, where the system knows locks.
+
+Versions of the first line may have other patch numbers than those that resume: a line for each
+such resumption says with which versions the episodes after it were played.
 """
 
 import collections
-import contextlib
 import dataclasses
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from limberjack.evaluation.statistics import Score
-
-try:
-    import fcntl
-except ImportError:  # Windows has none
-    fcntl = None
+from limberjack.report import Facts
+from limberjack.utils.files import Hold, flush_folder
 
 __all__ = ["EPISODES", "RESULT", "Store"]
 
 EPISODES = "episodes.jsonl"
 RESULT = "result.json"
 
+_VERSIONS = "versions"
+
 
 class Store:
-    """The episodes of one evaluation, by policy and seed."""
+    """The episodes of one evaluation, by policy and seed.
 
-    def __init__(self, directory: Path | None, identity: Mapping[str, Any]) -> None:
-        """Opens the directory's file, or makes both.
+    Attributes:
+      scores: by policy and seed.
+      versions: those that episodes were played with, the first ones first.
+    """
+
+    def __init__(self, directory: Path | None, identity: Mapping[str, object]) -> None:
+        """Open the directory's file, or make both.
 
         Args:
           directory: None keeps the episodes in memory only.
-          identity: all that an episode depends on but its seed, as JSON has it.
+          identity: all that an episode depends on but its seed, as JSON has it; has 'versions'.
 
         Raises:
           ValueError: the directory holds the results of something else, or another process writes
@@ -47,7 +54,10 @@ class Store:
           OSError: it cannot be read or written.
         """
         self.scores: dict[str, dict[int, Score]] = collections.defaultdict(dict)
+        self.versions: list[object] = []
         self._file: BinaryIO | None = None
+        self._hold: Hold | None = None
+        self._present: object = identity[_VERSIONS]
         if directory is None:
             return
         path = directory / EPISODES
@@ -58,29 +68,40 @@ class Store:
             )
         directory.mkdir(parents=True, exist_ok=True)
         self._path = path
-        # Unbuffered: each line reaches the system in one piece, whatever then kills the process.
-        self._file = path.open("ab", buffering=0)
         try:
-            _lock(self._file, directory)
+            self._hold = Hold(directory)
+            # Unbuffered: a line reaches the system in one piece, whatever then kills the process.
+            self._file = path.open("ab", buffering=0)
             self._read(path, identity)
             if not any(self.scores.values()):
                 self._file.truncate(0)
                 self._write(identity)
+                self.versions = [self._present]
+            flush_folder(directory)
         except BaseException:
             self.close()
             raise
 
-    def add(self, policy: str, score: Score) -> None:
-        """Keeps an episode."""
-        self._write({"policy": policy, **dataclasses.asdict(score)})
-        self.scores[policy][score.seed] = score
+    def add(self, policy: str, scores: Iterable[Score]) -> None:
+        """Keep episodes that have just ended: they are on the disk when this returns."""
+        if self.versions[-1:] != [self._present]:
+            if self.versions:
+                self._write({_VERSIONS: self._present})
+            self.versions.append(self._present)
+        for score in scores:
+            self._write({"policy": policy, **dataclasses.asdict(score)})
+            self.scores[policy][score.seed] = score
+        if self._file is not None:
+            os.fsync(self._file.fileno())
 
     def close(self) -> None:
-        """Closes the file; closing twice is fine."""
+        """Close the file; closing twice is fine."""
         if self._file is not None:
             self._file.close()
+        if self._hold is not None:
+            self._hold.release()
 
-    def _write(self, entry: Mapping[str, Any]) -> None:
+    def _write(self, entry: Mapping[str, object]) -> None:
         if self._file is None:
             return
         left = json.dumps(entry).encode() + b"\n"
@@ -91,15 +112,20 @@ class Store:
             error.filename = str(self._path)
             raise
 
-    def _read(self, path: Path, identity: Mapping[str, Any]) -> None:
-        """Reads what is there, and drops a line that has no end."""
+    def _read(self, path: Path, identity: Mapping[str, object]) -> None:
+        """Read what is there, and drop a line that has no end."""
         content = path.read_bytes()
         complete = content[: content.rfind(b"\n") + 1]
         head, *lines = complete.splitlines() or [b""]
         if lines:  # without episodes there is nothing that could be mixed up
-            _check_identity(path, _parsed(path, 1, head), identity)
+            first = _parsed(path, 1, head)
+            _check_identity(path, first, identity)
+            self.versions.append(first[_VERSIONS])
         for number, line in enumerate(lines, start=2):
             entry = _parsed(path, number, line)
+            if entry.keys() == {_VERSIONS}:
+                self.versions.append(entry[_VERSIONS])
+                continue
             try:
                 policy = entry.pop("policy")
                 score = Score(**entry)
@@ -110,20 +136,7 @@ class Store:
             os.truncate(path, len(complete))
 
 
-def _lock(file: BinaryIO, directory: Path) -> None:
-    """Keeps other processes from writing until the file is closed; raises if one does."""
-    if fcntl is None:
-        return
-    with contextlib.suppress(OSError):  # some network file systems have no locks
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ValueError(
-                f"another process evaluates in {directory}: wait for it, or choose another folder"
-            ) from None
-
-
-def _parsed(path: Path, number: int, line: bytes) -> dict[str, Any]:
+def _parsed(path: Path, number: int, line: bytes) -> Facts:
     try:
         entry = json.loads(line)
     except ValueError:
@@ -140,11 +153,27 @@ def _damaged(path: Path, number: int) -> ValueError:
     )
 
 
-def _check_identity(path: Path, there: dict[str, Any], here: Mapping[str, Any]) -> None:
-    """Raises if the file is that of another evaluation."""
+def _check_identity(path: Path, there: Facts, here: Mapping[str, object]) -> None:
+    """Raise ValueError if the file is that of another evaluation."""
     for name, expected in here.items():
-        if there.get(name) != expected:
+        found = there.get(name)
+        equal = _are_alike(found, expected) if name == _VERSIONS else found == expected
+        if not equal:
             raise ValueError(
-                f"{path.parent} holds an evaluation with {name} {there.get(name)!r}, and this one "
+                f"{path.parent} holds an evaluation with {name} {found!r}, and this one "
                 f"has {expected!r}: choose another folder, or remove that one"
             )
+
+
+def _are_alike(found: object, expected: object) -> bool:
+    """Whether versions are of the same programs, and differ in patch numbers at most."""
+    if not (isinstance(found, dict) and isinstance(expected, dict)):
+        return False
+    return {name: _series(version) for name, version in found.items()} == {
+        name: _series(version) for name, version in expected.items()
+    }
+
+
+def _series(version: object) -> list[str]:
+    """The major and the minor number."""
+    return str(version).split(".")[:2]

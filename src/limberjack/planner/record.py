@@ -1,4 +1,4 @@
-"""Episodes kept whole, and played again without whoever chose the actions.
+"""Episodes kept whole, and played again without the policy or planner.
 
     recording = record_episode(env, planner.act, {"domain": "humanoid", "task": "stand"})
     recording.save(Path("episode.npz"))
@@ -13,24 +13,23 @@ a fingerprint in `about` say which one it was.
 
 import dataclasses
 import json
-import zipfile
-import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
+import dm_env
 import mujoco
 import numpy as np
 
-from limberjack.rl.control import Environment
+from limberjack.report import Facts
+from limberjack.rl.control import Environment, PhysicsError
+from limberjack.rollout import OnStep, Step, run_episode
 from limberjack.utils.files import replacing
+from limberjack.utils.npz import read_arrays
 
-__all__ = ["Recording", "record_episode", "replay"]
+__all__ = ["Recording", "Transcript", "record_episode", "replay"]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 _START, _OBSERVATION = "start.", "observation."  # how the names of arrays begin
-# What NumPy says of files that are something else, such as a .npy, besides the errors of zip files.
-_UNREADABLE = (AttributeError, EOFError, KeyError, TypeError, ValueError)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Recording:
       observations: the first and after each step, by name, (T + 1, ...).
     """
 
-    about: dict[str, Any]
+    about: Facts
     start: dict[str, np.ndarray]
     actions: np.ndarray
     rewards: np.ndarray
@@ -75,14 +74,13 @@ class Recording:
           ValueError: it is no recording.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
+            arrays = read_arrays(path)
             about = json.loads(str(arrays.pop("about")))
             plain = {name: arrays.pop(name) for name in ("actions", "rewards", "states")}
             start, observations = _part(arrays, _START), _part(arrays, _OBSERVATION)
             recording = cls(about, start, **plain, observations=observations)
             _check_whole(recording)
-        except (*_UNREADABLE, zipfile.BadZipFile, zlib.error) as error:
+        except (KeyError, RecursionError, ValueError) as error:
             raise ValueError(
                 f"{path} is no recording of an episode ({error}); expected an episode-*.npz that "
                 "`limberjack solve --out` wrote"
@@ -90,48 +88,75 @@ class Recording:
         return recording
 
 
+class Transcript:
+    """What an episode shows, kept for a `Recording`.
+
+    transcript = Transcript(environment)
+    run_episode(environment, policy, seed, on_step=transcript.add)
+    recording = transcript.recording({"domain": "humanoid", "task": "stand"})
+    """
+
+    def __init__(self, environment: Environment) -> None:
+        """Begin a transcript of the environment's next episode."""
+        self._environment = environment
+        self._start: dict[str, np.ndarray] = {}
+        self._actions: list[np.ndarray] = []
+        self._rewards: list[float] = []
+        self._states: list[np.ndarray] = []
+        self._observations: list[dict[str, np.ndarray]] = []
+
+    def add(self, step: Step) -> None:
+        """Keep the reset or a step that the environment has just returned."""
+        if step.action is None:
+            self._start = self._environment.snapshot().physics
+        else:
+            self._actions.append(np.array(step.action))
+            self._rewards.append(step.reward)
+        self._states.append(_state(self._environment))
+        observation = step.time_step.observation
+        self._observations.append({name: np.array(value) for name, value in observation.items()})
+
+    def recording(self, about: Mapping[str, object]) -> Recording:
+        """The recording of what was added; `about` is what it is of."""
+        seen = self._observations
+        return Recording(
+            dict(about),
+            self._start,
+            np.array(self._actions),
+            np.array(self._rewards),
+            np.array(self._states),
+            {name: np.stack([one[name] for one in seen]) for name in seen[0]},
+        )
+
+
 def record_episode(
     env: Environment,
     act: Callable[[], np.ndarray],
-    about: Mapping[str, Any],
-    on_step: Callable[[int, float], object] | None = None,
+    about: Mapping[str, object],
+    on_step: OnStep | None = None,
 ) -> Recording:
-    """Plays the environment's next episode to its end.
+    """Run the environment's next episode to its end and record it.
 
     Args:
       env: it is reset, but not closed.
       act: returns the action for the environment's present state, as `Planner.act`.
       about: what the recording is of.
-      on_step: called with the number of steps and the return so far: after the reset and after
-        each step.
+      on_step: called after the reset and after each step.
     """
-    time_step = env.reset()
-    start = env.snapshot().physics
-    actions: list[np.ndarray] = []
-    rewards: list[float] = []
-    states, observations = [_state(env)], [time_step.observation]
-    total = 0.0
-    if on_step is not None:
-        on_step(0, total)
-    while not time_step.last():
-        actions.append(np.array(act()))
-        time_step = env.step(actions[-1])
-        rewards.append(float(time_step.reward))
-        states.append(_state(env))
-        observations.append(time_step.observation)
-        total += rewards[-1]
+    transcript = Transcript(env)
+
+    def add(step: Step) -> None:
+        transcript.add(step)
         if on_step is not None:
-            on_step(len(rewards), total)
-    seen = {name: np.stack([o[name] for o in observations]) for name in observations[0]}
-    return Recording(
-        dict(about), start, np.array(actions), np.array(rewards), np.array(states), seen
-    )
+            on_step(step)
+
+    # The seed is that of policies which draw, and `act` takes none.
+    run_episode(env, lambda spec, seed: lambda observation: act(), seed=0, on_step=add)
+    return transcript.recording(about)
 
 
-def replay(
-    recording: Recording, env: Environment, on_step: Callable[[], object] | None = None
-) -> str | None:
-    """Plays a recording's actions from its start; says where the episode differs, None if nowhere.
+def replay(recording: Recording, env: Environment, on_step: OnStep | None = None) -> str | None:
+    """Play a recording's actions from its start, and report the first difference; None if equal.
 
     Args:
       recording: of a task and model that are the environment's.
@@ -139,32 +164,38 @@ def replay(
       on_step: called after the start and after each step.
 
     Raises:
-      ValueError: the recording is of another task or model than the environment.
+      ValueError: the recording is of another task or model than the environment, or its start is
+        one that MuJoCo cannot simulate.
     """
     first = _begin(recording, env)
+    total = 0.0
     if on_step is not None:
-        on_step()
+        on_step(Step(0, total, dm_env.restart(first), None))
     difference = _difference(
         recording.states[0], _state(env), "the start's state"
     ) or _observed_otherwise(recording, 0, first)
-    for step, action in enumerate(recording.actions):
+    for number, action in enumerate(recording.actions):
         if difference is not None:
             return difference
-        time_step = env.step(action)
+        where = f"step {number}: the"
+        try:
+            time_step = env.step(action)
+        except PhysicsError as error:
+            return f"{where} simulation diverges, and the recorded one does not: {error}"
+        total += float(time_step.reward)
         if on_step is not None:
-            on_step()
-        where = f"step {step}: the"
+            on_step(Step(number + 1, total, time_step, action))
         difference = (
-            _difference(recording.states[step + 1], _state(env), f"{where} state")
-            or _difference(recording.rewards[step], time_step.reward, f"{where} reward")
-            or _observed_otherwise(recording, step + 1, time_step.observation)
-            or _ends_otherwise(recording, step, time_step.last())
+            _difference(recording.states[number + 1], _state(env), f"{where} state")
+            or _difference(recording.rewards[number], time_step.reward, f"{where} reward")
+            or _observed_otherwise(recording, number + 1, time_step.observation)
+            or _ends_otherwise(recording, number, time_step.last())
         )
     return difference
 
 
-def _begin(recording: Recording, env: Environment) -> Mapping[str, Any]:
-    """Puts the environment at the recording's start; returns what it observes, without pictures."""
+def _begin(recording: Recording, env: Environment) -> Mapping[str, np.ndarray]:
+    """Put the environment at the recording's start; what it observes there, without pictures."""
     env.reset()
     own = env.snapshot()
     for name, value in own.physics.items():
@@ -182,12 +213,15 @@ def _begin(recording: Recording, env: Environment) -> Mapping[str, Any]:
             f"the recording's observations are {sorted(recording.observations)}; expected "
             f"{sorted(expected)}: it is of another task or model than the environment"
         )
-    env.restore(dataclasses.replace(own, physics=start))
+    try:
+        env.restore(dataclasses.replace(own, physics=start))
+    except PhysicsError as error:
+        raise ValueError(f"the recording's start cannot be simulated: {error}") from error
     return env._observe(draws=False)
 
 
 def _observed_otherwise(
-    recording: Recording, index: int, observation: Mapping[str, Any]
+    recording: Recording, index: int, observation: Mapping[str, np.ndarray]
 ) -> str | None:
     where = f"step {index - 1}: the" if index else "the start's"
     for name, found in observation.items():
@@ -207,17 +241,18 @@ def _ends_otherwise(recording: Recording, step: int, last: bool) -> str | None:
     return f"step {step}: the episode {here}; the recorded one has {recorded} steps"
 
 
-def _difference(recorded: Any, found: Any, what: str) -> str | None:
+def _difference(recorded: np.ndarray, found: np.ndarray | float, what: str) -> str | None:
     if np.array_equal(recorded, found, equal_nan=True):
         return None
     if np.shape(recorded) != np.shape(found):
         return f"{what} has shape {np.shape(found)}; the recorded one has {np.shape(recorded)}"
-    gap = np.abs(np.asarray(recorded) - np.asarray(found)).max()
+    # As floats, which booleans and unsigned numbers can be subtracted as.
+    gap = np.abs(np.asarray(recorded, float) - np.asarray(found, float)).max()
     return f"{what} differs from the recorded one by up to {gap:.3g}"
 
 
 def _check_whole(recording: Recording) -> None:
-    """Raises ValueError unless there are numbers of each kind for every step."""
+    """Raise ValueError unless there are numbers of each kind for every step."""
     if not isinstance(recording.about, dict):
         raise ValueError(f"'about' is a {type(recording.about).__name__}; expected a dictionary")
     of_steps = {"actions": recording.actions, "rewards": recording.rewards}
@@ -225,10 +260,17 @@ def _check_whole(recording: Recording) -> None:
     of_states |= {_OBSERVATION + name: value for name, value in recording.observations.items()}
     starts = {_START + name: value for name, value in recording.start.items()}
     for name, value in {**of_steps, **of_states, **starts}.items():
-        if value.dtype.kind not in "biuf" or not value.ndim:
+        # Only observations may be true or false.
+        kinds = "biuf" if name.startswith(_OBSERVATION) else "iuf"
+        if value.dtype.kind not in kinds or not value.ndim:
             raise ValueError(
                 f"{name!r} has dtype {value.dtype} and shape {value.shape}; expected numbers"
             )
+    for name, value in {**starts, "actions": recording.actions, "states": recording.states}.items():
+        if not np.isfinite(value).all():
+            raise ValueError(f"{name!r} has infinities or NaN; expected finite numbers")
+    if recording.rewards.ndim != 1:
+        raise ValueError(f"'rewards' has shape {recording.rewards.shape}; expected one per step")
     steps = len(recording.actions)
     if not steps:
         raise ValueError("it has no step")

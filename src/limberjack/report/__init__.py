@@ -8,10 +8,11 @@ It needs no display; matplotlib and ffmpeg are imported when they are used.
 from limberjack.report.curve import write_distribution_plot, write_return_plot
 from limberjack.report.page import write_page
 from limberjack.report.recorder import Recorder
-from limberjack.report.result import fingerprint, versions, write_result
+from limberjack.report.result import Facts, fingerprint, versions, write_result
 from limberjack.report.trace import Trace
 
 __all__ = [
+    "Facts",
     "Recorder",
     "Trace",
     "fingerprint",

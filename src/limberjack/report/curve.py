@@ -6,18 +6,22 @@ display and leaves pyplot's global state alone.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from limberjack.rollout import Episode
 from limberjack.utils.files import replacing
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 __all__ = ["write_distribution_plot", "write_return_plot"]
 
 _LEGEND_ENTRIES = 8  # more do not fit beside the plot
 _SIZE = (8.0, 5.0)  # inches
 _DOTS_PER_INCH = 120
+_MARGIN = 0.03  # of the range, above and below the lines
 
 
 def write_return_plot(
@@ -39,9 +43,9 @@ def write_return_plot(
         bottom.plot(seconds, [0.0, *episode.returns], linewidth=1.5, alpha=opacity, label=label)
     top.set_title(title)
     top.set_ylabel("reward")
-    top.set_ylim(-0.03, 1.03)  # rewards of the suite lie between 0 and 1
+    top.set_ylim(*_limits([episode.rewards for episode in episodes]))
     bottom.set_ylabel("return so far")
-    bottom.set_ylim(-0.03, max(1.03, *(1.03 * episode.total for episode in episodes)))
+    bottom.set_ylim(*_limits([episode.returns for episode in episodes]))
     bottom.set_xlabel("time [s]")
     for axes in (top, bottom):
         axes.margins(x=0.01)
@@ -89,7 +93,15 @@ def write_distribution_plot(
         figure.savefig(partial)
 
 
-def _figure() -> Any:
+def _limits(series: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Limits of an axis that shows 0 and 1, between which the suite's rewards lie, and all else."""
+    values = np.concatenate([*series, [0.0, 1.0]])
+    values = values[np.isfinite(values)]
+    margin = _MARGIN * (values.max() - values.min())
+    return float(values.min() - margin), float(values.max() + margin)
+
+
+def _figure() -> "Figure":
     """An empty figure.
 
     Raises:

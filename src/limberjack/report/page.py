@@ -12,13 +12,13 @@ import json
 import math
 import shlex
 import string
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from limberjack.report.chart import Line, line_chart
+from limberjack.report.result import Facts
 from limberjack.report.trace import Trace
 from limberjack.utils.files import replacing
 
@@ -29,7 +29,7 @@ _TEMPLATE = Path(__file__).with_name("page.html")
 
 def write_page(
     path: Path,
-    result: Mapping[str, Any],
+    result: Facts,
     trace: Trace,
     film: Path | None,
     no_film: str = "",
@@ -67,7 +67,7 @@ def write_page(
         partial.write_text(template.substitute(parts), encoding="utf-8")
 
 
-def _subtitle(result: Mapping[str, Any]) -> str:
+def _subtitle(result: Facts) -> str:
     done, asked = len(result["episodes"]), result["episodes_asked_for"]
     text = f"Policy {result['policy']}, an action every {result['control_timestep']:g} s"
     if result["time_limit"] is not None:
@@ -75,7 +75,7 @@ def _subtitle(result: Mapping[str, Any]) -> str:
     return text if done == asked else f"{text}; cut short after {done} of {asked} episodes"
 
 
-def _figures(result: Mapping[str, Any]) -> str:
+def _figures(result: Facts) -> str:
     """The numbers that are looked for first."""
     episodes = result["episodes"]
     returns = [entry["return"] for entry in episodes if entry["return"] is not None]
@@ -122,7 +122,7 @@ def _observation_charts(trace: Trace) -> Iterable[str]:
             yield f'<div class="card">\n{chart}</div>\n'
 
 
-def _episode_table(episodes: Sequence[Mapping[str, Any]]) -> str:
+def _episode_table(episodes: Sequence[Facts]) -> str:
     has_start = any("start" in entry for entry in episodes)
     start = '<th scope="col" class="word">Start</th>' if has_start else ""
     rows = []
@@ -138,7 +138,7 @@ def _episode_table(episodes: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _facts(result: Mapping[str, Any]) -> str:
+def _facts(result: Facts) -> str:
     """The command that gives this again, and what its numbers depend on."""
     episodes = result["episodes"]
     words = ["limberjack", "run", result["domain"], result["task"], "--policy", result["policy"]]

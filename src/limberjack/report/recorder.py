@@ -1,26 +1,30 @@
 """`Recorder`: the files of a run, in one directory.
 
-    recorder = Recorder(Path("out"))
-    recorder.begin(environment)  # then recorder.add_step(steps) after the reset and each step,
-    recorder.finish_film()       # and this when the episode has ended
-    recorder.write(run, episodes, fingerprint)
+    with Recorder(Path("out"), run) as recorder:
+        recorder.begin(environment)
+        run_episode(environment, policy, seed, on_step=recorder.add_step)
+        recorder.finish_film()
+        recorder.write(run, episodes, fingerprint)
     print(recorder.written, recorder.left_out)
 
 A film or a plot that cannot be had is left out, with the reason; the run goes on without it. The
-page is always written: it needs nothing but Python.
+page is always written: it needs nothing but Python. One recorder at a time writes to a directory,
+and not over the results of another task or policy.
 """
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from limberjack.mujoco.camera import RenderingError
 from limberjack.report.curve import write_return_plot
 from limberjack.report.page import write_page
-from limberjack.report.result import as_result, write_result
+from limberjack.report.result import Facts, as_result, write_result
 from limberjack.report.trace import Trace
-from limberjack.rollout import Episode
-from limberjack.video import Film
+from limberjack.rl.control import Environment
+from limberjack.rollout import Episode, Step
+from limberjack.utils.files import Hold
+from limberjack.video import Film, Rendered
 
 __all__ = ["Recorder"]
 
@@ -28,31 +32,55 @@ _FILM = "video.mp4"
 _PAGE = "report.html"
 _PLOT = "return.png"
 _RESULT = "result.json"
+_EVALUATION = "episodes.jsonl"  # as `limberjack.evaluation.store` calls it
+_SAME = ("domain", "task", "policy")  # what results in one directory have in common
 
 
 class Recorder:
     """Writes a run's files into a directory, which it makes."""
 
-    def __init__(self, directory: Path) -> None:
-        """Makes the directory.
+    def __init__(self, directory: Path, run: Mapping[str, object]) -> None:
+        """Make the directory, and keep other processes from writing there until `close`.
+
+        Args:
+          directory: results of an earlier run of the same task and policy are replaced.
+          run: what is recorded; has 'domain', 'task' and 'policy'.
 
         Raises:
+          ValueError: another process writes there, or it holds the results of something else.
           OSError: it cannot be made.
         """
         directory.mkdir(parents=True, exist_ok=True)
+        self._hold = Hold(directory)
+        try:
+            _check_same(directory, run)
+        except BaseException:
+            self._hold.release()
+            raise
         self.written: list[Path] = []
         self._directory = directory
         self._reasons: dict[str, list[str]] = {}  # why files are left out: the names
         self._film: Film | None = None
         self._trace: Trace | None = None
-        self._physics: Any = None  # Any: whatever has `render`
+        self._physics: Rendered | None = None
+
+    def close(self) -> None:
+        """Remove a film that is under way, and let others write to the directory."""
+        self.drop_film()
+        self._hold.release()
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
     @property
     def left_out(self) -> list[str]:
         """One line for each reason why files are left out."""
         return [f"no {' and no '.join(names)}: {why}" for why, names in self._reasons.items()]
 
-    def begin(self, environment: Any) -> None:
+    def begin(self, environment: Environment) -> None:
         """Films and traces the environment's episode from its present state on."""
         self._physics = environment.physics
         self._trace = Trace(environment)
@@ -61,11 +89,11 @@ class Recorder:
         except ImportError as error:
             self._leave_out(_FILM, error)
 
-    def add_step(self, steps: int) -> None:
-        """Keeps what the present state shows; `steps` is the number of them since the reset."""
+    def add_step(self, step: Step) -> None:
+        """Keep the reset or a step that the environment has just returned, and film it."""
         if self._trace is not None:
-            self._trace.add(steps)
-        if self._film is None:
+            self._trace.add(step)
+        if self._film is None or self._physics is None:
             return
         try:
             self._film.add(self._physics)
@@ -90,9 +118,7 @@ class Recorder:
         if film is not None:
             film.discard()
 
-    def write(
-        self, run: dict[str, Any], episodes: Sequence[Episode], model_fingerprint: str
-    ) -> None:
+    def write(self, run: Facts, episodes: Sequence[Episode], model_fingerprint: str) -> None:
         """Writes result.json, return.png and report.html, and removes files of an earlier run.
 
         Args:
@@ -114,7 +140,7 @@ class Recorder:
         if episodes:
             self._write_page(as_result(run, episodes, model_fingerprint))
 
-    def _write_plot(self, run: dict[str, Any], episodes: Sequence[Episode]) -> None:
+    def _write_plot(self, run: Facts, episodes: Sequence[Episode]) -> None:
         title = f"{run['domain']} {run['task']}, policy {run['policy']}"
         path = self._directory / _PLOT
         try:
@@ -124,7 +150,7 @@ class Recorder:
         else:
             self.written.insert(1, path)
 
-    def _write_page(self, result: dict[str, Any]) -> None:
+    def _write_page(self, result: Facts) -> None:
         if self._trace is None:
             return
         film, path = self._directory / _FILM, self._directory / _PAGE
@@ -135,3 +161,22 @@ class Recorder:
     def _leave_out(self, name: str, why: Exception) -> None:
         reason = " ".join(str(why).split())  # on one line
         self._reasons.setdefault(reason, []).append(name)
+
+
+def _check_same(directory: Path, run: Mapping[str, object]) -> None:
+    """Raise ValueError if the directory holds results of another task or policy."""
+    if (directory / _EVALUATION).exists():
+        raise ValueError(f"{directory} holds an evaluation: choose another folder")
+    try:
+        result = json.loads((directory / _RESULT).read_text(encoding="utf-8"))
+    except OSError:  # there is none; or it cannot be replaced either, which `write` reports
+        return
+    except ValueError:
+        result = None
+    found = result if isinstance(result, dict) else {}
+    for name in _SAME:
+        if found.get(name) != run[name]:
+            raise ValueError(
+                f"{directory} holds results with {name} {found.get(name)!r}, and these have "
+                f"{run[name]!r}: choose another folder"
+            )

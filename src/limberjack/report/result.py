@@ -11,7 +11,7 @@ import math
 import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,14 +20,21 @@ from limberjack.mujoco.official import mujoco
 from limberjack.rollout import Episode
 from limberjack.utils.files import replacing
 
-__all__ = ["as_result", "fingerprint", "versions", "write_result"]
+if TYPE_CHECKING:
+    from hashlib import _Hash
+
+    from mujoco import MjModel
+
+__all__ = ["Facts", "as_result", "fingerprint", "versions", "write_result"]
+
+Facts = dict[str, Any]  # Any: what JSON has, whose shape a type checker cannot see from a file
 
 # Where a model came from and how it was compiled, not what it is.
 _NOT_OF_THE_MODEL = ("paths", "signature")
 
 
 def write_result(
-    path: Path, run: Mapping[str, Any], episodes: Sequence[Episode], model_fingerprint: str
+    path: Path, run: Mapping[str, object], episodes: Sequence[Episode], model_fingerprint: str
 ) -> None:
     """Writes result.json whole, or leaves the one that is there.
 
@@ -44,8 +51,8 @@ def write_result(
 
 
 def as_result(
-    run: Mapping[str, Any], episodes: Sequence[Episode], model_fingerprint: str
-) -> dict[str, Any]:
+    run: Mapping[str, object], episodes: Sequence[Episode], model_fingerprint: str
+) -> Facts:
     """What result.json holds; arguments are those of `write_result`."""
     return {
         **run,
@@ -65,7 +72,7 @@ def versions() -> dict[str, str]:
     }
 
 
-def fingerprint(model: Any) -> str:
+def fingerprint(model: "MjModel") -> str:
     """SHA-256 over the names and values of all fields of a compiled `mujoco.MjModel`, in hex.
 
     Equal models have equal fingerprints, wherever their files lie and however often they are
@@ -76,7 +83,7 @@ def fingerprint(model: Any) -> str:
     return digest.hexdigest()
 
 
-def _add_fields(digest: Any, prefix: str, struct: Any) -> None:
+def _add_fields(digest: "_Hash", prefix: str, struct: object) -> None:
     """Adds every public field of a MuJoCo struct, those of the structs within it too."""
     for name in sorted(dir(struct)):
         if name.startswith("_") or name in _NOT_OF_THE_MODEL or name.endswith("pathadr"):
@@ -94,8 +101,8 @@ def _add_fields(digest: Any, prefix: str, struct: Any) -> None:
             _add_fields(digest, f"{full}.", value)
 
 
-def _episode_entry(episode: Episode) -> dict[str, Any]:
-    entry: dict[str, Any] = {
+def _episode_entry(episode: Episode) -> Facts:
+    entry: Facts = {
         "seed": episode.seed,
         "return": episode.total if math.isfinite(episode.total) else None,
         "length": episode.length,

@@ -1,19 +1,18 @@
 """`Trace`: the reward, its terms and the observations of an episode, step by step.
 
     trace = Trace(environment)
-    trace.add(0)  # after the reset, and then after each step
-    trace.add(1)
+    run_episode(environment, policies.random, seed, on_step=trace.add)
     trace.seconds, trace.rewards, trace.terms["upright"], trace.observations["velocity"]
 
-It only reads: the episode goes on as if nobody had looked. Of a long episode it keeps every second
-step, then every fourth, ..., so that it needs no more memory for an hour than for a minute.
+It keeps what the steps returned and computes nothing, so the episode is the same without it. Of a
+long episode it keeps every second step, then every fourth, ..., so that it needs no more memory for
+an hour than for a minute.
 """
-
-from typing import Any
 
 import numpy as np
 
-from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.rl.control import Environment
+from limberjack.rollout import Step
 
 __all__ = ["Trace"]
 
@@ -21,11 +20,11 @@ _MOST_SAMPLES = 4000  # four times as many as an episode of the suite has steps
 
 
 class Trace:
-    """What could be seen in an episode so far."""
+    """What an episode has shown so far."""
 
-    def __init__(self, environment: Any) -> None:
-        """Begins a trace of the environment's running episode."""
-        self._physics, self._task = environment.physics, environment.task
+    def __init__(self, environment: Environment) -> None:
+        """Begin a trace of the environment's running episode."""
+        self._environment = environment
         self._control_timestep = environment.control_timestep()
         self._stride = 1
         self._steps: list[int] = []
@@ -33,20 +32,15 @@ class Trace:
         self._terms: list[dict[str, float]] = []
         self._observations: list[dict[str, np.ndarray]] = []
 
-    def add(self, step: int) -> None:
-        """Keeps the present state, if its turn has come.
-
-        Args:
-          step: the number of steps since the reset; the reset has no reward.
-        """
-        if step % self._stride:
+    def add(self, step: Step) -> None:
+        """Keep the reset or a step that the environment has just returned, if its turn has come."""
+        if step.number % self._stride:
             return
-        physics, task = self._physics, self._task
-        reward, terms = reward_and_terms(task, physics) if step else (np.nan, {})
-        self._steps.append(step)
-        self._rewards.append(float(reward))
+        terms = self._environment.reward_terms if step.number else {}
+        self._steps.append(step.number)
+        self._rewards.append(step.reward if step.number else np.nan)
         self._terms.append({name: float(value) for name, value in terms.items()})
-        observation = task.get_observation(physics)
+        observation = step.time_step.observation
         self._observations.append({name: np.array(value) for name, value in observation.items()})
         if len(self._steps) > _MOST_SAMPLES:
             self._halve()

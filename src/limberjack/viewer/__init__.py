@@ -9,21 +9,27 @@ It answers to `dm_control.viewer.launch` too. The command is `limberjack view`. 
 extra `view`; a window does not, nor does `session`: what a viewer does to an environment.
 """
 
+import contextlib
+import inspect
 from collections.abc import Callable
-from typing import Any
 
 import dm_env
 
 from limberjack import policies
+from limberjack.factories import takes_a_seed
+from limberjack.rl.control import Environment
+from limberjack.utils.seeds import checked_seed
 from limberjack.viewer.address import Address, find_address
 from limberjack.viewer.session import Act, Begin, Session, idle
 
+# What `launch` shows: an environment, or what makes one, of a seed or of nothing.
+Loader = Environment | Callable[[int], Environment] | Callable[[], Environment]
 __all__ = ["begin_policy", "begin_with", "in_browsers", "in_window", "launch"]
 
 
 def launch(
-    environment_loader: Any,
-    policy: Callable[[dm_env.TimeStep], Any] | str | None = None,
+    environment_loader: Loader,
+    policy: Act | str | None = None,
     title: str = "limberjack",
     width: int = 1024,
     height: int = 768,
@@ -38,8 +44,8 @@ def launch(
     """Shows a live environment until the viewer is closed, or Ctrl-C is pressed.
 
     Args:
-      environment_loader: a `control.Environment`, or a function without arguments that makes one,
-        which is then closed at the end.
+      environment_loader: a `control.Environment`, or a function that makes one, which is then
+        closed at the end. One that needs an argument is given the seed, or 0 without any.
       policy: a function from a `dm_env.TimeStep` to an action, whose `reset()`, if it has one, is
         called at the start of each episode; or a name as in `limberjack.policies`; None acts with
         the middle of the actions' bounds.
@@ -63,15 +69,23 @@ def launch(
     """
     show = in_window() if native else in_browsers(find_address(host, port), title, announce)
     begin = begin_with(policy)
-    makes_one = _makes_one(environment_loader)
-    environment = environment_loader() if makes_one else environment_loader
-    try:
+    if isinstance(environment_loader, dm_env.Environment) or not callable(environment_loader):
+        _show(show, environment_loader, begin, seed, speed)
+        return
+    with contextlib.closing(_made(environment_loader, seed)) as environment:
+        _show(show, environment, begin, seed, speed)
+
+
+def _show(
+    show: Callable[[Session], None],
+    environment: Environment,
+    begin: Begin,
+    seed: int | None,
+    speed: float,
+) -> None:
+    """Show it until the viewer is closed, or Ctrl-C is pressed."""
+    with contextlib.suppress(KeyboardInterrupt):
         show(Session(environment, begin, seed, speed))
-    except KeyboardInterrupt:
-        pass  # how one ends it
-    finally:
-        if makes_one:
-            environment.close()
 
 
 def in_browsers(
@@ -94,11 +108,19 @@ def in_window() -> Callable[[Session], None]:
     return window.run
 
 
-def _makes_one(loader: Any) -> bool:
-    return callable(loader) and not isinstance(loader, dm_env.Environment)
+def _made(loader: Callable[..., Environment], seed: int | None) -> Environment:
+    """What the function makes, with the seed if it cannot do without."""
+    try:
+        inspect.signature(loader).bind()
+    except TypeError:
+        if takes_a_seed(loader):
+            return loader(0 if seed is None else checked_seed(seed))
+    except ValueError:  # a built-in function without a readable signature: calling it will show
+        pass
+    return loader()
 
 
-def begin_with(policy: Callable[[dm_env.TimeStep], Any] | str | None) -> Begin:
+def begin_with(policy: Act | str | None) -> Begin:
     """What begins the episodes of a policy, given as to `launch`.
 
     Raises:
@@ -116,7 +138,7 @@ def begin_with(policy: Callable[[dm_env.TimeStep], Any] | str | None) -> Begin:
         )
     reset = getattr(policy, "reset", None)
 
-    def begin(environment: Any, seed: int) -> Act:
+    def begin(environment: Environment, seed: int) -> Act:
         if reset is not None:
             reset()
         return policy
@@ -127,7 +149,7 @@ def begin_with(policy: Callable[[dm_env.TimeStep], Any] | str | None) -> Begin:
 def begin_policy(policy: policies.Policy) -> Begin:
     """What begins the episodes of a policy as `policies.find` returns it."""
 
-    def begin(environment: Any, seed: int) -> Act:
+    def begin(environment: Environment, seed: int) -> Act:
         act = policies.begin(policy, environment, seed)
         return lambda time_step: act(time_step.observation)
 

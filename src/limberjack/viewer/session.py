@@ -16,23 +16,23 @@ import math
 import time
 import zlib
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import dm_env
 import mujoco
 import numpy as np
 
-from limberjack.rl.control import PhysicsError
+from limberjack.rl.control import Environment, PhysicsError
+from limberjack.rollout import kind_of_start
 from limberjack.utils.log import log
+from limberjack.utils.seeds import SEEDS, checked_seed
 
 __all__ = ["Act", "Begin", "Session", "Status", "ViewerError", "idle"]
 
-Act = Callable[[dm_env.TimeStep], Any]  # Any: what the environment takes as an action
+Act = Callable[[dm_env.TimeStep], object]  # to an action, which the environment checks
 # Begins an episode: takes the environment, which has been reset, and the episode's seed, or its
 # number where the environment is not seeded.
-Begin = Callable[[Any, int], Act]
+Begin = Callable[[Environment, int], Act]
 
-_SEEDS = 2**32  # numpy.random.RandomState takes seeds below this
 _LONGEST_DEBT = 0.1  # seconds; time lost beyond this, as in a slow policy, is not caught up
 _LONGEST_CALL = 1 / 30  # seconds; after this long `advance` lets the viewer show what there is
 _SHOWN = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -61,7 +61,7 @@ class Status:
     note: str  # what happened that a viewer should know
 
 
-def idle(environment: Any, seed: int) -> Act:
+def idle(environment: Environment, seed: int) -> Act:
     """Acts with the middle of the actions' bounds."""
     spec = environment.action_spec()
     middle = np.clip(0.5 * (spec.minimum + spec.maximum), spec.minimum, spec.maximum)
@@ -74,7 +74,7 @@ class Session:
 
     def __init__(
         self,
-        environment: Any,
+        environment: Environment,
         begin: Begin = idle,
         seed: int | None = None,
         speed: float = 1.0,
@@ -93,12 +93,13 @@ class Session:
         Raises:
           TypeError: the environment has no MuJoCo simulation to show.
           ValueError: the seed or the speed is no such number, or the environment takes no seed.
+          TypeError: the seed is no whole number.
         """
         self._environment = environment
         self._task = getattr(environment, "task", None)
         _ = self.data  # before anything happens
-        if seed is not None and not 0 <= seed < _SEEDS:
-            raise ValueError(f"seed is {seed}; expected 0 to {_SEEDS - 1}")
+        if seed is not None:
+            seed = checked_seed(seed)
         if seed is not None and not hasattr(environment, "reseed"):
             raise ValueError(
                 f"{type(environment).__name__} cannot be seeded anew: give its constructor the "
@@ -214,12 +215,12 @@ class Session:
         return self._speed
 
     @property
-    def model(self) -> Any:
+    def model(self) -> mujoco.MjModel:
         """The `mujoco.MjModel` of the simulation, to read only: others may share it."""
         return self._environment.physics.model._model
 
     @property
-    def data(self) -> Any:
+    def data(self) -> mujoco.MjData:
         """The `mujoco.MjData` of the simulation.
 
         Raises:
@@ -241,11 +242,11 @@ class Session:
         """Grows when an episode begins with another model than the one before, as it may."""
         return self._model_version
 
-    def copy_model(self) -> Any:
+    def copy_model(self) -> mujoco.MjModel:
         """A copy of the model, for the viewer to keep."""
         return copy.copy(self.model)
 
-    def copy_fields(self, model: Any) -> None:
+    def copy_fields(self, model: mujoco.MjModel) -> None:
         """Writes what differs into a viewer's copy of the model, if an episode has changed any."""
         if self._copied_version == (id(model), self._model_version):
             return
@@ -255,7 +256,7 @@ class Session:
                 getattr(model, name)[...] = mine
         self._copied_version = id(model), self._model_version
 
-    def copy_state(self, model: Any, data: Any) -> None:
+    def copy_state(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Writes the state into a viewer's data, but for pushes, which the viewer knows of.
 
         Args:
@@ -288,7 +289,7 @@ class Session:
             note=self._ending or self._note,
         )
 
-    def _terms(self) -> Mapping[str, Any]:
+    def _terms(self) -> Mapping[str, float]:
         """The terms of the reward in this state, where the task says what they are."""
         reward_terms = getattr(self._task, "reward_terms", None)
         if reward_terms is None:
@@ -305,12 +306,11 @@ class Session:
         self._is_over = True  # until the start is complete
         self._episode_seed = None
         if self._seed is not None:
-            self._episode_seed = (self._seed + self._episodes) % _SEEDS
+            self._episode_seed = (self._seed + self._episodes) % SEEDS
             environment.reseed(self._episode_seed)
         self._episodes += 1
         self._time_step = environment.reset()
-        start = getattr(self._task, "start", None)
-        self._start = None if start is None else start(environment.physics)
+        self._start = kind_of_start(environment) if self._task is not None else None
         policy_seed = self._episodes - 1 if self._episode_seed is None else self._episode_seed
         self._act = self._begin(environment, policy_seed)
         self._steps = 0

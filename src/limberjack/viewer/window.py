@@ -15,7 +15,6 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from typing import Any
 
 import mujoco
 
@@ -95,7 +94,7 @@ def _do(session: Session, key: int) -> None:
         session.step()
 
 
-def _text(status: Status) -> Any:
+def _text(status: Status) -> tuple[None, mujoco.mjtGridPos, str, str]:
     """The reward and its terms, as the viewer takes them: font, place, two columns."""
     rows = {"episode": f"{status.episode}", "step": f"{status.step}"}
     if status.seed is not None:

@@ -133,3 +133,4 @@ def test_objects_that_have_no_velocity_are_refused(data: wrapper.MjData, kind: s
 def test_freeing_twice_is_fine(model: wrapper.MjModel, data: wrapper.MjData) -> None:
     for thing in (data, model, wrapper.MjvScene()):
         thing.free()
+        thing.free()

@@ -1,0 +1,117 @@
+"""`factory_of`: an environment by its names in the suite, or made by a function of your own.
+
+    factory = factory_of("humanoid", "walk", time_limit=2.0)
+    factory = factory_of(my_package.make)       # make(seed) -> control.Environment
+    environment = factory.make(seed=0)
+    factory.facts       # {"environment": "my_package:make", "environment_sha256": "..."}
+
+`evaluate`, `record` and `bench.measure` take either. A function is known by its module and name and
+by the hash of its package. A lambda, a function within a function, a partial or an object with
+`__call__` depends on more than that: it has no hash, so that results of it cannot be kept.
+"""
+
+import dataclasses
+import inspect
+import sys
+from collections.abc import Callable
+
+from limberjack import suite
+from limberjack.policies import name_of
+from limberjack.rl.control import Environment
+from limberjack.utils.seeds import checked_seed
+from limberjack.utils.sources import defined_in, hash_of_source
+
+__all__ = ["Factory", "Make", "factory_of", "takes_a_seed"]
+
+# An environment whose first episode is that of its seed.
+Make = Callable[[int], Environment]
+
+
+@dataclasses.dataclass(frozen=True)
+class Factory:
+    """Makes environments of one task.
+
+    Attributes:
+      title: what to call it in pictures.
+      facts: what identifies it in results: `domain` and `task`, or `environment` and
+        `environment_sha256`.
+      make: an environment whose first episode is that of the seed; raises ValueError if there is no
+        such domain, task or time limit, and TypeError if the function makes something else.
+    """
+
+    title: str
+    facts: dict[str, str | None]
+    make: Make
+
+    @property
+    def is_known(self) -> bool:
+        """Whether its facts tell it from every other factory."""
+        return None not in self.facts.values()
+
+
+def factory_of(
+    domain: str | Make, task: str | None = None, time_limit: float | None = None
+) -> Factory:
+    """The factory of a task of the suite, or of a function `make(seed) -> Environment`.
+
+    Args:
+      domain: a name such as 'humanoid', or the function.
+      task: such as 'walk'; None with a function.
+      time_limit: seconds per episode; None for the task's own, as it must be with a function.
+
+    Raises:
+      TypeError: arguments are missing or too many, or the function takes no seed.
+    """
+    if not callable(domain):
+        if task is None:
+            raise TypeError(f"domain is {domain!r} and task is None; expected the name of a task")
+        return _of_the_suite(domain, task, time_limit)
+    name = name_of(domain)
+    for argument, value in (("task", task), ("time_limit", time_limit)):
+        if value is not None:
+            raise TypeError(
+                f"{argument} is {value!r}, and the environment is made by {name}: leave it out, "
+                "as that function decides on it"
+            )
+    if not takes_a_seed(domain):
+        raise TypeError(f"{name} cannot be called with a seed; expected make(seed) -> Environment")
+    is_named = defined_in(domain) is domain and "<" not in name and _found_by_name(domain)
+    sha256 = hash_of_source(domain) if is_named else None
+    facts = {"environment": name, "environment_sha256": sha256}
+    return Factory(name, facts, lambda seed: _checked(name, domain(checked_seed(seed))))
+
+
+def takes_a_seed(make: Callable[..., object]) -> bool:
+    """Whether a function can be called with one argument."""
+    try:
+        inspect.signature(make).bind(0)
+    except TypeError:
+        return False
+    except ValueError:  # built-in functions without a readable signature: calling one will show
+        return True
+    return True
+
+
+def _of_the_suite(domain: str, task: str, time_limit: float | None) -> Factory:
+    more = {} if time_limit is None else {"time_limit": time_limit}
+
+    def make(seed: int) -> Environment:
+        return suite.load(domain, task, {"random": checked_seed(seed), **more})
+
+    return Factory(f"{domain} {task}", {"domain": domain, "task": task}, make)
+
+
+def _found_by_name(make: Make) -> bool:
+    """Whether the function is what its module has under its name: not one that was replaced."""
+    target: object = sys.modules.get(make.__module__)
+    for part in make.__qualname__.split("."):
+        target = getattr(target, part, None)
+    return target is make
+
+
+def _checked(name: str, made: object) -> Environment:
+    if not isinstance(made, Environment):
+        raise TypeError(
+            f"{name} made a {type(made).__name__}; expected a limberjack.rl.control.Environment"
+        )
+    return made

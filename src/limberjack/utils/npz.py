@@ -1,0 +1,79 @@
+"""`read_arrays`: the arrays of an .npz file that anybody may have written.
+
+    arrays = read_arrays(Path("episode-3.npz"))    # {"actions": array(...), ...}
+
+`numpy.load` believes what a file says of its size, and reports damage in a dozen kinds of errors.
+Here no more memory is taken than the file was checked to fill, no object is unpickled, and a file
+that cannot be read is a ValueError.
+"""
+
+import math
+import warnings
+import zipfile
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+__all__ = ["read_arrays"]
+
+_ENDING = ".npy"
+_MOST_BYTES = 2**30  # of all arrays; an hour of a humanoid's steps fills a third of it
+_FORMATS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+
+
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays in a file, by name.
+
+    Raises:
+      OSError: the file cannot be read.
+      ValueError: it is no .npz of plain arrays, it is damaged, or its arrays fill more than 1 GiB.
+    """
+    with path.open("rb") as file:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # NumPy's, of headers that only damage makes
+                return _read(file)
+        except (OSError, ValueError):
+            raise
+        # Damage shows in whatever the zip file's and the header's parsers trip over: zlib's errors,
+        # EOFError, KeyError, NotImplementedError, RuntimeError, struct's errors, MemoryError...
+        except Exception as error:
+            raise ValueError(f"{type(error).__name__}: {error}") from error
+
+
+def _read(file: IO[bytes]) -> dict[str, np.ndarray]:
+    with zipfile.ZipFile(file) as archive:
+        entries = archive.infolist()
+        size = sum(entry.file_size for entry in entries)
+        if size > _MOST_BYTES:
+            raise ValueError(f"its arrays fill {size:,} bytes; expected at most {_MOST_BYTES:,}")
+        arrays = {}
+        for entry in entries:
+            name = entry.filename.removesuffix(_ENDING)
+            if name == entry.filename or name in arrays:
+                raise ValueError(f"it holds {entry.filename!r}; expected one {_ENDING} per array")
+            with archive.open(entry) as content:
+                arrays[name] = _array(name, content, entry.file_size)
+        return arrays
+
+
+def _array(name: str, content: IO[bytes], size: int) -> np.ndarray:
+    """The array of a .npy file of so many bytes, whose header must agree."""
+    version = np.lib.format.read_magic(content)
+    if version not in _FORMATS:
+        raise ValueError(f"{name!r} is in version {version} of the format; expected 1.0 or 2.0")
+    shape, fortran_order, dtype = _FORMATS[version](content)
+    if dtype.hasobject:
+        raise ValueError(f"{name!r} holds pickled objects; expected numbers")
+    expected = math.prod(shape) * dtype.itemsize
+    fits = expected == size - content.tell() and min(shape, default=1) >= 0
+    if not fits or not dtype.itemsize:
+        raise ValueError(f"{name!r} has shape {shape} and dtype {dtype}, which do not fit its size")
+    # To the end, where the zip file's own check of the content is.
+    values = np.zeros(math.prod(shape), dtype)
+    values.view(np.uint8)[:] = np.frombuffer(content.read(), np.uint8)
+    return values.reshape(shape, order="F" if fortran_order else "C")

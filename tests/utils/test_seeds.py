@@ -1,0 +1,24 @@
+"""Seeds."""
+
+import numpy as np
+import pytest
+
+from limberjack.utils.seeds import SEEDS, checked_seed
+
+
+def test_a_whole_number_that_randomstate_takes_is_returned_as_an_int() -> None:
+    assert type(checked_seed(np.uint32(7))) is int
+    assert checked_seed(SEEDS - 1) == SEEDS - 1
+    np.random.RandomState(checked_seed(SEEDS - 1))
+
+
+@pytest.mark.parametrize("seed", [True, False, 1.5, "1", None, np.True_])
+def test_what_is_not_a_whole_number_is_a_type_error(seed: object) -> None:
+    with pytest.raises(TypeError, match=r"^seed is .*; expected a whole number$"):
+        checked_seed(seed)
+
+
+@pytest.mark.parametrize("seed", [-1, SEEDS])
+def test_a_number_out_of_range_is_a_value_error(seed: int) -> None:
+    with pytest.raises(ValueError, match=f"seed is {seed}; expected 0 or more, and below {SEEDS}"):
+        checked_seed(seed)

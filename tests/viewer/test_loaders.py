@@ -1,0 +1,85 @@
+"""What `viewer.launch` makes of the function that it is given."""
+
+from collections.abc import Callable
+from typing import Any
+
+import plain_domain
+import pytest
+
+from limberjack import suite, viewer
+from limberjack.rl.control import Environment
+from limberjack.viewer.session import Session
+
+
+@pytest.fixture
+def shown(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """What is shown instead of opening a window: seed, state and environment."""
+    seen: list[dict[str, Any]] = []
+
+    def show(session: Session) -> None:
+        place = session.data.qpos.copy()
+        seen.append({"seed": session.status().seed, "place": place, "session": session})
+
+    monkeypatch.setattr(viewer, "in_window", lambda: show)
+    return seen
+
+
+def _place(environment: Environment) -> list[float]:
+    environment.reset()
+    return environment.physics.data.qpos.tolist()
+
+
+@pytest.mark.parametrize("seed", [None, 0, 5])
+def test_a_function_that_needs_a_seed_is_given_it(
+    seed: int | None, shown: list[dict[str, Any]]
+) -> None:
+    given: list[int] = []
+
+    def make(seed: int) -> Environment:
+        given.append(seed)
+        return plain_domain.make(seed)
+
+    viewer.launch(make, native=True, seed=seed)
+    assert given == [seed or 0]
+    assert shown[0]["seed"] == seed
+    assert shown[0]["place"].tolist() == _place(plain_domain.make(seed or 0))
+
+
+def test_a_function_that_can_do_without_is_called_without(shown: list[dict[str, Any]]) -> None:
+    given: list[object] = []
+
+    def make(seed: int | None = None) -> Environment:
+        given.append(seed)
+        return plain_domain.push(random=seed)
+
+    viewer.launch(make, native=True, seed=5)
+    assert given == [None]
+    assert shown[0]["place"].tolist() == _place(plain_domain.make(5))
+
+
+@pytest.mark.parametrize("make", [plain_domain.make, lambda: plain_domain.make(0)])
+def test_what_launch_made_it_closes(
+    make: Callable[..., Environment], shown: list[dict[str, Any]]
+) -> None:
+    viewer.launch(make, native=True)
+    with pytest.raises(RuntimeError, match="this environment is closed"):
+        shown[0]["session"].reset()
+    environment = suite.load("humanoid", "stand")
+    viewer.launch(environment, native=True)
+    environment.reset()
+
+
+def test_an_environment_without_end_and_without_terms_is_viewed(
+    shown: list[dict[str, Any]],
+) -> None:
+    viewer.launch(plain_domain.endless(3), native=True)
+    status = shown[0]["session"].status()
+    assert (status.step_limit, status.terms, status.success, status.start) == (None, {}, None, None)
+
+
+@pytest.mark.parametrize("seed", [True, 1.5])
+def test_a_seed_that_is_none_is_refused(seed: Any, shown: list[dict[str, Any]]) -> None:
+    for loader in (plain_domain.make, plain_domain.make(0)):
+        with pytest.raises(TypeError, match=f"seed is {seed}; expected a whole number"):
+            viewer.launch(loader, native=True, seed=seed)
+    assert shown == []
