@@ -13,12 +13,14 @@ from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 
 from limberjack.registry.domain import Domain, import_name_of
+from limberjack.registry.not_importable import NotImportable
 from limberjack.registry.row import Row
 from limberjack.registry.table import TASKS
 
 __all__ = [
     "TASKS",
     "Domain",
+    "NotImportable",
     "Row",
     "add",
     "by_domain",

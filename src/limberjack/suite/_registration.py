@@ -7,7 +7,6 @@ module itself.
 """
 
 import importlib
-import pickle
 from collections.abc import Iterator, MutableMapping
 from types import ModuleType
 
@@ -130,13 +129,10 @@ def require(name: str, module: str) -> None:
 
 
 class Registration:
-    """The domain that an environment comes from: in a pickle it is the name of its module.
+    """The domain that an environment comes from; unpickled, it imports and registers its module."""
 
-    Unpickled in another process, it imports and registers that module there.
-    """
-
-    def __init__(self, name: str, module: str | None) -> None:
-        """Takes the name of the domain, and of its module if that can be imported elsewhere."""
+    def __init__(self, name: str, module: str) -> None:
+        """Takes the name of the domain and the dotted name of its module."""
         self.name = name
         self.module = module
 
@@ -144,18 +140,13 @@ class Registration:
         return self
 
     def __reduce__(self) -> tuple[object, ...]:
-        if self.module is None:
-            raise pickle.PicklingError(
-                f"domain {self.name!r} was defined in the main program, a notebook or in memory, "
-                "so another process cannot import it: move it into a module of its own, such as "
-                f"my_package/{self.name}.py, and register that"
-            )
         return _registered, (self.name, self.module)
 
 
-def registration_of(name: str) -> Registration:
+def registration_of(name: str) -> Registration | registry.NotImportable:
     """The registration of a domain that is known."""
-    return Registration(name, registry.domains()[name].import_name)
+    module = registry.domains()[name].import_name
+    return registry.NotImportable(name) if module is None else Registration(name, module)
 
 
 def _registered(name: str, module: str) -> Registration:
