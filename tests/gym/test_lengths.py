@@ -183,7 +183,7 @@ def test_restoring_below_gymnasiums_count_is_refused_at_the_next_step() -> None:
     snapshot = env.unwrapped.environment.snapshot()
     _steps(env, 1)
     env.unwrapped.environment.restore(snapshot)
-    with pytest.raises(RuntimeError, match="restore with limberjack.gym.restore"):
+    with pytest.raises(RuntimeError, match=r"restore with limberjack\.gym\.restore"):
         _steps(env, 1)
     gym.restore(env, snapshot)
     _steps(env, 1)

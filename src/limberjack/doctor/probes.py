@@ -13,9 +13,11 @@ import os
 import subprocess
 from typing import Any
 
+from limberjack import registry
+
 __all__ = ["answer", "backends", "core", "devices", "dm_control", "drawing", "ffmpeg", "threads"]
 
-_TASK = ("humanoid", "stand")  # the largest model of the suite
+_TASK = registry.largest_task()
 _EPISODE = 0.25  # simulated seconds
 
 _ROWS = 64

@@ -36,10 +36,10 @@ __all__ = [
 _SUITE = "limberjack.suite"
 
 # Called with a domain and whether it was added (else removed).
-Listener = Callable[[Domain, bool], None]
+_Listener = Callable[[Domain, bool], None]
 
 _domains: dict[str, Domain] = {}
-_listeners: list[Listener] = []
+_listeners: list[_Listener] = []
 
 
 def by_domain(tasks: Iterable[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
@@ -89,7 +89,7 @@ def remove(name: str) -> None:
         listener(domain, False)
 
 
-def listen(listener: Listener) -> None:
+def listen(listener: _Listener) -> None:
     """Reports every domain to a listener: those that are there now, and each change from now on."""
     _listeners.append(listener)
     for domain in list(_domains.values()):
