@@ -75,8 +75,8 @@ def find(name: str) -> Domain | None:
     """The domain of that name, also one of an installed package; None if there is none.
 
     Raises:
-      ValueError: several installed packages have it, or its module lacks something.
-      ImportError: the module of the installed package cannot be imported.
+      ValueError: several installed packages have it, or the module of the one that has it cannot
+        be imported or lacks something.
     """
     known = registry.domains().get(name)
     if known is not None or not isinstance(name, str):
@@ -87,7 +87,12 @@ def find(name: str) -> Domain | None:
     module = entry_points.module_of(name)
     if module is None:
         return None
-    loaded = importlib.import_module(module)
+    try:
+        loaded = importlib.import_module(module)
+    except ImportError as error:
+        raise ValueError(
+            f"domain {name!r} is {module} of an installed package, which cannot be imported: {error}"
+        ) from error
     if name not in registry.domains():  # else it has registered itself
         rows = _checks.rows_of(name, loaded)
         registry.add(Domain(name, module, rows, source="installed"))
