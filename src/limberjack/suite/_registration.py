@@ -91,7 +91,8 @@ def find(name: str) -> Domain | None:
         loaded = importlib.import_module(module)
     except ImportError as error:
         raise ValueError(
-            f"domain {name!r} is {module} of an installed package, which cannot be imported: {error}"
+            f"domain {name!r} is {module}, of an installed package, which cannot be imported: "
+            f"{error}"
         ) from error
     if name not in registry.domains():  # else it has registered itself
         rows = _checks.rows_of(name, loaded)
