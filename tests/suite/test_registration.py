@@ -4,6 +4,7 @@ import copy
 import importlib
 import pickle
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -345,8 +346,6 @@ def test_a_pickle_of_another_domain_of_that_name_is_refused(swing: ModuleType, s
         print(error)
     sys.exit()
     """
-    import textwrap
-
     program = _READ.format(before=textwrap.dedent(before))
     printed = run(program, str(site / "pickle"), path=site)
     assert "registered already, as other; give my_package.swing another name" in printed
