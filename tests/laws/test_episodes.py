@@ -64,11 +64,13 @@ def test_an_episode_ends_at_the_time_limit_with_discount_1(task: Task) -> None:
     action = np.zeros(env.action_spec().shape)
     while not steps[-1].last():
         steps.append(env.step(action))
-    assert len(steps) - 1 == env.step_limit == registry.steps(*task)
+    limit = env.step_limit
+    assert limit is not None
+    assert len(steps) - 1 == limit == registry.steps(*task)
     assert steps[0].first()
     assert all(step.mid() for step in steps[1:-1])
     assert all(step.discount == 1.0 for step in steps[1:])
-    assert env.physics.time() == pytest.approx(env.step_limit * env.control_timestep())
+    assert env.physics.time() == pytest.approx(limit * env.control_timestep())
     assert env.step(action).first()
     assert env.physics.time() == 0.0
 

@@ -1,5 +1,7 @@
 """Rewards of any task: between 0 and 1, and made of their terms."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from suite import expectations
@@ -29,7 +31,7 @@ def test_rewards_and_terms_are_floats_between_0_and_1(task: Task) -> None:
 def test_the_reward_is_what_its_terms_make(task: Task) -> None:
     env = load(task)
     set_state = expectations.REWARDING.get(task[0], expectations.any_start)
-    combine = expectations.COMBINED.get(task, env.task.reward_of)
+    combine: Any = expectations.COMBINED.get(task, env.task.reward_of)
     largest = 0.0
     for _ in range(30):
         set_state(env)
