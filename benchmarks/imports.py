@@ -13,15 +13,20 @@ _OPENGL = ("OpenGL", "glfw", "mujoco.egl", "mujoco.glfw", "mujoco.osmesa")
 
 
 def seconds_to_import(package: str) -> dict[str, float]:
-    """Seconds for `import mujoco, dm_env`, and what `<package>.suite` adds to it."""
+    """Seconds for `import mujoco, dm_env, gymnasium`, and what a package adds to it.
+
+    'alone' is `import <package>`, 'added' is `import <package>.suite`, with the former.
+    """
     start = time.perf_counter()
-    importlib.import_module("mujoco")
-    importlib.import_module("dm_env")
+    for base in ("mujoco", "dm_env", "gymnasium"):
+        importlib.import_module(base)
     between = time.perf_counter()
+    importlib.import_module(package)
+    alone = time.perf_counter() - between
     import peers  # imports only what MuJoCo has imported already
 
     peers.suite(package)
-    return {"base": between - start, "added": time.perf_counter() - between}
+    return {"base": between - start, "alone": alone, "added": time.perf_counter() - between}
 
 
 def opengl_modules() -> list[str]:
