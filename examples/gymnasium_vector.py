@@ -24,7 +24,7 @@ def main() -> None:
     given = parser.parse_args()
 
     envs: Any = gymnasium.make_vec(
-        "limberjack.gym:limberjack/humanoid-walk-v0",
+        "limberjack:limberjack/humanoid-walk-v0",
         num_envs=given.envs,
         vectorization_mode="vector_entry_point",
         time_limit=_SECONDS,

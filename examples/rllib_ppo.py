@@ -32,7 +32,7 @@ def main() -> None:
     update = _ROLLOUT * given.envs * max(1, given.runners)
     config = (
         PPOConfig()
-        .environment("limberjack.gym:limberjack/humanoid-stand-v0", env_config=arguments)
+        .environment("limberjack:limberjack/humanoid-stand-v0", env_config=arguments)
         .env_runners(
             num_env_runners=given.runners,
             num_envs_per_env_runner=given.envs,

@@ -9,9 +9,12 @@
 
 The same seed and actions give dm_control's numbers, bit for bit. Programs written for dm_control
 run unchanged after `limberjack.install_as_dm_control()`. In a notebook `limberjack.show(frames)`
-plays them. Importing this package alone imports nothing else: `limberjack.suite`,
-`limberjack.mujoco` and `limberjack.rl` are imported by name.
+plays them. Importing this package registers Gymnasium's ids, such as
+`limberjack/humanoid-walk-v0`, and imports no MuJoCo: `limberjack.suite`, `limberjack.mujoco` and
+`limberjack.rl` are imported by name.
 """
+
+import sys
 
 __all__ = ["__version__", "install_as_dm_control", "show"]
 
@@ -55,3 +58,18 @@ def show(frames: object, fps: float = 30.0) -> object:
     from limberjack import notebook
 
     return notebook.show(frames, fps)
+
+
+def _is_imported_by_hook() -> bool:
+    """Whether a line of a .pth file imports this package, as Python starts."""
+    frame = sys._getframe(1)
+    while frame is not None:
+        module = str(frame.f_globals.get("__name__"))
+        if module != __name__ and "importlib" not in module:
+            return module == "site"
+        frame = frame.f_back
+    return False
+
+
+if not _is_imported_by_hook():  # see `_gymnasium_plugin`
+    from limberjack import gym as gym

@@ -1,50 +1,29 @@
-"""Registers the environments as soon as Gymnasium is imported, so that its ids need no import.
+"""Makes a hook that an older installation has left behind harmless.
 
-Gymnasium loaded plugins by entry points until 1.0, which removed that. Instead,
-`limberjack-gymnasium.pth`, which is installed beside this package, has Python import this module
-when it starts. It imports nothing: it waits until the program imports `gymnasium`, has
-`limberjack.gym` imported after it, and leaves no trace.
+Version 0.1.0 before its release installed a file `limberjack-gymnasium.pth`, whose line
+`import limberjack._gymnasium_plugin` Python runs at each start. `limberjack` recognises that and
+imports nothing. This module then removes the empty package again, so that a later import of
+`limberjack` is a first one. Remove the file from `site-packages` to be rid of it.
 """
-
-from __future__ import annotations
 
 import sys
 
-TYPE_CHECKING = False  # as in `typing`, whose import would cost every start of Python some time
-if TYPE_CHECKING:
-    from typing import Any
-
 __all__: list[str] = []
 
-
-class _Waiting:
-    """A finder of modules that notices when Gymnasium is looked for."""
-
-    # Any: importlib's types.
-    def find_spec(self, name: str, path: Any = None, target: Any = None) -> Any:
-        """The spec of Gymnasium, whose loader then registers; None for everything else."""
-        if name != "gymnasium":
-            return None
-        sys.meta_path.remove(self)
-        import importlib.util
-
-        spec = importlib.util.find_spec(name)
-        if spec is not None and spec.loader is not None:
-            _register_after(spec.loader)
-        return spec
+_PACKAGE = "limberjack"
 
 
-def _register_after(loader: Any) -> None:
-    """Lets a loader, which is Gymnasium's, register once it has run the module."""
-    run = loader.exec_module
+class _Removal:
+    """A finder that, at the next import of anything, removes the package and itself."""
 
-    def run_and_register(module: Any) -> None:
-        del loader.exec_module  # as it was
-        run(module)
-        import limberjack.gym  # noqa: F401 (registers)
+    # Arguments as the import system passes them.
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:
+        """Finds nothing."""
+        sys.meta_path.remove(self)  # pyright: ignore[reportArgumentType]
+        for module in [n for n in sys.modules if n.partition(".")[0] == _PACKAGE]:
+            del sys.modules[module]
 
-    loader.exec_module = run_and_register
 
-
-if "gymnasium" not in sys.modules:
-    sys.meta_path.insert(0, _Waiting())
+# Otherwise the package was imported in full before, and this line came later.
+if f"{_PACKAGE}.gym" not in sys.modules:
+    sys.meta_path.insert(0, _Removal())  # pyright: ignore[reportArgumentType]

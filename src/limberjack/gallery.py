@@ -2,18 +2,19 @@
 
     gallery.write(Path("pictures"))  # humanoid-run.png, ..., stacker-stack_4.png, suite.png
 
-They are drawn from the models that are simulated, after a few steps of an episode, so they show
-what the tasks look like now. The same picture comes each time, where the same OpenGL draws.
+They are drawn from the models that are simulated, at the moment that `PICTURES` of a domain's
+module names, so they show what the tasks look like now. The same picture comes each time, where the
+same OpenGL draws.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from limberjack import suite
 from limberjack.mujoco import TextOverlay
+from limberjack.suite import base
 from limberjack.utils import png
 from limberjack.utils.files import replacing
 from limberjack.video import mosaic
@@ -25,29 +26,6 @@ _COLUMNS = 5  # of the sheet
 _SHEET_PICTURE = 220, 220  # pixels; the names of tasks fit
 _PICTURE = 480, 480  # pixels
 _STIR = 0.3  # of the range of actions: things move, and nothing is thrown about
-
-
-class _Shot(NamedTuple):
-    """The moment at which a task is shown."""
-
-    camera: int | str
-    seed: int
-    steps: int
-
-
-# Chosen by eye: a start in which all that the task is about can be seen.
-_SHOTS = {
-    ("humanoid", "stand"): _Shot("side", 242, 4),
-    ("humanoid", "walk"): _Shot("side", 159, 4),
-    ("humanoid", "run"): _Shot("side", 237, 4),
-    ("humanoid", "run_pure_state"): _Shot("back", 141, 4),
-    ("manipulator", "bring_ball"): _Shot("fixed", 1, 3),
-    ("manipulator", "bring_peg"): _Shot("fixed", 5, 3),
-    ("manipulator", "insert_ball"): _Shot("fixed", 5, 3),
-    ("manipulator", "insert_peg"): _Shot("fixed", 7, 3),
-    ("stacker", "stack_2"): _Shot("fixed", 4, 3),
-    ("stacker", "stack_4"): _Shot("fixed", 4, 3),
-}
 
 
 def draw(
@@ -84,7 +62,7 @@ def write(directory: Path, columns: int = _COLUMNS) -> list[Path]:
       RenderingError: no OpenGL can be had.
     """
     sizes = [(*_PICTURE, False), (*_SHEET_PICTURE, True)]
-    drawn = {where: _draw_sizes(*where, sizes) for where in suite.ALL_TASKS}
+    drawn = {where: _draw_sizes(*where, sizes) for where in suite.tasks()}
     files = {f"{domain}-{task}.png": large for (domain, task), (large, _) in drawn.items()}
     files[_SHEET] = mosaic([small for _, small in drawn.values()], columns)
     directory.mkdir(parents=True, exist_ok=True)
@@ -93,16 +71,17 @@ def write(directory: Path, columns: int = _COLUMNS) -> list[Path]:
 
 def _draw_sizes(domain: str, task: str, sizes: list[tuple[int, int, bool]]) -> list[np.ndarray]:
     """Pictures of one moment, each of a height and a width, with the task's name or without."""
-    shot = _SHOTS.get((domain, task), _Shot(0, 0, 0))
-    environment = suite.load(domain, task, {"random": shot.seed})
+    pictures_of = getattr(suite.module_of(domain), "PICTURES", {})
+    moment = pictures_of.get(task, base.Picture())
+    environment = suite.load(domain, task, {"random": moment.seed})
     environment.reset()
     stream = np.random.RandomState(0)
     spec = environment.action_spec()
-    for _ in range(shot.steps):
+    for _ in range(moment.steps):
         environment.step(_STIR * stream.uniform(spec.minimum, spec.maximum, spec.shape))
     name = TextOverlay(task, position="bottom left")
     pictures = [
-        environment.physics.render(height, width, shot.camera, [name] if label else [])
+        environment.physics.render(height, width, moment.camera, [name] if label else [])
         for height, width, label in sizes
     ]
     environment.close()

@@ -26,6 +26,7 @@ _WORKS: dict[str, Any] = {
     "drawing": {"name": "egl", "renderer": "llvmpipe", "vendor": "Mesa"},
     "devices": ["NVIDIA H100", None],
     "ffmpeg": "7.0.2",
+    "domains": {"found": {"swing": "my_package.swing"}, "problems": {}},
     "dm_control": "loads",
 }
 
@@ -52,10 +53,19 @@ def test_where_all_works_the_command_says_so(monkeypatch: pytest.MonkeyPatch) ->
         "EGL device 0  NVIDIA H100",
         "EGL device 1  gives no OpenGL",
         "7.0.2",
+        "domain swing    my_package.swing",
         "1.0 loads here",
     ):
         assert text in result.stdout
     assert "PROBLEM" not in result.stdout
+
+
+def test_a_domain_that_cannot_be_used_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {"found": {}, "problems": {"swing": "my_package.swing: SUITE is missing"}}
+    result = _printed(monkeypatch, {"domains": Answer(found)})
+    assert result.exit_code == 0
+    problem = "domain 'swing' of an installed package cannot be used: my_package.swing: SUITE is"
+    assert problem in result.stdout
 
 
 def test_where_the_core_does_not_work_the_exit_status_is_1(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,7 +85,7 @@ def test_where_nothing_works_there_is_a_diagnosis_all_the_same(
     assert (diagnosis.backends, diagnosis.devices) == ((), ())
     assert json.loads(json.dumps(dataclasses.asdict(diagnosis)))["versions"]
     result = _printed(monkeypatch, answers)
-    for name in ("core", "threads", "drawing", "ffmpeg"):
+    for name in ("core", "threads", "drawing", "ffmpeg", "domains"):
         assert f"{name} is broken" in result.stdout
 
 

@@ -15,13 +15,14 @@ from .source import PACKAGE, imports, is_public, modules, tree
 # Imports point down, or stay level. The longest name that a module begins with counts.
 _LAYERS = {
     "limberjack._compat": 0,
+    "limberjack._gymnasium_plugin": 0,
+    "limberjack.registry": 0,
     "limberjack.utils": 0,
     "limberjack.rl": 1,
     "limberjack.mujoco": 2,
     "limberjack.rl.batch": 3,
     "limberjack.rl.batch_test_utils": 3,
     "limberjack.suite": 4,
-    "limberjack._gymnasium_plugin": 5,
     "limberjack.bench": 5,
     "limberjack.doctor": 5,
     "limberjack.evaluation": 5,
@@ -132,8 +133,20 @@ def test_without_its_extra_a_module_says_what_to_install(module: str) -> None:
     assert f"needs the extra '{extra}': pip install 'limberjack[{extra}]'" in done.stderr
 
 
-def test_the_package_itself_imports_nothing() -> None:
-    assert not any(isinstance(node, ast.Import | ast.ImportFrom) for node in tree(PACKAGE).body)
+def test_the_package_itself_imports_only_what_registers_the_ids() -> None:
+    program = """
+import sys
+import gymnasium
+before = set(sys.modules)
+import limberjack
+new = set(sys.modules) - before
+print(sorted(m for m in new if m.partition(".")[0] not in sys.stdlib_module_names))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    loaded = ast.literal_eval(done.stdout)
+    allowed = ("limberjack", "limberjack.gym", "limberjack.registry")
+    assert [m for m in loaded if m not in allowed and not m.startswith(f"{allowed[-1]}.")] == []
+    assert set(allowed) <= set(loaded)
 
 
 @pytest.mark.parametrize("module", _ALL)

@@ -18,6 +18,7 @@ import typer.main
 
 from limberjack import suite
 from limberjack.cli import app
+from limberjack.registry import entry_points
 from tests.programs import run
 
 _REPOSITORY = Path(__file__).parents[2]
@@ -293,7 +294,7 @@ def test_every_name_and_path_of_the_project_exists(page: Path) -> None:
     for code in _code(page):
         if re.fullmatch(r"(src|tests|docs|examples)/[\w./-]*", code):
             assert (_REPOSITORY / code).exists(), f"{_page_name(page)}: {code}"
-        elif re.fullmatch(r"limberjack(\.\w+)+", code):
+        elif re.fullmatch(r"limberjack(\.\w+)+", code) and code != entry_points.GROUP:
             assert _found(code), f"{_page_name(page)}: {code}"
 
 
@@ -323,12 +324,12 @@ def _check_call(arguments: list[str], where: str) -> None:
     """Fails unless the command line has that command, those options and that task."""
     # Any: typer's own classes of commands.
     commands: Any = typer.main.get_command(app)
-    name, *rest = arguments
+    name, *rest = arguments[2:] if arguments[0] == "--import" else arguments
     if name.startswith("-"):
         return
     assert name in commands.commands, where
     known = {option for parameter in commands.commands[name].params for option in parameter.opts}
     for option in re.findall(r"--[\w-]+", " ".join(rest)):
         assert option in known, where
-    if name == "run" and len(rest) > 1 and rest[0].islower():
+    if name == "run" and len(rest) > 1 and rest[0].islower() and name == arguments[0]:
         assert (rest[0], rest[1]) in suite.ALL_TASKS, where

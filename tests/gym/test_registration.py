@@ -1,19 +1,14 @@
 """Ids, and what registering them costs."""
 
 import pickle
-import tomllib
-from pathlib import Path
 
 import gymnasium
 import pytest
 from gymnasium.envs.registration import EnvSpec
 
-import limberjack.gym
 from limberjack import gym, suite
 from tests.programs import run
 
-_SOURCE = Path(limberjack.gym.__file__).parents[2]
-_PTH = _SOURCE / "limberjack-gymnasium.pth"
 _IDS = [f"limberjack/{domain}-{task}-v0" for domain, task in suite.ALL_TASKS]
 
 
@@ -82,21 +77,26 @@ def test_a_spec_can_be_stored_and_made_again() -> None:
     assert pickle.loads(pickle.dumps(spec)) == spec
 
 
-def test_registering_imports_no_mujoco_and_no_opengl() -> None:
-    run(
-        """
-        import sys
-        import limberjack.gym
-        assert not {"mujoco", "OpenGL", "glfw", "dm_env"} & set(sys.modules), sys.modules
-        """
-    )
-
-
-def test_an_id_with_the_module_needs_no_import() -> None:
+def test_importing_the_package_registers_and_imports_no_mujoco_and_no_domain() -> None:
     printed = run(
         """
+        import sys
+        import limberjack
+        heavy = {"mujoco", "OpenGL", "glfw", "dm_env", "limberjack.suite", "limberjack.rl"}
+        assert not heavy & set(sys.modules), sys.modules
         import gymnasium
-        name = "limberjack.gym:limberjack/humanoid-walk-v0"
+        print(gymnasium.spec("limberjack/humanoid-walk-v0").max_episode_steps)
+        """
+    )
+    assert printed == "1000\n"
+
+
+@pytest.mark.parametrize("module", ["limberjack", "limberjack.gym"])
+def test_an_id_with_the_module_needs_no_import(module: str) -> None:
+    printed = run(
+        f"""
+        import gymnasium
+        name = "{module}:limberjack/humanoid-walk-v0"
         env = gymnasium.make(name)
         envs = gymnasium.make_vec(name, num_envs=2, vectorization_mode="vector_entry_point")
         print(env.spec.id, envs.num_envs)
@@ -105,57 +105,20 @@ def test_an_id_with_the_module_needs_no_import() -> None:
     assert printed == "limberjack/humanoid-walk-v0 2\n"
 
 
-def test_registering_again_changes_nothing() -> None:
-    limberjack.gym._register()  # a warning, and so an error, if it did
+def test_looking_for_gymnasium_first_changes_nothing() -> None:
+    # TorchRL calls it.
+    printed = run(
+        """
+        import importlib.util
+        importlib.util.find_spec("gymnasium")
+        import gymnasium
+        import limberjack
+        print(gymnasium.make("limberjack/humanoid-walk-v0").spec.id)
+        """
+    )
+    assert printed == "limberjack/humanoid-walk-v0\n"
 
 
 def test_an_unknown_name_of_the_module_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'Enf'"):
         _ = gym.Enf  # pyright: ignore[reportAttributeAccessIssue]
-
-
-def test_where_it_is_installed_an_id_needs_no_import() -> None:
-    # What Python does at its start with the file that the wheel puts beside the package.
-    printed = run(
-        f"""
-        import site
-        import sys
-        def waiting():
-            plugin = "limberjack._gymnasium_plugin"
-            return [finder for finder in sys.meta_path if type(finder).__module__ == plugin]
-        site.addsitedir({str(_PTH.parent)!r})  # in an installed environment Python did so itself
-        assert len(waiting()) == 1
-        assert not {{"gymnasium", "numpy", "limberjack.gym"}} & set(sys.modules)
-        import gymnasium
-        assert not waiting()
-        assert "exec_module" not in vars(gymnasium.__spec__.loader)
-        assert not {{"mujoco", "dm_env"}} & set(sys.modules)
-        name = "limberjack/humanoid-walk-v0"
-        env = gymnasium.make(name)
-        envs = gymnasium.make_vec(name, num_envs=2, vectorization_mode="vector_entry_point")
-        print(env.spec.id, envs.num_envs)
-        """
-    )
-    assert printed == "limberjack/humanoid-walk-v0 2\n"
-
-
-def test_the_wheel_puts_that_file_beside_the_package() -> None:
-    project = tomllib.loads((_SOURCE.parent / "pyproject.toml").read_text(encoding="utf-8"))
-    included = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    assert included == {f"src/{_PTH.name}": _PTH.name}
-
-
-def test_a_program_without_gymnasium_does_not_notice_that_file() -> None:
-    run(
-        f"""
-        import site
-        import sys
-        sys.modules["gymnasium"] = None  # not installed
-        site.addsitedir({str(_PTH.parent)!r})
-        try:
-            import gymnasium
-        except ModuleNotFoundError:
-            pass
-        import json
-        """
-    )

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from dm_env import specs, test_utils
 
-from limberjack import suite
+from limberjack import registry, suite
 
 from .episodes import TASKS, Task, actions, bits, load, play, snapshot
 
-_CONTROL_STEPS = 1000  # of every task's episode
 _CONTRACT = [name for name in dir(test_utils.EnvironmentTestMixin) if name.startswith("test_")]
 
 
@@ -65,11 +64,13 @@ def test_an_episode_ends_at_the_time_limit_with_discount_1(task: Task) -> None:
     action = np.zeros(env.action_spec().shape)
     while not steps[-1].last():
         steps.append(env.step(action))
-    assert len(steps) == _CONTROL_STEPS + 1
+    limit = env.step_limit
+    assert limit is not None
+    assert len(steps) - 1 == limit == registry.steps(*task)
     assert steps[0].first()
     assert all(step.mid() for step in steps[1:-1])
     assert all(step.discount == 1.0 for step in steps[1:])
-    assert env.physics.time() == pytest.approx(_CONTROL_STEPS * env.control_timestep())
+    assert env.physics.time() == pytest.approx(limit * env.control_timestep())
     assert env.step(action).first()
     assert env.physics.time() == 0.0
 
@@ -126,13 +127,15 @@ def test_a_flat_observation_is_the_parts_in_their_order(task: Task) -> None:
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_actions_are_bounded_by_1_and_reach_the_actuators(task: Task) -> None:
+def test_actions_are_bounded_as_the_actuators_and_reach_them(task: Task) -> None:
     env = load(task)
     spec = env.action_spec()
     assert isinstance(spec, specs.BoundedArray)
     assert spec.shape == (env.physics.model.nu,)
-    np.testing.assert_array_equal(spec.minimum, np.full(spec.shape, -1.0))
-    np.testing.assert_array_equal(spec.maximum, np.full(spec.shape, 1.0))
+    assert env.physics.model.actuator_ctrllimited.all()
+    np.testing.assert_array_equal(
+        np.stack([spec.minimum, spec.maximum], axis=-1), env.physics.model.actuator_ctrlrange
+    )
     env.reset()
     action = actions(env, 1)[0]
     env.step(action)

@@ -10,12 +10,14 @@ import pytest
 from limberjack import suite
 from limberjack.rl.randomize import scale
 
-_TASKS = pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+from .episodes import DOMAINS, TASKS, Task, short
+
+_TASKS = pytest.mark.parametrize("task", TASKS)
 _RANDOMIZE = {"body_mass": scale(0.8, 1.2), "geom_friction": scale(0.5, 1.5)}
 
 
-def _short(domain: str) -> dict[str, float]:
-    return {"time_limit": 20 * (0.025 if domain == "humanoid" else 0.01)}
+def _short(task: Task) -> dict[str, Any]:
+    return dict(short(task, 20))
 
 
 def _actions(env: Any, steps: int) -> np.ndarray:
@@ -31,10 +33,8 @@ def _assert_same(one: Any, other: Any) -> None:
 
 @pytest.mark.parametrize("steps_before", [0, 1, 13, 20])
 @_TASKS
-def test_a_single_environment_goes_on_from_a_snapshot(
-    task: tuple[str, str], steps_before: int
-) -> None:
-    env = suite.load(*task, {"random": 1, **_short(task[0])})
+def test_a_single_environment_goes_on_from_a_snapshot(task: Task, steps_before: int) -> None:
+    env = suite.load(*task, {"random": 1, **_short(task)})
     env.reset()
     actions = _actions(env, steps_before + 45)
     for action in actions[:steps_before]:
@@ -42,7 +42,7 @@ def test_a_single_environment_goes_on_from_a_snapshot(
     seen = env.task.get_observation(env.physics)
     snapshot = pickle.loads(pickle.dumps(env.snapshot()))
     future = [env.step(action) for action in actions[steps_before:]]
-    other = suite.load(*task, {"random": 99, **_short(task[0])})
+    other = suite.load(*task, {"random": 99, **_short(task)})
     other.reset()
     other.step(actions[0])
     for twin in (env, other):
@@ -54,15 +54,15 @@ def test_a_single_environment_goes_on_from_a_snapshot(
 
 
 @_TASKS
-def test_copies_and_pickles_of_a_batch_have_its_future(task: tuple[str, str]) -> None:
+def test_copies_and_pickles_of_a_batch_have_its_future(task: Task) -> None:
     randomize = {"randomize": _RANDOMIZE}
-    batch = suite.load_batch(*task, 4, 2, 3, _short(task[0]), randomize)
+    batch = suite.load_batch(*task, 4, 2, 3, _short(task), randomize)
     batch.reset()
     actions = _actions(batch, 60)
     for action in actions[:9]:
         batch.step(action)
     batch.reset([2])
-    other_threads = suite.load_batch(*task, 4, 1, 70, _short(task[0]), randomize)
+    other_threads = suite.load_batch(*task, 4, 1, 70, _short(task), randomize)
     other_threads.restore(batch.snapshot())
     twins = [copy.deepcopy(batch), pickle.loads(pickle.dumps(batch)), other_threads]
     for action in actions[9:]:
@@ -73,14 +73,14 @@ def test_copies_and_pickles_of_a_batch_have_its_future(task: tuple[str, str]) ->
 
 @pytest.mark.parametrize("kwargs", [{"randomize": _RANDOMIZE}, {"legacy_step": False}])
 @pytest.mark.parametrize("num_envs", [None, 3])
-@pytest.mark.parametrize("task", [("humanoid", "run"), ("stacker", "stack_2")], ids="-".join)
+@pytest.mark.parametrize("task", DOMAINS)
 def test_copies_and_pickles_keep_how_an_environment_is_run(
-    task: tuple[str, str], num_envs: int | None, kwargs: dict[str, Any]
+    task: Task, num_envs: int | None, kwargs: dict[str, Any]
 ) -> None:
     if num_envs is None:
-        env: Any = suite.load(*task, {"random": 3, **_short(task[0])}, kwargs)
+        env: Any = suite.load(*task, {"random": 3, **_short(task)}, kwargs)
     else:
-        env = suite.load_batch(*task, num_envs, 2, 3, _short(task[0]), kwargs)
+        env = suite.load_batch(*task, num_envs, 2, 3, _short(task), kwargs)
     env.reset()
     actions = _actions(env, 45)  # into the next episodes, whose fields are drawn by the copy
     for action in actions[:9]:
@@ -94,13 +94,13 @@ def test_copies_and_pickles_keep_how_an_environment_is_run(
 
 
 @_TASKS
-def test_one_row_goes_into_any_row_of_any_batch(task: tuple[str, str]) -> None:
-    single = suite.load(*task, {"random": 5, **_short(task[0])})
+def test_one_row_goes_into_any_row_of_any_batch(task: Task) -> None:
+    single = suite.load(*task, {"random": 5, **_short(task)})
     single.reset()
     actions = _actions(single, 60)
     for action in actions[:7]:
         single.step(action)
-    batch = suite.load_batch(*task, 5, 2, 40, task_kwargs=_short(task[0]))
+    batch = suite.load_batch(*task, 5, 2, 40, task_kwargs=_short(task))
     batch.reset()
     batch.step(np.stack([actions[0]] * 5))
     batch.restore(single.snapshot(), [3])
@@ -112,7 +112,7 @@ def test_one_row_goes_into_any_row_of_any_batch(task: tuple[str, str]) -> None:
             assert time_step.step_type[row] == int(expected.step_type)
             for name, value in expected.observation.items():
                 np.testing.assert_array_equal(time_step.observation[name][row], value)
-    twin = suite.load(*task, {"random": 0, **_short(task[0])})
+    twin = suite.load(*task, {"random": 0, **_short(task)})
     twin.restore(batch.snapshot([1]))
     _assert_same(twin.step(actions[0]), single.step(actions[0]))
 

@@ -56,6 +56,7 @@ def _lines(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
         missing = f"lacks {', '.join(extra.missing)}: {extra.command}"
         yield f"extra {extra.name}", missing if extra.missing else "installed"
     yield "ffmpeg", diagnosis.ffmpeg.version or f"none: {diagnosis.ffmpeg.why}"
+    yield from (("domain " + name, module) for name, module in diagnosis.domains.items())
     yield "dm_control", _worded(diagnosis.dm_control)
     if diagnosis.problems:
         yield "", ""

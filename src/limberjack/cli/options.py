@@ -9,7 +9,11 @@ from limberjack.cli.output import SEEDS
 __all__ = ["Domain", "FirstSeed", "PolicyName", "TaskName", "TimeLimit"]
 
 Domain = Annotated[
-    str, typer.Argument(metavar="DOMAIN", help="Such as humanoid; `limberjack list` has all.")
+    str,
+    typer.Argument(
+        metavar="DOMAIN",
+        help="Such as humanoid; `limberjack list` has all, `limberjack --import` adds one.",
+    ),
 ]
 TaskName = Annotated[str, typer.Argument(metavar="TASK", help="Such as walk.")]
 PolicyName = Annotated[

@@ -24,6 +24,7 @@ def examine(ask: Callable[..., Answer] = child.ask) -> Diagnosis:
     Args:
       ask: calls a probe by name, with variables of the environment; `child.ask`, but in tests.
     """
+    domains = ask("domains")
     core, threads = ask("core"), ask("threads")  # alone, as the second measures time
     names = ask("backends").value or ()
     with ThreadPoolExecutor(max_workers=cores.usable_cores()) as pool:
@@ -45,8 +46,9 @@ def examine(ask: Callable[..., Answer] = child.ask) -> Diagnosis:
         devices=tuple(devices.value or ()),
         extras=packages.extras(),
         ffmpeg=_check(ffmpeg, ffmpeg.value),
+        domains=(domains.value or {}).get("found", {}),
         dm_control=_check_of_dm_control(dm_control),
-        problems=tuple(_problems(core, backend)),
+        problems=(*_problems(core, backend), *_problems_of_domains(domains)),
     )
 
 
@@ -85,3 +87,12 @@ def _problems(core: Answer, backend: Backend) -> Iterator[str]:
         )
     if not backend.works:
         yield f"no pictures can be drawn; all else goes on. {backend.why}"
+
+
+def _problems_of_domains(answer: Answer) -> Iterator[str]:
+    """What is wrong with the domains of installed packages."""
+    if answer.why is not None:
+        yield f"the domains of installed packages cannot be listed: {answer.why}"
+        return
+    for name, why in answer.value["problems"].items():
+        yield f"domain {name!r} of an installed package cannot be used: {why}"

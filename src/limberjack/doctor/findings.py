@@ -71,5 +71,6 @@ class Diagnosis:
     devices: tuple[str | None, ...]  # EGL's, by number: what draws there; None where nothing does
     extras: tuple[Extra, ...]
     ffmpeg: Check
+    domains: Mapping[str, str]  # those of installed packages: their modules by name
     dm_control: Check  # an installed one, on this MuJoCo
     problems: tuple[str, ...]  # a sentence each, with the next move

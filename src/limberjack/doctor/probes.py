@@ -13,9 +13,21 @@ import os
 import subprocess
 from typing import Any
 
-__all__ = ["answer", "backends", "core", "devices", "dm_control", "drawing", "ffmpeg", "threads"]
+from limberjack import registry
 
-_TASK = ("humanoid", "stand")  # the largest model of the suite
+__all__ = [
+    "answer",
+    "backends",
+    "core",
+    "devices",
+    "dm_control",
+    "domains",
+    "drawing",
+    "ffmpeg",
+    "threads",
+]
+
+_TASK = registry.largest_task()  # it takes the most memory and time
 _EPISODE = 0.25  # simulated seconds
 
 _ROWS = 64
@@ -103,6 +115,16 @@ def threads() -> dict[str, object]:
         "steps_per_second": [[n, speeds[n]] for n in counts],
         "recommended": enough[0],
     }
+
+
+def domains() -> dict[str, Any]:
+    """Modules of the domains of installed packages by name, and what is wrong with the others."""
+    from limberjack import suite
+
+    problems = suite.find_installed()
+    found = registry.domains().values()
+    others = {domain.name: domain.import_name for domain in found if domain.source != "suite"}
+    return {"found": others, "problems": problems}
 
 
 def backends() -> list[str]:

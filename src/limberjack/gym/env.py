@@ -22,6 +22,7 @@ from limberjack.gym.observations import Part, action_space
 from limberjack.gym.pixels import observations_of
 from limberjack.rl import control
 from limberjack.rl.pixels import render_arguments
+from limberjack.rl.snapshot import Snapshot
 from limberjack.rl.streams import seed_of_a_stream
 
 __all__ = ["Env", "load"]
@@ -71,6 +72,9 @@ class Env(gymnasium.Env):
         self.metadata = {**self.metadata, "render_fps": round(1 / environment.control_timestep())}
         self._render_kwargs = render_arguments(render_kwargs or {})
         self._environment = environment
+        # Whether Gymnasium's TimeLimit counts the steps, and how many it has counted.
+        self._is_counted_outside = False
+        self._counted = 0
         self._closed = False
 
     @property
@@ -96,6 +100,7 @@ class Env(gymnasium.Env):
             super().reset(seed=number)
             self._environment.reseed(number)
         observation = self._environment.reset().observation
+        self._counted = 0
         drawn = {name: v.copy() for name, v in self._environment.randomization.items()}
         info = {"randomization": drawn} if drawn else {}
         return self._observations.of_one(observation), info
@@ -108,17 +113,36 @@ class Env(gymnasium.Env):
           ValueError, TypeError: the action is not a finite array of the space's shape; nothing has
             moved.
           PhysicsError: the simulation diverged; `reset` begins anew.
+          RuntimeError: the environment inside was restored or stepped, so that Gymnasium's count of
+            steps is wrong.
         """
         self._check_open()
         environment = self._environment
         if not environment.is_running:
             raise error.ResetNeeded("no episode is running: call reset() before step()")
+        if self._is_counted_outside and environment._step_count != self._counted:
+            raise RuntimeError(
+                f"the environment inside is at step {environment._step_count}, and Gymnasium's "
+                f"TimeLimit at step {self._counted}: restore with limberjack.gym.restore(env, "
+                "snapshot), and step through the outermost environment"
+            )
         time_step = environment.step(action)
+        self._counted += 1
         is_last = time_step.last()
         truncated = is_last and environment.timed_out
         observation = self._observations.of_one(time_step.observation)
         reward = float(time_step.reward)
         return observation, reward, is_last and not truncated, truncated, self._info()
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Goes on from a snapshot; `limberjack.gym.restore` does so for a wrapped environment.
+
+        Raises:
+          ValueError: see `control.Environment.restore`.
+        """
+        self._check_open()
+        self._environment.restore(snapshot)
+        self._counted = self._environment._step_count
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """A picture of the present state, (height, width, 3) uint8; None without a render mode."""
@@ -162,7 +186,7 @@ def load(
     render_mode: str | None = None,
     render_kwargs: Mapping[str, Any] | None = None,
 ) -> Env:
-    """An environment of the suite: what `gymnasium.make` calls.
+    """An environment of a task, which counts the steps of its episodes itself.
 
     Args:
       domain: such as 'humanoid'.
@@ -184,7 +208,3 @@ def load(
         render_mode=render_mode,
         render_kwargs=render_kwargs,
     )
-
-
-# So that `gymnasium.make` knows what 'human' and 'rgb_array_list' can be made of.
-load.metadata = Env.metadata  # pyright: ignore[reportFunctionMemberAccess]

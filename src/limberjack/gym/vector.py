@@ -20,12 +20,15 @@ policy works on the other half's observations:
             envs.send(policy(observations), half)
 """
 
+import math
 from collections.abc import Mapping, Sequence
+from copy import copy as copy_of
 from typing import Any, SupportsIndex
 
 import numpy as np
 from gymnasium import error
 from gymnasium import vector as gymnasium_vector
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
@@ -56,6 +59,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
         "render_modes": arguments.RENDER_MODES
     }
+    _spec: EnvSpec | None = None
     closed = True  # until it is made: Gymnasium closes what is not, even if making it failed
 
     def __init__(
@@ -102,6 +106,21 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         fps = round(1 / batches[0].control_timestep())
         self.metadata = {**self.metadata, "render_fps": fps, "autoreset_mode": mode}
         self.closed = False
+
+    # Gymnasium has a plain attribute, which `make_vec` sets.
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec of the id, with the length of episodes here as its `max_episode_steps`."""
+        return self._spec
+
+    @spec.setter
+    def spec(  # pyright: ignore[reportIncompatibleVariableOverride]
+        self, spec: EnvSpec | None
+    ) -> None:
+        self._spec = copy_of(spec)
+        if self._spec is not None:
+            limit = self.batches[0]._step_limit
+            self._spec.max_episode_steps = math.ceil(limit) if math.isfinite(limit) else None
 
     def _set_spaces(self, flat: bool, dtype: Any) -> None:
         batch = self.batches[0]
@@ -284,7 +303,7 @@ def load_vector(
     pipelined: bool = False,
     **kwargs: Any,
 ) -> VectorEnv:
-    """A vector environment of the suite: what `gymnasium.make_vec` calls.
+    """A vector environment of a task, which counts the steps of its episodes itself.
 
     Args:
       domain: such as 'humanoid'.

@@ -38,6 +38,8 @@ _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
 class BatchEnvironment:
     """Episodes of a task on a batch of simulations; see the module's docstring."""
 
+    registration: object = None  # see `control.Environment`
+
     def __init__(
         self,
         replicas: Any,
@@ -205,6 +207,7 @@ class BatchEnvironment:
                 self._begins[rows],
                 self._streams.save(rows, with_beside=self._randomizer is not None),
                 {} if self._frames is None else self._frames.save(rows),
+                self.registration,
             )
 
     def restore(self, snapshot: Snapshot, rows: Any = None) -> None:
@@ -215,10 +218,11 @@ class BatchEnvironment:
           rows: sorted row numbers or a mask.
 
         Raises:
-          ValueError: it is of another task, model, version or size.
+          ValueError: it is of another task, model, version or size, or an episode in it is as long
+            as the episodes here may be.
         """
         rows = self._rows(rows)
-        snapshot.check(self._origin(), size=len(rows))
+        snapshot.check(self._origin(), len(rows), self._step_limit)
         with self._use:
             self._begins[rows] = True  # until it is complete
             self._replicas.simulation.load(snapshot.physics, rows)

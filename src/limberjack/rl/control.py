@@ -51,6 +51,8 @@ class Environment(dm_env.Environment):
     _closed = False
     _action_shape: tuple[int, ...] | None = None
     _randomizer: Randomizer | None = None
+    # The suite's record of the domain: a pickle imports the domain's module where it is read.
+    registration: object = None
     _frames: Frames | None = None  # what is observed in pictures, if anything is
     # The stream that the model's fields are drawn from, with the task's that it lies beside.
     _draws: tuple[Any, np.random.RandomState] | None = None
@@ -231,16 +233,18 @@ class Environment(dm_env.Environment):
             np.array([self._reset_next_step]),
             [tuple(streams)],
             {} if self._frames is None else self._frames.save(None),
+            self.registration,
         )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Goes on from a snapshot, bit for bit.
 
         Raises:
-          ValueError: it is of another task, model or version, or of several environments.
+          ValueError: it is of another task, model or version, or of several environments, or its
+            episode is as long as the episodes here may be.
         """
         self._check_open()
-        snapshot.check(self._origin(), size=1)
+        snapshot.check(self._origin(), 1, self._step_limit)
         self._reset_next_step = True  # until it is complete
         self._physics.simulation.load(snapshot.physics)
         own, *beside = snapshot.streams[0]

@@ -11,6 +11,7 @@ threads. It does not hold the task's settings or the model, which must be the sa
 """
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,8 @@ class Snapshot:
       begins: whether each one's next step begins an episode, (n,).
       streams: states of each one's `RandomState`s: the task's, and the randomisation's if any.
       frames: what was observed in pictures, by name, (n, ...) each; nothing without pixels.
+      registration: the suite's record of the domain, whose module is imported where this is
+        unpickled.
     """
 
     origin: dict[str, Any]
@@ -37,12 +40,16 @@ class Snapshot:
     begins: np.ndarray
     streams: list[Any]
     frames: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    registration: object = None
 
     def __len__(self) -> int:
         return len(self.streams)
 
-    def check(self, origin: dict[str, Any], size: int) -> None:
-        """Raises ValueError if this is of another task, model or version, or not of `size`."""
+    def check(self, origin: dict[str, Any], size: int, step_limit: float) -> None:
+        """Raises ValueError if this is of another task, model or version, or not of `size`.
+
+        Also if an episode that goes on has as many steps as `step_limit` or more.
+        """
         for what, expected in origin.items():
             found = self.origin.get(what)
             if found != expected:
@@ -54,4 +61,10 @@ class Snapshot:
             raise ValueError(
                 f"the snapshot holds {len(self)} environments; expected {size}: restore into as "
                 "many rows"
+            )
+        running = self.step_count[~self.begins]
+        if (running >= step_limit).any():
+            raise ValueError(
+                f"the snapshot is of step {running.max()} of an episode, and episodes end after "
+                f"{math.ceil(step_limit)} steps here: restore it where the time limit is longer"
             )

@@ -1,20 +1,33 @@
 """The suite: every task by domain and name.
 
-from limberjack import suite
+    from limberjack import suite
 
-env = suite.load("humanoid", "walk", task_kwargs={"random": 0})
-for domain, task in suite.ALL_TASKS: ...
+    env = suite.load("humanoid", "walk", task_kwargs={"random": 0})
+    for domain, task in suite.ALL_TASKS: ...
+
+A domain is imported when it is first used: by `load`, or as `suite.humanoid`. The constants are
+dm_control's tuples; `register` appends to all but `BENCHMARKING`, `EASY` and `HARD`. `tasks` lists
+what there is now, also tasks that were added to a domain's `SUITE` later.
 """
 
-import collections
+import importlib
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from types import ModuleType
 from typing import Any
 
+from limberjack import registry
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
-from limberjack.suite import humanoid, manipulator, stacker
+from limberjack.suite._registration import (
+    Domains,
+    find,
+    find_installed,
+    register,
+    registration_of,
+    require,
+    unregister,
+)
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -27,17 +40,21 @@ __all__ = [
     "REWARD_VIZ",
     "TASKS_BY_DOMAIN",
     "build_environment",
+    "find_installed",
     "load",
     "load_batch",
+    "module_of",
+    "register",
+    "require",
+    "tasks",
+    "unregister",
 ]
 
 _Tasks = tuple[tuple[str, str], ...]
 
-_DOMAINS: dict[str, ModuleType] = {
-    "humanoid": humanoid,
-    "manipulator": manipulator,
-    "stacker": stacker,
-}
+_NO_VISUALIZATION = "no_reward_visualization"  # dm_control's tag
+
+_DOMAINS = Domains()
 
 
 def _get_tasks(tag: str | None) -> _Tasks:
@@ -51,20 +68,68 @@ def _get_tasks(tag: str | None) -> _Tasks:
 
 def _get_tasks_by_domain(tasks: Iterable[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
     """The names of the tasks of each domain."""
-    by_domain = collections.defaultdict(list)
-    for domain, task in tasks:
-        by_domain[domain].append(task)
-    return {domain: tuple(names) for domain, names in by_domain.items()}
+    return registry.by_domain(tasks)
 
 
-ALL_TASKS = _get_tasks(None)
-BENCHMARKING = _get_tasks("benchmarking")
-EASY = _get_tasks("easy")
-HARD = _get_tasks("hard")
+def tasks(tag: str | None = None) -> _Tasks:
+    """The (domain, task) pairs that have a tag, or all of them, as they are now.
+
+    It imports every domain that is known: the suite's, and those that were registered, assigned to
+    `_DOMAINS` or found. `find_installed` finds those of installed packages first.
+    """
+    return _get_tasks(tag)
+
+
+def _rows(*tags: str) -> _Tasks:
+    """The suite's own tasks that have all of the tags, from the table."""
+    return tuple((row.domain, row.task) for row in registry.TASKS if {*tags} <= {*row.tags})
+
+
+ALL_TASKS = _rows()
+BENCHMARKING = _rows("benchmarking")
+EASY = _rows("easy")
+HARD = _rows("hard")
 EXTRA = tuple(sorted(set(ALL_TASKS) - set(BENCHMARKING)))
-NO_REWARD_VIZ = _get_tasks("no_reward_visualization")
+NO_REWARD_VIZ = _rows(_NO_VISUALIZATION)
 REWARD_VIZ = tuple(sorted(set(ALL_TASKS) - set(NO_REWARD_VIZ)))
-TASKS_BY_DOMAIN = _get_tasks_by_domain(ALL_TASKS)
+TASKS_BY_DOMAIN = registry.by_domain(ALL_TASKS)
+
+
+def _update_constants(domain: registry.Domain, is_added: bool) -> None:
+    """Lets the constants follow what is registered and unregistered."""
+    global ALL_TASKS, EXTRA, NO_REWARD_VIZ, REWARD_VIZ, TASKS_BY_DOMAIN
+    if domain.source != "registered":
+        return
+    shown = [(row.domain, row.task) for row in domain.rows if _NO_VISUALIZATION not in row.tags]
+    all_of_it = tuple((row.domain, row.task) for row in domain.rows)
+    change = _appended if is_added else _without
+    ALL_TASKS = change(ALL_TASKS, all_of_it)
+    EXTRA = change(EXTRA, all_of_it)
+    REWARD_VIZ = change(REWARD_VIZ, tuple(shown))
+    NO_REWARD_VIZ = change(NO_REWARD_VIZ, tuple(task for task in all_of_it if task not in shown))
+    TASKS_BY_DOMAIN = registry.by_domain(ALL_TASKS)
+
+
+def _appended(known: _Tasks, new: _Tasks) -> _Tasks:
+    return (*known, *(task for task in new if task not in known))
+
+
+def _without(known: _Tasks, old: _Tasks) -> _Tasks:
+    return tuple(task for task in known if task not in old)
+
+
+registry.listen(_update_constants)
+
+
+def __getattr__(name: str) -> ModuleType:
+    """Imports a domain of the suite when it is first read as an attribute."""
+    if any(row.domain == name for row in registry.TASKS):
+        return importlib.import_module(registry.suite_module(name))
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *(row.domain for row in registry.TASKS)})
 
 
 def load(
@@ -124,7 +189,22 @@ def load_batch(
             "load_batch takes no 'random' in task_kwargs: give seed, one per row follows"
         )
     env = load(domain_name, task_name, task_kwargs, environment_kwargs)
-    return BatchEnvironment.from_environment(env, num_envs, num_threads, seed, on_divergence)
+    batch = BatchEnvironment.from_environment(env, num_envs, num_threads, seed, on_divergence)
+    batch.registration = env.registration
+    return batch
+
+
+def module_of(domain_name: str) -> ModuleType:
+    """The module of a domain, imported if it was not; also of an installed package.
+
+    Raises:
+      ValueError: there is no such domain.
+    """
+    domain = find(domain_name)
+    if domain is None:
+        message = f"Domain {domain_name!r} does not exist."
+        raise ValueError(_no_choice(domain_name, _DOMAINS, message))
+    return domain.load()
 
 
 def build_environment(
@@ -135,27 +215,25 @@ def build_environment(
     visualize_reward: bool = False,
 ) -> control.Environment:
     """An environment of the suite: what `load` calls, with the same arguments and errors."""
-    _check_choice(domain_name, _DOMAINS, f"Domain {domain_name!r} does not exist.")
-    tasks = _DOMAINS[domain_name].SUITE
-    _check_choice(
-        task_name, tasks, f"Level {task_name!r} does not exist in domain {domain_name!r}."
-    )
+    factories = module_of(domain_name).SUITE
+    if task_name not in factories:
+        message = f"Level {task_name!r} does not exist in domain {domain_name!r}."
+        raise ValueError(_no_choice(task_name, factories, message))
     kwargs = dict(task_kwargs or {})
     if environment_kwargs is not None:
         kwargs["environment_kwargs"] = dict(environment_kwargs)
     where = f"{domain_name}:{task_name}"
-    _check_keywords(where, kwargs, tasks[task_name])
+    _check_keywords(where, kwargs, factories[task_name])
     _check_environment_keywords(where, kwargs.get("environment_kwargs") or {})
-    environment = tasks[task_name](**kwargs)
+    environment = factories[task_name](**kwargs)
+    environment.registration = registration_of(domain_name)
     environment.task.visualize_reward = visualize_reward
     return environment
 
 
-def _check_choice(name: str, choices: Iterable[str], message: str) -> None:
-    if name not in choices:
-        raise ValueError(
-            f"{message}{did_you_mean(name, choices)} Choose one of: {', '.join(sorted(choices))}."
-        )
+def _no_choice(name: str, choices: Iterable[str], message: str) -> str:
+    """The message, with what can be chosen instead."""
+    return f"{message}{did_you_mean(name, choices)} Choose one of: {', '.join(sorted(choices))}."
 
 
 def _check_environment_keywords(where: str, given: Mapping[str, Any]) -> None:
@@ -170,7 +248,9 @@ def _check_environment_keywords(where: str, given: Mapping[str, Any]) -> None:
     _check_keywords(where, given, control.Environment)
 
 
-def _check_keywords(where: str, given: Mapping[str, Any], factory: Any) -> None:
+def _check_keywords(
+    where: str, given: Mapping[str, object], factory: Callable[..., object]
+) -> None:
     """Raises if `factory` does not take a keyword."""
     parameters = inspect.signature(factory).parameters
     if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):

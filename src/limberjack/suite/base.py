@@ -6,14 +6,14 @@ episode needs lives in the physics. So one task serves one simulation or a batch
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from limberjack import mujoco
 from limberjack.rl import control
 
-__all__ = ["Task"]
+__all__ = ["Picture", "Task"]
 
 # A start that is rejected this often will never be accepted: the suite's own need a handful.
 _MAX_START_ATTEMPTS = 10_000
@@ -25,6 +25,14 @@ _DEFAULTS = [f"{name}_default" for name in _COLOURED]
 _HIGHLIGHTS = [f"{name}_highlight" for name in _COLOURED]
 
 
+class Picture(NamedTuple):
+    """The moment at which a picture shows a task: `PICTURES` of a domain's module, by task."""
+
+    camera: int | str = 0
+    seed: int = 0  # of the episode
+    steps: int = 0  # after its start
+
+
 class Task(control.Task):
     """A task whose actions are the actuators' controls, in the order of the model's file."""
 
@@ -32,6 +40,10 @@ class Task(control.Task):
     EPISODE_FIELDS: tuple[str, ...] = ()
     # The terms of the reward that make up the goal; the others say how it is to be reached.
     GOAL: tuple[str, ...] = ()
+    # The kinds of starts that `start` tells apart; none if there is one kind only.
+    STARTS: tuple[str, ...] = ()
+    # The planner's cost for this task as 'module:Class', imported on first use; it takes the task.
+    planner_cost: str | None = None
 
     def __init__(self, random: np.random.RandomState | int | None = None) -> None:
         """Makes a task.
@@ -107,7 +119,7 @@ class Task(control.Task):
         return functools.reduce(np.logical_and, (terms[name] >= _SUCCESS for name in self.GOAL))
 
     def start(self, physics: Any) -> str | None:
-        """The kind of start of an episode that has just begun; None if there is one kind only."""
+        """The kind of start of an episode that has just begun, of `STARTS`; None without any."""
         return None
 
     def draw_collision_free_start(self, physics: Any, draw: Callable[[], None]) -> None:

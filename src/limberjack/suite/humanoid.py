@@ -17,6 +17,7 @@ from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
+    "PICTURES",
     "SUITE",
     "Humanoid",
     "Physics",
@@ -35,11 +36,23 @@ _WALK_SPEED = 1  # metres per second; horizontal speed at which walking is fully
 _RUN_SPEED = 10  # metres per second; the same for running
 
 _ROOT_POSITIONS = 7  # numbers in qpos for the free root: a position and a quaternion
+_FALL_TIME = 1.0  # seconds; without control every humanoid lies on the ground by then
+_UP_HEIGHT = 0.7  # metres; half the height of the head at which standing is fully rewarded
+_FACING = 0.5  # cosine of 60 degrees
+_PLANNED_WALK = 2.0  # metres per second; the planner has a cost of its own for faster tasks
+
 _LIMBS = ["left_hand", "left_foot", "right_hand", "right_foot"]
 
 _Kwargs = dict[str, Any] | None
 
 SUITE = containers.TaggedTasks()
+# Chosen by eye: starts in which the whole body can be seen.
+PICTURES = {
+    "stand": base.Picture("side", seed=242, steps=4),
+    "walk": base.Picture("side", seed=159, steps=4),
+    "run": base.Picture("side", seed=237, steps=4),
+    "run_pure_state": base.Picture("back", seed=141, steps=4),
+}
 
 
 def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
@@ -128,6 +141,7 @@ class Humanoid(base.Task):
     """Stand, or move at a speed or faster."""
 
     GOAL = ("standing", "upright", "movement")
+    STARTS = ("face_up", "face_down", "on_side", "up")
 
     def __init__(self, move_speed: float, pure_state: bool, random: Any = None) -> None:
         """Makes the task.
@@ -139,6 +153,8 @@ class Humanoid(base.Task):
           random: a `numpy.random.RandomState`, a seed, or None.
         """
         self._move_speed = move_speed
+        cost = "costs_running:Run" if move_speed > _PLANNED_WALK else "costs_humanoid:Move"
+        self.planner_cost = f"limberjack.planner.{cost}"
         self._pure_state = pure_state
         super().__init__(random=random)
 
@@ -149,6 +165,21 @@ class Humanoid(base.Task):
             lambda: randomizers.randomize_limited_and_rotational_joints(physics, self.random),
         )
         super().initialize_episode(physics)
+
+    def start(self, physics: Any) -> str:
+        """How a copy of the physics lies after it has fallen for a second, or 'up'.
+
+        On its side the torso's front is more than 60 degrees away from the vertical.
+        """
+        fall = physics.copy(share_model=True)
+        fall.set_control(np.zeros(fall.model.nu))
+        fall.step(round(_FALL_TIME / fall.timestep()))
+        if fall.head_height() >= _UP_HEIGHT:
+            return "up"
+        front = fall.named.data.xmat["torso", "zx"]  # the front's vertical component
+        if abs(front) < _FACING:
+            return "on_side"
+        return "face_up" if front > 0 else "face_down"
 
     def get_observation(self, physics: Any) -> collections.OrderedDict:
         """Features seen from the torso, or the pure state."""

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from limberjack.rl import control
-from limberjack.suite import _planar_arm
+from limberjack.suite import _planar_arm, base
 from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
 from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics, is_close
 from limberjack.utils import containers
 
 __all__ = [
+    "PICTURES",
     "SUITE",
     "Bring",
     "Physics",
@@ -28,11 +29,25 @@ __all__ = [
 ]
 
 # Kinds of starts and their probabilities.
-_STARTS = ["in_hand", "in_target", "uniform"]
+_STARTS = ("in_hand", "in_target", "uniform")
 _START_PROBABILITIES = [0.1, 0.1, 1 - 0.1 - 0.1]
 _PROPS = ("ball", "target_ball", "cup", "peg", "target_peg", "slot")
 
 SUITE = containers.TaggedTasks()
+# Chosen by eye: starts in which the prop and its target can be seen.
+PICTURES = {
+    "bring_ball": base.Picture("fixed", seed=1, steps=3),
+    "bring_peg": base.Picture("fixed", seed=5, steps=3),
+    "insert_ball": base.Picture("fixed", seed=5, steps=3),
+    "insert_peg": base.Picture("fixed", seed=7, steps=3),
+}
+# The planner's cost for each pair of (use_peg, insert).
+_PLANNER_COSTS = {
+    (False, False): "limberjack.planner.costs_manipulator:Bring",
+    (True, False): "limberjack.planner.costs_peg:BringPeg",
+    (False, True): "limberjack.planner.costs_insertion_ball:InsertBall",
+    (True, True): "limberjack.planner.costs_insertion_peg:InsertPeg",
+}
 
 
 def make_model(use_peg: bool, insert: bool) -> tuple[bytes, dict[str, bytes]]:
@@ -112,6 +127,7 @@ class Bring(_planar_arm.ArmTask):
     """Bring the prop to the target, which is inside a receptacle if it is to be inserted."""
 
     GOAL = ("bringing",)
+    STARTS = _STARTS
 
     def __init__(
         self, use_peg: bool, insert: bool, fully_observable: bool, random: Any = None
@@ -126,6 +142,7 @@ class Bring(_planar_arm.ArmTask):
         """
         self._use_peg = use_peg
         self._insert = insert
+        self.planner_cost = _PLANNER_COSTS[use_peg, insert]
         self._object = "peg" if use_peg else "ball"
         self._target = f"target_{self._object}"
         self._receptacle = "slot" if use_peg else "cup"

@@ -9,19 +9,21 @@ from typing import Any
 import numpy as np
 
 from limberjack.rl import control
-from limberjack.suite import _planar_arm
+from limberjack.suite import _planar_arm, base
 from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
 from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics
 from limberjack.utils import arrays, containers, rewards
 
-__all__ = ["SUITE", "Physics", "Stack", "make_model", "stack_2", "stack_4"]
+__all__ = ["PICTURES", "SUITE", "Physics", "Stack", "make_model", "stack_2", "stack_4"]
 
 _BOXES = 4  # in the model's file
 _HAND_AWAY = 0.1  # metres; distance from the target at which the hand has let go
 _HAND_MARGIN = 0.01  # metres
 
 SUITE = containers.TaggedTasks()
+# Chosen by eye: a start in which boxes and target can be seen.
+PICTURES = {name: base.Picture("fixed", seed=4, steps=3) for name in ("stack_2", "stack_4")}
 
 
 def make_model(n_boxes: int) -> tuple[bytes, dict[str, bytes]]:
@@ -68,6 +70,7 @@ class Stack(_planar_arm.ArmTask):
     """Put any of the boxes onto the target and take the hand away."""
 
     GOAL = ("box_is_close", "hand_is_far")
+    planner_cost = "limberjack.planner.costs_stacker:Stack"
 
     def __init__(self, n_boxes: int, fully_observable: bool, random: Any = None) -> None:
         """Makes the task.
@@ -78,6 +81,7 @@ class Stack(_planar_arm.ArmTask):
           random: a `numpy.random.RandomState`, a seed, or None.
         """
         self._n_boxes = n_boxes
+        self.STARTS = tuple(f"level_{level}" for level in range(n_boxes))
         self._boxes = [f"box{i}" for i in range(n_boxes)]
         self._box_joints = [f"{box}_{dimension}" for box in self._boxes for dimension in "xyz"]
         super().__init__(fully_observable, random)

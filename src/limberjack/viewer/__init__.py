@@ -69,7 +69,7 @@ def launch(
     """
     show = in_window() if native else in_browsers(find_address(host, port), title, announce)
     begin = begin_with(policy)
-    if isinstance(environment_loader, dm_env.Environment) or not callable(environment_loader):
+    if isinstance(environment_loader, Environment) or not callable(environment_loader):
         _show(show, environment_loader, begin, seed, speed)
         return
     with contextlib.closing(_made(environment_loader, seed)) as environment:

@@ -1,0 +1,84 @@
+"""What `gymnasium.make` and `make_vec` call for the ids that `limberjack.gym` registers.
+
+They are `gym.load` and `gym.load_vector`, except for the length of episodes, which is Gymnasium's;
+see `limberjack.gym.lengths`. The spec of a domain that is not the suite's carries the name of its
+module, which is imported where the environment is made.
+"""
+
+from limberjack import registry, suite
+from limberjack.gym import arguments, lengths
+from limberjack.gym.env import Env, load
+from limberjack.gym.vector import VectorEnv, load_vector
+
+__all__ = ["make", "make_vector"]
+
+_Module = str | registry.NotImportable | None
+
+
+# The values of further arguments are those of `gym.load`, which checks them.
+def make(domain: str, task: str, *, module: _Module = None, **kwargs) -> Env:
+    """The environment of an id, whose episodes Gymnasium's `TimeLimit` ends.
+
+    Args:
+      domain: such as 'humanoid'.
+      task: such as 'walk'.
+      module: the dotted name of the domain's module; None for the suite's own.
+      kwargs: of `gym.load`.
+
+    Raises:
+      TypeError: an argument is misspelt; the message has a suggestion.
+      ValueError: the time limit is longer than the id's, or the arguments change the control step.
+    """
+    arguments.refuse_unknown(kwargs, load)
+    if isinstance(module, str):
+        suite.require(domain, module)
+    env = load(domain, task, **kwargs)
+    length = registry.steps(domain, task)
+    if length is None:  # the id has none, so there is no TimeLimit
+        return env
+    environment = env.environment
+    is_asked_for = lengths.asks_for_a_time_limit(kwargs)
+    environment._step_limit = lengths.limit_of_single(
+        f"{domain}:{task}", length, environment._step_limit, is_asked_for
+    )
+    env._is_counted_outside = True
+    return env
+
+
+# So that `gymnasium.make` knows what 'human' and 'rgb_array_list' can be made of.
+make.metadata = Env.metadata  # pyright: ignore[reportFunctionMemberAccess]
+
+
+def make_vector(
+    domain: str,
+    task: str,
+    num_envs: int,
+    *,
+    module: _Module = None,
+    max_episode_steps: int | None = None,
+    **kwargs,
+) -> VectorEnv:
+    """The vector environment of an id, with episodes of at most `max_episode_steps` steps.
+
+    Args:
+      domain: such as 'humanoid'.
+      task: such as 'walk'.
+      num_envs: number of rows.
+      module: the dotted name of the domain's module; None for the suite's own.
+      max_episode_steps: from Gymnasium: the caller's, or that of the id; -1 for no limit.
+      kwargs: of `gym.load_vector`.
+
+    Raises:
+      TypeError: an argument is misspelt; the message has a suggestion.
+      ValueError: the time limit is longer than `max_episode_steps`, or that is no such number.
+    """
+    if isinstance(module, str):
+        suite.require(domain, module)
+    envs = load_vector(domain, task, num_envs, **kwargs)
+    length = registry.steps(domain, task)
+    is_asked_for = lengths.asks_for_a_time_limit(kwargs)
+    for batch in envs.batches:
+        batch._step_limit = lengths.limit_of_batch(
+            f"{domain}:{task}", length, max_episode_steps, batch._step_limit, is_asked_for
+        )
+    return envs

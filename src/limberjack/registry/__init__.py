@@ -1,0 +1,105 @@
+"""The registry of domains: names, and the modules behind them.
+
+    registry.domains()["humanoid"].import_name    # 'limberjack.suite.humanoid'
+    registry.steps("humanoid", "walk")            # 1000, from a generated table
+
+It starts with the suite's own domains, whose facts come from `table.py`, so that no domain is
+imported before it is used. `limberjack.suite` adds others; `limberjack.gym` and `limberjack.suite`
+listen for them. It imports neither NumPy nor MuJoCo, checks nothing and loads no environment:
+`limberjack.suite.register` does.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
+
+from limberjack.registry.domain import Domain, import_name_of
+from limberjack.registry.not_importable import NotImportable
+from limberjack.registry.row import Row
+from limberjack.registry.table import TASKS
+
+__all__ = [
+    "TASKS",
+    "Domain",
+    "NotImportable",
+    "Row",
+    "add",
+    "by_domain",
+    "domains",
+    "import_name_of",
+    "largest_task",
+    "listen",
+    "remove",
+    "steps",
+    "suite_module",
+]
+
+_SUITE = "limberjack.suite"
+
+# Called with a domain and whether it was added (else removed).
+_Listener = Callable[[Domain, bool], None]
+
+_domains: dict[str, Domain] = {}
+_listeners: list[_Listener] = []
+
+
+def by_domain(tasks: Iterable[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
+    """The names of the tasks of each domain, from (domain, task) pairs."""
+    found: dict[str, list[str]] = {}
+    for domain, task in tasks:
+        found.setdefault(domain, []).append(task)
+    return {domain: tuple(names) for domain, names in found.items()}
+
+
+def domains() -> Mapping[str, Domain]:
+    """All domains by name: a live view."""
+    return MappingProxyType(_domains)
+
+
+def steps(domain: str, task: str) -> int | None:
+    """Steps of an episode; None without a time limit, and where that is not known."""
+    known = _domains.get(domain)
+    rows = {row.task: row.steps for row in known.rows} if known is not None else {}
+    return rows.get(task)
+
+
+def suite_module(domain: str) -> str:
+    """The dotted name of a module of the suite."""
+    return f"{_SUITE}.{domain}"
+
+
+def largest_task() -> tuple[str, str]:
+    """The first of the suite's tasks with the most degrees of freedom, as (domain, task)."""
+    row = max(TASKS, key=lambda row: row.dof)
+    return row.domain, row.task
+
+
+def add(domain: Domain) -> None:
+    """Adds a domain, in place of another one of that name, and reports it to all listeners."""
+    if domain.name in _domains:
+        remove(domain.name)
+    _domains[domain.name] = domain
+    for listener in _listeners:
+        listener(domain, True)
+
+
+def remove(name: str) -> None:
+    """Removes a domain and reports that to all listeners; raises KeyError if there is none."""
+    domain = _domains.pop(name)
+    for listener in _listeners:
+        listener(domain, False)
+
+
+def listen(listener: _Listener) -> None:
+    """Reports every domain to a listener: those that are there now, and each change from now on."""
+    _listeners.append(listener)
+    for domain in list(_domains.values()):
+        listener(domain, True)
+
+
+def _add_suite() -> None:
+    for name in by_domain((row.domain, row.task) for row in TASKS):
+        rows = tuple(row for row in TASKS if row.domain == name)
+        add(Domain(name, suite_module(name), rows, source="suite"))
+
+
+_add_suite()

@@ -1,0 +1,74 @@
+"""A domain lives in one place: no other code lists domains or tasks, or asks for their classes."""
+
+import ast
+import importlib
+import inspect
+from collections.abc import Iterator
+
+import pytest
+
+from limberjack.registry import TASKS, by_domain, suite_module
+
+from .source import modules, tree
+
+_DOMAINS = by_domain((row.domain, row.task) for row in TASKS)
+_NAMES = {*_DOMAINS, *(row.task for row in TASKS)}
+_GENERATED = "limberjack.registry.table"
+# The domains themselves, and what only a domain's own name leads to: the planner's costs.
+_OWN = {suite_module(domain) for domain in _DOMAINS}
+_EVERYWHERE_ELSE = [module for module in sorted(modules()) if module not in {*_OWN, _GENERATED}]
+
+
+def _classes() -> set[str]:
+    """The names of the classes that the domains define, but for `Physics`."""
+    found = {"Physics"}
+    for module in map(importlib.import_module, sorted(_OWN)):
+        classes = [kind for _, kind in inspect.getmembers(module, inspect.isclass)]
+        found |= {kind.__name__ for kind in classes if kind.__module__ == module.__name__}
+    return found - {"Physics"}
+
+
+def _strings(node: ast.AST) -> set[str]:
+    """The texts that stand directly in a list, tuple, set or dictionary."""
+    if isinstance(node, ast.Dict):
+        elements = [*node.keys, *node.values]
+    elif isinstance(node, ast.List | ast.Tuple | ast.Set):
+        elements = node.elts
+    else:
+        return set()
+    return {e.value for e in elements if isinstance(e, ast.Constant) and isinstance(e.value, str)}
+
+
+def _imported_domains(module: str) -> Iterator[str]:
+    for node in ast.walk(tree(module)):
+        if isinstance(node, ast.ImportFrom) and node.module == "limberjack.suite":
+            yield from (alias.name for alias in node.names if alias.name in _DOMAINS)
+        elif isinstance(node, ast.ImportFrom | ast.Import):
+            names = [getattr(node, "module", None), *(alias.name for alias in node.names)]
+            yield from (name for name in names if name in _OWN)
+
+
+@pytest.mark.parametrize("module", _EVERYWHERE_ELSE)
+def test_no_module_lists_domains_or_tasks_by_hand(module: str) -> None:
+    for node in ast.walk(tree(module)):
+        listed = _strings(node) & _NAMES
+        assert len(listed) < 2, f"{module}, line {getattr(node, 'lineno', 0)}, lists {listed}"
+        if isinstance(node, ast.Constant):
+            assert node.value not in _DOMAINS, f"{module}, line {node.lineno}, names {node.value}"
+
+
+@pytest.mark.parametrize("module", _EVERYWHERE_ELSE)
+def test_no_module_imports_a_domain_or_asks_for_its_classes(module: str) -> None:
+    assert not list(_imported_domains(module))
+    classes = _classes()
+    for node in ast.walk(tree(module)):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "issubclass"):
+            asked = set(ast.unparse(node.args[1]).replace("|", " ").split())
+            named = {part.strip("(),").rpartition(".")[2] for part in asked}
+            assert not named & classes, f"{module}, line {node.lineno}: {ast.unparse(node)}"
+
+
+def test_the_search_finds_what_it_looks_for() -> None:
+    found = _strings(ast.parse("shots = {('humanoid', 'walk'): 1}").body[0].value.keys[0])  # pyright: ignore
+    assert found & _NAMES == {"humanoid", "walk"}
+    assert "Humanoid" in _classes()

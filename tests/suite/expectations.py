@@ -1,0 +1,68 @@
+"""What the laws expect of single domains, beside what they read from the tasks themselves.
+
+A domain that is not named here passes the laws as well; a line here makes them stricter for it.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+__all__ = ["COMBINED", "REWARDING", "STARTS", "any_start"]
+
+_HUMANOID = [("humanoid", task) for task in ("stand", "walk", "run", "run_pure_state")]
+_BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
+_PEGS = [("manipulator", task) for task in ("bring_peg", "insert_peg")]
+_STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
+
+
+# Any: an environment whose task and physics are of one domain.
+def any_start(env: Any) -> None:
+    """Puts things where an episode may start."""
+    with env.physics.reset_context():
+        env.task.initialize_episode(env.physics)
+
+
+def _prop_at_target(env: Any) -> None:
+    physics, task = env.physics, env.task
+    with physics.reset_context():
+        task.initialize_episode(physics)
+        joints = [f"{task._object}_{dimension}" for dimension in "xz"]
+        place = physics.named.model.body_pos[task._target, ["x", "z"]]
+        physics.named.data.qpos[joints] = place + 0.005
+
+
+def _box_at_target(env: Any) -> None:
+    physics = env.physics
+    with physics.reset_context():
+        env.task.initialize_episode(physics)
+        place = physics.named.model.body_pos["target", ["x", "z"]]
+        physics.named.data.qpos[["box0_x", "box0_z"]] = place + 0.005
+
+
+def _of_peg(terms: Mapping[str, float]) -> float:
+    return max(terms["bringing"], terms["grasping"] / 3)
+
+
+def _product(terms: Mapping[str, float]) -> float:
+    return math.prod(terms.values())
+
+
+# By domain: puts things where the reward is positive; by default where an episode may start.
+REWARDING: dict[str, Callable[[Any], None]] = {
+    "manipulator": _prop_at_target,
+    "stacker": _box_at_target,
+}
+
+# By task: the reward that the documents make of the terms.
+COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
+    **dict.fromkeys(_PEGS, _of_peg),
+    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS], _product),
+}
+
+# By task: the kinds of starts.
+STARTS: dict[tuple[str, str], set[str]] = {
+    **{task: {"face_up", "face_down", "on_side", "up"} for task in _HUMANOID},
+    **{task: {"in_hand", "in_target", "uniform"} for task in (*_BALLS, *_PEGS)},
+    ("stacker", "stack_2"): {"level_0", "level_1"},
+    ("stacker", "stack_4"): {"level_0", "level_1", "level_2", "level_3"},
+}

@@ -1,0 +1,376 @@
+"""Registering domains: names, conflicts, checks, constants, entry points, pickles."""
+
+import copy
+import importlib
+import pickle
+import sys
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import gymnasium
+import numpy as np
+import pytest
+import tutorial
+from programs import run
+
+from limberjack import registry, suite
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.suite import humanoid
+from limberjack.utils import containers
+
+_ID = "limberjack/swing-swing_up-v0"
+_TASK = ("swing", "swing_up")
+_CONSTANTS = ["ALL_TASKS", "BENCHMARKING", "EASY", "HARD", "EXTRA", "REWARD_VIZ", "NO_REWARD_VIZ"]
+_CONSTANTS += ["TASKS_BY_DOMAIN"]
+
+
+def _constants() -> dict[str, object]:
+    return {name: getattr(suite, name) for name in _CONSTANTS}
+
+
+@pytest.fixture(autouse=True)
+def _nothing_stays() -> Iterator[None]:
+    """Removes every domain that a test has added, and its modules."""
+    own, before = dict(registry.domains()), _constants()
+    yield
+    for name, domain in list(registry.domains().items()):
+        if own.get(name) is not domain:
+            registry.remove(name)
+    for name, domain in own.items():
+        if name not in registry.domains():
+            registry.add(domain)
+    for name in [n for n in sys.modules if n.partition(".")[0] == "my_package"]:
+        del sys.modules[name]
+    for name, value in before.items():
+        setattr(suite, name, value)
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty directory on the module search path."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+@pytest.fixture
+def swing(site: Path) -> ModuleType:
+    """The tutorial's module, which does not register itself."""
+    tutorial.install(site, with_entry_point=False, registers=False)
+    return importlib.import_module(tutorial.MODULE)
+
+
+def test_a_registered_domain_is_loaded_single_and_batched(swing: ModuleType) -> None:
+    suite.register("swing", swing)
+    env = suite.load(*_TASK, {"random": 3})
+    batch = suite.load_batch(*_TASK, 2, 1, seed=3)
+    first, started = env.reset(), batch.reset()
+    assert isinstance(env.physics, swing.Physics)
+    for name, value in first.observation.items():
+        np.testing.assert_array_equal(started.observation[name][0], value)
+
+
+@pytest.mark.parametrize("given", ["module", "name"])
+def test_constants_are_appended_to_and_the_benchmarks_are_not(
+    swing: ModuleType, given: str
+) -> None:
+    before = _constants()
+    suite.register("swing", swing if given == "module" else tutorial.MODULE)
+    for name in ("ALL_TASKS", "EXTRA", "REWARD_VIZ"):
+        assert getattr(suite, name) == (*before[name], _TASK), name  # pyright: ignore
+    for name in ("BENCHMARKING", "EASY", "HARD", "NO_REWARD_VIZ"):
+        assert getattr(suite, name) == before[name], name
+    assert suite.TASKS_BY_DOMAIN["swing"] == ("swing_up",)
+    assert _TASK in suite.tasks()
+    assert _TASK in suite.tasks("easy")
+    suite.unregister("swing")
+    assert _constants() == before
+    with pytest.raises(ValueError, match="Domain 'swing' does not exist"):
+        suite.load(*_TASK)
+
+
+def test_a_task_whose_reward_is_not_shown_is_in_the_other_constant(swing: ModuleType) -> None:
+    swing.SUITE.add("no_reward_visualization")(_named("dark", swing.swing_up))
+    suite.register("swing", swing)
+    assert ("swing", "dark") in suite.NO_REWARD_VIZ
+    assert ("swing", "dark") not in suite.REWARD_VIZ
+
+
+def _named(name: str, factory: object) -> object:
+    def other(time_limit=10, random=None, environment_kwargs=None):
+        assert callable(factory)
+        return factory(time_limit, random, environment_kwargs)
+
+    other.__name__ = name
+    return other
+
+
+def test_a_task_that_is_added_later_is_loaded_listed_and_batched(swing: ModuleType) -> None:
+    suite.register("swing", swing)
+    swing.SUITE.add("custom")(_named("later", swing.swing_up))
+    assert suite.tasks("custom") == suite._get_tasks("custom") == (("swing", "later"),)
+    assert suite.load("swing", "later").reset().first()
+    assert suite.load_batch("swing", "later", 2, 1).reset().reward.shape == (2,)
+
+
+def test_registering_the_same_module_again_changes_nothing(swing: ModuleType) -> None:
+    suite.register("swing", swing)
+    after = _constants()
+    suite.register("swing", swing)
+    suite.register("swing", tutorial.MODULE)
+    suite.register("humanoid", humanoid)
+    assert _constants() == after
+
+
+def test_another_module_under_a_taken_name_is_refused_and_both_are_named(
+    swing: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = ModuleType("other_swing")
+    vars(other).update(vars(swing), __name__="other_swing")
+    suite.register("swing", swing)
+    with pytest.raises(ValueError, match=r"as my_package\.swing; give other_swing another name"):
+        suite.register("swing", other)
+    with pytest.raises(ValueError, match="'humanoid' belongs to the suite"):
+        suite.register("humanoid", swing)
+    suite.unregister("swing")
+    suite.register("swing", other)
+    assert suite.module_of("swing") is other
+
+
+def test_only_registered_domains_can_be_unregistered() -> None:
+    with pytest.raises(ValueError, match="no domain 'swing'"):
+        suite.unregister("swing")
+    with pytest.raises(ValueError, match="'humanoid' is the suite's own"):
+        suite.unregister("humanoid")
+
+
+def test_everything_that_is_wrong_with_a_module_is_in_one_message(swing: ModuleType) -> None:
+    broken = ModuleType("broken")
+    tasks = broken.SUITE = containers.TaggedTasks()  # pyright: ignore[reportAttributeAccessIssue]
+    broken.PICTURES = {"none": 3}  # pyright: ignore[reportAttributeAccessIssue]
+
+    @tasks.add()
+    def takes_nothing() -> None: ...
+
+    @tasks.add()
+    def fails(**kwargs: object) -> None:
+        raise KeyError("no model")
+
+    @tasks.add()
+    def returns_nothing(**kwargs: object) -> None: ...
+
+    @tasks.add()
+    def odd_task(**kwargs: object) -> object:
+        env = swing.swing_up(**kwargs)
+        env.task.GOAL = "high"
+        env.task.planner_cost = "no_colon"
+        return env
+
+    with pytest.raises(ValueError, match="domain 'my-broken', module broken, cannot be") as error:
+        suite.register("my-broken", broken)
+    for part in (
+        "(1) the name 'my-broken' is no Python identifier",
+        "PICTURES has a task 'none', SUITE has not",
+        "PICTURES['none'] is 3; expected a limberjack.suite.base.Picture",
+        "factory takes_nothing does not take time_limit, random, environment_kwargs",
+        "factory fails raises KeyError: 'no model'",
+        "factory returns_nothing returns a NoneType",
+        "the task of odd_task has GOAL = 'high'; expected a tuple of names",
+        "the task of odd_task has planner_cost = 'no_colon'; expected 'module:Class'",
+    ):
+        assert part in str(error.value)
+    assert "my-broken" not in registry.domains()
+
+
+@pytest.mark.parametrize("tasks", [None, {}, containers.TaggedTasks()], ids=repr)
+def test_a_module_without_tasks_is_refused(tasks: object) -> None:
+    module = ModuleType("empty")
+    if tasks is not None:
+        module.SUITE = tasks  # pyright: ignore[reportAttributeAccessIssue]
+    with pytest.raises(ValueError, match="SUITE"):
+        suite.register("empty", module)
+
+
+def test_what_is_no_module_is_a_type_error() -> None:
+    with pytest.raises(TypeError, match="expected a module, or its name in dots"):
+        suite.register("swing", 3)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ModuleNotFoundError, match="no_such_module"):
+        suite.register("swing", "no_such_module")
+
+
+# dm_control's mapping.
+
+
+def test_the_mapping_of_domains_can_be_set_updated_and_deleted_from(swing: ModuleType) -> None:
+    before = _constants()
+    suite._DOMAINS["swing"] = swing
+    assert suite._DOMAINS["swing"] is swing
+    assert suite.load(*_TASK).reset().first()
+    assert _TASK in suite._get_tasks(None)
+    assert _constants() == before
+    suite._DOMAINS.update(pole=swing)
+    assert {"swing", "pole"} < set(suite._DOMAINS)
+    del suite._DOMAINS["pole"]
+    assert "pole" not in suite._DOMAINS
+    with pytest.raises(TypeError, match="expected a module with a SUITE"):
+        suite._DOMAINS["odd"] = importlib.import_module("colorsys")
+
+
+def test_a_domain_of_the_suite_can_be_replaced_in_the_mapping(swing: ModuleType) -> None:
+    suite._DOMAINS["stacker"] = swing
+    assert isinstance(suite.load("stacker", "swing_up").physics, swing.Physics)
+    assert "limberjack/stacker-stack_2-v0" not in gymnasium.registry
+
+
+def test_asking_whether_a_domain_is_there_imports_nothing() -> None:
+    run(
+        """
+        import sys
+        from limberjack import suite
+        assert "humanoid" in suite._DOMAINS and "walker" not in suite._DOMAINS
+        assert list(suite._DOMAINS) == ["humanoid", "manipulator", "stacker"]
+        assert not {"limberjack.suite.humanoid", "limberjack.suite.stacker"} & set(sys.modules)
+        assert suite.humanoid.SUITE is suite._DOMAINS["humanoid"].SUITE
+        from limberjack.suite import stacker
+        assert stacker is sys.modules["limberjack.suite.stacker"]
+        assert "limberjack.suite.manipulator" not in sys.modules
+        assert "manipulator" in dir(suite)
+        """
+    )
+
+
+def test_what_is_no_domain_is_no_attribute() -> None:
+    with pytest.raises(AttributeError, match="has no attribute 'walker'"):
+        _ = suite.walker
+
+
+# Entry points.
+
+
+def test_a_domain_of_an_installed_package_is_found_by_name_and_changes_no_constant(
+    site: Path,
+) -> None:
+    tutorial.install(site, registers=False)
+    before = _constants()
+    assert "swing" not in registry.domains()
+    assert suite.load(*_TASK).reset().first()
+    assert registry.domains()["swing"].source == "installed"
+    assert _constants() == before
+    assert _TASK in suite.tasks()
+
+
+def test_a_module_of_a_package_may_register_itself(site: Path) -> None:
+    tutorial.install(site)
+    assert suite.load(*_TASK).reset().first()
+    assert _TASK in suite.ALL_TASKS
+
+
+def test_all_installed_domains_are_found_and_broken_ones_reported(site: Path) -> None:
+    tutorial.install(site, registers=False)
+    lines = ["[limberjack.domains]", "swing = my_package.swing", "humanoid = my_package.body"]
+    lines += ["gone = my_package.gone", "empty = my_package", ""]
+    (site / "my_package-1.0.dist-info" / "entry_points.txt").write_text("\n".join(lines))
+    problems = suite.find_installed()
+    assert set(problems) == {"humanoid", "gone", "empty"}
+    assert "belongs to the suite" in problems["humanoid"]
+    assert "cannot be imported: No module named 'my_package.gone'" in problems["gone"]
+    assert "SUITE is missing" in problems["empty"]
+    assert "swing" in registry.domains()
+    assert isinstance(suite.load("humanoid", "stand").physics, humanoid.Physics)
+
+
+def test_entry_points_are_not_read_before_a_name_is_missing(site: Path) -> None:
+    tutorial.install(site)
+    run(
+        """
+        import sys
+        import limberjack.suite
+        limberjack.suite.load("stacker", "stack_2")
+        assert "limberjack.registry.entry_points" not in sys.modules
+        assert "my_package" not in sys.modules
+        """,
+        path=site,
+    )
+
+
+# Gymnasium, pickles, other processes.
+
+
+def test_gymnasium_knows_a_domain_from_its_registration_on(swing: ModuleType) -> None:
+    assert _ID not in gymnasium.registry
+    suite.register("swing", swing)
+    spec = gymnasium.spec(_ID)
+    assert spec.max_episode_steps == 500
+    assert spec.kwargs == {"domain": "swing", "task": "swing_up", "module": tutorial.MODULE}
+    envs = gymnasium.make_vec(_ID, num_envs=2)
+    assert envs.reset(seed=0)[0]["orientation"].shape == (2, 2)
+    suite.unregister("swing")
+    assert _ID not in gymnasium.registry
+
+
+_READ = """
+import pickle, sys
+from limberjack import suite
+from pathlib import Path
+{before}
+env = pickle.loads(Path(sys.argv[1]).read_bytes())
+print("swing" in suite._DOMAINS, suite.load("swing", "swing_up").reset().first())
+"""
+
+
+@pytest.mark.parametrize("what", ["environment", "batch", "snapshot"])
+def test_a_pickle_registers_its_domain_in_another_process(
+    swing: ModuleType, site: Path, what: str
+) -> None:
+    suite.register("swing", swing)
+    env = suite.load(*_TASK, {"random": 0})
+    env.reset()
+    batch = suite.load_batch(*_TASK, 2, 1)
+    batch.reset()
+    objects = {"environment": env, "batch": batch, "snapshot": env.snapshot()}
+    (site / "pickle").write_bytes(pickle.dumps(objects[what]))
+    printed = run(_READ.format(before=""), str(site / "pickle"), path=site)
+    assert printed == "True True\n"
+
+
+def test_a_pickle_of_another_domain_of_that_name_is_refused(swing: ModuleType, site: Path) -> None:
+    suite.register("swing", swing)
+    (site / "pickle").write_bytes(pickle.dumps(suite.load(*_TASK)))
+    (site / "other.py").write_text((site / "my_package" / "swing.py").read_text())
+    before = """
+    suite.register("swing", "other")
+    try:
+        pickle.loads(Path(sys.argv[1]).read_bytes())
+    except ValueError as error:
+        print(error)
+    sys.exit()
+    """
+    program = _READ.format(before=textwrap.dedent(before))
+    printed = run(program, str(site / "pickle"), path=site)
+    assert "registered already, as other; give my_package.swing another name" in printed
+
+
+def test_a_domain_without_a_module_is_copied_and_refused_when_pickled(swing: ModuleType) -> None:
+    memory = ModuleType("memory")
+    vars(memory).update({k: v for k, v in vars(swing).items() if not k.startswith("__")})
+    suite.register("swing", memory)
+    env = suite.load(*_TASK, {"random": 0})
+    env.reset()
+    batch = suite.load_batch(*_TASK, 2, 1)
+    assert copy.deepcopy(env).step([0.5]).reward == env.step([0.5]).reward
+    assert isinstance(copy.deepcopy(batch), BatchEnvironment)
+    for what in (env, batch, env.snapshot(), gymnasium.spec(_ID)):
+        with pytest.raises(pickle.PicklingError, match="move it into a module of its own"):
+            pickle.dumps(what)
+    assert gymnasium.make(_ID).reset(seed=0)[0]["velocity"].shape == (1,)
+
+
+def test_environments_of_the_suite_carry_their_domain_too() -> None:
+    env = suite.load("stacker", "stack_2", {"random": 0})
+    env.reset()
+    twin = pickle.loads(pickle.dumps(env))
+    assert (twin.registration.name, twin.registration.module) == (
+        "stacker",
+        "limberjack.suite.stacker",
+    )

@@ -1,0 +1,197 @@
+"""The domain of docs/adding_a_domain.md, installed as a package of its own, works everywhere.
+
+It lies in a directory on the module search path, with the metadata of an installed package.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import tutorial
+from programs import run
+
+from limberjack import suite
+from limberjack.mujoco.camera import RenderingError
+
+_TESTS = Path(__file__).parent
+_ID = "my_package.swing:limberjack/swing-swing_up-v0"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The directory in which the package is installed."""
+    directory = tmp_path_factory.mktemp("site")
+    tutorial.install(directory)
+    return directory
+
+
+def _call(site: Path, *command: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+    """What a module does as a program, where the package is installed."""
+    places = [str(site), str(Path(suite.__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
+    return subprocess.run(
+        [sys.executable, "-m", *command],
+        cwd=_TESTS.parent,
+        env=inherited | variables | {"PYTHONPATH": os.pathsep.join(filter(None, places))},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+
+
+def _limberjack(site: Path, *arguments: str) -> str:
+    done = _call(site, "limberjack", *arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_it_passes_all_laws(site: Path) -> None:
+    options = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-rs"]
+    done = _call(site, "pytest", "tests/laws", *options, LAWS_OF=tutorial.DOMAIN)
+    assert done.returncode == 0, done.stdout
+    skipped = [line for line in done.stdout.splitlines() if line.startswith("SKIPPED")]
+    assert len(skipped) == 1
+    assert "swing_up does not draw starts until they are free of contacts" in skipped[0]
+
+
+def test_every_command_takes_it_by_its_entry_point(site: Path, tmp_path: Path) -> None:
+    task = [tutorial.DOMAIN, tutorial.TASK]
+    assert re.search(r"swing +swing_up +easy, extra +1 +3", _limberjack(site, "list"))
+    short = ["--time-limit", "0.2"]
+    ran = _limberjack(site, "run", *task, *short, "--policy", "random")
+    assert any(kind in ran for kind in ("above", "below"))
+    out = tmp_path / "evaluation"
+    _limberjack(site, "evaluate", *task, *short, "--episodes", "4", "--out", str(out))
+    result = json.loads((out / "result.json").read_text())
+    assert {episode["start"] for episode in result["episodes"]} <= {"above", "below"}
+    bench = _limberjack(site, "bench", *task, "--num-envs", "2", "--seconds", "0.1")
+    assert "Recommended for 2 rows" in bench
+    solved = tmp_path / "solved"
+    _limberjack(site, "solve", *task, *short, "--threads", "1", "--out", str(solved))
+    assert (solved / "episode-0.npz").exists()
+    _limberjack(site, "replay", str(solved / "episode-0.npz"))
+
+
+def test_commands_take_a_module_that_registers(tmp_path: Path) -> None:
+    tutorial.install(tmp_path, with_entry_point=False)
+    run_it = ["run", tutorial.DOMAIN, tutorial.TASK, "--time-limit", "0.1"]
+    refused = _call(tmp_path, "limberjack", *run_it)
+    assert refused.returncode == 2
+    assert "Domain 'swing' does not exist" in refused.stderr
+    assert "above" in _limberjack(tmp_path, "--import", tutorial.MODULE, *run_it, "--seed", "1")
+    assert "swing_up" in _limberjack(tmp_path, "--import", tutorial.MODULE, "list")
+
+
+@pytest.mark.parametrize(
+    ("module", "message"),
+    [
+        ("no_such_module", "--import no_such_module: No module named 'no_such_module'"),
+        ("colorsys", "--import colorsys: the module registers no domain; write suite.register"),
+    ],
+)
+def test_a_module_that_registers_nothing_is_status_2(site: Path, module: str, message: str) -> None:
+    done = _call(site, "limberjack", "--import", module, "list")
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_gymnasiums_checker_has_nothing_to_say(site: Path) -> None:
+    run(
+        f"""
+        import gymnasium
+        from gymnasium.utils.env_checker import check_env
+        env = gymnasium.make({_ID!r}, flat=True)
+        assert env.spec.max_episode_steps == 500
+        check_env(env.unwrapped, skip_render_check=True)
+        """,
+        path=site,
+    )
+
+
+@pytest.mark.parametrize("context", ["spawn", "forkserver"])
+def test_spawned_processes_know_it(site: Path, context: str) -> None:
+    printed = run(
+        f"""
+        import gymnasium
+        import numpy as np
+        if __name__ == "__main__":
+            name, args = {_ID!r}, {{"num_envs": 2, "flat": True}}
+            one = gymnasium.make_vec(name, vectorization_mode="vector_entry_point", **args)
+            other = gymnasium.make_vec(
+                name, vectorization_mode="async", vector_kwargs={{"context": {context!r}}}, **args
+            )
+            first, _ = one.reset(seed=3)
+            second, _ = other.reset(seed=3)
+            assert np.array_equal(first, second)
+            for _ in range(3):
+                actions = np.full((2, 1), 0.3)
+                assert np.array_equal(one.step(actions)[0], other.step(actions)[0])
+            other.close()
+            print(first.shape)
+        """,
+        path=site,
+    )
+    assert printed == "(2, 3)\n"
+
+
+def test_a_spec_from_another_process_makes_it(site: Path) -> None:
+    spec = run(
+        f"import gymnasium; print(gymnasium.make({_ID!r}, max_episode_steps=9).spec.to_json())",
+        path=site,
+    )
+    printed = run(
+        """
+        import sys
+        import gymnasium
+        from gymnasium.envs.registration import EnvSpec
+        env = gymnasium.make(EnvSpec.from_json(sys.argv[1]))
+        env.reset(seed=0)
+        steps = 1
+        while not env.step(env.action_space.sample())[3]:
+            steps += 1
+        print(steps)
+        """,
+        spec,
+        path=site,
+    )
+    assert printed == "9\n"
+
+
+def test_python_evaluates_plans_and_draws_it(site: Path) -> None:
+    try:
+        suite.load("stacker", "stack_2").physics.render(8, 8)
+        draws = "True"
+    except RenderingError:
+        draws = "False"
+    printed = run(
+        """
+        import sys
+        import numpy as np
+        from limberjack import gallery, suite
+        from limberjack.evaluation import evaluate
+        from limberjack.planner import Planner, cost_for
+
+        score = evaluate("swing", "swing_up", "random", range(4), time_limit=0.2)
+        assert set(score.strata()) <= {"above", "below"}
+        env = suite.load("swing", "swing_up", {"random": 0, "time_limit": 5.0})
+        assert type(cost_for(env.task)).__module__ == "my_package.swing_cost"
+        planner = Planner(env, num_threads=1, seed=0)
+        time_step, total = env.reset(), 0.0
+        while not time_step.last():
+            time_step = env.step(planner.act())
+            total += time_step.reward
+        assert total > 100, total
+        if sys.argv[1] == "True":
+            assert gallery.draw("swing", "swing_up", 60, 80).std() > 5
+        print("done")
+        """,
+        draws,
+        path=site,
+    )
+    assert printed == "done\n"

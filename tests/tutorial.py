@@ -1,0 +1,48 @@
+"""The domain of docs/adding_a_domain.md as an installed package of its own, `my_package`."""
+
+import re
+from pathlib import Path
+
+__all__ = ["DOMAIN", "MODULE", "TASK", "domain_text", "install"]
+
+DOMAIN, TASK, MODULE = "swing", "swing_up", "my_package.swing"
+
+_PAGE = Path(__file__).parents[1] / "docs" / "adding_a_domain.md"
+_BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_USE, _COST, _SAFE = "## Use it\n", "## A cost for the planner\n", "## Writing it batch-safe\n"
+_REGISTER = 'suite.register("swing", __name__)\n'
+
+
+def domain_text() -> str:
+    """The module of the domain: the page's blocks up to its use."""
+    return "\n\n".join(_BLOCK.findall(_PAGE.read_text(encoding="utf-8").partition(_USE)[0]))
+
+
+def _cost_text() -> str:
+    page = _PAGE.read_text(encoding="utf-8")
+    return _BLOCK.findall(page.partition(_COST)[2].partition(_SAFE)[0])[0]
+
+
+def install(site: Path, with_entry_point: bool = True, registers: bool = True) -> None:
+    """Installs the package into a directory of the module search path.
+
+    Args:
+      site: the directory.
+      with_entry_point: whether its metadata names the domain.
+      registers: whether the module registers itself when it is imported.
+    """
+    package = site / "my_package"
+    package.mkdir()
+    text = domain_text()
+    assert _REGISTER in text
+    (package / "__init__.py").write_text('"""A package with a domain."""\n', encoding="utf-8")
+    text = text if registers else text.replace(_REGISTER, "")
+    (package / "swing.py").write_text(text, encoding="utf-8")
+    (package / "swing_cost.py").write_text(_cost_text(), encoding="utf-8")
+    if with_entry_point:
+        metadata = site / "my_package-1.0.dist-info"
+        metadata.mkdir()
+        facts = "Metadata-Version: 2.1\nName: my_package\nVersion: 1.0\n"
+        (metadata / "METADATA").write_text(facts, encoding="utf-8")
+        lines = f"[limberjack.domains]\n{DOMAIN} = {MODULE}\n"
+        (metadata / "entry_points.txt").write_text(lines, encoding="utf-8")
