@@ -236,8 +236,13 @@ class LazyBatch:
         is_reached = self._repeat(saved, rows) if "call" in saved else np.zeros(len(rows), bool)
         left = rows[~is_reached]
         if left.size:
-            self.state[left] = state[~is_reached]
-            self.call(LOAD, left)
+            self.state[left] = self.before_call[left] = state[~is_reached]
+            self.last_call[left] = LOAD
+            # MuJoCo would replace a bad state by the default pose here, and not say so: the next
+            # step does both.
+            is_good = ~is_bad_state(self._model, state[~is_reached])
+            if is_good.any():
+                self.call(LOAD, left[is_good])
             if _READINGS in saved:
                 self._set_readings(left, saved[_READINGS][~is_reached])
         np.copyto(self.warning, counted)

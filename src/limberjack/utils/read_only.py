@@ -40,12 +40,17 @@ class ReadOnly(np.ndarray):
         for out in kwargs.get("out", ()):
             if isinstance(out, ReadOnly):
                 out._refuse_writing()
-        plain = [x.view(np.ndarray) if isinstance(x, ReadOnly) else x for x in inputs]
-        return getattr(ufunc, method)(*plain, **kwargs)
+        if "out" in kwargs:
+            kwargs["out"] = tuple(map(_plain, kwargs["out"]))
+        return getattr(ufunc, method)(*map(_plain, inputs), **kwargs)
 
     def _refuse_writing(self) -> None:
         if not self.flags.writeable:
             raise ValueError(self._advice)
+
+
+def _plain(value: object) -> object:
+    return value.view(np.ndarray) if isinstance(value, ReadOnly) else value
 
 
 class ReadOnlyStruct:

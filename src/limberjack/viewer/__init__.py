@@ -13,7 +13,6 @@ import contextlib
 import inspect
 from collections.abc import Callable
 
-import dm_env
 
 from limberjack import policies
 from limberjack.factories import takes_a_seed

@@ -1,0 +1,147 @@
+"""A batch implements the whole interface of a simulation, as a single one does."""
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from limberjack import suite
+from limberjack.mujoco.batch_simulation import BatchSimulation
+from limberjack.mujoco.simulation import STATE, Simulation
+from limberjack.rl.control import PhysicsError
+
+_ROWS = 3
+_XML = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="hinge" axis="0 1 0" damping=".1"/><geom name="rod" size=".1" pos=".5 0 0"/>
+    </body>
+  </worldbody>
+  <actuator><motor joint="hinge"/></actuator>
+  <keyframe><key qpos=".3" qvel="1"/></keyframe>
+</mujoco>
+"""
+
+
+def _pair() -> tuple[Any, list[Any]]:
+    """A batch and single simulations of the same model, in different states."""
+    from limberjack.mujoco import Physics
+
+    singles = [Physics.from_xml_string(_XML) for _ in range(_ROWS)]
+    batch = singles[0].replicate(_ROWS, 2, ("body_mass",)).physics
+    for row, single in enumerate(singles):
+        single.data.qpos[0] = batch.data.qpos[row] = 0.1 * row
+        single.data.ctrl[0] = batch.data.ctrl[row] = 0.5 * row
+    return batch, singles
+
+
+_CALLS: dict[str, Callable[[Any], object]] = {
+    "step": lambda physics: physics.step(3),
+    "forward": lambda physics: physics.forward(),
+    "after_reset": lambda physics: physics.after_reset(),
+    "reset": lambda physics: physics.reset(),
+    "reset to a keyframe": lambda physics: physics.reset(0),
+    "set_control": lambda physics: (physics.set_control(np.full(1, 0.25)), physics.step()),
+}
+
+
+@pytest.mark.usefixtures("share")
+@pytest.mark.parametrize("call", _CALLS)
+@pytest.mark.parametrize("legacy_step", [True, False])
+def test_a_call_does_to_each_row_what_it_does_to_a_single_simulation(
+    call: str, legacy_step: bool
+) -> None:
+    batch, singles = _pair()
+    for physics in (batch, *singles):
+        physics.legacy_step = legacy_step
+        physics.forward()
+        _CALLS[call](physics)
+    for row, single in enumerate(singles):
+        for name in ("qpos", "qvel", "qacc", "xpos", "actuator_force", "time"):
+            found = getattr(batch.data, name)[row]
+            expected = np.reshape(getattr(single.data, name), found.shape)
+            np.testing.assert_array_equal(found, expected, f"{name} of row {row}")
+        assert batch.get_state()[row].tolist() == single.get_state().tolist()
+        assert batch.time()[row] == single.time()
+
+
+@pytest.mark.parametrize("signature", [None, STATE, mujoco.mjtState.mjSTATE_QVEL.value])
+def test_states_are_read_and_set_row_by_row(signature: int | None) -> None:
+    batch, _ = _pair()
+    batch.step(2)
+    state = batch.get_state(signature)
+    assert state.shape[0] == _ROWS
+    other, _ = _pair()
+    other.set_state(state, signature)
+    np.testing.assert_array_equal(other.get_state(signature), state)
+    with pytest.raises(ValueError, match=r"Expected \(3, "):
+        other.set_state(state[0], signature)
+
+
+def test_a_row_that_diverges_raises_an_error_that_names_it() -> None:
+    batch, _ = _pair()
+    batch.data.qvel[1] = 1e11
+    with pytest.raises(PhysicsError, match=r"BADQVEL in rows \[1\]"):
+        batch.step()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda physics: physics.copy(), "snapshot"),
+        (lambda physics: physics.render(), r"render\(rows"),
+        (lambda physics: physics.__getstate__(), "pickle its BatchEnvironment"),
+    ],
+)
+def test_a_batch_names_the_call_to_use_instead(call: Callable[[Any], object], message: str) -> None:
+    batch, _ = _pair()
+    with pytest.raises(TypeError, match=f"the physics of a batch has no .*{message}"):
+        call(batch)
+
+
+def test_the_model_of_a_batch_is_read_only_but_for_what_rows_have_for_themselves() -> None:
+    batch, _ = _pair()
+    with pytest.raises(ValueError, match="geom_size of the model is the same in all rows.*random"):
+        batch.model.geom_size[:] = 2
+    with pytest.raises(ValueError, match="same in all rows"):
+        batch.model.geom_size *= 2
+    with pytest.raises(ValueError, match="same in all rows"):
+        batch.named.model.geom_size["rod"] = 2
+    with pytest.raises(ValueError, match="timestep is the same in all rows"):
+        batch.model.opt.timestep = 1
+    with pytest.raises(ValueError, match="gravity is the same in all rows"):
+        batch.model.opt.gravity[2] = 1
+    with pytest.raises(ValueError, match="read-only"):
+        batch.model.body_parentid[0] = 5
+    assert batch.model.body_mass.shape == (_ROWS, 2)
+    batch.model.body_mass[1] *= 2
+    assert batch.named.model.body_mass.shape == (_ROWS, 2)
+
+
+def test_a_batch_task_is_told_to_randomise_instead() -> None:
+    batch = suite.load_batch("humanoid", "walk", 2, 1, seed=0)
+    with pytest.raises(ValueError, match="randomize"):
+        batch.physics.model.body_mass[:] = 1.0
+
+
+def test_both_kinds_have_the_whole_interface() -> None:
+    batch, (single, *_) = _pair()
+    names = [n for n in dir(Simulation) if not n.startswith("_")] + ["num_envs", "warnings"]
+    for simulation in (batch.simulation, single.simulation):
+        missing = [name for name in names if not hasattr(simulation, name)]
+        assert missing == []
+    assert isinstance(batch.simulation, BatchSimulation)
+
+
+def test_a_saved_row_that_mujoco_would_not_go_on_from_diverges_at_the_next_step() -> None:
+    batch, _ = _pair()
+    saved = batch.simulation.save(None, ())
+    saved["state"][1, 1] = np.nan
+    batch.simulation.load(saved)
+    assert np.isnan(batch.data.qpos[1, 0])  # not the default pose
+    np.testing.assert_array_equal(batch.data.qpos[[0, 2], 0], [0.0, 0.2])
+    with pytest.raises(PhysicsError, match=r"rows \[1\]"):
+        batch.step()
