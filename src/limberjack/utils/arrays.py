@@ -17,6 +17,7 @@ from collections.abc import Iterable
 import numpy as np
 
 __all__ = [
+    "Quantity",
     "any_of",
     "concat",
     "minimum_of",
@@ -25,6 +26,9 @@ __all__ = [
     "rotate",
     "rows_of_a_batch",
 ]
+
+# One number of one simulation, (), or of each simulation of a batch, (N,); or a vector of them.
+Quantity = float | np.ndarray
 
 _batch_size: contextvars.ContextVar[int | None] = contextvars.ContextVar("batch_size", default=None)
 
@@ -54,7 +58,8 @@ def rows_of_a_batch(num_envs: int) -> contextlib.AbstractContextManager[None]:
 
 def one_value_per_row(x: object) -> bool:
     """Whether `x` holds one value for each simulation of the batch being read."""
-    return isinstance(x, np.ndarray) and x.ndim == 1 and x.shape[0] == _batch_size.get()
+    # By its shape, so that arrays that are not ndarrays are recognised as well.
+    return getattr(x, "shape", None) == (_batch_size.get(),)
 
 
 def any_of(mask: np.ndarray) -> bool:
