@@ -1,14 +1,23 @@
 """What an `Environment` is made of: the contracts of `Physics` and `Task`.
 
-Programs take them from `limberjack.rl.control`.
+Programs take them from `limberjack.rl.control`. A task names the physics that it reads:
+
+    class SwingUp(control.Task[Pole]):
+        def get_reward(self, physics: Pole) -> float: ...
 """
 
 import abc
 import contextlib
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, Generic, TypeVar
 
-__all__ = ["Physics", "PhysicsError", "Task"]
+from limberjack.utils.arrays import Quantity
+
+__all__ = ["Nested", "Observation", "Physics", "PhysicsError", "Task"]
+
+# Any: an action or a spec is an array or a nested structure of arrays, as the task likes.
+Nested = Any
+Observation = Mapping[str, Quantity]
 
 
 class PhysicsError(RuntimeError):
@@ -34,7 +43,7 @@ class Physics(abc.ABC):
     def timestep(self) -> float:
         """Length of one time step, seconds."""
 
-    def set_control(self, control: Any) -> None:
+    def set_control(self, control: Nested) -> None:
         """Sets the control signals of the actuators."""
         raise NotImplementedError(f"{type(self).__name__} does not define set_control")
 
@@ -59,40 +68,46 @@ class Physics(abc.ABC):
         """Raises `PhysicsError` if the state has diverged. Does nothing by default."""
 
 
-class Task(abc.ABC):
+_Physics = TypeVar("_Physics", bound=Physics)
+
+
+class Task(abc.ABC, Generic[_Physics]):
     """What an episode starts from, what the agent sees, what it is rewarded for."""
 
     @abc.abstractmethod
-    def initialize_episode(self, physics: Any) -> None:
+    def initialize_episode(self, physics: _Physics) -> None:
         """Sets the state an episode starts from, within `physics.reset_context()`."""
 
     @abc.abstractmethod
-    def before_step(self, action: Any, physics: Any) -> None:
+    def before_step(self, action: Nested, physics: _Physics) -> None:
         """Applies the action, before the physics is stepped."""
 
-    def after_step(self, physics: Any) -> None:  # noqa: B027 (an optional hook)
+    def after_step(self, physics: _Physics) -> None:
         """Called after the physics is stepped, before anything is read."""
 
     @abc.abstractmethod
-    def action_spec(self, physics: Any) -> Any:
+    def action_spec(self, physics: _Physics) -> Nested:
         """A `dm_env.specs.BoundedArray` of valid actions, or a nested structure of them."""
 
-    def step_spec(self, physics: Any) -> Any:
+    def step_spec(self, physics: _Physics) -> Nested:
         """A spec of what `step` returns; tasks need not define it."""
         raise NotImplementedError(f"{type(self).__name__} does not define step_spec")
 
     @abc.abstractmethod
-    def get_observation(self, physics: Any) -> Any:
+    def get_observation(self, physics: _Physics) -> Observation:
         """The observation: a mapping from names to arrays."""
 
     @abc.abstractmethod
-    def get_reward(self, physics: Any) -> Any:
+    def get_reward(self, physics: _Physics) -> Quantity:
         """The reward of the last step."""
 
-    def get_termination(self, physics: Any) -> float | None:
-        """The final discount if the episode ends here, None if it goes on."""
+    def get_termination(self, physics: _Physics) -> Quantity | None:
+        """The final discount if the episode ends here, None if it goes on.
+
+        In a batch, (num_envs,): NaN in rows whose episode goes on.
+        """
         return None
 
-    def observation_spec(self, physics: Any) -> Any:
+    def observation_spec(self, physics: _Physics) -> Nested:
         """The spec of the observation; left undefined, it is read off an observation."""
         raise NotImplementedError(f"{type(self).__name__} does not define observation_spec")

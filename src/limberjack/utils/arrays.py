@@ -13,6 +13,7 @@ import contextlib
 import contextvars
 import functools
 from collections.abc import Iterable
+from typing import overload
 
 import numpy as np
 
@@ -90,6 +91,14 @@ def concat(arrays: Iterable[np.ndarray]) -> np.ndarray:
     return np.concatenate(tuple(arrays), axis=-1)
 
 
-def minimum_of(values: Iterable[np.ndarray]) -> np.ndarray:
+@overload
+def minimum_of(values: Iterable[np.ndarray]) -> np.ndarray: ...
+
+
+@overload
+def minimum_of(values: Iterable[Quantity]) -> Quantity: ...
+
+
+def minimum_of(values: Iterable[Quantity]) -> Quantity:
     """The smallest of several quantities, element by element, (...) each -> (...)."""
     return functools.reduce(np.minimum, values)
