@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from dm_env import specs
 
+from limberjack.rl.action_specs import bounded_spec
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -113,9 +114,18 @@ _BUILT_IN: dict[str, Policy] = {"zero": zero, "random": random, "planner": plann
 
 
 def begin(policy: Policy, environment: Any, seed: int) -> Act:
-    """Begins an episode of a policy of either kind, in an environment that has been reset."""
+    """Begins an episode of a policy of either kind, in an environment that has been reset.
+
+    Raises:
+      PolicyError: 'zero' or 'random' cannot act by the task's action spec.
+    """
     if isinstance(policy, EnvironmentPolicy):
         return policy.begin_in(environment, seed)
+    if policy in (zero, random):  # the others act as they know the task
+        try:
+            bounded_spec(environment.task, environment.physics)
+        except (TypeError, ValueError) as error:
+            raise PolicyError(f"policy {policy.__name__!r}: {error}") from error
     return policy(environment.action_spec(), seed)
 
 

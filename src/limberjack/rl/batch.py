@@ -22,6 +22,7 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl import control, guards, observations
+from limberjack.rl.action_specs import bounded_spec
 from limberjack.rl.pixels import Frames, Pixels, render_arguments
 from limberjack.rl.randomize import Randomizer
 from limberjack.rl.reward_terms import reward_and_terms
@@ -89,7 +90,7 @@ class BatchEnvironment:
         self.diverged = np.zeros(self.num_envs, bool)
         self.reward_terms: dict[str, Any] = {}  # of the last step, (num_envs,) each, by name
         self._use = guards.OneUser()
-        self._action_spec = guards.batched_spec(task.action_spec(physics.single), self.num_envs)
+        self._action_spec = guards.batched_spec(bounded_spec(task, physics.single), self.num_envs)
         guards.check_batch_safe(task, physics, self._saved_fields)
 
     @classmethod
@@ -167,20 +168,20 @@ class BatchEnvironment:
           actions: (num_envs, ...), numbers; rows whose episode begins ignore theirs.
 
         Raises:
-          ValueError, TypeError: the actions do not have the spec's shape, or are not numeric, or
-            not finite; nothing has moved.
+          ValueError, TypeError: the actions are not finite numbers, one row for each environment,
+            or the task refuses them; nothing has moved.
         """
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             begins = self._begins
-            checked = guards.check_actions(actions, self._action_spec.shape, begins)
+            checked = guards.check_actions(actions, self.num_envs, begins, self.first_row)
+            self._task.before_step(checked, self._physics)
             # Until the step is complete: whatever interrupts it, the next one begins anew.
             self._begins = self._all_begin.copy()
-            return self._step(checked, begins)
+            return self._step(begins)
 
-    def _step(self, actions: np.ndarray, begins: np.ndarray) -> dm_env.TimeStep:
+    def _step(self, begins: np.ndarray) -> dm_env.TimeStep:
         physics, task = self._physics, self._task
         any_begins = arrays.any_of(begins)
-        task.before_step(actions, physics)
         running = np.flatnonzero(~begins) if any_begins else None
         self.diverged = physics.step_rows(running, self._n_sub_steps)
         if arrays.any_of(self.diverged):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from dm_env import specs
 
-from limberjack.rl.actions import not_finite
+from limberjack.rl.actions import as_numbers, not_finite
 from limberjack.rl.streams import seed_of_a_stream
 from limberjack.utils import arrays
 
@@ -114,37 +114,36 @@ def streams_of_seeds(
 
 
 def check_actions(
-    actions: Any, shape: tuple[int, ...], begins: np.ndarray, first_row: int = 0
+    actions: object, num_envs: int, begins: np.ndarray, first_row: int = 0
 ) -> np.ndarray:
     """The actions as an array.
 
     Args:
-      actions: what came.
-      shape: what is expected, (num_envs, ...).
+      actions: one row of numbers for each environment; the task checks the rest of the shape.
+      num_envs: number of rows.
       begins: rows that ignore their action, so that it may be anything, (num_envs,).
-      first_row: what the message calls the first row.
+      first_row: the number of the first row in messages.
 
     Raises:
       TypeError: they are not numbers.
-      ValueError: they have another shape, or are NaN or infinite in some rows.
+      ValueError: there is another number of rows, or some are NaN or infinite.
     """
-    given = np.asarray(actions)
-    if given.shape != shape:
+    given = as_numbers(actions)
+    if given.shape[:1] != (num_envs,):
         raise ValueError(
-            f"actions have shape {given.shape}; expected {shape}: one row for each environment"
+            f"actions have shape {given.shape}; expected {num_envs} rows, one for each "
+            "environment; nothing was stepped"
         )
-    if given.dtype.kind not in "fiub":
-        raise TypeError(f"actions have dtype {given.dtype}; expected numbers")
     bad = not_finite(given)
     if bad is not None:
-        rows = np.flatnonzero(bad.reshape(shape[0], -1).any(axis=-1) & ~begins)
+        rows = np.flatnonzero(bad.reshape(num_envs, -1).any(axis=-1) & ~begins)
         if rows.size:
             named = (rows + first_row).tolist()
             raise ValueError(f"actions are not finite in rows {named}; nothing was stepped")
     return given
 
 
-def batched_spec(spec: Any, num_envs: int) -> specs.BoundedArray:
+def batched_spec(spec: specs.BoundedArray, num_envs: int) -> specs.BoundedArray:
     """A bounded spec with a leading axis."""
     shape = (num_envs, *spec.shape)
     minimum, maximum = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
