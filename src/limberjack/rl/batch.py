@@ -23,6 +23,7 @@ from dm_env import specs
 
 from limberjack.rl import control, guards, observations
 from limberjack.rl.action_specs import bounded_spec
+from limberjack.rl.batch_safety import check_batch_safe, check_episode_fields
 from limberjack.rl.pixels import Frames, Pixels, render_arguments
 from limberjack.rl.randomize import Randomizer
 from limberjack.rl.reward_terms import reward_and_terms
@@ -90,8 +91,9 @@ class BatchEnvironment:
         self.diverged = np.zeros(self.num_envs, bool)
         self.reward_terms: dict[str, Any] = {}  # of the last step, (num_envs,) each, by name
         self._use = guards.OneUser()
-        self._action_spec = guards.batched_spec(bounded_spec(task, physics.single), self.num_envs)
-        guards.check_batch_safe(task, physics, self._saved_fields)
+        spec = bounded_spec(task, physics.single)
+        self._action_spec = guards.batched_spec(spec, self.num_envs)
+        check_batch_safe(task, physics, spec, n_sub_steps, self._saved_fields, randomizer)
 
     @classmethod
     def from_environment(
@@ -112,6 +114,7 @@ class BatchEnvironment:
           on_divergence: see the constructor.
         """
         num_envs = guards.at_least_one("num_envs", num_envs)
+        check_episode_fields(env.task)
         threads = cores.usable_cores() if num_threads is None else num_threads
         task = copy.copy(env.task)
         if getattr(task, "visualize_reward", False):

@@ -8,12 +8,14 @@ Programs take them from `limberjack.rl.control`. A task names the physics that i
 
 import abc
 import contextlib
-from collections.abc import Iterator, Mapping
-from typing import Any, Generic, TypeVar
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Generic, Protocol, Self, TypeVar
+
+import numpy as np
 
 from limberjack.utils.arrays import Quantity
 
-__all__ = ["Nested", "Observation", "Physics", "PhysicsError", "Task"]
+__all__ = ["Nested", "Observation", "Physics", "PhysicsError", "SimulatedPhysics", "Task"]
 
 # Any: an action or a spec is an array or a nested structure of arrays, as the task likes.
 Nested = Any
@@ -66,6 +68,98 @@ class Physics(abc.ABC):
 
     def check_divergence(self) -> None:  # noqa: B027 (an optional hook)
         """Raises `PhysicsError` if the state has diverged. Does nothing by default."""
+
+
+class SimulatedPhysics(Protocol):
+    """What batches, snapshots, randomisation and pictures need of a physics beside `Physics`.
+
+    `limberjack.mujoco.Physics` has it, of one simulation or of a batch of them. Rows are sorted row
+    numbers, None for all.
+    """
+
+    legacy_step: bool
+
+    @property
+    def num_envs(self) -> int | None:
+        """Number of simulations of a batch; None for a single one."""
+        ...
+
+    @property
+    def single(self) -> Self:
+        """A single simulation of a batch's model."""
+        ...
+
+    # Any: wrappers of the official structs, whose fields are not listed here.
+    @property
+    def model(self) -> Any:
+        """The model."""
+        ...
+
+    @property
+    def data(self) -> Any:
+        """The state and all quantities computed from it."""
+        ...
+
+    def replicate(self, num_envs: int, num_threads: int, episode_fields: Sequence[str]) -> Self:
+        """A batch of simulations of this one's model."""
+        ...
+
+    def episode(self, row: int) -> contextlib.AbstractContextManager[Self]:
+        """A single simulation whose state at exit is the start of a row's episode."""
+        ...
+
+    def start_rows(self, rows: np.ndarray) -> None:
+        """Computes every quantity of rows whose episode begins."""
+        ...
+
+    def step_rows(self, rows: np.ndarray | None, nstep: int) -> np.ndarray:
+        """Advances rows; which diverged, (num_envs,) booleans."""
+        ...
+
+    def save_rows(self, rows: np.ndarray | None, fields: Sequence[str]) -> dict[str, np.ndarray]:
+        """All that the future of rows depends on, by name, (n, ...) each; 'state' is the state."""
+        ...
+
+    def load_rows(self, saved: dict[str, np.ndarray], rows: np.ndarray | None) -> None:
+        """Makes rows go on as those that were saved."""
+        ...
+
+    def set_fields(self, values: dict[str, np.ndarray], row: int | None = None) -> None:
+        """Sets fields of the model, and the constants that follow from them, for one row."""
+        ...
+
+    def nominal_fields(self, names: Sequence[str]) -> dict[str, np.ndarray]:
+        """The model's present values of fields that are going to be randomised."""
+        ...
+
+    def origin(self) -> dict[str, object]:
+        """What must agree for a saved row to be loaded."""
+        ...
+
+    # Any: keyword arguments of `limberjack.mujoco.Physics.render`, which checks them.
+    def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
+        """Pictures of rows."""
+        ...
+
+    def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
+        """Shape and type of the picture of one row."""
+        ...
+
+    def timestep(self) -> float:
+        """Length of one time step, seconds."""
+        ...
+
+    def step(self, nstep: int = 1) -> None:
+        """Advances a single simulation."""
+        ...
+
+    def after_reset(self) -> None:
+        """Makes every quantity of a single simulation follow its state."""
+        ...
+
+    def free(self) -> None:
+        """Frees the simulations."""
+        ...
 
 
 _Physics = TypeVar("_Physics", bound=Physics)

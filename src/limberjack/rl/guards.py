@@ -10,7 +10,6 @@ from dm_env import specs
 
 from limberjack.rl.actions import as_numbers, not_finite
 from limberjack.rl.streams import seed_of_a_stream
-from limberjack.utils import arrays
 
 __all__ = [
     "OneUser",
@@ -18,7 +17,6 @@ __all__ = [
     "at_least_one",
     "batched_spec",
     "check_actions",
-    "check_batch_safe",
     "raises_on_divergence",
     "streams_of_seeds",
 ]
@@ -148,33 +146,3 @@ def batched_spec(spec: specs.BoundedArray, num_envs: int) -> specs.BoundedArray:
     shape = (num_envs, *spec.shape)
     minimum, maximum = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
     return specs.BoundedArray(shape, spec.dtype, minimum, maximum, name=spec.name)
-
-
-def check_batch_safe(task: Any, physics: Any, saved_fields: Sequence[str]) -> None:
-    """Compares what a task reads and writes in a batch with what it does in one simulation.
-
-    Raises:
-      ValueError: a quantity lacks the leading axis, or a start sets a field of the model that the
-        task does not declare.
-    """
-    num_envs, name = physics.num_envs, type(task).__name__
-    with arrays.rows_of_a_batch(num_envs):
-        batched = {**task.get_observation(physics), "reward": task.get_reward(physics)}
-    one = physics.single
-    single = {**task.get_observation(one), "reward": task.get_reward(one)}
-    for key, value in single.items():
-        expected = (num_envs, *np.shape(value))
-        if np.shape(batched[key]) != expected:
-            what = "reward" if key == "reward" else f"observation {key!r}"
-            raise ValueError(
-                f"{what} of task {name} has shape {np.shape(batched[key])} in a batch of "
-                f"{num_envs}; expected {expected}: index with `...` and reduce over axis -1"
-            )
-    task._random = np.random.RandomState(0)
-    changed = set(physics.fields_changed_by(task.initialize_episode)) - set(saved_fields)
-    if changed:
-        declared = tuple(sorted({*getattr(task, "EPISODE_FIELDS", ()), *changed}))
-        raise ValueError(
-            f"task {name} sets {', '.join(sorted(changed))} of the model as an episode begins; "
-            f"declare EPISODE_FIELDS = {declared}, so that each row has its own"
-        )
