@@ -24,6 +24,7 @@ from types import ModuleType
 import numpy as np
 from dm_env import specs
 
+from limberjack.rl.action_specs import bounded_spec
 from limberjack.rl.control import Environment
 from limberjack.utils.sources import defined_in
 from limberjack.utils.suggest import did_you_mean
@@ -116,9 +117,18 @@ _BUILT_IN: dict[str, Policy] = {"zero": zero, "random": random, "planner": plann
 
 
 def begin(policy: Policy, environment: Environment, seed: int) -> Act:
-    """Begins an episode of a policy of either kind, in an environment that has been reset."""
+    """Begins an episode of a policy of either kind, in an environment that has been reset.
+
+    Raises:
+      PolicyError: 'zero' or 'random' cannot act by the task's action spec.
+    """
     if isinstance(policy, EnvironmentPolicy):
         return policy.begin_in(environment, seed)
+    if policy in (zero, random):  # the others act as they know the task
+        try:
+            bounded_spec(environment.task, environment.physics)
+        except (TypeError, ValueError) as error:
+            raise PolicyError(f"policy {policy.__name__!r}: {error}") from error
     return policy(environment.action_spec(), seed)
 
 

@@ -319,3 +319,23 @@ def test_gymnasiums_processes_give_what_one_process_gives(context: str) -> None:
 
 def _as_arrays(observation: Any) -> dict[str, np.ndarray]:
     return {name: np.asarray(value) for name, value in observation.items()}
+
+
+@pytest.mark.parametrize("make", [gym.load, lambda *task: gym.load_vector(*task, num_envs=2)])
+def test_options_that_are_no_mapping_are_refused_and_nothing_is_reset(make: Any) -> None:
+    env = make("stacker", "stack_2")
+    before = env.reset(seed=0)[0]
+    for options in ("x", [("reset_mask", None)], 7):
+        with pytest.raises(TypeError, match="expected a mapping"):
+            env.reset(seed=1, options=options)
+    after = env.reset(seed=0)[0]
+    for name, value in before.items():
+        np.testing.assert_array_equal(after[name], value)
+
+
+@pytest.mark.parametrize("make", [gym.load, lambda *task: gym.load_vector(*task, num_envs=2)])
+def test_true_is_no_seed(make: Any) -> None:
+    env = make("stacker", "stack_2")
+    for seed in (True, False):
+        with pytest.raises(TypeError, match=f"seed is {seed}; expected a whole number"):
+            env.reset(seed=seed)

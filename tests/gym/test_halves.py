@@ -125,16 +125,35 @@ def test_the_actions_are_copied_when_they_are_sent() -> None:
 # What is refused.
 
 
+def test_errors_of_a_half_number_rows_within_the_whole_batch() -> None:
+    _, halves = _pair()
+    second = halves.batches[1]
+    with pytest.raises(ValueError, match=r"not finite in rows \[4\]"):
+        second.step([np.zeros(21), np.full(21, np.nan)])
+    second.physics.data.qvel[0] = 1e12
+    second._raises = True
+    halves.send(np.zeros((2, 21)), 1)
+    with pytest.raises(control.PhysicsError, match=r"rows \[3\] diverged"):
+        halves.recv()
+    halves.close()
+
+
 def test_bad_actions_are_refused_when_they_are_sent_and_nothing_is_stepped() -> None:
     plain, halves = _pair()
     bad = np.zeros((3, 21))
     bad[1] = np.nan
-    for actions, message in ((bad, r"rows \[1\]"), (np.zeros((5, 21)), r"expected \(3, 21\)")):
+    refused = (
+        (bad, 0, r"not finite in rows \[1\]"),
+        (bad[:2], 1, r"not finite in rows \[4\]"),  # of the whole batch
+        (np.zeros((5, 21)), 0, "expected 3 rows"),
+        (np.zeros((3, 20)), 0, r"shape \(3, 20\); expected \(3, 21\)"),
+    )
+    for actions, half, message in refused:
         with pytest.raises(ValueError, match=message):
-            halves.send(actions, 0)
+            halves.send(actions, half)
     whole = np.zeros((5, 21))
     whole[4] = np.inf
-    with pytest.raises(ValueError, match="not finite"):
+    with pytest.raises(ValueError, match=r"not finite in rows \[4\]"):
         halves.step(whole)  # the first half must not have moved
     with pytest.raises(ValueError, match=r"shape \(4, 21\); expected \(5, 21\)"):
         halves.step(np.zeros((4, 21)))

@@ -242,9 +242,9 @@ def test_a_row_that_ended_must_be_reset_where_autoreset_is_disabled() -> None:
 @pytest.mark.parametrize(
     ("actions", "kind", "message"),
     [
-        (np.zeros((2, 21)), ValueError, r"shape \(2, 21\); expected \(3, 21\)"),
-        (np.zeros(21), ValueError, r"shape \(21,\); expected \(3, 21\)"),
-        (0.0, ValueError, r"shape \(\); expected \(3, 21\)"),
+        (np.zeros((2, 21)), ValueError, r"shape \(2, 21\); expected 3 rows"),
+        (np.zeros(21), ValueError, r"shape \(21,\); expected 3 rows"),
+        (0.0, ValueError, r"shape \(\); expected 3 rows"),
         (np.full((3, 21), "a"), TypeError, "expected numbers"),
         (np.outer([0, np.nan, np.inf], np.ones(21)), ValueError, r"rows \[0, 1, 2\]|not fin"),
     ],

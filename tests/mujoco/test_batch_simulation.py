@@ -104,7 +104,7 @@ def test_a_batch_names_the_call_to_use_instead(call: Callable[[Any], object], me
 
 def test_the_model_of_a_batch_is_read_only_but_for_what_rows_have_for_themselves() -> None:
     batch, _ = _pair()
-    with pytest.raises(ValueError, match="geom_size of the model is the same in all rows.*random"):
+    with pytest.raises(ValueError, match=r"geom_size of the model is the same in all rows.*random"):
         batch.model.geom_size[:] = 2
     with pytest.raises(ValueError, match="same in all rows"):
         batch.model.geom_size *= 2

@@ -122,9 +122,11 @@ def test_a_task_that_sets_an_undeclared_field_of_the_model_is_told_to_declare_it
 @pytest.mark.parametrize(
     ("actions", "error", "message"),
     [
-        (np.zeros((3, 21)), ValueError, r"shape \(3, 21\); expected \(4, 21\)"),
-        (np.zeros(21), ValueError, r"shape \(21,\); expected \(4, 21\)"),
-        (0.0, ValueError, "shape"),
+        (np.zeros((3, 21)), ValueError, r"shape \(3, 21\); expected 4 rows"),
+        (np.zeros(21), ValueError, r"shape \(21,\); expected 4 rows"),
+        (np.zeros((4, 20)), ValueError, r"shape \(4, 20\); expected \(4, 21\)"),
+        (np.zeros((4, 1)), ValueError, r"shape \(4, 1\); expected \(4, 21\)"),
+        (0.0, ValueError, r"shape \(\); expected 4 rows"),
         (np.full((4, 21), "a"), TypeError, "expected numbers"),
         (np.full((4, 21), None), TypeError, "expected numbers"),
         (np.where(np.arange(84).reshape(4, 21) == 30, np.nan, 0), ValueError, r"rows \[1\]"),
@@ -158,7 +160,8 @@ def test_a_row_that_begins_ignores_its_action() -> None:
 
 
 @pytest.mark.parametrize(
-    ("seed", "error"), [(-1, ValueError), (2**32 - 1, ValueError), (1.5, TypeError)]
+    ("seed", "error"),
+    [(-1, ValueError), (2**32 - 1, ValueError), (1.5, TypeError), (True, TypeError)],
 )
 def test_seeds_that_rows_cannot_have_are_refused(seed: Any, error: Any) -> None:
     with pytest.raises(error, match=r"seed is .*; expected a whole number"):
@@ -324,6 +327,21 @@ def test_it_says_which_rows_begin_next_and_which_ran_out_of_time() -> None:
     batch.step(action)
     assert batch.begins.tolist() == [True, True, False, True]
     assert batch.timed_out.tolist() == [True, False, False, True]
+
+
+def test_rows_that_begin_an_episode_have_no_reward_and_the_others_keep_theirs() -> None:
+    batch = BatchEnvironment.from_environment(_pole(), 3, 1, seed=0)
+    zero = np.zeros((3, 1))
+    assert batch.reset().reward.tolist() == [0, 0, 0]
+    assert (batch.step(zero).reward > 0).all()
+    batch.physics.data.qpos[1] = np.pi  # fallen: the row's episode ends
+    assert batch.step(zero).step_type.tolist() == [1, 2, 1]
+    step = batch.step(zero)
+    assert step.step_type.tolist() == [1, 0, 1]
+    assert step.reward[1] == 0
+    assert batch.task.get_reward(batch.physics)[1] > 0  # what the task would give at its start
+    assert (step.reward[[0, 2]] > 0).all()
+    assert batch.reset([2]).reward.tolist() == [0, 0, 0]
 
 
 def test_data_fields_can_be_set_and_only_known_ones() -> None:

@@ -240,8 +240,15 @@ def test_a_wrapped_action_is_looked_into() -> None:
     env.reset()
     env.task.before_step = lambda action, physics: physics.set_control(action.continuous_actions)
     assert env.step(Wrapped(np.array([0.5]))).observation["value"] == [1.5]
-    with pytest.raises(ValueError, match=r"shape \(2,\); expected \(1,\)"):
-        env.step(Wrapped(np.zeros(2)))
+    with pytest.raises(ValueError, match="not finite at index"):
+        env.step(Wrapped(np.array([np.nan])))
+
+
+def test_the_shape_of_an_action_is_the_tasks_affair() -> None:
+    env = make()
+    env.reset()
+    env.task.before_step = lambda action, physics: physics.set_control(action.sum(keepdims=True))
+    assert env.step(np.array([0.25, 0.5])).observation["value"] == [1.75]
 
 
 def test_a_physics_without_free_can_be_closed() -> None:

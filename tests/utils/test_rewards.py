@@ -144,6 +144,116 @@ def test_an_array_keeps_its_shape_and_is_not_written_to(bounds: Any, margin: flo
 
 
 @_every_sigmoid
+@pytest.mark.parametrize("which", ["bounds", "margin", "all"])
+def test_bounds_and_margins_of_rows_have_the_bits_of_each_rows_numbers(
+    sigmoid: str, which: str
+) -> None:
+    stream = np.random.RandomState(4)
+    x = stream.randn(5_000) * 10.0 ** stream.uniform(-3, 0.5, 5_000)
+    lower = stream.uniform(-1, 0, 5_000) if which != "margin" else -0.5
+    upper = stream.uniform(0, 1, 5_000) if which != "margin" else 0.25
+    margin = (
+        stream.uniform(0.1, 2, 5_000) * (stream.rand(5_000) < 0.8) if which != "bounds" else 0.3
+    )
+    rows = np.broadcast_arrays(x, lower, upper, margin)
+    # As a task reads them in one simulation: NumPy's floats.
+    one_by_one = [
+        rewards.tolerance(a, (b, c), d, sigmoid) for a, b, c, d in zip(*rows, strict=True)
+    ]
+    with arrays.rows_of_a_batch(len(x)):
+        together = rewards.tolerance(x, (lower, upper), margin, sigmoid)
+    np.testing.assert_array_equal(together, one_by_one)
+
+
+def test_a_radius_of_each_row_is_the_bound_of_its_vector() -> None:
+    # As in a task whose target has another size in each row.
+    stream = np.random.RandomState(5)
+    x, radius = stream.randn(100, 3), stream.uniform(0.1, 1, 100)
+    one_by_one = [
+        rewards.mean_tolerance(row, bounds=(0, size), margin=0.5)
+        for row, size in zip(x, radius, strict=True)
+    ]
+    with arrays.rows_of_a_batch(len(x)):
+        together = rewards.mean_tolerance(x, bounds=(0, radius[:, None]), margin=0.5)
+    np.testing.assert_array_equal(together, one_by_one)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "margin", "match"),
+    [
+        ((np.zeros(3), np.array([1.0, -1.0, 1.0])), 1.0, "Lower bound must be <= upper bound"),
+        ((np.float64(1), np.float64(0)), 1.0, "Lower bound must be <= upper bound"),
+        ((0.0, 1.0), np.array([1.0, 0.0, -1.0]), "`margin` must be non-negative"),
+    ],
+)
+def test_bad_arguments_of_one_row_are_refused(bounds: Any, margin: Any, match: str) -> None:
+    with pytest.raises(ValueError, match=match):
+        rewards.tolerance(np.zeros(3), bounds, margin)
+
+
+class _Foreign:
+    """An array that is no ndarray, which NumPy's functions take and give back."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self.values, self.shape = values, values.shape
+        self.ndim, self.dtype = values.ndim, values.dtype
+
+    def __array__(self, *args: Any, **kwargs: Any) -> np.ndarray:
+        raise TypeError("this array is not to be converted")
+
+    def __bool__(self) -> bool:
+        raise TypeError("this array is not to be waited for")
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
+        return _Foreign(getattr(ufunc, method)(*map(_plain, inputs), **kwargs))
+
+    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        return _Foreign(func(*map(_plain, args), **kwargs))
+
+
+def _operator(ufunc: np.ufunc, is_swapped: bool = False) -> Any:
+    return lambda a, b: ufunc(b, a) if is_swapped else ufunc(a, b)
+
+
+for _name in ("add", "sub", "mul", "truediv", "pow"):
+    _ufunc = {"sub": np.subtract, "mul": np.multiply, "truediv": np.divide, "pow": np.power}.get(
+        _name, np.add
+    )
+    setattr(_Foreign, f"__{_name}__", _operator(_ufunc))
+    setattr(_Foreign, f"__r{_name}__", _operator(_ufunc, is_swapped=True))
+for _name, _ufunc in (
+    ("lt", np.less),
+    ("le", np.less_equal),
+    ("gt", np.greater),
+    ("ge", np.greater_equal),
+    ("ne", np.not_equal),
+):
+    setattr(_Foreign, f"__{_name}__", _operator(_ufunc))
+_Foreign.__abs__ = lambda self: np.abs(self)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _plain(value: Any) -> Any:
+    return value.values if isinstance(value, _Foreign) else value
+
+
+@_every_sigmoid
+@pytest.mark.parametrize("bounds", [(0.0, 0.0), (-0.5, 0.5), (1.4, np.inf)])
+@pytest.mark.parametrize("margin", [0.0, 0.35, 1.0])
+def test_arrays_that_are_not_ndarrays_have_the_same_bits(
+    sigmoid: str, bounds: tuple[float, float], margin: float
+) -> None:
+    x = np.random.RandomState(6).randn(1_000)
+    with arrays.rows_of_a_batch(len(x)):
+        expected = rewards.tolerance(x, bounds, margin, sigmoid)
+        foreign: Any = rewards.tolerance(_Foreign(x), bounds, margin, sigmoid)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        rows = tuple(_Foreign(np.full(1_000, bound)) for bound in bounds)
+        of_rows: Any = rewards.tolerance(x, rows, margin, sigmoid)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    assert type(foreign) is type(of_rows) is _Foreign
+    np.testing.assert_array_equal(foreign.values, expected)
+    np.testing.assert_array_equal(of_rows.values, expected)
+
+
+@_every_sigmoid
 def test_infinitely_far_away_it_is_0_and_nan_is_not_1(sigmoid: str) -> None:
     for x in (np.inf, -np.inf):
         for value in (x, np.array([x])):

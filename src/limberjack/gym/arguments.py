@@ -13,6 +13,7 @@ from limberjack.utils.suggest import did_you_mean
 __all__ = [
     "RENDER_MODES",
     "autoreset_mode",
+    "check_options",
     "environment_arguments",
     "refuse_unknown",
     "render_mode",
@@ -41,13 +42,22 @@ def row_seeds(seed: Any, num_envs: int) -> list[int | None]:
     return [None if one is None else seed_of_a_stream(one) for one in seed]
 
 
+def check_options(options: object) -> None:
+    """Raises TypeError if the options of a reset are neither a mapping nor None."""
+    if options is not None and not isinstance(options, Mapping):
+        raise TypeError(
+            f"options is {options!r}; expected a mapping, such as {{'reset_mask': mask}}, or None"
+        )
+
+
 def reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarray | None:
     """A copy of `options["reset_mask"]`; None if there is none.
 
     Raises:
-      TypeError: it is no array of booleans.
+      TypeError: it is no array of booleans, or the options are no mapping.
       ValueError: it is not (num_envs,), or selects no row.
     """
+    check_options(options)
     mask = (options or {}).get("reset_mask")
     if mask is None:
         return None

@@ -21,6 +21,7 @@ from limberjack.gym import arguments
 from limberjack.gym.observations import Part, action_space
 from limberjack.gym.pixels import observations_of
 from limberjack.rl import control
+from limberjack.rl.action_specs import bounded_spec
 from limberjack.rl.pixels import render_arguments
 from limberjack.rl.snapshot import Snapshot
 from limberjack.rl.streams import seed_of_a_stream
@@ -67,6 +68,7 @@ class Env(gymnasium.Env):
         self._observations = observations_of(spec, flat, dtype, environment.pixels)
         self.layout: tuple[Part, ...] = self._observations.layout
         self.observation_space = self._observations.space
+        bounded_spec(environment.task, environment.physics)  # raises where none can be relied on
         self.action_space = action_space(environment.action_spec(), self._observations.dtype)
         self.render_mode = arguments.render_mode(render_mode)
         self.metadata = {**self.metadata, "render_fps": round(1 / environment.control_timestep())}
@@ -93,8 +95,10 @@ class Env(gymnasium.Env):
 
         Raises:
           ValueError: the seed is not between 0 and 2**32 - 1.
+          TypeError: the seed is no whole number, or the options are no mapping.
         """
         self._check_open()
+        arguments.check_options(options)
         if seed is not None:
             number = seed_of_a_stream(seed)
             super().reset(seed=number)

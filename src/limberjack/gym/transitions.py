@@ -88,8 +88,14 @@ class Transitions:
         """A copy of the actions, refused now if `step` would refuse them."""
         self.check_begun()
         batch = self.batch
+        given = check_actions(actions, batch.num_envs, batch.begins, batch.first_row)
         shape = batch.action_spec().shape
-        return np.array(check_actions(actions, shape, batch.begins, batch.first_row))
+        if given.shape != shape:
+            raise ValueError(
+                f"actions have shape {given.shape}; expected {shape}, that of the half's rows; "
+                "nothing was stepped"
+            )
+        return np.array(given)
 
     def begin_anew(self) -> None:
         """Has every row begin an episode with the next step, or wait for a reset."""

@@ -1,35 +1,31 @@
-"""Refusing actions before anything moves."""
+"""Refusing actions before anything moves: what is not finite numbers.
 
-from collections.abc import Callable
-from typing import Any
+The shape is the task's affair; see `limberjack.rl.action_specs` for what agents rely on.
+"""
 
 import numpy as np
 
-__all__ = ["as_array", "check_numbers", "not_finite"]
+__all__ = ["as_numbers", "check_finite", "not_finite"]
 
 
-def as_array(action: Any, spec: Callable[[], Any]) -> np.ndarray:
-    """The action, or the actions of many environments, as an array.
-
-    Raises:
-      ValueError: its rows have different lengths, so that it cannot have the spec's shape.
-    """
-    try:
-        return np.asarray(action)
-    except ValueError as error:
-        expected = getattr(spec(), "shape", "nested")
-        raise ValueError(f"action is {action!r}; expected {expected} numbers") from error
-
-
-def check_numbers(given: np.ndarray) -> None:
-    """Raises if an action, or the actions of many environments, are not finite numbers.
+def as_numbers(action: object) -> np.ndarray:
+    """The action, or the actions of many environments, as an array of numbers.
 
     Raises:
       TypeError: they are not numbers.
-      ValueError: some are NaN or infinite.
+      ValueError: its rows have different lengths.
     """
+    try:
+        given = np.asarray(action)
+    except ValueError as error:
+        raise ValueError(f"action is {action!r}; expected an array of numbers") from error
     if given.dtype.kind not in "fiub":
-        raise TypeError(f"action has dtype {given.dtype}; expected numbers: {given!r}")
+        raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
+    return given
+
+
+def check_finite(given: np.ndarray) -> None:
+    """Raises ValueError if numbers of an action are NaN or infinite."""
     bad = not_finite(given)
     if bad is not None:
         where = np.argwhere(bad)

@@ -22,6 +22,8 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl import control, guards, observations
+from limberjack.rl.action_specs import bounded_spec
+from limberjack.rl.batch_safety import check_batch_safe, check_episode_fields
 from limberjack.rl.pixels import Frames, Pixels, render_arguments
 from limberjack.rl.randomize import Randomizer
 from limberjack.rl.reward_terms import reward_and_terms
@@ -91,8 +93,9 @@ class BatchEnvironment:
         self.diverged = np.zeros(self.num_envs, bool)
         self.reward_terms: dict[str, Any] = {}  # of the last step, (num_envs,) each, by name
         self._use = guards.OneUser()
-        self._action_spec = guards.batched_spec(task.action_spec(replicas.single), self.num_envs)
-        guards.check_batch_safe(task, replicas, self._saved_fields)
+        spec = bounded_spec(task, replicas.single)
+        self._action_spec = guards.batched_spec(spec, self.num_envs)
+        check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
 
     @classmethod
     def from_environment(
@@ -113,6 +116,7 @@ class BatchEnvironment:
           on_divergence: see the constructor.
         """
         num_envs = guards.at_least_one("num_envs", num_envs)
+        check_episode_fields(env.task)
         threads = cores.usable_cores() if num_threads is None else num_threads
         task = copy.copy(env.task)
         if getattr(task, "visualize_reward", False):
@@ -169,21 +173,21 @@ class BatchEnvironment:
           actions: (num_envs, ...), numbers; rows whose episode begins ignore theirs.
 
         Raises:
-          ValueError, TypeError: the actions do not have the spec's shape, or are not numeric, or
-            not finite; nothing has moved.
+          ValueError, TypeError: the actions are not finite numbers, one row for each environment,
+            or the task refuses them; nothing has moved.
         """
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             begins = self._begins
-            checked = guards.check_actions(actions, self._action_spec.shape, begins)
+            checked = guards.check_actions(actions, self.num_envs, begins, self.first_row)
+            self._task.before_step(checked, self._replicas.physics)
             # Until the step is complete: whatever interrupts it, the next one begins anew.
             self._begins = self._all_begin.copy()
-            return self._step(checked, begins)
+            return self._step(begins)
 
-    def _step(self, actions: np.ndarray, begins: np.ndarray) -> dm_env.TimeStep:
+    def _step(self, begins: np.ndarray) -> dm_env.TimeStep:
         replicas, task = self._replicas, self._task
         physics = replicas.physics
         any_begins = arrays.any_of(begins)
-        task.before_step(actions, physics)
         running = np.flatnonzero(~begins) if any_begins else None
         self.diverged = replicas.step(running, self._n_sub_steps)
         if arrays.any_of(self.diverged):

@@ -26,7 +26,7 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl import actions
-from limberjack.rl.contract import Physics, PhysicsError, Task
+from limberjack.rl.contract import Nested, Physics, PhysicsError, Task
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, Pixels
 from limberjack.rl.randomize import Randomizer, stream_beside
@@ -49,7 +49,6 @@ class Environment(dm_env.Environment):
 
     # In the class, because programs subclass it without calling `__init__`.
     _closed = False
-    _action_shape: tuple[int, ...] | None = None
     _randomizer: Randomizer | None = None
     # The suite's record of the domain: a pickle imports the domain's module where it is read.
     registration: object = None
@@ -137,15 +136,15 @@ class Environment(dm_env.Environment):
         self._reset_next_step = False
         return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
 
-    def step(self, action: Any) -> dm_env.TimeStep:
+    def step(self, action: Nested) -> dm_env.TimeStep:
         """Applies the action for one control step and returns what follows.
 
         Before the first and after the last step of an episode it begins the next one, and the
         action is ignored.
 
         Raises:
-          ValueError, TypeError: the action does not have the spec's shape, or is not numeric, or
-            not finite; nothing has moved.
+          ValueError, TypeError: the action is not of finite numbers, or the task refuses it, as
+            `base.Task` does unless it has a number for each actuator; nothing has moved.
           PhysicsError: the simulation diverged; the next step begins a new episode.
         """
         if self._reset_next_step:
@@ -309,26 +308,21 @@ class Environment(dm_env.Environment):
             return observation
         return self._frames.observe(self._physics, observation)
 
-    def _check_action(self, action: Any) -> None:
-        """Refuses an action that is not a finite array of the spec's shape.
+    def _check_action(self, action: Nested) -> None:
+        """Refuses an action that is not of finite numbers; its shape is checked by the task.
 
-        Where the spec is a nested structure the task must check.
+        Where the spec is a nested structure the task checks everything.
         """
         given = action
-        if type(action) is not np.ndarray:
+        if type(action) is not np.ndarray or action.dtype.kind not in "fiub":
             given = getattr(action, "continuous_actions", action)
-            given = actions.as_array(given, self.action_spec)
-        if given.shape != self._action_shape:
-            spec = self._task.action_spec(self._physics)
-            self._action_shape = spec.shape if isinstance(spec, specs.Array) else None
-            if self._action_shape is None:
+            try:
+                given = actions.as_numbers(given)
+            except (TypeError, ValueError):
+                if isinstance(self._task.action_spec(self._physics), specs.Array):
+                    raise
                 return
-            if given.shape != self._action_shape:
-                raise ValueError(
-                    f"action has shape {given.shape}; expected {self._action_shape}, the shape of "
-                    "env.action_spec()"
-                )
-        actions.check_numbers(given)
+        actions.check_finite(given)
 
 
 def compute_n_steps(

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from dm_env import specs
 
-from limberjack.rl.actions import not_finite
+from limberjack.rl.actions import as_numbers, not_finite
 from limberjack.rl.streams import seed_of_a_stream
-from limberjack.utils import arrays
 
 __all__ = [
     "OneUser",
@@ -18,7 +17,6 @@ __all__ = [
     "at_least_one",
     "batched_spec",
     "check_actions",
-    "check_batch_safe",
     "raises_on_divergence",
     "streams_of_seeds",
 ]
@@ -114,81 +112,37 @@ def streams_of_seeds(
 
 
 def check_actions(
-    actions: Any, shape: tuple[int, ...], begins: np.ndarray, first_row: int = 0
+    actions: object, num_envs: int, begins: np.ndarray, first_row: int = 0
 ) -> np.ndarray:
     """The actions as an array.
 
     Args:
-      actions: what came.
-      shape: what is expected, (num_envs, ...).
+      actions: one row of numbers for each environment; the task checks the rest of the shape.
+      num_envs: number of rows.
       begins: rows that ignore their action, so that it may be anything, (num_envs,).
-      first_row: what the message calls the first row.
+      first_row: the number of the first row in messages.
 
     Raises:
       TypeError: they are not numbers.
-      ValueError: they have another shape, or are NaN or infinite in some rows.
+      ValueError: there is another number of rows, or some are NaN or infinite.
     """
-    given = np.asarray(actions)
-    if given.shape != shape:
+    given = as_numbers(actions)
+    if given.shape[:1] != (num_envs,):
         raise ValueError(
-            f"actions have shape {given.shape}; expected {shape}: one row for each environment"
+            f"actions have shape {given.shape}; expected {num_envs} rows, one for each "
+            "environment; nothing was stepped"
         )
-    if given.dtype.kind not in "fiub":
-        raise TypeError(f"actions have dtype {given.dtype}; expected numbers")
     bad = not_finite(given)
     if bad is not None:
-        rows = np.flatnonzero(bad.reshape(shape[0], -1).any(axis=-1) & ~begins)
+        rows = np.flatnonzero(bad.reshape(num_envs, -1).any(axis=-1) & ~begins)
         if rows.size:
             named = (rows + first_row).tolist()
             raise ValueError(f"actions are not finite in rows {named}; nothing was stepped")
     return given
 
 
-def batched_spec(spec: Any, num_envs: int) -> specs.BoundedArray:
+def batched_spec(spec: specs.BoundedArray, num_envs: int) -> specs.BoundedArray:
     """A bounded spec with a leading axis."""
     shape = (num_envs, *spec.shape)
     minimum, maximum = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
     return specs.BoundedArray(shape, spec.dtype, minimum, maximum, name=spec.name)
-
-
-def check_batch_safe(task: Any, replicas: Any, saved_fields: Sequence[str]) -> None:
-    """Compares what a task reads and writes in a batch with what it does in one simulation.
-
-    Raises:
-      ValueError: a quantity lacks the leading axis, or a start sets a field of the model that the
-        task does not declare.
-    """
-    num_envs, physics, name = replicas.num_envs, replicas.physics, type(task).__name__
-    with arrays.rows_of_a_batch(num_envs):
-        batched = {**task.get_observation(physics), "reward": task.get_reward(physics)}
-    one = replicas.single
-    single = {**task.get_observation(one), "reward": task.get_reward(one)}
-    for key, value in single.items():
-        expected = (num_envs, *np.shape(value))
-        if np.shape(batched[key]) != expected:
-            what = "reward" if key == "reward" else f"observation {key!r}"
-            raise ValueError(
-                f"{what} of task {name} has shape {np.shape(batched[key])} in a batch of "
-                f"{num_envs}; expected {expected}: index with `...` and reduce over axis -1"
-            )
-    task._random = np.random.RandomState(0)
-    changed = set(_changed_by(one, task.initialize_episode)) - set(saved_fields)
-    if changed:
-        declared = tuple(sorted({*getattr(task, "EPISODE_FIELDS", ()), *changed}))
-        raise ValueError(
-            f"task {name} sets {', '.join(sorted(changed))} of the model as an episode begins; "
-            f"declare EPISODE_FIELDS = {declared}, so that each row has its own"
-        )
-
-
-def _changed_by(one: Any, start: Any) -> list[str]:
-    one.reset()
-    before = one.model.copy()._model
-    start(one)
-    after = one.model._model
-    return [
-        n
-        for n in dir(after)
-        if isinstance(getattr(after, n), np.ndarray)
-        if not np.array_equal(getattr(before, n), getattr(after, n))
-    ]

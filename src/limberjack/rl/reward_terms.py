@@ -1,17 +1,39 @@
 """The reward of a step and the terms that it is made of, computed once.
 
-reward, terms = reward_and_terms(task, physics)
+    class Task(control.Task):
+        get_reward = reward_of_terms
+
+    reward, terms = reward_and_terms(task, physics)
+
+A task whose class defines another `get_reward` has a reward without terms.
 """
 
-from typing import Any
+from typing import Protocol, TypeVar
 
-__all__ = ["reward_and_terms"]
+from limberjack.rl.contract import Physics, Task
+from limberjack.utils.arrays import Quantity
+
+__all__ = ["reward_and_terms", "reward_of_terms"]
+
+_Physics = TypeVar("_Physics", bound=Physics, contravariant=True)
 
 
-def reward_and_terms(task: Any, physics: Any) -> tuple[Any, dict[str, Any]]:
+class _HasTerms(Protocol[_Physics]):
+    def reward_terms(self, physics: _Physics) -> dict[str, Quantity]: ...
+
+    def reward_of(self, terms: dict[str, Quantity]) -> Quantity: ...
+
+
+def reward_of_terms(self: _HasTerms[_Physics], physics: _Physics) -> Quantity:
+    """The reward, (...): what `reward_of` makes of the `reward_terms`."""
+    return self.reward_of(self.reward_terms(physics))
+
+
+def reward_and_terms(task: Task, physics: Physics) -> tuple[Quantity, dict[str, Quantity]]:
     """The reward and its terms by name, (...) each; no terms if the reward is not made of them."""
-    # As the suite's tasks have it; `True` itself, as a mock of a task has any attribute.
-    if getattr(task.get_reward, "from_terms", False) is not True:
+    # Looked up on the bound method, so that a task's own attribute counts as well.
+    if getattr(task.get_reward, "__func__", None) is not reward_of_terms:
         return task.get_reward(physics), {}
-    terms = task.reward_terms(physics)
-    return task.reward_of(terms), terms
+    has_terms: _HasTerms[Physics] = task  # pyright: ignore[reportAssignmentType] (as checked)
+    terms = has_terms.reward_terms(physics)
+    return has_terms.reward_of(terms), terms

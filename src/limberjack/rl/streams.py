@@ -19,15 +19,17 @@ __all__ = ["Streams", "seed_of_a_stream"]
 _MAX_SEED = 2**32 - 1  # of a numpy.random.RandomState
 
 
-def seed_of_a_stream(seed: Any) -> int:
+def seed_of_a_stream(seed: object) -> int:
     """A seed as an int.
 
     Raises:
-      TypeError: it is no whole number.
+      TypeError: it is no whole number; True and False are not.
       ValueError: it is not between 0 and 2**32 - 1.
     """
     try:
-        number = operator.index(seed)
+        if isinstance(seed, bool):
+            raise TypeError
+        number = operator.index(seed)  # pyright: ignore[reportArgumentType] (TypeError says so)
     except TypeError:
         raise TypeError(f"seed is {seed!r}; expected a whole number") from None
     if not 0 <= number <= _MAX_SEED:

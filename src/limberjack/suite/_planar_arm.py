@@ -2,7 +2,6 @@
 
 import collections
 from collections.abc import Sequence
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -47,7 +46,7 @@ def model_without(filename: str, bodies: Sequence[str]) -> tuple[bytes, dict[str
     return ElementTree.tostring(root), _ASSETS
 
 
-def is_close(distance: Any) -> Any:
+def is_close(distance: arrays.Quantity) -> arrays.Quantity:
     """1 within a centimetre, a tenth at three, (...) metres -> (...)."""
     return rewards.tolerance(distance, (0, _CLOSE), margin=_CLOSE * 2)
 
@@ -58,10 +57,7 @@ class Physics(mujoco.Physics):
     def bounded_joint_pos(self, joint_names: Sequence[str]) -> np.ndarray:
         """Sine and cosine of joint angles, (..., n, 2)."""
         angles = self.named.data.qpos[joint_names]
-        positions = np.empty((*angles.shape, 2))
-        np.sin(angles, out=positions[..., 0])
-        np.cos(angles, out=positions[..., 1])
-        return positions
+        return np.stack((np.sin(angles), np.cos(angles)), axis=-1)
 
     def joint_vel(self, joint_names: Sequence[str]) -> np.ndarray:
         """Velocities of joints, (..., n), radians or metres per second."""
@@ -87,7 +83,7 @@ class Physics(mujoco.Physics):
         """Logarithm of one plus the forces on palm, finger, thumb and their tips, (..., 5)."""
         return np.log1p(self.named.data.sensordata[_TOUCH_SENSORS])
 
-    def site_distance(self, site1: str, site2: str) -> Any:
+    def site_distance(self, site1: str, site2: str) -> arrays.Quantity:
         """Distance between two sites, (...), metres."""
         positions = self.named.data.site_xpos
         return arrays.norm(positions[site1] - positions[site2])
@@ -102,12 +98,12 @@ class Physics(mujoco.Physics):
         qpos["finger"] = qpos["thumb"]
 
 
-class ArmTask(base.Task):
+class ArmTask(base.Task[Physics]):
     """A task of the arm; the observation of the arm itself is always there."""
 
     EPISODE_FIELDS = ("body_pos", "body_quat")  # where the target is
 
-    def __init__(self, fully_observable: bool, random: Any = None) -> None:
+    def __init__(self, fully_observable: bool, random: base.Random = None) -> None:
         """Makes the task.
 
         Args:
@@ -117,7 +113,7 @@ class ArmTask(base.Task):
         self._fully_observable = fully_observable
         super().__init__(random=random)
 
-    def get_observation(self, physics: Any) -> collections.OrderedDict:
+    def get_observation(self, physics: Physics) -> collections.OrderedDict:
         """The arm's joints and touch sensors, and the scene if it is fully observable."""
         obs = collections.OrderedDict()
         obs["arm_pos"] = physics.bounded_joint_pos(_ARM_JOINTS)
@@ -128,6 +124,6 @@ class ArmTask(base.Task):
             obs.update(self.observe_scene(physics))
         return obs
 
-    def observe_scene(self, physics: Any) -> collections.OrderedDict:
+    def observe_scene(self, physics: Physics) -> collections.OrderedDict:
         """Objects and target, by name."""
         raise NotImplementedError(f"{type(self).__name__} does not define observe_scene")

@@ -5,15 +5,22 @@ episode needs lives in the physics. So one task serves one simulation or a batch
 """
 
 import functools
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from limberjack import mujoco
 from limberjack.rl import control
+from limberjack.rl.contract import Nested
+from limberjack.rl.reward_terms import reward_of_terms
+from limberjack.utils.arrays import Quantity
 
-__all__ = ["Picture", "Task"]
+__all__ = ["Kwargs", "Picture", "Random", "Task"]
+
+# Any: keyword arguments of `control.Environment`, which checks them.
+Kwargs = Mapping[str, Any] | None
+Random = np.random.RandomState | int | None  # a stream, its seed, or None for any
 
 # A start that is rejected this often will never be accepted: the suite's own need a handful.
 _MAX_START_ATTEMPTS = 10_000
@@ -33,8 +40,14 @@ class Picture(NamedTuple):
     steps: int = 0  # after its start
 
 
-class Task(control.Task):
-    """A task whose actions are the actuators' controls, in the order of the model's file."""
+_Physics = TypeVar("_Physics", bound=mujoco.Physics)
+
+
+class Task(control.Task[_Physics]):
+    """A task whose actions are the actuators' controls, in the order of the model's file.
+
+    A domain names its own physics, `class Humanoid(base.Task[Physics])`, and annotates with it.
+    """
 
     # Fields of the model that `initialize_episode` sets, which a batch keeps for each row.
     EPISODE_FIELDS: tuple[str, ...] = ()
@@ -45,7 +58,7 @@ class Task(control.Task):
     # The planner's cost for this task as 'module:Class', imported on first use; it takes the task.
     planner_cost: str | None = None
 
-    def __init__(self, random: np.random.RandomState | int | None = None) -> None:
+    def __init__(self, random: Random = None) -> None:
         """Makes a task.
 
         Args:
@@ -78,51 +91,57 @@ class Task(control.Task):
             raise ValueError(f"Expected a boolean, got {type(value)}.")
         self._visualize_reward = value
 
-    def action_spec(self, physics: Any) -> Any:
+    def action_spec(self, physics: _Physics) -> Nested:
         """The spec of the actuators' controls."""
         return mujoco.action_spec(physics)
 
-    def initialize_episode(self, physics: Any) -> None:
+    def initialize_episode(self, physics: _Physics) -> None:
         """Colours the start; tasks call it last, when the start is set."""
         self.after_step(physics)
 
-    def before_step(self, action: Any, physics: Any) -> None:
-        """Sets the actuators' controls to the action, (nu,)."""
+    def before_step(self, action: Nested, physics: _Physics) -> None:
+        """Sets the actuators' controls to the action, (..., nu).
+
+        Raises:
+          ValueError: the action has another shape; nothing is set.
+        """
         if type(action) is not np.ndarray:
-            action = getattr(action, "continuous_actions", action)
+            action = np.asarray(getattr(action, "continuous_actions", action))
+        expected = physics.data.ctrl.shape
+        if action.shape != expected:
+            raise ValueError(
+                f"action has shape {action.shape}; expected {expected}: one number for each "
+                "actuator; nothing was stepped"
+            )
         physics.set_control(action)
 
-    def after_step(self, physics: Any) -> None:
+    def after_step(self, physics: _Physics) -> None:
         """Colours materials by the reward, if that is wanted."""
         if self._visualize_reward:
             _show_reward(physics, self.get_reward(physics))
 
-    def get_reward(self, physics: Any) -> Any:
-        """The reward, (...): what its terms add up to."""
-        return self.reward_of(self.reward_terms(physics))
+    # The reward is what `reward_of` makes of `reward_terms`, unless a task defines it otherwise.
+    get_reward = reward_of_terms  # pyright: ignore[reportAssignmentType] (its `self` is a protocol)
 
-    # So that who wants the terms as well need not have them computed twice.
-    get_reward.from_terms = True  # pyright: ignore[reportFunctionMemberAccess]
-
-    def reward_terms(self, physics: Any) -> dict[str, Any]:
+    def reward_terms(self, physics: _Physics) -> dict[str, Quantity]:
         """The quantities between 0 and 1 that the reward is made of, (...) each, by name."""
         raise NotImplementedError(
             f"{type(self).__name__} defines neither get_reward nor reward_terms and reward_of"
         )
 
-    def reward_of(self, terms: dict[str, Any]) -> Any:
+    def reward_of(self, terms: dict[str, Quantity]) -> Quantity:
         """The reward that the terms make, (...)."""
         raise NotImplementedError(f"{type(self).__name__} does not define reward_of")
 
-    def is_success(self, terms: dict[str, Any]) -> Any:
+    def is_success(self, terms: dict[str, Quantity]) -> Quantity:
         """Whether the goal is reached now, (...) booleans: all of its terms are nearly 1."""
         return functools.reduce(np.logical_and, (terms[name] >= _SUCCESS for name in self.GOAL))
 
-    def start(self, physics: Any) -> str | None:
+    def start(self, physics: _Physics) -> str | None:
         """The kind of start of an episode that has just begun, of `STARTS`; None without any."""
         return None
 
-    def draw_collision_free_start(self, physics: Any, draw: Callable[[], None]) -> None:
+    def draw_collision_free_start(self, physics: _Physics, draw: Callable[[], None]) -> None:
         """Calls `draw`, which sets a random state, until that state has no contacts.
 
         Raises:
@@ -139,7 +158,7 @@ class Task(control.Task):
         )
 
 
-def _show_reward(physics: Any, reward: float) -> None:
+def _show_reward(physics: mujoco.Physics, reward: Quantity) -> None:
     """Blends the coloured materials from their default to their highlight."""
     colours = physics.named.model.mat_rgba
     # The power keeps high rewards apart, where colours are compared.

@@ -6,7 +6,6 @@ upright, little effort, and the right horizontal speed. The model is that of Tas
 """
 
 import collections
-from typing import Any
 
 import numpy as np
 
@@ -43,8 +42,6 @@ _PLANNED_WALK = 2.0  # metres per second; the planner has a cost of its own for 
 
 _LIMBS = ["left_hand", "left_foot", "right_hand", "right_foot"]
 
-_Kwargs = dict[str, Any] | None
-
 SUITE = containers.TaggedTasks()
 # Chosen by eye: starts in which the whole body can be seen.
 PICTURES = {
@@ -62,7 +59,9 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def stand(
-    time_limit: float = _DEFAULT_TIME_LIMIT, random: Any = None, environment_kwargs: _Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT,
+    random: base.Random = None,
+    environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
     """Stand up and stand still."""
     return _environment(0, False, time_limit, random, environment_kwargs)
@@ -70,7 +69,9 @@ def stand(
 
 @SUITE.add("benchmarking")
 def walk(
-    time_limit: float = _DEFAULT_TIME_LIMIT, random: Any = None, environment_kwargs: _Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT,
+    random: base.Random = None,
+    environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
     """Walk in any direction at 1 m/s or more."""
     return _environment(_WALK_SPEED, False, time_limit, random, environment_kwargs)
@@ -78,7 +79,9 @@ def walk(
 
 @SUITE.add("benchmarking")
 def run(
-    time_limit: float = _DEFAULT_TIME_LIMIT, random: Any = None, environment_kwargs: _Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT,
+    random: base.Random = None,
+    environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
     """Run in any direction, up to 10 m/s."""
     return _environment(_RUN_SPEED, False, time_limit, random, environment_kwargs)
@@ -86,14 +89,16 @@ def run(
 
 @SUITE.add()
 def run_pure_state(
-    time_limit: float = _DEFAULT_TIME_LIMIT, random: Any = None, environment_kwargs: _Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT,
+    random: base.Random = None,
+    environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
     """Run, seeing only generalised positions and velocities."""
     return _environment(_RUN_SPEED, True, time_limit, random, environment_kwargs)
 
 
 def _environment(
-    move_speed: float, pure_state: bool, time_limit: float, random: Any, kwargs: _Kwargs
+    move_speed: float, pure_state: bool, time_limit: float, random: base.Random, kwargs: base.Kwargs
 ) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets())
     task = Humanoid(move_speed=move_speed, pure_state=pure_state, random=random)
@@ -105,11 +110,11 @@ def _environment(
 class Physics(mujoco.Physics):
     """What is measured on the humanoid."""
 
-    def torso_upright(self) -> Any:
+    def torso_upright(self) -> arrays.Quantity:
         """Cosine of the torso's tilt, (...): 1 upright, -1 head down."""
         return self.named.data.xmat["torso", "zz"]
 
-    def head_height(self) -> Any:
+    def head_height(self) -> arrays.Quantity:
         """Height of the head, (...), metres."""
         return self.named.data.xpos["head", "z"]
 
@@ -137,13 +142,13 @@ class Physics(mujoco.Physics):
         return limbs.reshape(*limbs.shape[:-2], -1)
 
 
-class Humanoid(base.Task):
+class Humanoid(base.Task[Physics]):
     """Stand, or move at a speed or faster."""
 
     GOAL = ("standing", "upright", "movement")
     STARTS = ("face_up", "face_down", "on_side", "up")
 
-    def __init__(self, move_speed: float, pure_state: bool, random: Any = None) -> None:
+    def __init__(self, move_speed: float, pure_state: bool, random: base.Random = None) -> None:
         """Makes the task.
 
         Args:
@@ -158,7 +163,7 @@ class Humanoid(base.Task):
         self._pure_state = pure_state
         super().__init__(random=random)
 
-    def initialize_episode(self, physics: Any) -> None:
+    def initialize_episode(self, physics: Physics) -> None:
         """A random pose without contacts, at rest."""
         self.draw_collision_free_start(
             physics,
@@ -166,7 +171,7 @@ class Humanoid(base.Task):
         )
         super().initialize_episode(physics)
 
-    def start(self, physics: Any) -> str:
+    def start(self, physics: Physics) -> str:
         """How a copy of the physics lies after it has fallen for a second, or 'up'.
 
         On its side the torso's front is more than 60 degrees away from the vertical.
@@ -181,7 +186,7 @@ class Humanoid(base.Task):
             return "on_side"
         return "face_up" if front > 0 else "face_down"
 
-    def get_observation(self, physics: Any) -> collections.OrderedDict:
+    def get_observation(self, physics: Physics) -> collections.OrderedDict:
         """Features seen from the torso, or the pure state."""
         obs = collections.OrderedDict()
         if self._pure_state:
@@ -196,7 +201,7 @@ class Humanoid(base.Task):
         obs["velocity"] = physics.velocity()
         return obs
 
-    def reward_terms(self, physics: Any) -> dict[str, Any]:
+    def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Head height, uprightness, effort and horizontal speed, each as a factor of the reward."""
         height, uprightness = physics.head_height(), physics.torso_upright()
         standing = rewards.tolerance(height, (_STAND_HEIGHT, np.inf), margin=_STAND_HEIGHT / 4)
@@ -213,7 +218,7 @@ class Humanoid(base.Task):
             "movement": self._movement(physics.center_of_mass_velocity()[..., :2]),
         }
 
-    def _movement(self, horizontal_velocity: np.ndarray) -> Any:
+    def _movement(self, horizontal_velocity: np.ndarray) -> arrays.Quantity:
         """How well the horizontal velocity is the one wanted."""
         if self._move_speed == 0:
             return rewards.mean_tolerance(horizontal_velocity, margin=2)
@@ -226,7 +231,7 @@ class Humanoid(base.Task):
         )
         return (5 * move + 1) / 6  # standing still keeps a sixth
 
-    def reward_of(self, terms: dict[str, Any]) -> Any:
+    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
         """The product of all terms, between 0 and 1."""
         stand_reward = terms["standing"] * terms["upright"]
         return terms["small_control"] * stand_reward * terms["movement"]

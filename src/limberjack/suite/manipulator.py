@@ -5,7 +5,6 @@ DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,9 @@ from limberjack.suite import _planar_arm, base
 from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
 from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics, is_close
+from limberjack.suite.base import Kwargs, Random
 from limberjack.utils import containers
+from limberjack.utils.arrays import Quantity
 
 __all__ = [
     "PICTURES",
@@ -66,8 +67,8 @@ def make_model(use_peg: bool, insert: bool) -> tuple[bytes, dict[str, bytes]]:
 def bring_ball(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Any = None,
-    environment_kwargs: dict | None = None,
+    random: Random = None,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Bring the ball to a target in the air."""
     return _environment(False, False, fully_observable, time_limit, random, environment_kwargs)
@@ -77,8 +78,8 @@ def bring_ball(
 def bring_peg(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Any = None,
-    environment_kwargs: dict | None = None,
+    random: Random = None,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Bring the peg to a target pose in the air."""
     return _environment(True, False, fully_observable, time_limit, random, environment_kwargs)
@@ -88,8 +89,8 @@ def bring_peg(
 def insert_ball(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Any = None,
-    environment_kwargs: dict | None = None,
+    random: Random = None,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Put the ball into the cup."""
     return _environment(False, True, fully_observable, time_limit, random, environment_kwargs)
@@ -99,8 +100,8 @@ def insert_ball(
 def insert_peg(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Any = None,
-    environment_kwargs: dict | None = None,
+    random: Random = None,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Put the peg into the slot."""
     return _environment(True, True, fully_observable, time_limit, random, environment_kwargs)
@@ -111,8 +112,8 @@ def _environment(
     insert: bool,
     fully_observable: bool,
     time_limit: float,
-    random: Any,
-    kwargs: dict | None,
+    random: Random,
+    kwargs: Kwargs,
 ) -> control.Environment:
     return control.Environment(
         Physics.from_shared_xml(*make_model(use_peg, insert)),
@@ -130,7 +131,7 @@ class Bring(_planar_arm.ArmTask):
     STARTS = _STARTS
 
     def __init__(
-        self, use_peg: bool, insert: bool, fully_observable: bool, random: Any = None
+        self, use_peg: bool, insert: bool, fully_observable: bool, random: Random = None
     ) -> None:
         """Makes the task.
 
@@ -149,12 +150,12 @@ class Bring(_planar_arm.ArmTask):
         self._object_joints = [f"{self._object}_{dimension}" for dimension in "xzy"]
         super().__init__(fully_observable, random)
 
-    def initialize_episode(self, physics: Any) -> None:
+    def initialize_episode(self, physics: Physics) -> None:
         """A random arm, target and prop without contacts."""
         self.draw_collision_free_start(physics, lambda: self._draw_start(physics))
         super().initialize_episode(physics)
 
-    def _draw_start(self, physics: Any) -> None:
+    def _draw_start(self, physics: Physics) -> None:
         uniform = self.random.uniform
         physics.randomize_arm(self.random)
 
@@ -178,7 +179,7 @@ class Bring(_planar_arm.ArmTask):
             data.qvel[f"{self._object}_x"] = uniform(-5, 5)
         data.qpos[self._object_joints] = x, z, angle
 
-    def start(self, physics: Any) -> str:
+    def start(self, physics: Physics) -> str:
         """'in_hand', 'in_target' or 'uniform': where the prop is as the episode begins."""
         data = physics.named.data
         place = data.qpos[self._object_joints][:2].tolist()
@@ -188,7 +189,7 @@ class Bring(_planar_arm.ArmTask):
         in_hand = place == [data.site_xpos["grasp", "x"], data.site_xpos["grasp", "z"]]
         return "in_hand" if in_hand else "uniform"
 
-    def observe_scene(self, physics: Any) -> collections.OrderedDict:
+    def observe_scene(self, physics: Physics) -> collections.OrderedDict:
         """Pose and velocity of the prop, and the target's pose."""
         obs = collections.OrderedDict()
         obs["object_pos"] = physics.body_2d_pose(self._object)
@@ -196,7 +197,7 @@ class Bring(_planar_arm.ArmTask):
         obs["target_pos"] = physics.body_2d_pose(self._target)
         return obs
 
-    def reward_terms(self, physics: Any) -> dict[str, Any]:
+    def reward_terms(self, physics: Physics) -> dict[str, Quantity]:
         """How near the prop is to the target, and for the peg how well it is grasped."""
         if not self._use_peg:
             return {"bringing": is_close(physics.site_distance("ball", "target_ball"))}
@@ -206,11 +207,11 @@ class Bring(_planar_arm.ArmTask):
         tip = is_close(physics.site_distance("target_peg_tip", "peg_tip"))
         return {"grasping": (grasp + pinch) / 2, "bringing": (centre + tip) / 2}
 
-    def reward_of(self, terms: dict[str, Any]) -> Any:
+    def reward_of(self, terms: dict[str, Quantity]) -> Quantity:
         """Bringing; for the peg a third of grasping, if that is more."""
         if not self._use_peg:
             return terms["bringing"]
         bringing, grasping = terms["bringing"], terms["grasping"] / 3
-        if isinstance(bringing, float):
-            return max(bringing, grasping)
+        if isinstance(bringing, float) and isinstance(grasping, float):
+            return max(bringing, grasping)  # a float, as dm_control's reward
         return np.maximum(bringing, grasping)

@@ -4,7 +4,6 @@ The tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00
 """
 
 import collections
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from limberjack.suite import _planar_arm, base
 from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
 from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics
+from limberjack.suite.base import Kwargs, Random
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = ["PICTURES", "SUITE", "Physics", "Stack", "make_model", "stack_2", "stack_4"]
@@ -36,8 +36,8 @@ def make_model(n_boxes: int) -> tuple[bytes, dict[str, bytes]]:
 def stack_2(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Any = None,
-    environment_kwargs: dict | None = None,
+    random: Random = None,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Stack two boxes."""
     return _environment(2, fully_observable, time_limit, random, environment_kwargs)
@@ -47,15 +47,15 @@ def stack_2(
 def stack_4(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Any = None,
-    environment_kwargs: dict | None = None,
+    random: Random = None,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Stack four boxes."""
     return _environment(4, fully_observable, time_limit, random, environment_kwargs)
 
 
 def _environment(
-    n_boxes: int, fully_observable: bool, time_limit: float, random: Any, kwargs: dict | None
+    n_boxes: int, fully_observable: bool, time_limit: float, random: Random, kwargs: Kwargs
 ) -> control.Environment:
     return control.Environment(
         Physics.from_shared_xml(*make_model(n_boxes)),
@@ -72,7 +72,7 @@ class Stack(_planar_arm.ArmTask):
     GOAL = ("box_is_close", "hand_is_far")
     planner_cost = "limberjack.planner.costs_stacker:Stack"
 
-    def __init__(self, n_boxes: int, fully_observable: bool, random: Any = None) -> None:
+    def __init__(self, n_boxes: int, fully_observable: bool, random: Random = None) -> None:
         """Makes the task.
 
         Args:
@@ -86,12 +86,12 @@ class Stack(_planar_arm.ArmTask):
         self._box_joints = [f"{box}_{dimension}" for box in self._boxes for dimension in "xyz"]
         super().__init__(fully_observable, random)
 
-    def initialize_episode(self, physics: Any) -> None:
+    def initialize_episode(self, physics: Physics) -> None:
         """A random arm, target and boxes without contacts, at rest."""
         self.draw_collision_free_start(physics, lambda: self._draw_start(physics))
         super().initialize_episode(physics)
 
-    def _draw_start(self, physics: Any) -> None:
+    def _draw_start(self, physics: Physics) -> None:
         uniform = self.random.uniform
         physics.randomize_arm(self.random)
         half_size = physics.named.model.geom_size["target", "x"]
@@ -104,13 +104,13 @@ class Stack(_planar_arm.ArmTask):
             qpos[f"{box}_z"] = uniform(0, 0.7)
             qpos[f"{box}_y"] = uniform(0, 2 * np.pi)
 
-    def start(self, physics: Any) -> str:
+    def start(self, physics: Physics) -> str:
         """'level_0', 'level_1', ...: how many boxes are to be below the target."""
         model = physics.named.model
         half_size = model.geom_size["target", "x"]
         return f"level_{round((model.body_pos['target', 'z'] / half_size - 1) / 2)}"
 
-    def observe_scene(self, physics: Any) -> collections.OrderedDict:
+    def observe_scene(self, physics: Physics) -> collections.OrderedDict:
         """Poses and velocities of the boxes, and the target's place."""
         obs = collections.OrderedDict()
         obs["box_pos"] = physics.body_2d_pose(self._boxes)
@@ -118,7 +118,7 @@ class Stack(_planar_arm.ArmTask):
         obs["target_pos"] = physics.body_2d_pose("target", orientation=False)
         return obs
 
-    def reward_terms(self, physics: Any) -> dict[str, Any]:
+    def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """How near the nearest box is to the target, and how far the hand is from it."""
         box_size = 2 * physics.named.model.geom_size["target", "x"]
         nearest = arrays.minimum_of(physics.site_distance(box, "target") for box in self._boxes)
@@ -129,6 +129,6 @@ class Stack(_planar_arm.ArmTask):
             "hand_is_far": rewards.tolerance(hand, (_HAND_AWAY, np.inf), margin=_HAND_MARGIN),
         }
 
-    def reward_of(self, terms: dict[str, Any]) -> Any:
+    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
         """Box close and hand away, between 0 and 1."""
         return terms["box_is_close"] * terms["hand_is_far"]

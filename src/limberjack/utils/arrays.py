@@ -13,11 +13,12 @@ import contextlib
 import contextvars
 import functools
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
 __all__ = [
+    "Quantity",
     "any_of",
     "concat",
     "index_for",
@@ -27,6 +28,9 @@ __all__ = [
     "rotate",
     "rows_of_a_batch",
 ]
+
+# One number of one simulation, (), or of each simulation of a batch, (N,); or a vector of them.
+Quantity = float | np.ndarray
 
 _batch_size: contextvars.ContextVar[int | None] = contextvars.ContextVar("batch_size", default=None)
 
@@ -56,7 +60,8 @@ def rows_of_a_batch(num_envs: int) -> contextlib.AbstractContextManager[None]:
 
 def one_value_per_row(x: object) -> bool:
     """Whether `x` holds one value for each simulation of the batch being read."""
-    return isinstance(x, np.ndarray) and x.ndim == 1 and x.shape[0] == _batch_size.get()
+    # By its shape, so that arrays that are not ndarrays are recognised as well.
+    return getattr(x, "shape", None) == (_batch_size.get(),)
 
 
 def any_of(mask: np.ndarray) -> bool:
@@ -97,6 +102,14 @@ def concat(arrays: Iterable[np.ndarray]) -> np.ndarray:
     return np.concatenate(tuple(arrays), axis=-1)
 
 
-def minimum_of(values: Iterable[np.ndarray]) -> np.ndarray:
+@overload
+def minimum_of(values: Iterable[np.ndarray]) -> np.ndarray: ...
+
+
+@overload
+def minimum_of(values: Iterable[Quantity]) -> Quantity: ...
+
+
+def minimum_of(values: Iterable[Quantity]) -> Quantity:
     """The smallest of several quantities, element by element, (...) each -> (...)."""
     return functools.reduce(np.minimum, values)

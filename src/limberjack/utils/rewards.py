@@ -1,6 +1,7 @@
 """Soft indicator functions: how well a quantity lies within bounds, from 0 to 1.
 
     tolerance(height, bounds=(1.4, inf), margin=0.35)      # one value per simulation
+    tolerance(distance, bounds=(0, radius))                # a radius per simulation, (N,)
     mean_tolerance(controls, margin=1, sigmoid="quadratic")   # each element, then their mean
 
 `tolerance` is 1 inside the bounds; outside it falls along a sigmoid that reaches
@@ -11,11 +12,12 @@ rewards equal dm_control's bit for bit.
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypedDict, Unpack, overload
 
 import numpy as np
 
 from limberjack.utils import arrays
+from limberjack.utils.arrays import Quantity
 
 __all__ = ["mean_tolerance", "tolerance"]
 
@@ -24,41 +26,84 @@ _DEFAULT_VALUE_AT_MARGIN = 0.1
 # Arrays, which NumPy need not convert at each use.
 _ZERO = np.zeros(())
 _ONE = np.ones(())
+_NUMBERS = (float, int, np.generic)
 
-# A float, a NumPy scalar or an array: the arithmetic below is written once for all three.
-_Number = Any
+# Any: a number or an array, told apart by what their comparison gives; see the overloads.
+_Bound = Any
+_Curve = Callable[[Quantity, float], Quantity]
+
+
+class _Settings(TypedDict, total=False):
+    """The keyword arguments of `tolerance`."""
+
+    bounds: tuple[Quantity, Quantity]
+    margin: Quantity
+    sigmoid: str
+    value_at_margin: float
+
+
+@overload
+def tolerance(
+    x: float,
+    bounds: tuple[float, float] = ...,
+    margin: float = ...,
+    sigmoid: str = ...,
+    value_at_margin: float = ...,
+) -> float: ...
+
+
+@overload
+def tolerance(
+    x: np.ndarray,
+    bounds: tuple[Quantity, Quantity] = ...,
+    margin: Quantity = ...,
+    sigmoid: str = ...,
+    value_at_margin: float = ...,
+) -> np.ndarray: ...
+
+
+@overload
+def tolerance(
+    x: Quantity,
+    bounds: tuple[Quantity, Quantity] = ...,
+    margin: Quantity = ...,
+    sigmoid: str = ...,
+    value_at_margin: float = ...,
+) -> Quantity: ...
 
 
 def tolerance(
-    x: _Number,
-    bounds: tuple[float, float] = (0.0, 0.0),
-    margin: float = 0.0,
+    x: Quantity,
+    bounds: tuple[_Bound, _Bound] = (0.0, 0.0),
+    margin: _Bound = 0.0,
     sigmoid: str = "gaussian",
     value_at_margin: float = _DEFAULT_VALUE_AT_MARGIN,
-) -> _Number:
+) -> Quantity:
     """1 where `x` is within the bounds, less the farther it lies outside.
 
     Args:
       x: a number or an array of any shape.
-      bounds: inclusive `(lower, upper)`; either may be infinite.
+      bounds: inclusive `(lower, upper)`; either may be infinite. Each is a number, or an array that
+        broadcasts with `x`, such as one bound per simulation, (N,).
       margin: distance from the bounds at which the value is `value_at_margin`; with 0 the value
-        outside the bounds is 0.
+        outside the bounds is 0. A number or an array, as the bounds.
       sigmoid: gaussian, hyperbolic, long_tail, reciprocal, cosine, linear, quadratic or
         tanh_squared.
       value_at_margin: between 0 and 1; 0 is allowed for cosine, linear and quadratic.
 
     Returns:
-      A float for a number, an array of `x`'s shape for an array.
+      A float for numbers, otherwise an array of the shape that `x`, bounds and margin broadcast to.
 
     Raises:
-      ValueError: the bounds are the wrong way round, the margin is negative, the sigmoid is
+      ValueError: a lower bound exceeds its upper bound, a margin is negative, the sigmoid is
         unknown or `value_at_margin` is out of range.
     """
     lower, upper = bounds
-    if lower > upper:
-        raise ValueError("Lower bound must be <= upper bound.")
-    if margin < 0:
-        raise ValueError("`margin` must be non-negative.")
+    # Comparisons of Python's numbers give exactly False: neither wrong values nor arrays.
+    if (lower > upper) is not False or (margin < 0) is not False:
+        _check_order(lower, upper, margin)
+        if not all(isinstance(bound, _NUMBERS) for bound in (lower, upper, margin)):
+            return _of_arrays(x, lower, upper, margin, *_sigmoid(sigmoid, value_at_margin))
     curve, scale = _sigmoid(sigmoid, value_at_margin) if margin != 0 else (_outside, 0.0)
     if isinstance(x, float):  # without making arrays
         if lower <= x <= upper:
@@ -66,23 +111,55 @@ def tolerance(
         distance = lower - x if x < lower else x - upper
         # A NumPy scalar overflows to infinity where a Python float would raise.
         return float(curve(np.float64(distance / margin) if margin else distance, scale))
-    if margin and isinstance(x, np.ndarray) and x.ndim and _needs_no_masks(x, lower, upper):
+    if isinstance(x, _NUMBERS):  # an integer or a NumPy scalar that is no float
+        return float(_with_masks(x, lower, upper, margin, curve, scale))
+    if margin and x.ndim and _needs_no_masks(x, lower, upper):
         # Every sigmoid is exactly 1 at distance 0.
         distance = _distance(x, lower, upper)
         return curve(distance if margin == 1 else distance / margin, scale)
-    in_bounds = np.logical_and(lower <= x, x <= upper)
-    distance = np.where(x < lower, lower - x, x - upper)
-    value = np.where(in_bounds, 1.0, curve(distance / margin if margin else distance, scale))
-    return float(value) if np.isscalar(x) else value
+    return _with_masks(x, lower, upper, margin, curve, scale)
 
 
-def mean_tolerance(x: np.ndarray, **kwargs: Any) -> np.ndarray:
+def mean_tolerance(x: np.ndarray, **settings: Unpack[_Settings]) -> np.ndarray:
     """Mean over the last axis of each element's tolerance, (..., k) -> (...).
 
-    Takes `tolerance`'s keyword arguments.
+    Takes `tolerance`'s keyword arguments; bounds and margins per simulation have shape (N, 1).
     """
     # The sum divided by the count is what `ndarray.mean` does, without its overhead.
-    return np.add.reduce(tolerance(x, **kwargs), axis=-1) / x.shape[-1]
+    return np.add.reduce(tolerance(x, **settings), axis=-1) / x.shape[-1]
+
+
+def _check_order(lower: Quantity, upper: Quantity, margin: Quantity) -> None:
+    """Raises for bounds the wrong way round and negative margins, of numbers and ndarrays.
+
+    Arrays of other kinds, such as those on a GPU, are not waited for.
+    """
+    for is_wrong, message in (
+        (lower > upper, "Lower bound must be <= upper bound."),
+        (margin < 0, "`margin` must be non-negative."),
+    ):
+        if isinstance(is_wrong, bool | np.bool_ | np.ndarray) and np.any(is_wrong):
+            raise ValueError(message)
+
+
+def _with_masks(
+    x: Quantity, lower: float, upper: float, margin: float, curve: _Curve, scale: float
+) -> np.ndarray:
+    """The values at `x`, for any bounds that are numbers."""
+    in_bounds = np.logical_and(lower <= x, x <= upper)
+    distance = np.where(x < lower, lower - x, x - upper)
+    return np.where(in_bounds, 1.0, curve(distance / margin if margin else distance, scale))
+
+
+def _of_arrays(
+    x: Quantity, lower: Quantity, upper: Quantity, margin: Quantity, curve: _Curve, scale: float
+) -> np.ndarray:
+    """The values where bounds or margin are arrays; each has the bits of its numbers."""
+    in_bounds = np.logical_and(lower <= x, x <= upper)
+    distance = np.where(x < lower, lower - x, x - upper)
+    has_margin = margin != 0
+    outside = curve(distance / np.where(has_margin, margin, 1.0), scale)
+    return np.where(in_bounds, 1.0, np.where(has_margin, outside, 0.0))
 
 
 def _needs_no_masks(x: np.ndarray, lower: float, upper: float) -> bool:
@@ -98,65 +175,67 @@ def _distance(x: np.ndarray, lower: float, upper: float) -> np.ndarray:
     return np.maximum(below if upper == np.inf else np.maximum(below, x - upper), _ZERO)
 
 
-def _outside(distance: _Number, scale: float) -> _Number:
+def _outside(distance: Quantity, scale: float) -> Quantity:
     """The value outside the bounds where there is no margin."""
     return np.zeros_like(distance, dtype=float)
 
 
-def _square(x: _Number) -> _Number:
+def _square(x: Quantity) -> Quantity:
     # A number squared is libm's `pow`, an array squared is `x * x`; they differ in the last bit of
     # some values. Values of many simulations must round as each simulation's number does.
+    if isinstance(x, float):
+        return x**2
     return np.float_power(x, 2) if arrays.one_value_per_row(x) else x**2
 
 
-def _at_least_zero(x: _Number) -> _Number:
+def _at_least_zero(x: Quantity) -> Quantity:
     """`x` where it is positive, else 0; also for NaN, as dm_control's comparisons have it."""
-    if isinstance(x, np.ndarray):
-        return np.fmax(x, 0.0)
-    return x if x > 0 else 0.0
+    if isinstance(x, float):
+        return x if x > 0 else 0.0
+    return np.fmax(x, 0.0)
 
 
-def _gaussian(x: _Number, scale: float) -> _Number:
+def _gaussian(x: Quantity, scale: float) -> Quantity:
     return np.exp(-0.5 * _square(x * scale))
 
 
-def _hyperbolic(x: _Number, scale: float) -> _Number:
+def _hyperbolic(x: Quantity, scale: float) -> Quantity:
     return 1 / np.cosh(x * scale)
 
 
-def _long_tail(x: _Number, scale: float) -> _Number:
+def _long_tail(x: Quantity, scale: float) -> Quantity:
     return 1 / (_square(x * scale) + 1)
 
 
-def _reciprocal(x: _Number, scale: float) -> _Number:
+def _reciprocal(x: Quantity, scale: float) -> Quantity:
     return 1 / (abs(x) * scale + 1)
 
 
-def _cosine(x: _Number, scale: float) -> _Number:
+def _cosine(x: Quantity, scale: float) -> Quantity:
     scaled = x * scale
     with np.errstate(invalid="ignore"):  # the cosine of an infinite distance
         raised = (1 + np.cos(np.pi * scaled)) / 2
     return np.where(abs(scaled) < 1, raised, 0.0)
 
 
-def _linear(x: _Number, scale: float) -> _Number:
+def _linear(x: Quantity, scale: float) -> Quantity:
     return _at_least_zero(1.0 - x * scale)
 
 
-def _quadratic(x: _Number, scale: float) -> _Number:
-    if not isinstance(x, np.ndarray):
+def _quadratic(x: Quantity, scale: float) -> Quantity:
+    if isinstance(x, _NUMBERS):
         return _at_least_zero(1.0 - _square(x * scale))
     # The scale is a float64, and so is what it scales: the constants change no type.
     scaled = x if scale == 1 and x.dtype == float else x * scale
     return np.fmax(_ONE - _square(scaled), _ZERO)
 
 
-def _tanh_squared(x: _Number, scale: float) -> _Number:
+def _tanh_squared(x: Quantity, scale: float) -> Quantity:
     return 1 - _square(np.tanh(x * scale))
 
 
 # Each sigmoid with the scale that makes it pass through `v` at a distance of 1.
-_SIGMOIDS: dict[str, tuple[Callable, Callable[[float], float]]] = {
+_SIGMOIDS: dict[str, tuple[_Curve, Callable[[float], float]]] = {
     "gaussian": (_gaussian, lambda v: np.sqrt(-2 * np.log(v))),
     "hyperbolic": (_hyperbolic, lambda v: np.arccosh(1 / v)),
     "long_tail": (_long_tail, lambda v: np.sqrt(1 / v - 1)),
@@ -170,7 +249,7 @@ _REACH_ZERO = ("cosine", "linear", "quadratic")
 
 
 @functools.lru_cache(maxsize=1024, typed=True)
-def _sigmoid(sigmoid: str, value_at_1: float) -> tuple[Callable, float]:
+def _sigmoid(sigmoid: str, value_at_1: float) -> tuple[_Curve, float]:
     """The curve named `sigmoid` and the scale at which it passes through `value_at_1`."""
     if sigmoid in _REACH_ZERO:
         if not 0 <= value_at_1 < 1:

@@ -13,7 +13,6 @@ import contextlib
 import inspect
 from collections.abc import Callable
 
-
 from limberjack import policies
 from limberjack.factories import takes_a_seed
 from limberjack.rl.control import Environment

@@ -1,0 +1,326 @@
+"""`check_batch_safe`: whether a task gives each row of a batch what it gives a single simulation.
+
+    check_batch_safe(task, replicas, spec, n_sub_steps, saved_fields, randomizer)
+
+A few rows begin at different starts and take random actions for some steps, in lockstep with single
+simulations in the same states. Observation, reward, its terms, success, termination and state of
+each row are compared with the single simulation's, value by value, and the model of the single
+simulation with what it was. It all happens on copies of the task and the physics. The task's random
+stream is put to the same place before each evaluation on either side.
+
+It finds nothing that the first steps of an episode do not show.
+"""
+
+import copy
+from collections.abc import Iterator, Mapping, Sequence
+
+import mujoco.batch
+import numpy as np
+from dm_env import specs
+
+from limberjack.mujoco.replicas import Replicas
+from limberjack.rl import model_values
+from limberjack.rl.action_specs import bounds_to_try
+from limberjack.rl.batch_errors import Finding, explained
+from limberjack.rl.contract import Physics, PhysicsError, SimulatedPhysics, Task
+from limberjack.rl.randomize import Randomizer, stream_beside
+from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.utils import arrays
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["check_batch_safe", "check_episode_fields"]
+
+_MAX_ROWS = 4  # as many starts as tell most tasks' kinds apart
+_MIN_ROWS = 2  # with one row alone, wrong slices and norms cannot be told from right ones
+_STEPS = 3  # control steps; a touch sensor shows the first step with the second
+_LARGE = 1_000_000  # bytes; fields beyond it are compared once, not after each start
+
+# The parts of the state that a task sets, or that follow from these; the controls first, as the
+# cause of the others.
+_STATE = (
+    "ctrl",
+    "mocap_pos",
+    "mocap_quat",
+    "qfrc_applied",
+    "xfrc_applied",
+    "qpos",
+    "qvel",
+    "act",
+)
+
+_Moment = dict[str, np.ndarray]  # what could be seen of one simulation or of a batch, by name
+
+
+def check_episode_fields(task: Task) -> None:
+    """Checks the fields of the model that a task declares as its episodes' own.
+
+    Raises:
+      TypeError: they are not a tuple or list of names.
+      ValueError: there is no such field, or a batch cannot have one for each row.
+    """
+    fields = getattr(task, "EPISODE_FIELDS", ())
+    name = type(task).__name__
+    if isinstance(fields, str) or not all(isinstance(field, str) for field in fields):
+        raise TypeError(
+            f"EPISODE_FIELDS of task {name} is {fields!r}; expected a tuple of names of fields, "
+            "such as ('body_pos',)"
+        )
+    for field in fields:
+        if field not in mujoco.batch.MODEL_FIELDS:
+            known = sorted(mujoco.batch.MODEL_FIELDS)
+            raise ValueError(
+                f"task {name} declares {field!r} in EPISODE_FIELDS, which a batch cannot have for "
+                f"each row.{did_you_mean(field, known)} Its rows can differ in the fields of "
+                "mujoco.batch.MODEL_FIELDS only"
+            )
+
+
+def check_batch_safe(
+    task: Task,
+    replicas: Replicas,
+    spec: specs.BoundedArray,
+    n_sub_steps: int,
+    saved_fields: Sequence[str],
+    randomizer: Randomizer | None,
+) -> None:
+    """Compares what a task gives a few rows with what it gives single simulations.
+
+    Args:
+      task: it is not changed, and neither is its random stream.
+      replicas: of the batch, which is not changed.
+      spec: of the actions of one simulation.
+      n_sub_steps: physics steps per action.
+      saved_fields: fields of the model that each row has for itself.
+      randomizer: draws fields of the model for each episode; None for nothing.
+
+    Raises:
+      ValueError: a row is given something else, or an error, or the task sets fields of the model
+        that it does not declare.
+      TypeError: the task cannot be copied.
+    """
+    num_rows = min(max(replicas.num_envs, _MIN_ROWS), _MAX_ROWS)
+    global_stream = np.random.get_state()
+    try:
+        trial = _Trial(task, replicas, num_rows, saved_fields)
+        low, high = bounds_to_try(spec)
+        shape = (_STEPS, num_rows, *spec.shape)
+        actions = np.random.RandomState(0).uniform(low, high, shape).astype(spec.dtype)
+        alone = [
+            list(trial.play_alone(row, actions[:, row], n_sub_steps, randomizer))
+            for row in range(num_rows)
+        ]
+        trial.check_large_fields()
+        for step, found in enumerate(trial.play_together(actions, n_sub_steps, alone[0])):
+            for row, moments in enumerate(alone):
+                if step < len(moments):  # a row that diverges is compared no further
+                    trial.compare(found, moments[step], row, step)
+    finally:
+        np.random.set_state(global_stream)
+
+
+class _Trial:
+    """A few rows of a batch, and the tasks that play them."""
+
+    def __init__(
+        self, task: Task, replicas: Replicas, num_rows: int, saved_fields: Sequence[str]
+    ) -> None:
+        self._rows = replicas.single.replicate(num_rows, 1, saved_fields)
+        self._num_rows = num_rows
+        self._fields = tuple(saved_fields)
+        self._name = type(task).__name__
+        self._task: Task = _copied(task)
+        self._global_stream = np.random.get_state()
+        self._kept: set[str] = set()  # attributes of the task that starts set
+        whole = model_values.checksums(self._rows.single)
+        model = self._rows.single.model._model
+        candidates = whole.keys() - set(saved_fields)
+        self._large = {n for n in candidates if getattr(model, n, np.empty(0)).nbytes > _LARGE}
+        self._large_before = {name: whole[name] for name in self._large}
+
+    def play_alone(
+        self, row: int, actions: np.ndarray, n_sub_steps: int, randomizer: Randomizer | None
+    ) -> Iterator[_Moment]:
+        """Begins a row's episode, and yields what a single simulation shows of it.
+
+        Args:
+          row: its number.
+          actions: (steps, ...).
+          n_sub_steps: physics steps per action.
+          randomizer: draws fields of the model; None for nothing.
+        """
+        task, rows = self._task, self._rows
+        stream = np.random.RandomState(row)
+        if randomizer is not None:
+            rows.simulation.set_fields(randomizer.draw(stream_beside(stream)), row)
+        task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
+        before = vars(_copied(task))
+        with rows.episode(row) as one:
+            values = self._values(one)
+            task.initialize_episode(one)  # pyright: ignore[reportArgumentType]
+            self._check_model(one, values, "as an episode begins")
+        self._kept |= _changed(before, vars(task))
+        alone = _copied(task)
+        try:
+            one.after_reset()
+            yield _copies(self._seen(alone, one, is_step=False))
+            for action in actions:
+                self._rewind(alone)
+                alone.before_step(action.copy(), one)
+                one.step(n_sub_steps)
+                alone.after_step(one)
+                yield _copies(self._seen(alone, one, is_step=True))
+        except PhysicsError:
+            return
+        self._check_model(one, values, "during a step")
+
+    def play_together(
+        self, actions: np.ndarray, n_sub_steps: int, expected: list[_Moment]
+    ) -> Iterator[_Moment]:
+        """Yields what all rows show, after their start and after each step.
+
+        Args:
+          actions: (steps, num_rows, ...).
+          n_sub_steps: physics steps per action.
+          expected: what the first row's single simulation showed.
+        """
+        task, rows = self._task, self._rows
+        batch = rows.physics
+        rows.start(np.arange(self._num_rows))
+        with arrays.rows_of_a_batch(self._num_rows):
+            yield self._seen(task, batch, is_step=False, expected=expected[0])
+            for action in actions:
+                self._rewind(task)
+                with explained("before_step", self._name, self._num_rows):
+                    task.before_step(action.copy(), batch)  # pyright: ignore[reportArgumentType]
+                rows.step(None, n_sub_steps)
+                with explained("after_step", self._name, self._num_rows):
+                    task.after_step(batch)  # pyright: ignore[reportArgumentType]
+                yield self._seen(task, batch, is_step=True, expected=expected[0])
+
+    def _seen(
+        self,
+        task: Task,
+        physics: SimulatedPhysics,
+        is_step: bool,
+        expected: Mapping[str, np.ndarray] | None = None,
+    ) -> _Moment:
+        """The state, as the cause of all else, and what the task reads, in the order of a step.
+
+        A start is observed only, as by an environment.
+
+        Args:
+          task: a copy, whose stream is put to the same place before each call.
+          physics: what it reads.
+          is_step: whether a step has come before.
+          expected: of a batch, what a single simulation showed.
+        """
+        of = (self._name, self._num_rows)
+        read: Physics = physics  # pyright: ignore[reportAssignmentType] (it is both)
+        is_batch = expected is not None
+        seen = self._state(physics, is_batch)
+        if is_step:
+            self._rewind(task)
+            with explained("the reward", *of, is_batch):
+                reward, terms = reward_and_terms(task, read)
+            seen["the reward"] = reward
+            seen |= {f"reward term {name!r}": value for name, value in terms.items()}
+            if terms and getattr(task, "GOAL", ()):
+                with explained("is_success", *of, is_batch):
+                    seen["is_success"] = task.is_success(terms)  # pyright: ignore[reportAttributeAccessIssue]
+        self._rewind(task)
+        with explained("get_observation", *of, is_batch, list(expected or ())):
+            observation = task.get_observation(read)
+        seen |= {f"observation {name!r}": value for name, value in observation.items()}
+        if is_step:
+            self._rewind(task)
+            with explained("get_termination", *of, is_batch):
+                ending = task.get_termination(read)
+            seen["get_termination"] = np.nan if ending is None else ending
+        return {name: np.asarray(value) for name, value in seen.items()}
+
+    def _state(self, physics: SimulatedPhysics, is_batch: bool) -> dict[str, object]:
+        """The state, and the fields of the model that are the episode's own."""
+        seen: dict[str, object] = {f"data.{name}": getattr(physics.data, name) for name in _STATE}
+        if self._fields:
+            saved = physics.simulation.save(None, self._fields)
+            index = slice(None) if is_batch else 0
+            seen |= {f"model.{name}": saved[name][index] for name in self._fields}
+        return seen
+
+    def compare(self, found: _Moment, expected: _Moment, row: int, step: int) -> None:
+        """Raises ValueError if a row shows something else than its single simulation."""
+        for label, value in expected.items():
+            finding = Finding(label, self._name, row, step, self._num_rows, sorted(self._kept))
+            if label not in found:
+                raise finding.missing(sorted(found))
+            finding.check(found[label], value)
+        for label in found:
+            if label not in expected:
+                finding = Finding(label, self._name, row, step, self._num_rows, [])
+                raise finding.surplus()
+
+    def check_large_fields(self) -> None:
+        """Raises ValueError if a large field of the model was set, such as the textures' pixels."""
+        small = model_values.checksums(self._rows.single).items()
+        after = {name: value for name, value in small if name in self._large}
+        self._refuse(model_values.changed_fields(self._large_before, after), "in an episode")
+
+    def _values(self, one: SimulatedPhysics) -> dict[str, int]:
+        """Checksums of the model but for its large fields and those that the rows have."""
+        return model_values.checksums(one, {*self._large, *self._fields})
+
+    def _check_model(self, one: SimulatedPhysics, before: dict[str, int], when: str) -> None:
+        self._refuse(model_values.changed_fields(before, self._values(one)), when)
+
+    def _refuse(self, changed: Sequence[str], when: str) -> None:
+        """Raises ValueError if fields of the model were changed that each row does not have."""
+        if not changed:
+            return
+        shared = [name for name in changed if name not in mujoco.batch.MODEL_FIELDS]
+        task, named = self._name, ", ".join(changed)
+        if shared:
+            raise ValueError(
+                f"task {task} sets {named} of the model {when}, but the rows of a batch have "
+                f"{', '.join(shared)} in common: step single environments, or set it once, before "
+                "the batch is made"
+            )
+        declared = tuple(sorted({*getattr(self._task, "EPISODE_FIELDS", ()), *changed}))
+        raise ValueError(
+            f"task {task} sets {named} of the model {when}; declare EPISODE_FIELDS = {declared}, "
+            "so that each row has its own"
+        )
+
+    def _rewind(self, task: Task) -> None:
+        """Puts the random streams to the same place, whoever draws."""
+        task._random = np.random.RandomState(0)  # pyright: ignore[reportAttributeAccessIssue]
+        np.random.set_state(self._global_stream)
+
+
+def _copied(task: Task) -> Task:
+    try:
+        return copy.deepcopy(task)
+    except TypeError as error:
+        raise TypeError(
+            f"task {type(task).__name__} cannot be copied ({error}), but a batch tries out copies "
+            "of its task: let it hold only what copy.deepcopy takes"
+        ) from error
+
+
+def _copies(moment: _Moment) -> _Moment:
+    """The same in arrays of its own: what a task shows may be a view of live memory."""
+    return {name: value.copy() for name, value in moment.items()}
+
+
+def _changed(before: Mapping[str, object], after: Mapping[str, object]) -> set[str]:
+    """The attributes that a start has set, other than the stream that it draws from."""
+    names = (before.keys() | after.keys()) - {"_random"}
+    return {name for name in names if not _is_same(before.get(name), after.get(name))}
+
+
+def _is_same(one: object, other: object) -> bool:
+    if one is other:
+        return True
+    try:
+        return bool(np.array_equal(one, other))  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError):  # objects that cannot be compared
+        return True

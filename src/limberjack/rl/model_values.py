@@ -1,0 +1,80 @@
+"""`checksums`: the numbers of a compiled model, field by field, in a form that is quick to compare.
+
+before = checksums(physics)
+...
+changed_fields(before, checksums(physics))  # ["body_pos"]
+"""
+
+import functools
+import operator
+import zlib
+from collections.abc import Container, Iterable
+from types import UnionType
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+
+__all__ = ["changed_fields", "checksums", "derived_fields"]
+
+
+class _HasModel(Protocol):
+    @property
+    def model(self) -> Any: ...  # Any: a wrapper of the official struct
+
+
+def checksums(physics: _HasModel, leave_out: Container[str] = ()) -> dict[str, int]:
+    """A checksum of each field of the model that is not empty, options as 'opt.gravity'.
+
+    It takes 0.2 ms, and 2 ms with the pixels of textures, `tex_data`.
+    """
+    # As the rest of the package reads a model that simulations share: without making a copy of it.
+    model = physics.model._model
+    found = {}
+    for name in _array_names():
+        if name in leave_out:
+            continue
+        field = getattr(model, name)
+        if field.size:
+            found[name] = zlib.crc32(field)
+    for name in _option_names():
+        if name not in leave_out:
+            found[name] = zlib.crc32(np.asarray(operator.attrgetter(name)(model)).tobytes())
+    return found
+
+
+def changed_fields(before: dict[str, int], after: dict[str, int]) -> list[str]:
+    """The fields whose numbers differ, or that only one model has, sorted."""
+    return sorted(
+        name for name in before.keys() | after.keys() if before.get(name) != after.get(name)
+    )
+
+
+def derived_fields(fields: Iterable[str]) -> frozenset[str]:
+    """Fields that MuJoCo computes anew (mj_setConst) where these are set for each episode."""
+    inputs = mujoco.MjModel._setconst_inputs
+    if any(name in inputs or name.startswith("opt.") for name in fields):
+        return frozenset(mujoco.MjModel._setconst_outputs)
+    return frozenset()
+
+
+@functools.cache
+def _array_names() -> tuple[str, ...]:
+    """The fields of MjModel that are arrays, the same in all models."""
+    return _names_of(_empty_model(), np.ndarray)
+
+
+@functools.cache
+def _option_names() -> tuple[str, ...]:
+    """The fields of a model's options, as 'opt.gravity'."""
+    kinds = np.ndarray | int | float
+    return tuple(f"opt.{name}" for name in _names_of(_empty_model().opt, kinds))
+
+
+def _names_of(struct: object, kinds: type | UnionType) -> tuple[str, ...]:
+    names = (name for name in dir(struct) if not name.startswith("_"))
+    return tuple(name for name in names if isinstance(getattr(struct, name), kinds))
+
+
+def _empty_model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string("<mujoco/>")

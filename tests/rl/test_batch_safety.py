@@ -1,0 +1,467 @@
+"""Tasks that would be wrong in a batch are refused when it is made, with what is wrong."""
+
+import collections
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import mujoco, suite
+from limberjack.rl import control
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.randomize import scale
+from limberjack.suite import base
+from limberjack.utils import arrays, rewards
+
+_ARM = """
+<mujoco model="arm">
+  <option timestep="0.01"/>
+  <asset>
+    <hfield name="hills" nrow="3" ncol="3" size="1 1 1 .1" elevation="0 0 0 0 1 0 0 0 0"/>
+    <texture name="sky" type="skybox" builtin="gradient" width="8" height="8"/>
+    <mesh name="shard" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/>
+    <material name="self"/>
+  </asset>
+  <worldbody>
+    <geom name="hills" type="hfield" hfield="hills" contype="0" conaffinity="0" pos="0 0 -5"/>
+    <geom name="shard" type="mesh" mesh="shard" contype="0" conaffinity="0" pos="0 0 -5"/>
+    <body name="upper" pos="0 0 1">
+      <joint name="shoulder" axis="0 1 0" damping="0.1"/>
+      <geom name="upper" type="capsule" size="0.03" fromto="0 0 0 0 0 0.5"/>
+      <body name="lower" pos="0 0 0.5">
+        <joint name="elbow" axis="0 1 0" damping="0.1"/>
+        <geom name="lower" type="capsule" size="0.03" fromto="0 0 0 0 0 0.5"/>
+        <site name="tip" pos="0 0 0.5"/>
+      </body>
+    </body>
+    <body name="goal" pos="0.5 0 1"><site name="goal"/></body>
+  </worldbody>
+  <actuator>
+    <motor joint="shoulder" ctrllimited="true" ctrlrange="-1 1"/>
+    <motor joint="elbow"/>
+  </actuator>
+</mujoco>
+"""
+
+
+class Physics(mujoco.Physics):
+    def tip_to_goal(self) -> Any:
+        sites = self.named.data.site_xpos
+        return sites["goal"] - sites["tip"]
+
+
+class Reach(base.Task[Physics]):
+    """Batch-safe; each task below breaks one rule."""
+
+    EPISODE_FIELDS = ("body_pos",)
+    GOAL = ("near",)
+
+    def initialize_episode(self, physics: Physics) -> None:
+        physics.named.data.qpos[["shoulder", "elbow"]] = self.random.uniform(-1, 1, 2)
+        physics.named.model.body_pos["goal", "x"] = self.random.uniform(0.2, 0.8)
+        super().initialize_episode(physics)
+
+    def get_observation(self, physics: Physics) -> Any:
+        obs = collections.OrderedDict()
+        obs["angles"] = physics.position()
+        obs["to_goal"] = physics.tip_to_goal()
+        obs["velocity"] = physics.velocity()
+        return obs
+
+    def reward_terms(self, physics: Physics) -> Any:
+        return {
+            "near": rewards.tolerance(arrays.norm(physics.tip_to_goal()), (0, 0.1), margin=1),
+            "slow": rewards.mean_tolerance(physics.velocity(), margin=2),
+        }
+
+    def reward_of(self, terms: Any) -> Any:
+        return terms["near"] * terms["slow"]
+
+
+def _environment(task: Any, **kwargs: Any) -> control.Environment:
+    physics = Physics.from_xml_string(_ARM)
+    return control.Environment(physics, task, time_limit=1, n_sub_steps=2, **kwargs)
+
+
+def _batch(task: Any, num_envs: int = 3, **kwargs: Any) -> BatchEnvironment:
+    return BatchEnvironment.from_environment(_environment(task, **kwargs), num_envs, 1, seed=0)
+
+
+def _with(**methods: Any) -> Any:
+    """A task that breaks a rule in one of its methods."""
+    return type("Broken", (Reach,), methods)(random=0)
+
+
+def _observing(quantity: Any) -> Any:
+    def get_observation(self: Any, physics: Physics) -> Any:
+        obs = Reach.get_observation(self, physics)
+        obs["mine"] = quantity(physics)
+        return obs
+
+    return _with(get_observation=get_observation)
+
+
+def _rewarding(quantity: Any) -> Any:
+    return _with(get_reward=lambda self, physics: quantity(physics))
+
+
+def _starting(set_model: Any) -> Any:
+    def initialize_episode(self: Any, physics: Physics) -> None:
+        Reach.initialize_episode(self, physics)
+        set_model(physics, self.random.uniform(0.1, 0.2))
+
+    return _with(initialize_episode=initialize_episode)
+
+
+@pytest.mark.parametrize("num_envs", [1, 2, 7])
+def test_a_batch_safe_task_is_accepted(num_envs: int) -> None:
+    assert _batch(Reach(random=0), num_envs).num_envs == num_envs
+
+
+@pytest.mark.parametrize(
+    ("quantity", "message"),
+    [
+        (lambda p: p.position()[:1], r"has shape \(1, 2\) in a batch of 3; expected \(3, 1\)"),
+        (lambda p: p.position()[0], r"has shape \(2,\) in a batch of 3; expected \(3,\)"),
+        (lambda p: np.linalg.norm(p.tip_to_goal()), r"has shape \(\) in a batch of 3"),
+        # Shapes that fit: only the values tell.
+        (lambda p: p.position()[::-1].copy(), r"is .* at index \[0\] in row 0 .*; expected"),
+        (lambda p: p.velocity() / np.linalg.norm(p.position()), r"is .* in row \d"),
+        (lambda p: p.position() - p.position().mean(), r"is .* in row \d"),
+        (lambda p: p.position().astype("f4" if p.num_envs else "f8"), "has dtype float32"),
+    ],
+)
+@pytest.mark.parametrize("num_envs", [3, 64])
+def test_an_observation_is_compared_with_a_single_simulations(
+    quantity: Any, message: str, num_envs: int
+) -> None:
+    message = message.replace("of 3", "of {0}").replace("(3", "({0}")
+    expected = f"observation 'mine' of task Broken {message.format(min(num_envs, 4))}"
+    with pytest.raises(ValueError, match=expected) as caught:
+        _batch(_observing(quantity), num_envs)
+    assert "index with `...`, reduce over axis -1" in str(caught.value)
+
+
+def test_a_batch_of_one_is_checked_on_two_rows() -> None:
+    with pytest.raises(ValueError, match=r"has shape \(2,\) in a batch of 2; expected \(2,\)|is "):
+        _batch(_observing(lambda physics: physics.position()[0]), 1)
+
+
+@pytest.mark.parametrize(
+    "quantity",
+    [
+        lambda p: rewards.tolerance(float(np.linalg.norm(p.tip_to_goal())), margin=1),
+        lambda p: p.velocity().mean(),
+        lambda p: p.position()[..., 0] - p.position()[0, ..., 0] if p.num_envs else 0.0,
+        lambda p: np.abs(p.velocity()).max(),
+    ],
+)
+def test_a_reward_over_all_rows_is_refused_by_its_value(quantity: Any) -> None:
+    with pytest.raises(ValueError, match=r"the reward of task Broken is .* in row \d of a batch"):
+        _batch(_rewarding(quantity))
+
+
+def test_a_reward_that_is_a_constant_is_accepted() -> None:
+    batch = _batch(_rewarding(lambda physics: 0.5))
+    batch.reset()
+    assert batch.step(np.zeros((3, 2))).reward.tolist() == [0.5] * 3
+
+
+@pytest.mark.parametrize(
+    ("quantity", "error"),
+    [
+        (lambda p: max(p.position()[..., 0], 0.0), "ValueError"),
+        (lambda p: float(p.position()[..., 0]), "TypeError"),
+        (lambda p: 1.0 if p.position()[..., 0] > 0 else 0.0, "ValueError"),
+        (lambda p: p.tip_to_goal()[2], "IndexError"),
+        (lambda p: np.concatenate([p.position(), p.tip_to_goal()[..., 0]]), "ValueError"),
+    ],
+)
+def test_an_error_in_a_batch_names_the_observation_and_the_line(quantity: Any, error: str) -> None:
+    def single_or_batch(physics: Physics) -> Any:
+        if not physics.num_envs and error in ("ValueError", "IndexError"):
+            return np.float64(0)
+        return quantity(physics)
+
+    with pytest.raises(ValueError, match="observation 'mine' of task Broken raises") as caught:
+        _batch(_observing(single_or_batch), 2)
+    text = str(caught.value)
+    assert f"raises {error} in a batch of 2 rows, but not in a single simulation: " in text
+    assert re.search(r"line \d+: `.*p\.", text), text
+    assert "np.maximum and np.where for max() and if" in text
+    assert type(caught.value.__cause__).__name__ == error
+
+
+@pytest.mark.parametrize(
+    ("method", "label"),
+    [
+        ("get_reward", "the reward"),
+        ("reward_terms", "the reward"),
+        ("is_success", "is_success"),
+        ("get_termination", "get_termination"),
+        ("before_step", "before_step"),
+        ("after_step", "after_step"),
+    ],
+)
+def test_an_error_in_any_other_part_of_a_task_is_named(method: str, label: str) -> None:
+    def broken(self: Any, *given: Any) -> Any:
+        physics = given[-1]
+        is_batch = np.ndim(given[0]["near"]) if method == "is_success" else physics.num_envs
+        if is_batch:
+            return np.zeros(2) + np.zeros(5)
+        return getattr(super(type(self), self), method)(*given)
+
+    with pytest.raises(ValueError, match=f"{label} of task Broken raises ValueError") as caught:
+        _batch(_with(**{method: broken}))
+    assert "shapes (2,) (5,)" in str(caught.value)
+
+
+def test_terms_success_and_termination_are_compared() -> None:
+    def near_of_all(self: Any, physics: Physics) -> Any:
+        terms = Reach.reward_terms(self, physics)
+        return {**terms, "near": terms["near"] * np.mean(physics.velocity())}
+
+    def any_ends(self: Any, physics: Physics) -> Any:
+        ends = physics.velocity()[..., 0] > 0
+        if physics.num_envs is None:
+            return 0.0 if ends else None
+        return np.where(ends.any(), 0.0, np.full(physics.num_envs, np.nan))
+
+    for broken, label in (
+        ({"reward_terms": near_of_all}, "the reward"),
+        ({"reward_terms": near_of_all, "reward_of": lambda self, terms: 1.0}, "reward term 'near'"),
+        ({"is_success": lambda self, terms: terms["near"] > np.mean(terms["near"])}, "is_success"),
+        ({"get_termination": any_ends}, "get_termination"),
+    ):
+        with pytest.raises(ValueError, match=f"{label} of task Broken is .* in row"):
+            _batch(_with(**broken))
+
+
+def test_names_of_observations_must_not_depend_on_the_batch() -> None:
+    def fewer(self: Any, physics: Physics) -> Any:
+        obs = Reach.get_observation(self, physics)
+        if physics.num_envs:
+            del obs["to_goal"]
+        return obs
+
+    def more(self: Any, physics: Physics) -> Any:
+        obs = Reach.get_observation(self, physics)
+        return {**obs, "rows": physics.position()} if physics.num_envs else obs
+
+    with pytest.raises(ValueError, match="observation 'to_goal' of task Broken is missing"):
+        _batch(_with(get_observation=fewer))
+    with pytest.raises(ValueError, match="observation 'rows' of task Broken is there in a batch"):
+        _batch(_with(get_observation=more))
+
+
+def test_an_attribute_that_an_episode_sets_is_named() -> None:
+    def initialize_episode(self: Any, physics: Physics) -> None:
+        Reach.initialize_episode(self, physics)
+        self._offset = self.random.uniform(-1, 1, 2)
+
+    def get_observation(self: Any, physics: Physics) -> Any:
+        return {"angles": physics.position() - self._offset}  # a shape that fits
+
+    task = _with(initialize_episode=initialize_episode, get_observation=get_observation)
+    expected = r"'angles' .* in row 0 .*: keep nothing of the episode in the task, .* self\._offset"
+    with pytest.raises(ValueError, match=expected):
+        _batch(task)
+    assert not hasattr(task, "_offset")
+
+
+def test_an_attribute_that_is_the_same_in_every_episode_is_accepted() -> None:
+    def initialize_episode(self: Any, physics: Physics) -> None:
+        Reach.initialize_episode(self, physics)
+        self._mass = physics.named.model.body_mass["upper"]
+
+    def get_reward(self: Any, physics: Physics) -> Any:
+        return self._mass * physics.velocity()[..., 0]
+
+    _batch(_with(initialize_episode=initialize_episode, get_reward=get_reward))
+
+
+def _set_hills(physics: Physics, value: float) -> None:
+    physics.model.hfield_data[4] = value
+
+
+def _set_sky(physics: Physics, value: float) -> None:
+    physics.model.tex_data[0] = int(value * 1_000)
+
+
+def _set_shard(physics: Physics, value: float) -> None:
+    physics.model.mesh_vert[0, 0] = value
+
+
+def _set_colour(physics: Physics, value: float) -> None:
+    physics.named.model.geom_rgba["upper", "r"] = value
+
+
+def _set_gravity(physics: Physics, value: float) -> None:
+    physics.model.opt.gravity[0] = value
+
+
+def _set_density(physics: Physics, value: float) -> None:
+    physics.model.opt.density = value
+
+
+def _set_contacts(physics: Physics, value: float) -> None:
+    physics.model.geom_contype[:] = int(value * 1_000)
+
+
+@pytest.mark.parametrize(
+    ("set_model", "field"),
+    [
+        (_set_colour, "geom_rgba"),
+        (_set_gravity, r"opt\.gravity"),
+        (_set_density, r"opt\.density"),
+        (_set_contacts, "geom_contype"),
+    ],
+)
+def test_a_start_that_sets_an_undeclared_field_is_told_to_declare_it(
+    set_model: Any, field: str
+) -> None:
+    declared = rf"\('body_pos', '{field}'\)"
+    expected = rf"Broken sets {field} of the model as .*; declare EPISODE_FIELDS = {declared}"
+    with pytest.raises(ValueError, match=expected):
+        _batch(_starting(set_model))
+
+
+@pytest.mark.parametrize(
+    ("set_model", "field"),
+    [(_set_hills, "hfield_data"), (_set_sky, "tex_data"), (_set_shard, "mesh_vert")],
+)
+def test_a_start_that_sets_what_rows_have_in_common_is_refused(set_model: Any, field: str) -> None:
+    expected = f"Broken sets {field} of the model .*the rows of a batch have {field} in common"
+    with pytest.raises(ValueError, match=expected):
+        _batch(_starting(set_model))
+    task = _starting(set_model)
+    task.EPISODE_FIELDS = ("body_pos", field)
+    with pytest.raises(ValueError, match=f"declares '{field}' in EPISODE_FIELDS, which a batch"):
+        _batch(task)
+
+
+def test_large_fields_are_looked_at_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    from limberjack.rl import batch_safety
+
+    monkeypatch.setattr(batch_safety, "_LARGE", 4)
+    with pytest.raises(ValueError, match="sets hfield_data of the model in an episode"):
+        _batch(_starting(_set_hills))
+
+
+@pytest.mark.parametrize("hook", ["before_step", "after_step"])
+def test_a_step_that_sets_an_undeclared_field_is_refused(hook: str) -> None:
+    def step(self: Any, *given: Any) -> None:
+        getattr(Reach, hook)(self, *given)
+        if given[-1].num_envs is None and given[-1].time():
+            _set_colour(given[-1], 0.25)
+
+    with pytest.raises(ValueError, match="Broken sets geom_rgba of the model during a step"):
+        _batch(_with(**{hook: step}))
+
+
+def test_declared_fields_are_compared() -> None:
+    def after_step(self: Any, physics: Physics) -> None:
+        if physics.num_envs is None:
+            physics.named.model.body_pos["goal", "z"] += 0.5
+
+    with pytest.raises(ValueError, match=r"model\.body_pos of task Broken is .* in row 0"):
+        _batch(_with(after_step=after_step))
+
+
+def test_controls_of_rows_are_compared() -> None:
+    def before_step(self: Any, action: Any, physics: Physics) -> None:
+        physics.set_control(action)
+        if physics.num_envs:
+            physics.data.ctrl[1] = action[0]
+
+    with pytest.raises(ValueError, match=r"data\.ctrl of task Broken is .* in row 1 .*after 1 "):
+        _batch(_with(before_step=before_step))
+
+
+@pytest.mark.parametrize(
+    ("fields", "error", "match"),
+    [
+        ("body_pos", TypeError, "EPISODE_FIELDS of task Broken is 'body_pos'; expected a tuple"),
+        (("bodypos",), ValueError, r"declares 'bodypos' .*'body_pos'\?"),
+        (("names",), ValueError, "declares 'names' in EPISODE_FIELDS"),
+    ],
+)
+def test_fields_that_no_row_can_have_are_refused(fields: Any, error: Any, match: str) -> None:
+    with pytest.raises(error, match=match):
+        _batch(_with(EPISODE_FIELDS=fields))
+
+
+def test_a_quantity_that_forgets_what_is_randomised_is_refused() -> None:
+    class Weighing(Reach):
+        def __init__(self, mass: float) -> None:
+            super().__init__(random=0)
+            self._mass = mass
+
+        def get_reward(self, physics: Physics) -> Any:
+            mass = (
+                physics.named.model.body_mass["upper"] if physics.num_envs is None else self._mass
+            )
+            return physics.velocity()[..., 0] * mass
+
+    mass = float(Physics.from_xml_string(_ARM).named.model.body_mass["upper"])
+    _batch(Weighing(mass))
+    with pytest.raises(ValueError, match="the reward of task Weighing"):
+        _batch(Weighing(mass), randomize={"body_mass": scale(0.5, 2)})
+
+
+def test_tasks_that_draw_are_compared_fairly_and_streams_do_not_advance() -> None:
+    def get_observation(self: Any, physics: Physics) -> Any:
+        noise = self.random.uniform() + np.random.uniform()  # one for all rows
+        return {"angles": physics.position() + noise}
+
+    task = _with(get_observation=get_observation)
+    np.random.seed(5)
+    expected = np.random.RandomState(5).uniform()
+    _batch(task)
+    assert np.random.uniform() == expected
+    assert task.random.uniform() == np.random.RandomState(0).uniform()
+
+
+def test_the_task_is_left_as_it_was() -> None:
+    counted: list[str] = []
+
+    def initialize_episode(self: Any, physics: Physics) -> None:
+        Reach.initialize_episode(self, physics)
+        counted.append("a start")
+        self.starts = getattr(self, "starts", 0) + 1
+
+    task = _with(initialize_episode=initialize_episode)
+    batch = _batch(task)
+    assert len(counted) == 3  # of copies
+    assert not hasattr(task, "starts")
+    assert not hasattr(batch.task, "starts")
+    assert batch.begins.all()
+
+
+def test_a_task_that_cannot_be_copied_is_told_why() -> None:
+    import threading
+
+    task = Reach(random=0)
+    task.lock = threading.Lock()  # pyright: ignore[reportAttributeAccessIssue]
+    with pytest.raises(TypeError, match=r"task Reach cannot be copied .*lock"):
+        _batch(task)
+
+
+def test_a_row_that_diverges_is_compared_no_further() -> None:
+    def initialize_episode(self: Any, physics: Physics) -> None:
+        Reach.initialize_episode(self, physics)
+        if physics.data.qpos[0] > 0:
+            physics.data.qvel[:] = 1e9
+
+    def get_observation(self: Any, physics: Physics) -> Any:
+        return {"angles": physics.position()}
+
+    _batch(_with(initialize_episode=initialize_episode, get_observation=get_observation), 5)
+
+
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_the_suites_tasks_are_accepted_whatever_is_observed(task: tuple[str, str]) -> None:
+    kwargs = {} if task[0] == "humanoid" else {"fully_observable": False}
+    for options in ({}, {"legacy_step": False}, {"randomize": {"body_mass": scale(0.9, 1.1)}}):
+        assert suite.load_batch(*task, 1, 1, task_kwargs=kwargs, environment_kwargs=options)
