@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco import engine
+from limberjack.mujoco.wrapper import sharing
 from tests.laws.episodes import DOMAINS, Task, bits, load, play
 
 _THREADS = 4
@@ -47,7 +47,8 @@ def test_threads_may_load_a_task_at_the_same_moment(switching_often: None) -> No
 
     with futures.ThreadPoolExecutor(_THREADS) as pool:
         for _ in range(3):
-            engine._models.clear()
+            sharing._in_use.clear()
+            sharing._last_used.clear()
             assert list(pool.map(load_and_reset, range(_THREADS))) == [expected] * _THREADS
 
 

@@ -98,14 +98,6 @@ def test_an_unknown_field_is_refused_with_a_suggestion() -> None:
         fields.check_randomizable("body_mas")
 
 
-def test_fields_that_may_differ_are_values_of_the_model_without_its_options() -> None:
-    names = fields.varying()
-    assert {"body_mass", "geom_size", "geom_priority", "geom_rgba"} <= set(names)
-    assert not {"geom_type", "body_parentid", "opt.gravity"} & set(names)
-    for name in names:
-        fields.check_randomizable(name)
-
-
 @pytest.mark.parametrize(
     ("names", "expected"),
     [

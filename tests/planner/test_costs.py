@@ -20,13 +20,14 @@ def _in_many_states(domain: str, task: str) -> tuple[Any, Any]:
     """An environment, and a batch of its physics after random actions."""
     env = suite.load(domain, task, task_kwargs={"random": 7})
     env.reset()
-    batch = env.physics.replicate(_ROWS, 1, [n for n in env.snapshot().physics if "body" in n])
+    fields = [n for n in env.snapshot().physics if "body" in n]
+    batch = env.physics.replicate(_ROWS, 1, fields).physics
     saved = env.snapshot().physics
-    batch.load_rows({name: np.repeat(v, _ROWS, axis=0) for name, v in saved.items()}, None)
+    batch.simulation.load({name: np.repeat(v, _ROWS, axis=0) for name, v in saved.items()})
     random = np.random.default_rng(0)
     for _ in range(30):
         batch.set_control(random.uniform(-1, 1, (_ROWS, env.physics.model.nu)))
-        batch.step_rows(None, 5)
+        batch.step(5)
     return env, batch
 
 
@@ -42,10 +43,10 @@ def test_a_cost_is_one_number_for_each_state_whatever_the_others_are(
     assert together.shape == (_ROWS,)
     assert np.isfinite(together).all()
     assert len(set(together.tolist())) == _ROWS
-    saved = batch.save_rows(None, ["body_pos", "body_quat"] if domain != "humanoid" else [])
+    saved = batch.simulation.save(None, ["body_pos", "body_quat"] if domain != "humanoid" else [])
     last = {name: np.repeat(value[-1:], _ROWS, axis=0) for name, value in saved.items()}
     controls = np.repeat(batch.data.ctrl[-1:], _ROWS, axis=0)
-    batch.load_rows(last, None)
+    batch.simulation.load(last)
     batch.set_control(controls)
     with rows_of_a_batch(_ROWS):
         alone = cost.step_cost(batch)

@@ -5,9 +5,10 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from limberjack.mujoco.history import History
 
 from limberjack import suite
+from limberjack.planner.history import History
+from limberjack.planner.rollouts import Rollouts
 from limberjack.planner.servos import Servos
 from limberjack.planner.tracking import Tracking
 
@@ -20,19 +21,19 @@ def _targets(law: Tracking, count: int = _ROWS) -> np.ndarray:
     return law.within_limits(drawn)
 
 
-def _batch(task: tuple[str, str], law: Tracking | None = None) -> tuple[Any, Servos | None]:
+def _batch(task: tuple[str, str], law: Tracking | None = None) -> tuple[Rollouts, Servos | None]:
     """A batch whose time step is the control step, in the starts of an episode each."""
     env = suite.load(*task, {"random": 0})
     twin = env.physics.copy()
     twin.model.opt.timestep = env.control_timestep()
     servos = None if law is None else Servos(twin.model.ptr, law)
-    batch = twin.replicate(_ROWS, 2, getattr(env.task, "EPISODE_FIELDS", ()))
+    batch = Rollouts(twin, _ROWS, 2, getattr(env.task, "EPISODE_FIELDS", ()))
     saved = []
     for seed in range(_ROWS):
         start = suite.load(*task, {"random": seed})
         start.reset()
         saved.append(start.snapshot().physics)
-    batch.load_rows({n: np.concatenate([s[n] for s in saved]) for n in saved[0]}, None)
+    batch.simulation.load({n: np.concatenate([s[n] for s in saved]) for n in saved[0]})
     return batch, servos
 
 
@@ -45,7 +46,7 @@ def _plan(targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return targets.swapaxes(0, 1), np.arange(float(len(targets)))
 
 
-def _arm() -> tuple[Tracking, Any, Servos]:
+def _arm() -> tuple[Tracking, Rollouts, Servos]:
     task = ("manipulator", "bring_ball")
     law = _law(task)
     batch, servos = _batch(task, law)
@@ -65,15 +66,18 @@ def test_servos_do_what_the_law_does(task: tuple[str, str]) -> None:
     targets = _targets(law)
     (by_law, _), (by_servos, servos) = _batch(task), _batch(task, law)
     assert servos is not None
-    histories = [History(by_law, _STEPS // 2), History(by_servos, _STEPS // 2)]
-    seen = [b.seen_through(h) for b, h in zip((by_law, by_servos), histories, strict=True)]
+    histories = [History(one.simulation, _STEPS // 2) for one in (by_law, by_servos)]
+    batches = by_law.physics, by_servos.physics
+    seen = [b.seen_through(h) for b, h in zip(batches, histories, strict=True)]
     for one in seen:
         _read(one)  # says what is to be noted
     for history in histories:
         history.begin()
     for step, wanted in enumerate(targets):
-        by_law.set_control(law.controls(wanted, by_law.data.qpos, by_law.data.qvel))
-        assert not by_law.step_rows(None, 1).any()
+        data = by_law.physics.data
+        by_law.physics.set_control(law.controls(wanted, data.qpos, data.qvel))
+        by_law.step(1)
+        assert not by_law.diverged().any()
         if step % 2:
             histories[0].note(step // 2)
     diverged = servos.follow(by_servos, histories[1], *_plan(targets), substeps=1, interval=2)
@@ -89,9 +93,9 @@ def test_servos_do_what_the_law_does(task: tuple[str, str]) -> None:
 
 def test_the_last_state_is_looked_at_last_and_others_at_equal_distances() -> None:
     law, batch, servos = _arm()
-    history = History(batch, 2)
-    seen = batch.seen_through(history)
-    start = batch.data.time.copy()
+    history = History(batch.simulation, 2)
+    seen = batch.physics.seen_through(history)
+    start = batch.physics.data.time.copy()
     seen.data.time  # noqa: B018  # says that it is to be noted
     history.begin()
     servos.follow(batch, history, *_plan(_targets(law)), substeps=3, interval=4)
@@ -105,17 +109,18 @@ def test_who_diverges_is_told_and_the_others_do_not_notice() -> None:
     ends = []
     for speed in (0.0, 1e9):
         law, batch, servos = _arm()
-        batch.data.qvel[1] += speed
-        diverged = servos.follow(batch, History(batch, 1), *_plan(_targets(law)), 2, _STEPS)
+        batch.physics.data.qvel[1] += speed
+        history = History(batch.simulation, 1)
+        diverged = servos.follow(batch, history, *_plan(_targets(law)), 2, _STEPS)
         assert diverged.tolist() == [False, speed > 0, False]
-        ends.append(batch.data.qpos[[0, 2]].copy())
+        ends.append(batch.physics.data.qpos[[0, 2]].copy())
     np.testing.assert_array_equal(*ends)
 
 
 def test_what_cannot_be_recorded_is_named() -> None:
     law, batch, servos = _arm()
-    history = History(batch, 1)
-    batch.seen_through(history).data.state  # noqa: B018
+    history = History(batch.simulation, 1)
+    batch.physics.seen_through(history).data.state  # noqa: B018
     history.begin()
     with pytest.raises(ValueError, match=r"step_cost reads .*state.*plan without Settings\(servos"):
         servos.follow(batch, history, *_plan(_targets(law)), 1, _STEPS)
