@@ -172,7 +172,7 @@ class _OsMesa:
         if native.is_visible("eglGetProcAddress"):
             fail("this process already draws with EGL")
         libraries = filter(None, map(native.load, self._LIBRARIES))
-        self._mesa: Any = next(libraries, None) or fail("libOSMesa cannot be loaded")
+        self._mesa = next(libraries, None) or fail("libOSMesa cannot be loaded")
         for name, signature in self._SIGNATURES.items():
             native.declare(getattr(self._mesa, name), signature)
         self._buffer = (ctypes.c_float * (4 * self._SIDE**2))()
