@@ -81,7 +81,8 @@ def test_elements_are_written_and_views_see_it() -> None:
 
 
 def test_results_are_written_into_strict_arrays() -> None:
-    array, out = StrictArray(_X), StrictArray(np.empty_like(_X))
+    array: Any = StrictArray(_X)
+    out: Any = StrictArray(np.empty_like(_X))
     assert values_of(np.multiply(array, 2.0, out=out)).tobytes() == (2 * _X).tobytes()
     assert values_of(out).tobytes() == (2 * _X).tobytes()
 
