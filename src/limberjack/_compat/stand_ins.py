@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from importlib.abc import Loader
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 __all__ = ["WHERE_TO_FIND_IT", "StandInLoader", "is_stand_in"]
 
@@ -70,8 +70,7 @@ class _StandInClass(abc.ABCMeta):
     def __getattr__(cls, name: str) -> "_StandInClass":
         return _attribute(f"{cls.__module__}.{cls.__name__}", name)
 
-    # Any: a stand-in is called, indexed and searched with whatever the real thing takes.
-    def __call__(cls, *args: Any, **kwargs: Any) -> NoReturn:
+    def __call__(cls, *args: object, **kwargs: object) -> NoReturn:
         _refuse(cls)
 
     def __iter__(cls) -> Iterator[NoReturn]:
@@ -112,7 +111,7 @@ def _refuse(cls: type) -> NoReturn:
     raise NotImplementedError(_not_built(f"{cls.__module__}.{cls.__name__}"))
 
 
-def _refuse_subclass(cls: type, **kwargs: Any) -> NoReturn:
+def _refuse_subclass(cls: type, **kwargs: object) -> NoReturn:
     """In place of `__init_subclass__`; `cls` is the subclass in the making."""
     _refuse(next(base for base in cls.__mro__ if base in _made.values()))
 

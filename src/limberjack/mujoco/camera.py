@@ -10,24 +10,26 @@ camera can be made and moved, and its matrix asked for, where there is no OpenGL
 needs that (`rendering`).
 """
 
-import operator
 import threading
 import weakref
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from limberjack.mujoco.rendering import Contexts, RenderingError, call, contexts
 from limberjack.mujoco.rendering.overlays import TextOverlay
-from limberjack.mujoco.rendering.pictures import Style, draw, finished
+from limberjack.mujoco.rendering.pictures import Overlay, Style, draw, finished
+from limberjack.mujoco.rendering.viewpoints import FREE_CAMERA, Drawable, checked_size, view_of
 from limberjack.mujoco.wrapper import MjvCamera, MjvOption, MjvScene
+from limberjack.mujoco.wrapper.visual import RenderFlag
 
 __all__ = [
     "Camera",
     "CameraMatrices",
     "Contexts",
+    "Drawable",
     "MovableCamera",
     "Pose",
     "RenderingError",
@@ -37,15 +39,16 @@ __all__ = [
     "render",
 ]
 
-# Any in these signatures: a physics is `engine.Physics`, which is built on this module.
-_SceneCallback = Callable[[Any, Any], None]
+# Called with the physics and the scene.
+_SceneCallback = Callable[..., None]
 
 _EVERYTHING = mujoco.mjtCatBit.mjCAT_ALL.value
-_FREE_CAMERA = -1
 # What `render` draws unless told otherwise.
 _DEFAULT_OPTION = MjvOption()
 # Scenes for `render`, by model: making one takes much longer than filling it.
-_spare_scenes: weakref.WeakKeyDictionary[Any, list[MjvScene]] = weakref.WeakKeyDictionary()
+_spare_scenes: weakref.WeakKeyDictionary[mujoco.MjModel, list[MjvScene]] = (
+    weakref.WeakKeyDictionary()
+)
 _MOST_SPARE_SCENES = 4
 
 
@@ -85,10 +88,10 @@ class Camera:
 
     def __init__(
         self,
-        physics: Any,
+        physics: Drawable,
         height: int = 240,
         width: int = 320,
-        camera_id: int | str = _FREE_CAMERA,
+        camera_id: int | str = FREE_CAMERA,
         max_geom: int | None = None,
         scene_callback: _SceneCallback | None = None,
     ) -> None:
@@ -108,10 +111,10 @@ class Camera:
           ValueError: there is no such camera, or the size is none or more than the model's
             off-screen buffer has.
         """
-        self._height, self._width = _checked_size(physics, height, width)
+        self._height, self._width = checked_size(physics, height, width)
         self._physics = physics
         self._scene_callback = scene_callback
-        self._render_camera = _view(physics, camera_id)
+        self._render_camera = view_of(physics, camera_id)
         self._scene = MjvScene(model=physics.model, max_geom=max_geom)
         self._scene_option = MjvOption()
         self._lock = threading.RLock()
@@ -146,7 +149,7 @@ class Camera:
         """The factors of the camera matrix."""
         model, data = self._physics.model._model, self._physics.data._data
         number = self._render_camera.fixedcamid
-        if number == _FREE_CAMERA:
+        if number == FREE_CAMERA:
             # Known to the scene only, for a left and a right eye; the camera is between the two.
             self.update()
             eyes = self.scene.camera
@@ -168,7 +171,7 @@ class Camera:
         focal = np.diag([-scale, scale, 1.0, 0])[:3]
         return CameraMatrices(image, focal, rotation, translation)
 
-    def update(self, scene_option: Any = None) -> None:
+    def update(self, scene_option: mujoco.MjvOption | None = None) -> None:
         """Takes the physics' present state into the scene.
 
         Args:
@@ -177,16 +180,16 @@ class Camera:
         with self._lock:
             mujoco.mjv_updateScene(*self._contents(scene_option), self._scene)
 
-    def _contents(self, scene_option: Any) -> tuple:
+    def _contents(self, scene_option: mujoco.MjvOption | None) -> tuple:
         return _contents(self._physics, self._render_camera, scene_option or self._scene_option)
 
     def render(
         self,
-        overlays: Iterable[TextOverlay] = (),
+        overlays: Iterable[Overlay] = (),
         depth: bool = False,
         segmentation: bool = False,
-        scene_option: Any = None,
-        render_flag_overrides: Mapping[Any, bool] | None = None,
+        scene_option: mujoco.MjvOption | None = None,
+        render_flag_overrides: Mapping[RenderFlag, bool] | None = None,
         quality: str = "full",
     ) -> np.ndarray:
         """A picture of the physics' present state.
@@ -262,14 +265,14 @@ class MovableCamera(Camera):
 
     def __init__(
         self,
-        physics: Any,
+        physics: Drawable,
         height: int = 240,
         width: int = 320,
         max_geom: int | None = None,
         scene_callback: _SceneCallback | None = None,
     ) -> None:
         """Makes a camera where the model's free camera is; arguments are those of `Camera`."""
-        super().__init__(physics, height, width, _FREE_CAMERA, max_geom, scene_callback)
+        super().__init__(physics, height, width, FREE_CAMERA, max_geom, scene_callback)
 
     def get_pose(self) -> Pose:
         """Where the camera is."""
@@ -294,15 +297,15 @@ class MovableCamera(Camera):
 
 
 def render(
-    physics: Any,
+    physics: Drawable,
     height: int = 240,
     width: int = 320,
-    camera_id: int | str = _FREE_CAMERA,
-    overlays: Iterable[TextOverlay] = (),
+    camera_id: int | str = FREE_CAMERA,
+    overlays: Iterable[Overlay] = (),
     depth: bool = False,
     segmentation: bool = False,
-    scene_option: Any = None,
-    render_flag_overrides: Mapping[Any, bool] | None = None,
+    scene_option: mujoco.MjvOption | None = None,
+    render_flag_overrides: Mapping[RenderFlag, bool] | None = None,
     scene_callback: _SceneCallback | None = None,
     quality: str = "full",
 ) -> np.ndarray:
@@ -310,8 +313,8 @@ def render(
 
     Arguments, result and errors are those of `Camera` and `Camera.render`.
     """
-    size = _checked_size(physics, height, width)
-    view = _view(physics, camera_id)
+    size = checked_size(physics, height, width)
+    view = view_of(physics, camera_id)
     style = Style.of(overlays, depth, segmentation, render_flag_overrides, quality)
     model = physics.model._model
     spares = _spare_scenes.setdefault(model, [])
@@ -334,7 +337,7 @@ def render(
     return picture
 
 
-def _may_have_changed(physics: Any) -> bool:
+def _may_have_changed(physics: Drawable) -> bool:
     """Whether the model's height fields, textures or meshes may have changed since they were drawn.
 
     Those of a model that is shared cannot.
@@ -342,13 +345,13 @@ def _may_have_changed(physics: Any) -> bool:
     return physics.model._shared is None
 
 
-def _contents(physics: Any, view: MjvCamera, option: Any) -> tuple:
+def _contents(physics: Drawable, view: MjvCamera, option: mujoco.MjvOption) -> tuple:
     """What `mjv_updateScene` takes into a scene: the physics' present state."""
     return physics.model._model, physics.data._data, option, None, view, _EVERYTHING
 
 
 def _with_callback(
-    contents: tuple, physics: Any, scene: MjvScene, callback: _SceneCallback
+    contents: tuple, physics: Drawable, scene: MjvScene, callback: _SceneCallback
 ) -> None:
     """Takes the contents into the scene and has the callback change it, in the caller's thread."""
     mujoco.mjv_updateScene(*contents, scene)
@@ -361,48 +364,3 @@ def _renewed(scene: MjvScene) -> MjvScene:
     for eye in scene.camera:
         eye.pos[:] = 0.0
     return scene
-
-
-def _checked_size(physics: Any, height: int, width: int) -> tuple[int, int]:
-    """Height and width as ints, if they fit into the model's off-screen buffer."""
-    limits = physics.model._model.vis.global_
-    sizes = []
-    for name, value, limit in (("height", height, "offheight"), ("width", width, "offwidth")):
-        most = getattr(limits, limit)
-        try:
-            size = operator.index(value)
-        except TypeError:
-            size = 0
-        if size < 1:
-            raise ValueError(
-                f"image {name} is {value!r}; expected a whole number of pixels, from 1 to {most}"
-            )
-        if size > most:
-            raise ValueError(
-                f"image {name} {size} > {most}, the {name} of the model's off-screen buffer. Ask "
-                f'for less, or enlarge it: <visual><global {limit}="{size}"/></visual> in the MJCF'
-            )
-        sizes.append(size)
-    return sizes[0], sizes[1]
-
-
-def _view(physics: Any, camera_id: int | str) -> MjvCamera:
-    """The view of a camera of the model, given by name or number, or of the free camera."""
-    model = physics.model._model
-    if isinstance(camera_id, str):
-        number: int = physics.model.name2id(camera_id, "camera")
-    else:
-        number = operator.index(camera_id)
-    if not _FREE_CAMERA <= number < model.ncam:
-        raise ValueError(
-            f"camera_id is {number}; expected a name, or a number from -1, the free camera, to "
-            f"{model.ncam - 1}: the model has {model.ncam} cameras"
-        )
-    view = MjvCamera()
-    view.fixedcamid = number
-    if number == _FREE_CAMERA:
-        view.type = mujoco.mjtCamera.mjCAMERA_FREE
-        mujoco.mjv_defaultFreeCamera(model, view)
-    else:
-        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
-    return view

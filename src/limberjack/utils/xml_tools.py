@@ -57,16 +57,15 @@ def remove_element(root: _Node, element: _Node) -> None:
 def nested_element(element: _Element, depth: int) -> _Element:
     """`element`, with a copy of itself as its last child, and so on, `depth` copies deep."""
     single = copy.deepcopy(element)
-    parent: Any = element
+    parent: _Node = element
     for _ in range(depth):
-        child: Any = copy.deepcopy(single)
+        child: _Node = copy.deepcopy(single)
         parent.append(child)
         parent = child
     return element
 
 
-# Any: a tree of either library.
-def parse(file_obj: IO[Any] | str | os.PathLike[str]) -> Any:
+def parse(file_obj: IO[str] | IO[bytes] | str | os.PathLike[str]) -> _Node:
     """The tree of an XML file, without the whitespace that lies between its elements.
 
     So a pretty printer can lay it out anew. It is an `xml.etree.ElementTree.ElementTree`, without

@@ -57,7 +57,7 @@ def test_attributes_named_like_keywords_have_second_names() -> None:
     camera, figure = wrapper.MjvCamera(), wrapper.MjvFigure()
     camera.type_ = mujoco.mjtCamera.mjCAMERA_FIXED.value
     assert camera.type == camera.type_ == mujoco.mjtCamera.mjCAMERA_FIXED.value
-    figure.range_ = [[1.0, 2.0], [3.0, 4.0]]
+    figure.range_ = np.array([[1.0, 2.0], [3.0, 4.0]])
     np.testing.assert_array_equal(figure.range, figure.range_)
 
 

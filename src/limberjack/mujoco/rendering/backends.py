@@ -41,6 +41,10 @@ _NOT_AFTER_FORK = (
 )
 
 
+# Opaque, and each backend's own: a number, or an object of a library.
+_Context = Any
+
+
 class Backend(Protocol):
     """A source of OpenGL contexts. Contexts are opaque: what `create` returned."""
 
@@ -50,15 +54,15 @@ class Backend(Protocol):
     renderer: str
     vendor: str
 
-    def create(self) -> Any:
+    def create(self) -> _Context:
         """A new context, not current."""
         ...
 
-    def make_current(self, context: Any) -> None:
+    def make_current(self, context: _Context) -> None:
         """Makes the context current in this thread; None releases the current one."""
         ...
 
-    def destroy(self, context: Any) -> None:
+    def destroy(self, context: _Context) -> None:
         """Frees the context, which must not be current."""
         ...
 
@@ -172,7 +176,7 @@ class _OsMesa:
         if native.is_visible("eglGetProcAddress"):
             fail("this process already draws with EGL")
         libraries = filter(None, map(native.load, self._LIBRARIES))
-        self._mesa: Any = next(libraries, None) or fail("libOSMesa cannot be loaded")
+        self._mesa = next(libraries, None) or fail("libOSMesa cannot be loaded")
         for name, signature in self._SIGNATURES.items():
             native.declare(getattr(self._mesa, name), signature)
         self._buffer = (ctypes.c_float * (4 * self._SIDE**2))()
@@ -226,14 +230,14 @@ class _Glfw:
         if sys.platform == "linux":
             native.load("libGL.so.1", is_visible=True)
 
-    def create(self) -> Any:
+    def create(self) -> _Context:
         self._glfw.window_hint(self._glfw.VISIBLE, False)
         return self._glfw.create_window(1, 1, "limberjack", None, None)
 
-    def make_current(self, context: Any) -> None:
+    def make_current(self, context: _Context) -> None:
         self._glfw.make_context_current(context)
 
-    def destroy(self, context: Any) -> None:
+    def destroy(self, context: _Context) -> None:
         self._glfw.destroy_window(context)
 
 
@@ -250,14 +254,14 @@ class _Cgl:
             fail(str(error))
         self.renderer = self.vendor = ""
 
-    def create(self) -> Any:
+    def create(self) -> _Context:
         return self._cgl.GLContext(1, 1)
 
-    def make_current(self, context: Any) -> None:
+    def make_current(self, context: _Context) -> None:
         if context is not None:
             context.make_current()
 
-    def destroy(self, context: Any) -> None:
+    def destroy(self, context: _Context) -> None:
         context.free()
 
 

@@ -2,13 +2,24 @@
 
 import contextlib
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Protocol, Self, TypeVar
 
 import mujoco
 
 from limberjack.mujoco.rendering.thread import call
+from limberjack.mujoco.wrapper import MjModel
 
 __all__ = ["Contexts", "contexts"]
+
+
+_T = TypeVar("_T")
+
+
+class _HasModel(Protocol):
+    """A `mujoco.Physics`, which is built on this module."""
+
+    @property
+    def model(self) -> MjModel: ...
 
 
 class Contexts(NamedTuple):
@@ -21,7 +32,7 @@ class Contexts(NamedTuple):
 class _GlContext:
     """The OpenGL context of a physics."""
 
-    def __init__(self, physics: Any) -> None:
+    def __init__(self, physics: _HasModel) -> None:
         self._physics = physics
 
     @contextlib.contextmanager
@@ -29,7 +40,7 @@ class _GlContext:
         """An object whose `call` runs functions where the context is current."""
         yield self
 
-    def call(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    def call(self, function: Callable[..., _T], *args: object, **kwargs: object) -> _T:
         """What `function(*args, **kwargs)` returns, called on the rendering thread."""
         model = self._physics.model.ptr
         return call(model, lambda _: function(*args, **kwargs), is_private=True)
@@ -38,7 +49,7 @@ class _GlContext:
 class _MujocoContext:
     """MuJoCo's rendering context of a physics."""
 
-    def __init__(self, physics: Any) -> None:
+    def __init__(self, physics: _HasModel) -> None:
         self._physics = physics
 
     @property
@@ -47,7 +58,7 @@ class _MujocoContext:
         return call(self._physics.model.ptr, lambda context: context, is_private=True)
 
 
-def contexts(physics: Any) -> Contexts:
+def contexts(physics: _HasModel) -> Contexts:
     """The rendering contexts of a physics, for programs that call MuJoCo's `mjr_` functions.
 
         with physics.contexts.gl.make_current() as context:

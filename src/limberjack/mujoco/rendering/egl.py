@@ -10,7 +10,7 @@ It is called directly and not through PyOpenGL; see `backends.py`.
 
 import ctypes
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from limberjack.mujoco.rendering import native
@@ -97,7 +97,7 @@ class Egl:
     def _open_library(self) -> None:
         # NVIDIA's driver wants it for use by many threads.
         native.load("libOpenGL.so.0", is_visible=True)
-        self._egl: Any = native.load("libEGL.so.1") or fail("libEGL.so.1 cannot be loaded")
+        self._egl = native.load("libEGL.so.1") or fail("libEGL.so.1 cannot be loaded")
         if native.is_visible("OSMesaGetProcAddress") and not native.is_visible("eglGetProcAddress"):
             fail("this process already draws with OSMesa")
         for name, signature in self._SIGNATURES.items():
@@ -151,7 +151,7 @@ class Egl:
         self.destroy(context)
         return True
 
-    def _extension(self, name: str, signature: str) -> Any:
+    def _extension(self, name: str, signature: str) -> Callable[..., Any]:
         """A function that the library does not export by name."""
         address = self._egl.eglGetProcAddress(name.encode()) or fail(f"EGL has no {name}")
         return native.function_at(address, signature)

@@ -10,7 +10,7 @@ p(ointer), s(tring).
 
 import ctypes
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 __all__ = [
     "RenderingError",
@@ -39,12 +39,12 @@ class UnavailableError(Exception):
     """A backend does not work here, and why."""
 
 
-def fail(reason: str) -> Any:
+def fail(reason: str) -> NoReturn:
     """Raises an `UnavailableError`; an expression, to stand behind `or`."""
     raise UnavailableError(reason) from None
 
 
-def load(library: str, is_visible: bool = False) -> Any:
+def load(library: str, is_visible: bool = False) -> ctypes.CDLL | None:
     """The library, or None; if visible, the whole process finds functions in it."""
     try:
         return ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL if is_visible else ctypes.RTLD_LOCAL)
@@ -57,13 +57,13 @@ def is_visible(function: str) -> bool:
     return hasattr(ctypes.CDLL(None), function)
 
 
-def declare(function: Any, signature: str) -> None:
+def declare(function: "ctypes._NamedFuncPointer", signature: str) -> None:
     """Tells ctypes a function's signature."""
     function.restype, *function.argtypes = _types(signature)
 
 
-def function_at(address: int, signature: str) -> Any:
-    """The function at an address."""
+def function_at(address: int, signature: str) -> Callable[..., Any]:
+    """The function at an address. Any: whatever the signature says."""
     return ctypes.CFUNCTYPE(*_types(signature))(address)
 
 
@@ -80,7 +80,7 @@ def names_of_driver(get_string: Callable[[int], bytes | None]) -> tuple[str, str
     return renderer, vendor
 
 
-def _types(signature: str) -> list[Any]:
+def _types(signature: str) -> list[type["ctypes._SimpleCData[Any]"]]:
     """The C types that the letters stand for."""
     letters = {
         "i": ctypes.c_int32,

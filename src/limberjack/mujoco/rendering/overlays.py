@@ -4,7 +4,7 @@ physics.render(overlays=[TextOverlay("reward", "0.93", position="bottom left")])
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TypeVar
 
 import mujoco
 
@@ -24,6 +24,9 @@ _POSITIONS = {
     "bottom left": mujoco.mjtGridPos.mjGRID_BOTTOMLEFT,
     "bottom right": mujoco.mjtGridPos.mjGRID_BOTTOMRIGHT,
 }
+
+
+_T = TypeVar("_T")
 
 
 class TextOverlay:
@@ -54,13 +57,13 @@ class TextOverlay:
         self.style = _one_of("style", style, _FONTS)
         self.position = _one_of("position", position, _POSITIONS)
 
-    def draw(self, context: Any, rect: mujoco.MjrRect) -> None:
+    def draw(self, context: mujoco.MjrContext, rect: mujoco.MjrRect) -> None:
         """Draws it; called on the rendering thread with a `mujoco.MjrContext`."""
         title, body = to_binary_string(self.title), to_binary_string(self.body)
         mujoco.mjr_overlay(self.style, self.position, rect, title, body, context)
 
 
-def _one_of(what: str, name: str, values: Mapping[str, Any]) -> Any:
+def _one_of(what: str, name: str, values: Mapping[str, _T]) -> _T:
     """The value of that name."""
     if name not in values:
         choices = ", ".join(map(repr, values))

@@ -9,15 +9,16 @@
 """
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import mujoco
 import numpy as np
 
 from limberjack.mujoco.wrapper import MjvScene
+from limberjack.mujoco.wrapper.visual import RenderFlag
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["Style", "draw", "finished"]
+__all__ = ["Overlay", "Style", "draw", "finished"]
 
 # Flags by what is asked for: 'full' draws all that the scene's flags say, as dm_control does.
 _QUALITIES: dict[str, dict[str, bool]] = {
@@ -32,22 +33,29 @@ _NUMBERED = {  # Each object in a colour that is its number in the scene, plus o
 }
 
 
+class Overlay(Protocol):
+    """What is drawn on a picture, such as a `TextOverlay`."""
+
+    def draw(self, context: mujoco.MjrContext, rect: mujoco.MjrRect) -> None:
+        """Draws it; called on the rendering thread."""
+        ...
+
+
 class Style(NamedTuple):
     """What is drawn of a scene."""
 
-    # Any: texts with dm_control's method `draw`; flags by name or `mujoco.mjtRndFlag`.
-    overlays: tuple[Any, ...]
+    overlays: tuple[Overlay, ...]
     depth: bool
     segmentation: bool
-    flags: Mapping[Any, bool]
+    flags: Mapping[RenderFlag, bool]
 
     @classmethod
     def of(
         cls,
-        overlays: Iterable[Any] = (),
+        overlays: Iterable[Overlay] = (),
         depth: bool = False,
         segmentation: bool = False,
-        render_flag_overrides: Mapping[Any, bool] | None = None,
+        render_flag_overrides: Mapping[RenderFlag, bool] | None = None,
         quality: str = "full",
     ) -> "Style":
         """The style of dm_control's arguments, and of a quality, which the overrides come before.
@@ -107,7 +115,7 @@ def draw(
     return rgb
 
 
-def finished(raw: np.ndarray, style: Style, model: Any, scene: MjvScene) -> np.ndarray:
+def finished(raw: np.ndarray, style: Style, model: mujoco.MjModel, scene: MjvScene) -> np.ndarray:
     """The picture, uppermost row first, from what `draw` returned: an array of its own."""
     if style.depth:
         raw = _metres(raw, model)
@@ -116,7 +124,7 @@ def finished(raw: np.ndarray, style: Style, model: Any, scene: MjvScene) -> np.n
     return raw[::-1].copy()
 
 
-def _metres(depth: np.ndarray, model: Any) -> np.ndarray:
+def _metres(depth: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
     """Distances along the camera's axis, float32, from the depth buffer's 0 to 1."""
     near = model.vis.map.znear * model.stat.extent
     far = model.vis.map.zfar * model.stat.extent

@@ -57,6 +57,7 @@ class MjData:
         """The model that this data belongs to."""
         return self._model
 
+    # Any: what the official struct has.
     @property
     def contact(self) -> Any:
         """The contacts found at the last forward pass."""
@@ -67,7 +68,7 @@ class MjData:
             raise AttributeError(name)
         return getattr(self._data, name)
 
-    def __setattr__(self, name: str, value: Any) -> None:
+    def __setattr__(self, name: str, value: object) -> None:
         setattr(self._data, name, value)
 
     def __dir__(self) -> list[str]:

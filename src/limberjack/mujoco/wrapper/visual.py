@@ -4,15 +4,16 @@ Each has `ptr`, which is the object itself. None of them touches OpenGL.
 """
 
 import contextlib
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 import mujoco
 import numpy as np
 
 from limberjack.mujoco.wrapper.model import MjModel
 
-__all__ = ["MjvCamera", "MjvFigure", "MjvOption", "MjvPerturb", "MjvScene"]
+__all__ = ["MjvCamera", "MjvFigure", "MjvOption", "MjvPerturb", "MjvScene", "RenderFlag"]
+
+RenderFlag = str | int | mujoco.mjtRndFlag  # such as 'wireframe'
 
 _FEWEST_SCENE_GEOMS = 1000
 
@@ -25,12 +26,12 @@ class MjvCamera(mujoco.MjvCamera):
         return self
 
     @property
-    def type_(self) -> Any:
+    def type_(self) -> int:
         """Another name for `type`."""
         return self.type
 
     @type_.setter
-    def type_(self, value: Any) -> None:
+    def type_(self, value: int) -> None:
         self.type = value
 
 
@@ -62,12 +63,12 @@ class MjvFigure(mujoco.MjvFigure):
         return self
 
     @property
-    def range_(self) -> Any:
+    def range_(self) -> np.ndarray:
         """Another name for `range`."""
         return self.range
 
     @range_.setter
-    def range_(self, value: Any) -> None:
+    def range_(self, value: np.ndarray) -> None:
         self.range = value
 
 
@@ -93,12 +94,12 @@ class MjvScene(mujoco.MjvScene):
         return self
 
     @property
-    def geoms(self) -> Any:
+    def geoms(self) -> Sequence[mujoco.MjvGeom]:
         """The geoms in the scene now."""
         return super().geoms[: super().ngeom]
 
     @contextlib.contextmanager
-    def override_flags(self, overrides: Mapping[Any, bool] | None) -> Iterator[None]:
+    def override_flags(self, overrides: Mapping[RenderFlag, bool] | None) -> Iterator[None]:
         """Sets rendering flags within the context.
 
         Args:
@@ -119,7 +120,7 @@ class MjvScene(mujoco.MjvScene):
         """Does nothing: the scene is freed with its last reference."""
 
 
-def _render_flag(flag: Any) -> int:
+def _render_flag(flag: RenderFlag) -> int:
     """Number of a rendering flag given by name or number."""
     if not isinstance(flag, str):
         return int(flag)
@@ -131,7 +132,7 @@ def _render_flag(flag: Any) -> int:
     return member.value
 
 
-def _renderable_geoms(model: Any) -> int:
+def _renderable_geoms(model: mujoco.MjModel) -> int:
     """Room for every object of the model with its usual decorations."""
     frames = max(model.nbody, model.ngeom, model.nsite, model.ncam, model.nlight)
     drawn_once = ("nsite", "ntendon", "njnt", "nu", "nskin", "ncam", "nlight")

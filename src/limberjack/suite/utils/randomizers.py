@@ -5,6 +5,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.mujoco import Physics
+
 __all__ = ["random_limited_quaternion", "randomize_limited_and_rotational_joints"]
 
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE.value
@@ -24,7 +26,7 @@ def random_limited_quaternion(random: np.random.RandomState, limit: float) -> np
 
 
 def randomize_limited_and_rotational_joints(
-    physics: Any, random: np.random.RandomState | None = None
+    physics: Physics, random: np.random.RandomState | None = None
 ) -> None:
     """Draws the positions of all joints that have limits or rotate, in the model's order.
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import dm_env
 import numpy as np
+from dm_env import specs
 from numpy.typing import ArrayLike
 
 __all__ = ["Wrapper", "checked_action"]
@@ -25,7 +26,7 @@ class Wrapper(dm_env.Environment):
         """Steps the wrapped environment."""
         return self._env.step(action)
 
-    def action_spec(self) -> Any:
+    def action_spec(self) -> specs.BoundedArray:  # pyright: ignore[reportIncompatibleMethodOverride]
         """The wrapped environment's action spec."""
         return self._env.action_spec()
 
@@ -33,11 +34,11 @@ class Wrapper(dm_env.Environment):
         """The wrapped environment's observation spec."""
         return self._env.observation_spec()
 
-    def reward_spec(self) -> Any:
+    def reward_spec(self) -> specs.Array:
         """The wrapped environment's reward spec."""
         return self._env.reward_spec()
 
-    def discount_spec(self) -> Any:
+    def discount_spec(self) -> specs.BoundedArray:
         """The wrapped environment's discount spec."""
         return self._env.discount_spec()
 

@@ -6,8 +6,6 @@ Each component is mapped linearly from [minimum, maximum] to the range of the wr
 own spec. Actions are not clipped.
 """
 
-from typing import Any
-
 import dm_env
 import numpy as np
 from dm_env import specs
@@ -77,8 +75,7 @@ class Wrapper(_delegating.Wrapper):
         return self._action_spec
 
 
-# Any: the bounds of a spec may be scalars.
-def _check_bounds(bounds: Any, name: str, shape: tuple[int, ...]) -> None:
+def _check_bounds(bounds: ArrayLike, name: str, shape: tuple[int, ...]) -> None:
     """Refuses bounds that are not finite or do not broadcast to `shape`."""
     if not np.all(np.isfinite(bounds)):
         raise ValueError(_MUST_BE_FINITE.format(name=name, bounds=bounds))

@@ -11,6 +11,7 @@ from collections.abc import Mapping, MutableMapping
 from typing import Any
 
 import dm_env
+import numpy as np
 from dm_env import specs
 from numpy.typing import ArrayLike
 
@@ -29,7 +30,7 @@ class Wrapper(_delegating.Wrapper):
         self,
         env: dm_env.Environment,
         pixels_only: bool = True,
-        render_kwargs: Mapping[str, Any] | None = None,
+        render_kwargs: Mapping[str, object] | None = None,
         observation_key: str = "pixels",
     ) -> None:
         """Wraps `env`, which must have a `physics`, and draws it once for the spec.
@@ -74,6 +75,7 @@ class Wrapper(_delegating.Wrapper):
         """Steps the wrapped environment and draws it."""
         return self._seen(self._env.step(action))
 
+    # Any: specs of any kind.
     def observation_spec(self) -> MutableMapping[str, Any]:
         """The wrapped environment's observation spec, unless left out, and the picture's."""
         return self._observation_spec
@@ -82,11 +84,11 @@ class Wrapper(_delegating.Wrapper):
         observation = self._with(time_step.observation, self._picture())
         return time_step._replace(observation=observation)
 
-    # Any: the environment's physics, of which only `render` is used.
-    def _picture(self) -> Any:
+    def _picture(self) -> np.ndarray:
         return self._env.physics.render(**self._render_kwargs)
 
-    def _with(self, state: Any, picture: Any) -> MutableMapping[str, Any]:
+    # Any: arrays or specs.
+    def _with(self, state: Any, picture: object) -> MutableMapping[str, Any]:
         """Observations, or their specs, together with the picture or its spec."""
         if self._pixels_only:
             both = collections.OrderedDict()
