@@ -43,7 +43,7 @@ def test_the_scores_in_the_readme_are_those_of_the_committed_results() -> None:
     sentence = r"(?s)over (\d+) fresh episodes of each task it reaches\s(.*?)\s\("
     ((episodes, scores),) = re.findall(sentence, text)
     told = re.findall(r"(\d+)(?: of 1,000)? on\s(?:humanoid\s)?(\w+)", scores)
-    assert len(told) == len(re.findall(r"\d+(?= )", scores.replace(" of 1,000", ""))) > 4
+    assert len(told) == len(re.findall(r"\b\d{3}\b", scores.replace(" of 1,000", ""))) > 4
     results = {path.stem.split("-")[1]: path for path in _RESULTS if path.stem.endswith("planner")}
     for score, task in told:
         summary = json.loads(results[task].read_text(encoding="utf-8"))["summary"]["planner"]

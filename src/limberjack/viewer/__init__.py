@@ -24,12 +24,12 @@ from limberjack.viewer.address import Address, find_address
 from limberjack.viewer.session import Act, Begin, Session, Viewed, idle
 
 # Any: whatever `Session` takes, or a function of a seed or of nothing that makes it.
-Loader = Any
+_Loader = Any
 __all__ = ["begin_policy", "begin_with", "in_browsers", "in_window", "launch"]
 
 
 def launch(
-    environment_loader: Loader,
+    environment_loader: _Loader,
     policy: Act | str | None = None,
     title: str = "limberjack",
     width: int = 1024,
