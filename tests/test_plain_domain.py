@@ -48,7 +48,10 @@ def test_evaluate_and_bench_measure_it(tmp_path: Path) -> None:
     ("command", "message"),
     [
         (["run"], "plain drift has no time limit of its own, .*: give --time-limit SECONDS"),
-        (["evaluate"], "plain drift has no time limit, so an episode might never end: give a time"),
+        (
+            ["evaluate"],
+            "plain drift has no time limit, so an episode might never end: give it a time",
+        ),
         (["record", "--out", "film.mp4"], "would never end: give its seconds"),
         (["solve"], "the planner knows no cost for tasks of type Push|has no time limit"),
     ],

@@ -29,6 +29,8 @@ from limberjack import gym
 from limberjack.gym import arguments
 from limberjack.gym.observations import Observations
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.control import Environment
+from limberjack.utils.seeds import checked_seed
 from limberjack.utils.suggest import did_you_mean
 
 try:
@@ -42,6 +44,9 @@ except ImportError as error:
 __all__ = ["SavedPolicy", "VecEnv", "make_vec_env"]
 
 _Indices = int | Iterable[int] | None
+_Observations = np.ndarray | dict[str, np.ndarray]
+# Any: what Gymnasium and SB3 pass by name, of many types.
+_ByName = dict[str, Any]
 
 
 class VecEnv(vec_env.VecEnv):
@@ -69,23 +74,23 @@ class VecEnv(vec_env.VecEnv):
             envs = gym.VectorEnv(envs, autoreset_mode="SameStep", flat=True, dtype="float32")
         _check_vector_env(envs)
         self.vector_env = envs
-        self._own: list[dict[str, Any]] = [{} for _ in range(envs.num_envs)]
+        self._own: list[_ByName] = [{} for _ in range(envs.num_envs)]
         self._actions: np.ndarray | None = None
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
         self.metadata = {**self.metadata, "render_fps": envs.metadata["render_fps"]}
         if seed is not None:
             self.seed(seed)
 
-    def seed(self, seed: int | None = None) -> Sequence[int]:
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Has row i begin the first episode of `RandomState(seed + i)` at the next `reset`.
 
         Returns the rows' seeds. None stands for any seed; NumPy's global stream is left alone.
         """
-        first = np.random.RandomState().randint(2**31) if seed is None else seed
-        self._seeds: Any = arguments.row_seeds(first, self.num_envs)
+        first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
+        self._seeds: list[int | None] = arguments.row_seeds(first, self.num_envs)
         return list(self._seeds)
 
-    def reset(self) -> Any:
+    def reset(self) -> _Observations:
         """Begins an episode in every row; returns the observations. Options are ignored."""
         observations, info = self.vector_env.reset(seed=self._seeds)
         self._reset_seeds()
@@ -99,7 +104,7 @@ class VecEnv(vec_env.VecEnv):
         """Takes the actions, (num_envs, ...), which `step_wait` applies."""
         self._actions = np.array(actions)
 
-    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[_Observations, np.ndarray, np.ndarray, list[_ByName]]:
         """Steps every row; returns observations, float32 rewards, dones, infos.
 
         Raises:
@@ -123,7 +128,7 @@ class VecEnv(vec_env.VecEnv):
         """A picture of each row, (height, width, 3) uint8; None each without a render mode."""
         return self.vector_env.render() or [None] * self.num_envs
 
-    def get_attr(self, attr_name: str, indices: _Indices = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: _Indices = None) -> list[object]:
         """Of each row, what `set_attr` gave it, else what all rows have in common.
 
         In common they have the spaces and the attributes of the `VectorEnv`, such as `layout`.
@@ -137,7 +142,7 @@ class VecEnv(vec_env.VecEnv):
             for row in rows
         ]
 
-    def set_attr(self, attr_name: str, value: Any, indices: _Indices = None) -> None:
+    def set_attr(self, attr_name: str, value: object, indices: _Indices = None) -> None:
         """Gives rows an attribute, for `get_attr` to return; it does not reach the simulations.
 
         Raises:
@@ -152,8 +157,12 @@ class VecEnv(vec_env.VecEnv):
             self._own[row][attr_name] = value
 
     def env_method(
-        self, method_name: str, *method_args: Any, indices: _Indices = None, **method_kwargs: Any
-    ) -> list[Any]:
+        self,
+        method_name: str,
+        *method_args: object,
+        indices: _Indices = None,
+        **method_kwargs: object,
+    ) -> list[object]:
         """Calls a method of rows, `render` or `get_wrapper_attr`; they have no other.
 
         Raises:
@@ -174,13 +183,13 @@ class VecEnv(vec_env.VecEnv):
                 raise IndexError(f"row {row} was asked for; there are {self.num_envs}, from 0")
         return rows
 
-    def _common(self, name: str) -> Any:
+    def _common(self, name: str) -> object:
         if name in ("action_space", "observation_space"):
             return getattr(self.vector_env, f"single_{name}")
         return getattr(self.vector_env, name)
 
-    def _method(self, name: str, row: int) -> Callable[..., Any]:
-        known: dict[str, Callable[..., Any]] = {
+    def _method(self, name: str, row: int) -> Callable[..., object]:
+        known: dict[str, Callable[..., object]] = {
             "get_wrapper_attr": lambda name: self.get_attr(name, row)[0],
             "render": lambda: self.get_images()[row],
         }
@@ -191,7 +200,7 @@ class VecEnv(vec_env.VecEnv):
             f"have: {', '.join(known)}. See also the attribute vector_env."
         )
 
-    def _note_what_was_drawn(self, info: dict[str, Any]) -> None:
+    def _note_what_was_drawn(self, info: _ByName) -> None:
         """Keeps, for rows whose episode has just begun, the fields of the model drawn for it."""
         drawn = info.get("randomization", {})
         for row in np.flatnonzero(info.get("_randomization", ())):
@@ -199,7 +208,7 @@ class VecEnv(vec_env.VecEnv):
             self.reset_infos[row] = {"randomization": fields}
 
 
-def _check_vector_env(envs: Any) -> None:
+def _check_vector_env(envs: object) -> None:
     """Raises unless SB3 can use it."""
     if not isinstance(envs, gym.VectorEnv):
         raise TypeError(
@@ -218,10 +227,10 @@ def _check_vector_env(envs: Any) -> None:
         )
 
 
-def _infos_of_rows(info: dict[str, Any], truncated: np.ndarray) -> list[dict[str, Any]]:
+def _infos_of_rows(info: _ByName, truncated: np.ndarray) -> list[_ByName]:
     """What a step says, told of each row."""
     diverged = info["diverged"]
-    infos: list[dict[str, Any]] = [
+    infos: list[_ByName] = [
         {"TimeLimit.truncated": by_limit, "diverged": by_itself}
         for by_limit, by_itself in zip(truncated.tolist(), diverged.tolist(), strict=True)
     ]
@@ -233,7 +242,7 @@ def _infos_of_rows(info: dict[str, Any], truncated: np.ndarray) -> list[dict[str
     return infos
 
 
-def _add_terms(infos: list[dict[str, Any]], info: dict[str, Any]) -> None:
+def _add_terms(infos: list[_ByName], info: _ByName) -> None:
     """Adds what the reward is made of, to the rows that it is said of."""
     if "reward_terms" not in info:
         return
@@ -273,7 +282,7 @@ class SavedPolicy:
     hold pickled Python: load only what you trust.
     """
 
-    def __init__(self, path: Path, environment: Any) -> None:
+    def __init__(self, path: Path, environment: Environment) -> None:
         """Loads the model, on the CPU.
 
         Args:
@@ -315,7 +324,7 @@ class SavedPolicy:
         return actions
 
 
-def _saved_model(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+def _saved_model(path: Path) -> tuple[_ByName, _ByName]:
     """What a file of `model.save` holds: its settings and its networks' parameters."""
     with path.open("rb") as file:
         if not zipfile.is_zipfile(file):
@@ -331,7 +340,7 @@ def _saved_model(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return data, parameters
 
 
-def _saved_normalisation(path: Path, space: Any) -> Callable[[Any], Any]:
+def _saved_normalisation(path: Path, space: object) -> Callable[[_Observations], _Observations]:
     """What `VecNormalize.save` wrote, as a function of observations of the model's space."""
     with _damage_named(path, "what VecNormalize.save wrote"):
         saved = pickle.loads(path.read_bytes())
@@ -353,14 +362,16 @@ def _damage_named(path: Path, expected: str) -> Iterator[None]:
         raise ValueError(f"{path} cannot be read ({error}); expected {expected}") from error
 
 
-def _check_space(what: str, of_model: Any, here: Any) -> None:
+def _check_space(what: str, of_model: object, here: object) -> None:
     """Raises unless what the model was trained with has the shapes that are here."""
     found, expected = _shape(of_model), _shape(here)
     if found != expected:
         raise ValueError(f"the model's {what} have shape {found}; the task's have {expected}")
 
 
-def _shape(space: Any) -> Any:
+def _shape(space: object) -> object:
     """The shape of a space or spec, or the shapes of a dictionary of spaces, by name."""
     spaces = getattr(space, "spaces", None)
-    return space.shape if spaces is None else {name: one.shape for name, one in spaces.items()}
+    if spaces is None:
+        return getattr(space, "shape", None)
+    return {name: one.shape for name, one in spaces.items()}

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,19 @@ def test_the_page_is_made_of_the_committed_results(script: Any, tmp_path: Path) 
     script.main([])
     made = (tmp_path / "scores.md").read_text(encoding="utf-8")
     assert (_REPOSITORY / "docs" / "scores.md").read_text(encoding="utf-8") == made
+
+
+def test_the_scores_in_the_readme_are_those_of_the_committed_results() -> None:
+    text = (_REPOSITORY / "README.md").read_text(encoding="utf-8")
+    sentence = r"(?s)over (\d+) fresh episodes of each task it reaches\s(.*?)\s\("
+    ((episodes, scores),) = re.findall(sentence, text)
+    told = re.findall(r"(\d+)(?: of 1,000)? on\s(?:humanoid\s)?(\w+)", scores)
+    assert len(told) == len(re.findall(r"\b\d{3}\b", scores.replace(" of 1,000", ""))) > 4
+    results = {path.stem.split("-")[1]: path for path in _RESULTS if path.stem.endswith("planner")}
+    for score, task in told:
+        summary = json.loads(results[task].read_text(encoding="utf-8"))["summary"]["planner"]
+        assert summary["episodes"] == int(episodes)
+        assert int(score) == round(summary["mean"]), task
 
 
 def test_a_folder_is_taken_over(script: Any, tmp_path: Path, monkeypatch: Any) -> None:

@@ -66,7 +66,7 @@ def test_what_is_compared_does_the_same_steps(domain: str, task: str) -> None:
 
 
 def test_steps_that_differ_are_noticed() -> None:
-    with pytest.raises(RuntimeError, match="stacker:stack_2: the contestants did not"):  # noqa: SIM117
+    with pytest.raises(RuntimeError, match="stacker stack_2: the contestants did not"):  # noqa: SIM117
         with bench.Contest("stacker", "stack_2", 3, 2) as contest:
             contest.batch(contest.actions(1))
 

@@ -33,6 +33,17 @@ __all__: list[str] = []
 
 _EPISODES = 100  # unless another number, or seeds, are asked for
 
+_Seeds = Annotated[
+    str | None,
+    typer.Option(
+        metavar="A:B", help="One episode for each seed from A on, without B; 0:100 by default."
+    ),
+]
+_Episodes = Annotated[
+    int | None,
+    typer.Option(min=1, max=SEEDS, help="Only so many of the seeds; without --seeds, from 0 on."),
+]
+
 
 @app.command("evaluate")
 def _evaluate(
@@ -44,20 +55,8 @@ def _evaluate(
             metavar="NAME", help="zero, random, planner, MODULE:CALLABLE or sb3:PATH of a model."
         ),
     ] = "zero",
-    seeds: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A:B",
-            help="One episode for each seed from A on, without B; 0:100 by default.",
-            show_default=False,
-        ),
-    ] = None,
-    episodes: Annotated[
-        int | None,
-        typer.Option(
-            min=1, max=SEEDS, help="Only so many of the seeds; without --seeds, from 0 on."
-        ),
-    ] = None,
+    seeds: _Seeds = None,
+    episodes: _Episodes = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Keep results here, and go on from what is there."),

@@ -21,6 +21,17 @@ from limberjack.cli.output import (
 
 __all__: list[str] = []
 
+_Seed = Annotated[
+    int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode; of row i it is seed+i.")
+]
+_Pixels = Annotated[int, typer.Option(min=2, help="Of the film, pixels.")]
+_Overlay = Annotated[
+    bool, typer.Option("--overlay", help="Draw time, reward and return in a corner.")
+]
+_Colours = Annotated[
+    bool, typer.Option("--visualize-reward", help="Colour the bodies by the reward.")
+]
+
 
 @app.command("record")
 def _record(
@@ -28,22 +39,16 @@ def _record(
     task: TaskName,
     out: Annotated[Path, typer.Option(metavar="FILE", help="Ends in .mp4 or .gif.")],
     policy: PolicyName = "zero",
-    seed: Annotated[
-        int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode; of row i it is seed+i.")
-    ] = 0,
+    seed: _Seed = 0,
     camera: Annotated[str, typer.Option(help="Its name or number; -1 is the free camera.")] = "0",
-    height: Annotated[int, typer.Option(min=2, help="Of the film, pixels.")] = 480,
-    width: Annotated[int, typer.Option(min=2, help="Of the film, pixels.")] = 640,
+    height: _Pixels = 480,
+    width: _Pixels = 640,
     seconds: Annotated[
         float | None, typer.Option(help="How long; the task's time limit by default.")
     ] = None,
     rows: Annotated[int, typer.Option(min=1, help="Episodes of a batch, side by side.")] = 1,
-    overlay: Annotated[
-        bool, typer.Option("--overlay", help="Draw time, reward and return in a corner.")
-    ] = False,
-    visualize_reward: Annotated[
-        bool, typer.Option("--visualize-reward", help="Colour the bodies by the reward.")
-    ] = False,
+    overlay: _Overlay = False,
+    visualize_reward: _Colours = False,
 ) -> None:
     """Film an episode of a task as MP4 or GIF, in real time.
 
@@ -51,14 +56,7 @@ def _record(
     is written whole or not at all.
     """
     search_working_directory(policy)
-    begun = False
-
-    def show(steps: int, limit: int, total: float) -> None:
-        nonlocal begun
-        begun = True
-        progress.show(0, steps, limit, total)
-
-    with _failures_reported(out, lambda: begun), show_progress(1) as progress:
+    with _failures_reported(out) as show:
         from limberjack.recording import record
 
         path = record(
@@ -80,8 +78,8 @@ def _record(
 
 
 @contextlib.contextmanager
-def _failures_reported(path: Path, has_begun: Callable[[], bool]) -> Iterator[None]:
-    """Turn what cuts a film short into one line and an exit status.
+def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]]:
+    """Turn what cuts a film short into one line and an exit status; gives what shows progress.
 
     Before the episode has begun, a ValueError is a mistake on the command line; later it is an
     error of the policy's own, whose traceback says more.
@@ -90,8 +88,16 @@ def _failures_reported(path: Path, has_begun: Callable[[], bool]) -> Iterator[No
     from limberjack.policies import PolicyError
     from limberjack.rl.control import PhysicsError
 
+    begun = False
+
+    def show(steps: int, limit: int, total: float) -> None:
+        nonlocal begun
+        begun = True
+        progress.show(0, steps, limit, total)
+
     try:
-        yield
+        with show_progress(1) as progress:
+            yield show
     except KeyboardInterrupt:
         complain(f"interrupted: {path} is not written")
         raise typer.Exit(INTERRUPTED) from None
@@ -99,7 +105,7 @@ def _failures_reported(path: Path, has_begun: Callable[[], bool]) -> Iterator[No
         complain(f"no {path}: {error}")
         raise typer.Exit(FAILED) from None
     except ValueError as error:
-        if not has_begun():
+        if not begun:
             complain(error)
             raise typer.Exit(MISUSED) from None
         if not isinstance(error, PolicyError):

@@ -130,18 +130,10 @@ def evaluate(
         at_least_one("num_threads", num_threads)
     factory = factory_of(domain, task, time_limit)
     directory = None if out is None else Path(out)
-    if directory is not None and not factory.is_known:
-        raise ValueError(
-            f"{factory.title} cannot be told from others that are called so, and its results not "
-            "be kept: define make(seed) at the top of a module, or leave out the folder"
-        )
+    if directory is not None:
+        _check_known(factory)
     environment = factory.make(checked[0])
-    if environment.step_limit is None:
-        whose = "the environment a" if callable(domain) else "a"
-        raise ValueError(
-            f"{factory.title} has no time limit, so an episode might never end: give {whose} "
-            "time_limit"
-        )
+    _check_ends(factory, environment)
     found = actors.find(policy, environment, num_threads)
     identity = _identity(factory, found, environment)
     if callable(domain):
@@ -156,12 +148,28 @@ def evaluate(
     finally:
         store.close()
         course.close()
-    facts = {**identity, **_asked_for(checked)}
-    if store.versions != [facts["versions"]]:  # those of now did not play all episodes
-        facts["versions_of_episodes"] = store.versions
+    facts = {**identity, **_asked_for(checked), **_played_with(store, identity)}
     scores = {one.name: [store.scores[one.name][seed] for seed in checked] for one in everyone}
     evaluation = Evaluation(facts, scores)
     return evaluation if directory is None else _written(evaluation, directory)
+
+
+def _check_known(factory: Factory) -> None:
+    """Raise ValueError if results in a folder might be those of another environment."""
+    if not factory.is_known:
+        raise ValueError(
+            f"{factory.title} cannot be told from others that are called so, and its results not "
+            "be kept: define make(seed) at the top of a module, or leave out the folder"
+        )
+
+
+def _check_ends(factory: Factory, environment: Environment) -> None:
+    """Raise ValueError if episodes have no time limit."""
+    if environment.step_limit is None:
+        raise ValueError(
+            f"{factory.title} has no time limit, so an episode might never end: give it a "
+            "time_limit"
+        )
 
 
 def _store(directory: Path | None, identity: Facts, found: actors.Found) -> Store:
@@ -203,6 +211,12 @@ def _identity(factory: Factory, found: actors.Found, environment: Environment) -
         "versions": report.versions(),
         "fingerprint": report.fingerprint(environment.physics.model._model),
     }
+
+
+def _played_with(store: Store, identity: Facts) -> Facts:
+    """The versions that played the episodes, where those are not the present ones alone."""
+    present = [identity["versions"]]
+    return {} if store.versions == present else {"versions_of_episodes": store.versions}
 
 
 def _asked_for(seeds: list[int]) -> Facts:

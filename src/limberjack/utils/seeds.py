@@ -24,5 +24,5 @@ def checked_seed(seed: object) -> int:
     except TypeError:
         raise TypeError(f"seed is {seed!r}; expected a whole number") from None
     if not 0 <= number < SEEDS:
-        raise ValueError(f"seed is {number}; expected 0 or more, and below {SEEDS}")
+        raise ValueError(f"seed is {number}; expected a whole number from 0 to 2**32 - 1")
     return number

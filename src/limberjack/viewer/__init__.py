@@ -12,21 +12,22 @@ extra `view`; a window does not, nor does `session`: what a viewer does to an en
 import contextlib
 import inspect
 from collections.abc import Callable
+from typing import Any
 
 from limberjack import policies
 from limberjack.factories import takes_a_seed
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.viewer.address import Address, find_address
-from limberjack.viewer.session import Act, Begin, Session, idle
+from limberjack.viewer.session import Act, Begin, Session, Viewed, idle
 
-# What `launch` shows: an environment, or what makes one, of a seed or of nothing.
-Loader = Environment | Callable[[int], Environment] | Callable[[], Environment]
+# Any: whatever `Session` takes, or a function of a seed or of nothing that makes it.
+_Loader = Any
 __all__ = ["begin_policy", "begin_with", "in_browsers", "in_window", "launch"]
 
 
 def launch(
-    environment_loader: Loader,
+    environment_loader: _Loader,
     policy: Act | str | None = None,
     title: str = "limberjack",
     width: int = 1024,
@@ -76,7 +77,7 @@ def launch(
 
 def _show(
     show: Callable[[Session], None],
-    environment: Environment,
+    environment: Viewed,
     begin: Begin,
     seed: int | None,
     speed: float,
@@ -106,7 +107,7 @@ def in_window() -> Callable[[Session], None]:
     return window.run
 
 
-def _made(loader: Callable[..., Environment], seed: int | None) -> Environment:
+def _made(loader: Callable[..., Viewed], seed: int | None) -> Viewed:
     """What the function makes, with the seed if it cannot do without."""
     try:
         inspect.signature(loader).bind()

@@ -16,6 +16,7 @@ import math
 import time
 import zlib
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import dm_env
 import mujoco
@@ -26,9 +27,11 @@ from limberjack.rollout import kind_of_start
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS, checked_seed
 
-__all__ = ["Act", "Begin", "Session", "Status", "ViewerError", "idle"]
+__all__ = ["Act", "Begin", "Session", "Status", "Viewed", "ViewerError", "idle"]
 
 Act = Callable[[dm_env.TimeStep], object]  # to an action, which the environment checks
+# Any: a `control.Environment`, a wrapper of one or another library's, by its attributes.
+Viewed = Any
 # Begins an episode: takes the environment, which has been reset, and the episode's seed, or its
 # number where the environment is not seeded.
 Begin = Callable[[Environment, int], Act]
@@ -74,7 +77,7 @@ class Session:
 
     def __init__(
         self,
-        environment: Environment,
+        environment: Viewed,
         begin: Begin = idle,
         seed: int | None = None,
         speed: float = 1.0,
