@@ -5,6 +5,8 @@ see `limberjack.gym.lengths`. The spec of a domain that is not the suite's carri
 module, which is imported where the environment is made.
 """
 
+from typing import Any
+
 from limberjack import registry, suite
 from limberjack.gym import arguments, lengths
 from limberjack.gym.env import Env, load
@@ -15,8 +17,8 @@ __all__ = ["make", "make_vector"]
 _Module = str | registry.NotImportable | None
 
 
-# The values of further arguments are those of `gym.load`, which checks them.
-def make(domain: str, task: str, *, module: _Module = None, **kwargs) -> Env:
+# Any: the arguments of `gym.load`, which checks them; below those of `gym.load_vector`.
+def make(domain: str, task: str, *, module: _Module = None, **kwargs: Any) -> Env:
     """The environment of an id, whose episodes Gymnasium's `TimeLimit` ends.
 
     Args:
@@ -56,7 +58,7 @@ def make_vector(
     *,
     module: _Module = None,
     max_episode_steps: int | None = None,
-    **kwargs,
+    **kwargs: Any,
 ) -> VectorEnv:
     """The vector environment of an id, with episodes of at most `max_episode_steps` steps.
 
