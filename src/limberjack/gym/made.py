@@ -18,13 +18,16 @@ _Module = str | registry.NotImportable | None
 
 
 # Any: the arguments of `gym.load`, which checks them; below those of `gym.load_vector`.
-def make(domain: str, task: str, *, module: _Module = None, **kwargs: Any) -> Env:
+def make(
+    domain: str, task: str, *, module: _Module = None, steps: int | None = None, **kwargs: Any
+) -> Env:
     """The environment of an id, whose episodes Gymnasium's `TimeLimit` ends.
 
     Args:
       domain: such as 'humanoid'.
       task: such as 'walk'.
       module: the dotted name of the domain's module; None for the suite's own.
+      steps: the id's length of episodes, if the domain is not the suite's.
       kwargs: of `gym.load`.
 
     Raises:
@@ -35,7 +38,7 @@ def make(domain: str, task: str, *, module: _Module = None, **kwargs: Any) -> En
     if isinstance(module, str):
         suite.require(domain, module)
     env = load(domain, task, **kwargs)
-    length = registry.steps(domain, task)
+    length = registry.steps(domain, task) if module is None else steps
     if length is None:  # the id has none, so there is no TimeLimit
         return env
     environment = env.environment
@@ -57,6 +60,7 @@ def make_vector(
     num_envs: int,
     *,
     module: _Module = None,
+    steps: int | None = None,
     max_episode_steps: int | None = None,
     **kwargs: Any,
 ) -> VectorEnv:
@@ -67,6 +71,7 @@ def make_vector(
       task: such as 'walk'.
       num_envs: number of rows.
       module: the dotted name of the domain's module; None for the suite's own.
+      steps: the id's length of episodes, if the domain is not the suite's.
       max_episode_steps: from Gymnasium: the caller's, or that of the id; -1 for no limit.
       kwargs: of `gym.load_vector`.
 
@@ -77,7 +82,7 @@ def make_vector(
     if isinstance(module, str):
         suite.require(domain, module)
     envs = load_vector(domain, task, num_envs, **kwargs)
-    length = registry.steps(domain, task)
+    length = registry.steps(domain, task) if module is None else steps
     is_asked_for = lengths.asks_for_a_time_limit(kwargs)
     for batch in envs.batches:
         batch._step_limit = lengths.limit_of_batch(
