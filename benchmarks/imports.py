@@ -1,4 +1,4 @@
-"""What importing a suite costs and brings in; each function is called in a fresh process.
+"""Cost and modules of importing a suite; each function is called in a fresh process.
 
 Nothing is imported here at first but the clock, so that what is timed pays for all that it needs.
 """

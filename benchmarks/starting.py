@@ -30,7 +30,7 @@ _TASK_OF_DOMAIN = (("humanoid", "walk"), ("manipulator", "bring_ball"), ("stacke
 
 
 def measure_imports(num_processes: int) -> list[Row]:
-    """What a package and its suite add to `import mujoco, dm_env, gymnasium`, and OpenGL's modules.
+    """Time that a package and its suite add to `import mujoco, dm_env, gymnasium`; OpenGL's modules.
 
     Args:
       num_processes: for each package, in turns.

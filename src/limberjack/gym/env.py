@@ -159,7 +159,7 @@ class Env(gymnasium.Env):
             self._environment.close()
 
     def _info(self) -> Info:
-        """What the reward of the last step is made of."""
+        """The terms of the last step's reward, and whether the goal is reached."""
         task, terms = self._environment.task, self._environment.reward_terms
         if not terms:
             return {}

@@ -1,4 +1,4 @@
-"""What `gymnasium.make` and `make_vec` call for the ids that `limberjack.gym` registers.
+"""Entry points of the ids that `limberjack.gym` registers, for `gymnasium.make` and `make_vec`.
 
 They are `gym.load` and `gym.load_vector`, except for the length of episodes, which is Gymnasium's;
 see `limberjack.gym.lengths`. The spec of a domain that is not the suite's carries the name of its

@@ -29,7 +29,7 @@ Info = dict[str, Any]
 
 
 class Part(NamedTuple):
-    """Where an observation stands in the flat array: in `slice`, in row-major order."""
+    """Position of an observation in the flat array: in `slice`, in row-major order."""
 
     name: str
     slice: slice

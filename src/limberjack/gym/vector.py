@@ -285,7 +285,7 @@ def _check_halves(batches: Sequence[BatchEnvironment]) -> None:
 
 
 def _described(batch: BatchEnvironment) -> dict[str, object]:
-    """What halves must have in common."""
+    """Properties that halves must have in common."""
     shapes = specs_of_one_row(batch.observation_spec())
     return {
         "task": type(batch.task).__name__,

@@ -47,7 +47,7 @@ def rows_of(name: str, module: ModuleType) -> tuple[Row, ...]:
 
 
 def _wrong_pictures(module: ModuleType, suite: Mapping[str, object]) -> list[str]:
-    """What is wrong with the pictures that a module asks for."""
+    """Problems of the pictures that a module asks for."""
     pictures = getattr(module, "PICTURES", {})
     if not isinstance(pictures, Mapping):
         return [f"PICTURES is {pictures!r}; expected a base.Picture for each task, by name"]
@@ -99,7 +99,7 @@ def _missing_keywords(factory: object) -> list[str]:
 
 
 def _wrong_task(environment: control.Environment) -> list[str]:
-    """What is wrong with the attributes of a task that other modules read."""
+    """Problems of the attributes of a task that other modules read."""
     task, wrong = environment.task, []
     for attribute in ("EPISODE_FIELDS", "GOAL", "STARTS"):
         names = getattr(task, attribute, ())
