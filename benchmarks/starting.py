@@ -30,7 +30,7 @@ _TASK_OF_DOMAIN = (("humanoid", "walk"), ("manipulator", "bring_ball"), ("stacke
 
 
 def measure_imports(num_processes: int) -> list[Row]:
-    """Time that a package and its suite add to `import mujoco, dm_env, gymnasium`; OpenGL's modules.
+    """Time that a package and its suite add to `import mujoco, dm_env, gymnasium`; OpenGL too.
 
     Args:
       num_processes: for each package, in turns.

@@ -47,9 +47,8 @@ def _imported_domains(module: str) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom | ast.Import):
             names = [getattr(node, "module", None), *(alias.name for alias in node.names)]
             yield from (name for name in names if name in _OWN)
-        elif isinstance(node, ast.Attribute) and node.attr in _DOMAINS:
-            if ast.unparse(node.value).endswith("suite"):
-                yield node.attr
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value).endswith("suite"):
+            yield from {node.attr} & set(_DOMAINS)
 
 
 @pytest.mark.parametrize("module", _EVERYWHERE_ELSE)
