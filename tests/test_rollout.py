@@ -44,7 +44,8 @@ def test_the_kind_of_start_is_kept_where_there_are_kinds() -> None:
     starts = {start("manipulator", "bring_ball", seed) for seed in range(40)}
     # One kind in ten is rare: another choice of 40 seeds could miss it, these do not.
     assert starts == {"in_hand", "in_target", "uniform"}
-    assert start("humanoid", "stand", 0) is None
+    starts = {start("humanoid", "stand", seed) for seed in range(10)}
+    assert starts == {"face_up", "face_down", "on_side"}
 
 
 def test_the_reset_and_every_step_are_reported_as_they_were_returned() -> None:

@@ -132,7 +132,7 @@ def test_run_shows_what_the_episodes_gave() -> None:
         kwargs = {"random": seed, "time_limit": 0.25}
         environment = suite.load("humanoid", "stand", task_kwargs=kwargs)
         total = rollout.run_episode(environment, policies.random, seed).total
-        assert re.search(rf"^ +{seed} +{total:.3f} +{_STEPS} *$", result.stdout, re.MULTILINE)
+        assert re.search(rf"^ +{seed} +\w+ +{total:.3f} +{_STEPS} *$", result.stdout, re.MULTILINE)
     assert "mean" in result.stdout
 
 
@@ -254,7 +254,7 @@ def test_a_result_that_cannot_be_written_is_one_line_and_status_1(tmp_path: Path
     assert result.stderr.startswith("limberjack: ")
     assert "result.json" in result.stderr
     assert result.stderr.count("\n") == 1
-    assert re.search(rf"^ +0 +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
+    assert re.search(rf"^ +0 +\w+ +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -312,7 +312,7 @@ def test_what_cuts_a_run_short_keeps_the_finished_episodes(
     assert result.returncode == status, result.stderr
     assert result.stderr.endswith(message)
     assert "Traceback" not in result.stderr
-    assert re.search(rf"^ +0 +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
+    assert re.search(rf"^ +0 +\w+ +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
     content = _result(directory / "out")
     assert [episode["seed"] for episode in content["episodes"]] == [0]
     assert content["episodes_asked_for"] == 3

@@ -40,12 +40,15 @@ def _strings(node: ast.AST) -> set[str]:
 
 
 def _imported_domains(module: str) -> Iterator[str]:
+    """The domains that a module imports, or reads as an attribute of the suite."""
     for node in ast.walk(tree(module)):
         if isinstance(node, ast.ImportFrom) and node.module == "limberjack.suite":
             yield from (alias.name for alias in node.names if alias.name in _DOMAINS)
         elif isinstance(node, ast.ImportFrom | ast.Import):
             names = [getattr(node, "module", None), *(alias.name for alias in node.names)]
             yield from (name for name in names if name in _OWN)
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value).endswith("suite"):
+            yield from {node.attr} & set(_DOMAINS)
 
 
 @pytest.mark.parametrize("module", _EVERYWHERE_ELSE)

@@ -59,6 +59,7 @@ def test_nothing_is_printed_or_written_and_no_global_state_is_touched(tmp_path: 
     # Diverging included: MuJoCo alone would write MUJOCO_LOG.TXT.
     look = """
     import locale, logging, os, random, signal, sys, threading, warnings
+    import gymnasium  # adds a warning filter; `import limberjack` imports it
     import numpy as np
     os.chdir(sys.argv[1])
 

@@ -1,4 +1,4 @@
-"""What stands for a domain that only this process has."""
+"""Pickling a domain that only this process has."""
 
 import copy
 import pickle

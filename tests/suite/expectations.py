@@ -1,4 +1,4 @@
-"""What the laws expect of single domains, beside what they read from the tasks themselves.
+"""Expectations of single domains, for laws that cannot read them from the tasks.
 
 A domain that is not named here passes the laws as well; a line here makes them stricter for it.
 """

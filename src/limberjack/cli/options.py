@@ -1,4 +1,4 @@
-"""What the arguments and options are that several commands have, in the same words."""
+"""Arguments and options that several commands have, described in the same words."""
 
 from typing import Annotated
 

@@ -90,7 +90,7 @@ def _problems(core: Answer, backend: Backend) -> Iterator[str]:
 
 
 def _problems_of_domains(answer: Answer) -> Iterator[str]:
-    """What is wrong with the domains of installed packages."""
+    """Problems of the domains of installed packages."""
     if answer.why is not None:
         yield f"the domains of installed packages cannot be listed: {answer.why}"
         return

@@ -1,4 +1,4 @@
-"""What kind of start a seed gives, so that scores can be told apart by it.
+"""The kind of start of a seed; scores are reported for each kind.
 
     environment = suite.load("stacker", "stack_2")
     kind_of_start(environment, seed=3)      # 'level_1'

@@ -13,6 +13,7 @@ own come from `Env(environment)` and `VectorEnv(batch)`.
 """
 
 import importlib
+import re
 from typing import TYPE_CHECKING
 
 import gymnasium
@@ -37,6 +38,9 @@ _MODULES = {
 }
 
 
+_NAME = re.compile(r"limberjack/[\w.-]+")  # as Gymnasium has it
+
+
 def __getattr__(name: str) -> object:
     """Imports what is exported when it is first used."""
     if name not in _MODULES:
@@ -48,11 +52,14 @@ def _follow(domain: registry.Domain, is_added: bool) -> None:
     """Registers the ids of a domain, or removes them."""
     for row in domain.rows:
         name = f"limberjack/{row.domain}-{row.task}-v0"
+        if not _NAME.fullmatch(name):  # what is assigned to `suite._DOMAINS` may have any name
+            continue
         gymnasium.registry.pop(name, None)
         if not is_added:
             continue
         kwargs: dict[str, object] = {"domain": row.domain, "task": row.task}
         if domain.source != "suite":
+            kwargs["steps"] = row.steps
             kwargs["module"] = domain.import_name or registry.NotImportable(domain.name)
         gymnasium.register(
             name,

@@ -1,7 +1,7 @@
 """Checks of what users give to `Env` and `VectorEnv`; nothing has changed when one raises."""
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ __all__ = [
 RENDER_MODES = ["rgb_array"]
 
 
+# Any: a number, or a sequence of numbers and None.
 def row_seeds(seed: Any, num_envs: int) -> list[int | None]:
     """The seed of each row: `seed + i` for one number, one each for a sequence.
 
@@ -50,7 +51,7 @@ def check_options(options: object) -> None:
         )
 
 
-def reset_mask(options: Mapping[str, Any] | None, num_envs: int) -> np.ndarray | None:
+def reset_mask(options: Mapping[str, object] | None, num_envs: int) -> np.ndarray | None:
     """A copy of `options["reset_mask"]`; None if there is none.
 
     Raises:
@@ -99,7 +100,7 @@ def render_mode(mode: str | None) -> str | None:
     return mode
 
 
-def refuse_unknown(kwargs: Mapping[str, Any], *callables: Any) -> None:
+def refuse_unknown(kwargs: Mapping[str, object], *callables: Callable[..., object]) -> None:
     """Raises unless each name is a keyword that one of the callables takes.
 
     Raises:
@@ -120,8 +121,8 @@ def refuse_unknown(kwargs: Mapping[str, Any], *callables: Any) -> None:
 
 
 def task_arguments(
-    task_kwargs: Mapping[str, Any] | None, time_limit: float | None
-) -> dict[str, Any]:
+    task_kwargs: Mapping[str, object] | None, time_limit: float | None
+) -> dict[str, object]:
     """`task_kwargs` with the time limit among them.
 
     Raises:
@@ -131,10 +132,10 @@ def task_arguments(
 
 
 def environment_arguments(
-    environment_kwargs: Mapping[str, Any] | None,
-    randomize: Mapping[str, Any] | None,
-    pixels: Mapping[str, Any] | None,
-) -> dict[str, Any]:
+    environment_kwargs: Mapping[str, object] | None,
+    randomize: Mapping[str, object] | None,
+    pixels: Mapping[str, object] | None,
+) -> dict[str, object]:
     """`environment_kwargs` with the randomisation and the pictures among them.
 
     Raises:
@@ -144,7 +145,9 @@ def environment_arguments(
     return _with("pixels", pixels, kwargs, "environment_kwargs")
 
 
-def _with(name: str, value: Any, kwargs: Mapping[str, Any] | None, where: str) -> dict[str, Any]:
+def _with(
+    name: str, value: object, kwargs: Mapping[str, object] | None, where: str
+) -> dict[str, object]:
     """`kwargs` and one more, unless that is None."""
     known = dict(kwargs or {})
     if value is None:

@@ -14,11 +14,12 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import numpy.typing as npt
 from gymnasium import error
 
 from limberjack import suite
 from limberjack.gym import arguments
-from limberjack.gym.observations import Part, action_space
+from limberjack.gym.observations import Info, Observation, Part, action_space
 from limberjack.gym.pixels import observations_of
 from limberjack.rl import control
 from limberjack.rl.action_specs import bounded_spec
@@ -47,9 +48,9 @@ class Env(gymnasium.Env):
         environment: control.Environment,
         *,
         flat: bool = False,
-        dtype: Any = "float64",
+        dtype: npt.DTypeLike = "float64",
         render_mode: str | None = None,
-        render_kwargs: Mapping[str, Any] | None = None,
+        render_kwargs: Mapping[str, object] | None = None,
     ) -> None:
         """Takes over an environment, of the suite or your own.
 
@@ -85,8 +86,8 @@ class Env(gymnasium.Env):
         return self._environment
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+        self, *, seed: int | None = None, options: Info | None = None
+    ) -> tuple[Observation, Info]:
         """Begins an episode; returns its first observation and info.
 
         Args:
@@ -109,7 +110,7 @@ class Env(gymnasium.Env):
         info = {"randomization": drawn} if drawn else {}
         return self._observations.of_one(observation), info
 
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    def step(self, action: npt.ArrayLike) -> tuple[Observation, float, bool, bool, Info]:
         """Applies the action; returns observation, reward, terminated, truncated, info.
 
         Raises:
@@ -161,12 +162,12 @@ class Env(gymnasium.Env):
             self._closed = True
             self._environment.close()
 
-    def _info(self) -> dict[str, Any]:
-        """What the reward of the last step is made of."""
+    def _info(self) -> Info:
+        """The terms of the last step's reward, and whether the goal is reached."""
         task, terms = self._environment.task, self._environment.reward_terms
         if not terms:
             return {}
-        info: dict[str, Any] = {"reward_terms": {name: float(v) for name, v in terms.items()}}
+        info: Info = {"reward_terms": {name: float(v) for name, v in terms.items()}}
         if task.GOAL:
             info["success"] = bool(task.is_success(terms))
         return info
@@ -181,14 +182,14 @@ def load(
     task: str,
     *,
     time_limit: float | None = None,
-    task_kwargs: Mapping[str, Any] | None = None,
-    environment_kwargs: Mapping[str, Any] | None = None,
-    randomize: Mapping[str, Any] | None = None,
-    pixels: Mapping[str, Any] | None = None,
+    task_kwargs: Mapping[str, object] | None = None,
+    environment_kwargs: Mapping[str, object] | None = None,
+    randomize: Mapping[str, object] | None = None,
+    pixels: Mapping[str, object] | None = None,
     flat: bool = False,
-    dtype: Any = "float64",
+    dtype: npt.DTypeLike = "float64",
     render_mode: str | None = None,
-    render_kwargs: Mapping[str, Any] | None = None,
+    render_kwargs: Mapping[str, object] | None = None,
 ) -> Env:
     """An environment of a task, which counts the steps of its episodes itself.
 

@@ -1,9 +1,11 @@
-"""What `gymnasium.make` and `make_vec` call for the ids that `limberjack.gym` registers.
+"""Entry points of the ids that `limberjack.gym` registers, for `gymnasium.make` and `make_vec`.
 
 They are `gym.load` and `gym.load_vector`, except for the length of episodes, which is Gymnasium's;
 see `limberjack.gym.lengths`. The spec of a domain that is not the suite's carries the name of its
 module, which is imported where the environment is made.
 """
+
+from typing import Any
 
 from limberjack import registry, suite
 from limberjack.gym import arguments, lengths
@@ -15,14 +17,17 @@ __all__ = ["make", "make_vector"]
 _Module = str | registry.NotImportable | None
 
 
-# The values of further arguments are those of `gym.load`, which checks them.
-def make(domain: str, task: str, *, module: _Module = None, **kwargs) -> Env:
+# Any: the arguments of `gym.load`, which checks them; below those of `gym.load_vector`.
+def make(
+    domain: str, task: str, *, module: _Module = None, steps: int | None = None, **kwargs: Any
+) -> Env:
     """The environment of an id, whose episodes Gymnasium's `TimeLimit` ends.
 
     Args:
       domain: such as 'humanoid'.
       task: such as 'walk'.
       module: the dotted name of the domain's module; None for the suite's own.
+      steps: the id's length of episodes, if the domain is not the suite's.
       kwargs: of `gym.load`.
 
     Raises:
@@ -33,7 +38,7 @@ def make(domain: str, task: str, *, module: _Module = None, **kwargs) -> Env:
     if isinstance(module, str):
         suite.require(domain, module)
     env = load(domain, task, **kwargs)
-    length = registry.steps(domain, task)
+    length = registry.steps(domain, task) if module is None else steps
     if length is None:  # the id has none, so there is no TimeLimit
         return env
     environment = env.environment
@@ -55,8 +60,9 @@ def make_vector(
     num_envs: int,
     *,
     module: _Module = None,
+    steps: int | None = None,
     max_episode_steps: int | None = None,
-    **kwargs,
+    **kwargs: Any,
 ) -> VectorEnv:
     """The vector environment of an id, with episodes of at most `max_episode_steps` steps.
 
@@ -65,6 +71,7 @@ def make_vector(
       task: such as 'walk'.
       num_envs: number of rows.
       module: the dotted name of the domain's module; None for the suite's own.
+      steps: the id's length of episodes, if the domain is not the suite's.
       max_episode_steps: from Gymnasium: the caller's, or that of the id; -1 for no limit.
       kwargs: of `gym.load_vector`.
 
@@ -75,7 +82,7 @@ def make_vector(
     if isinstance(module, str):
         suite.require(domain, module)
     envs = load_vector(domain, task, num_envs, **kwargs)
-    length = registry.steps(domain, task)
+    length = registry.steps(domain, task) if module is None else steps
     is_asked_for = lengths.asks_for_a_time_limit(kwargs)
     for batch in envs.batches:
         batch._step_limit = lengths.limit_of_batch(

@@ -26,6 +26,7 @@ from copy import copy as copy_of
 from typing import Any, SupportsIndex
 
 import numpy as np
+import numpy.typing as npt
 from gymnasium import error
 from gymnasium import vector as gymnasium_vector
 from gymnasium.envs.registration import EnvSpec
@@ -35,7 +36,13 @@ from gymnasium.vector.utils import batch_space
 from limberjack import suite
 from limberjack.gym import arguments
 from limberjack.gym.halves import Workers, joined
-from limberjack.gym.observations import Part, action_space, specs_of_one_row
+from limberjack.gym.observations import (
+    Info,
+    Observation,
+    Part,
+    action_space,
+    specs_of_one_row,
+)
 from limberjack.gym.pixels import observations_of
 from limberjack.gym.transitions import Step, Transitions
 from limberjack.rl.batch import BatchEnvironment
@@ -67,10 +74,10 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         *batches: BatchEnvironment,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         flat: bool = False,
-        dtype: Any = "float64",
+        dtype: npt.DTypeLike = "float64",
         copy: bool = True,
         render_mode: str | None = None,
-        render_kwargs: Mapping[str, Any] | None = None,
+        render_kwargs: Mapping[str, object] | None = None,
     ) -> None:
         """Takes over a batch, or two for pipelining.
 
@@ -122,7 +129,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             limit = self.batches[0]._step_limit
             self._spec.max_episode_steps = math.ceil(limit) if math.isfinite(limit) else None
 
-    def _set_spaces(self, flat: bool, dtype: Any) -> None:
+    def _set_spaces(self, flat: bool, dtype: npt.DTypeLike) -> None:
         batch = self.batches[0]
         of_one = specs_of_one_row(batch.observation_spec())
         self._observations = observations_of(of_one, flat, dtype, batch.pixels)
@@ -138,8 +145,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self,
         *,
         seed: SupportsIndex | Sequence[SupportsIndex | None] | None = None,
-        options: Mapping[str, Any] | None = None,
-    ) -> tuple[Any, dict[str, Any]]:
+        options: Mapping[str, object] | None = None,
+    ) -> tuple[Observation, Info]:
         """Begins an episode in every row, or in some; returns the observations and info.
 
         Args:
@@ -165,7 +172,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         observations, infos = zip(*told, strict=True)
         return self._joined(observations), self._joined(infos)
 
-    def step(self, actions: Any) -> Step:
+    def step(self, actions: npt.ArrayLike) -> Step:
         """Steps every row; returns observations, rewards, terminated, truncated, info.
 
         Raises:
@@ -195,7 +202,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         observation, *flags, info = (self._joined(parts) for parts in zip(*steps, strict=True))
         return observation, flags[0], flags[1], flags[2], info
 
-    def send(self, actions: Any, half: int) -> None:
+    def send(self, actions: npt.ArrayLike, half: int) -> None:
         """Begins to step a half, while the caller goes on; `recv` returns what follows.
 
         Args:
@@ -240,17 +247,17 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         pictures = (batch.render(**self._render_kwargs) for batch in self.batches)
         return tuple(picture for of_batch in pictures for picture in of_batch)
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """Waits for what is under way and frees the batch; `close` calls it, once."""
         self._workers.close()
         for batch in self.batches:
             batch.close()
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         self._workers.check_idle()
         return vars(self)
 
-    def _joined(self, parts: Sequence[Any]) -> Any:
+    def _joined(self, parts: Sequence[Observation]) -> Observation:
         return parts[0] if len(parts) == 1 else joined(parts, [b.num_envs for b in self.batches])
 
     def _check_open(self) -> None:
@@ -277,8 +284,8 @@ def _check_halves(batches: Sequence[BatchEnvironment]) -> None:
             )
 
 
-def _described(batch: BatchEnvironment) -> dict[str, Any]:
-    """What halves must have in common."""
+def _described(batch: BatchEnvironment) -> dict[str, object]:
+    """Properties that halves must have in common."""
     shapes = specs_of_one_row(batch.observation_spec())
     return {
         "task": type(batch.task).__name__,
@@ -294,14 +301,14 @@ def load_vector(
     num_envs: int,
     *,
     time_limit: float | None = None,
-    task_kwargs: Mapping[str, Any] | None = None,
-    environment_kwargs: Mapping[str, Any] | None = None,
-    randomize: Mapping[str, Any] | None = None,
-    pixels: Mapping[str, Any] | None = None,
+    task_kwargs: Mapping[str, object] | None = None,
+    environment_kwargs: Mapping[str, object] | None = None,
+    randomize: Mapping[str, object] | None = None,
+    pixels: Mapping[str, object] | None = None,
     num_threads: int | None = None,
     on_divergence: str = "end",
     pipelined: bool = False,
-    **kwargs: Any,
+    **kwargs: Any,  # of `VectorEnv`
 ) -> VectorEnv:
     """A vector environment of a task, which counts the steps of its episodes itself.
 

@@ -14,7 +14,6 @@ import importlib
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from types import ModuleType
-from typing import Any
 
 from limberjack import registry
 from limberjack.rl import control
@@ -135,8 +134,8 @@ def __dir__() -> list[str]:
 def load(
     domain_name: str,
     task_name: str,
-    task_kwargs: Mapping[str, Any] | None = None,
-    environment_kwargs: Mapping[str, Any] | None = None,
+    task_kwargs: Mapping[str, object] | None = None,
+    environment_kwargs: Mapping[str, object] | None = None,
     visualize_reward: bool = False,
 ) -> control.Environment:
     """An environment of the suite.
@@ -164,8 +163,8 @@ def load_batch(
     num_envs: int,
     num_threads: int | None = None,
     seed: int | None = None,
-    task_kwargs: Mapping[str, Any] | None = None,
-    environment_kwargs: Mapping[str, Any] | None = None,
+    task_kwargs: Mapping[str, object] | None = None,
+    environment_kwargs: Mapping[str, object] | None = None,
     on_divergence: str = "end",
 ) -> BatchEnvironment:
     """Many environments of the suite in lockstep; see `limberjack.rl.batch`.
@@ -210,8 +209,8 @@ def module_of(domain_name: str) -> ModuleType:
 def build_environment(
     domain_name: str,
     task_name: str,
-    task_kwargs: Mapping[str, Any] | None = None,
-    environment_kwargs: Mapping[str, Any] | None = None,
+    task_kwargs: Mapping[str, object] | None = None,
+    environment_kwargs: Mapping[str, object] | None = None,
     visualize_reward: bool = False,
 ) -> control.Environment:
     """An environment of the suite: what `load` calls, with the same arguments and errors."""
@@ -222,9 +221,11 @@ def build_environment(
     kwargs = dict(task_kwargs or {})
     if environment_kwargs is not None:
         kwargs["environment_kwargs"] = dict(environment_kwargs)
+    of_environment = kwargs.get("environment_kwargs")
     where = f"{domain_name}:{task_name}"
     _check_keywords(where, kwargs, factories[task_name])
-    _check_environment_keywords(where, kwargs.get("environment_kwargs") or {})
+    if isinstance(of_environment, Mapping):
+        _check_environment_keywords(where, of_environment)
     environment = factories[task_name](**kwargs)
     environment.registration = registration_of(domain_name)
     environment.task.visualize_reward = visualize_reward
@@ -236,7 +237,7 @@ def _no_choice(name: str, choices: Iterable[str], message: str) -> str:
     return f"{message}{did_you_mean(name, choices)} Choose one of: {', '.join(sorted(choices))}."
 
 
-def _check_environment_keywords(where: str, given: Mapping[str, Any]) -> None:
+def _check_environment_keywords(where: str, given: Mapping[str, object]) -> None:
     """Raises if the environment does not take a keyword, or the task sets it itself."""
     if "time_limit" in given:
         raise TypeError(f"{where}: time_limit is an argument of the task; give it in task_kwargs")

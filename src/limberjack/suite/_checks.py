@@ -6,6 +6,7 @@ It makes an environment of each task, which also gives the lengths of episodes.
 import inspect
 from collections.abc import Mapping
 from types import ModuleType
+from typing import Any
 
 from limberjack.registry import Row
 from limberjack.rl import control
@@ -46,7 +47,7 @@ def rows_of(name: str, module: ModuleType) -> tuple[Row, ...]:
 
 
 def _wrong_pictures(module: ModuleType, suite: Mapping[str, object]) -> list[str]:
-    """What is wrong with the pictures that a module asks for."""
+    """Problems of the pictures that a module asks for."""
     pictures = getattr(module, "PICTURES", {})
     if not isinstance(pictures, Mapping):
         return [f"PICTURES is {pictures!r}; expected a base.Picture for each task, by name"]
@@ -60,8 +61,8 @@ def _wrong_pictures(module: ModuleType, suite: Mapping[str, object]) -> list[str
     ]
 
 
-# The parameters are untyped: a module of somebody else may hold anything.
-def _row(name: str, task: object, suite, problems: list[str]) -> Row | None:
+# Any: a `TaggedTasks` of somebody else, which may hold anything.
+def _row(name: str, task: object, suite: Any, problems: list[str]) -> Row | None:
     """The row of a task; None if something is wrong with it, which is added to `problems`."""
     factory = suite[task]
     if not (isinstance(task, str) and task.isidentifier()):
@@ -98,7 +99,7 @@ def _missing_keywords(factory: object) -> list[str]:
 
 
 def _wrong_task(environment: control.Environment) -> list[str]:
-    """What is wrong with the attributes of a task that other modules read."""
+    """Problems of the attributes of a task that other modules read."""
     task, wrong = environment.task, []
     for attribute in ("EPISODE_FIELDS", "GOAL", "STARTS"):
         names = getattr(task, attribute, ())

@@ -49,10 +49,11 @@ def register(name: str, module: ModuleType | str) -> None:
     if not isinstance(loaded, ModuleType):
         raise TypeError(f"module is {module!r}; expected a module, or its name in dots")
     known = registry.domains().get(name)
-    if known is not None and known.source not in ("assigned", "installed"):
-        if _is_module(known, loaded):
+    if known is not None:
+        if known.module not in (loaded, registry.import_name_of(loaded)):
+            raise ValueError(_taken(known, loaded.__name__))
+        if known.source in ("suite", "registered"):
             return
-        raise ValueError(_taken(known, loaded))
     rows = _checks.rows_of(name, loaded)
     registry.add(Domain(name, _by_name(loaded), rows, source="registered"))
 
@@ -128,10 +129,13 @@ def require(name: str, module: str) -> None:
     if known is None:
         loaded = importlib.import_module(module)
         if name not in registry.domains():
-            register(name, loaded)
+            try:
+                register(name, loaded)
+            except ValueError:  # as where it comes from: what is assigned need not pass the checks
+                Domains()[name] = loaded
         known = registry.domains()[name]
     if known.import_name != module:
-        raise ValueError(_taken(known, importlib.import_module(module)))
+        raise ValueError(_taken(known, module))
 
 
 class Registration:
@@ -175,7 +179,7 @@ class Domains(MutableMapping[str, ModuleType]):
         if not hasattr(module, "SUITE"):
             raise TypeError(f"_DOMAINS[{name!r}] is {module!r}; expected a module with a SUITE")
         suite = module.SUITE
-        tagged = {tag: suite.tagged(tag) for tag in suite.tags()}
+        tagged = {tag: suite.tagged(tag) for tag in getattr(suite, "tags", list)()}
         rows = tuple(
             Row(name, task, tuple(tag for tag, tasks in tagged.items() if task in tasks), None, 0)
             for task in suite
@@ -203,14 +207,10 @@ def _by_name(module: ModuleType) -> ModuleType | str:
     return registry.import_name_of(module) or module
 
 
-def _is_module(known: Domain, module: ModuleType) -> bool:
-    return known.module in (module, registry.import_name_of(module))
-
-
-def _taken(known: Domain, module: ModuleType) -> str:
-    """The message that a name is taken."""
+def _taken(known: Domain, module: str) -> str:
+    """The message that the name of a domain is taken, and `module` must have another one."""
     owner = known.import_name or known.load().__name__
-    advice = f"give {module.__name__} another name"
+    advice = f"give {module} another name"
     if known.source == "suite":
         return f"domain name {known.name!r} belongs to the suite, as {owner}; {advice}"
     return (

@@ -138,6 +138,19 @@ def test_another_module_under_a_taken_name_is_refused_and_both_are_named(
     assert suite.module_of("swing") is other
 
 
+def test_a_domain_that_was_assigned_is_registered_if_it_is_the_same_module(
+    swing: ModuleType,
+) -> None:
+    suite._DOMAINS["swing"] = swing
+    assert _TASK not in suite.ALL_TASKS
+    other = ModuleType("other_swing")
+    vars(other).update(vars(swing), __name__="other_swing")
+    with pytest.raises(ValueError, match=r"as my_package\.swing; give other_swing another name"):
+        suite.register("swing", other)
+    suite.register("swing", swing)
+    assert _TASK in suite.ALL_TASKS
+
+
 def test_only_registered_domains_can_be_unregistered() -> None:
     with pytest.raises(ValueError, match="no domain 'swing'"):
         suite.unregister("swing")
@@ -302,7 +315,8 @@ def test_gymnasium_knows_a_domain_from_its_registration_on(swing: ModuleType) ->
     suite.register("swing", swing)
     spec = gymnasium.spec(_ID)
     assert spec.max_episode_steps == 500
-    assert spec.kwargs == {"domain": "swing", "task": "swing_up", "module": tutorial.MODULE}
+    of_domain = {"module": tutorial.MODULE, "steps": 500}
+    assert spec.kwargs == {"domain": "swing", "task": "swing_up", **of_domain}
     envs = gymnasium.make_vec(_ID, num_envs=2)
     assert envs.reset(seed=0)[0]["orientation"].shape == (2, 2)
     suite.unregister("swing")
@@ -332,6 +346,48 @@ def test_a_pickle_registers_its_domain_in_another_process(
     (site / "pickle").write_bytes(pickle.dumps(objects[what]))
     printed = run(_READ.format(before=""), str(site / "pickle"), path=site)
     assert printed == "True True\n"
+
+
+def test_a_domain_that_was_assigned_counts_by_itself_here_and_elsewhere(
+    swing: ModuleType, site: Path
+) -> None:
+    suite._DOMAINS["swing"] = swing
+    spec = gymnasium.make(_ID, time_limit=0.06).spec
+    assert spec is not None
+    assert spec.max_episode_steps is None
+    printed = run(
+        """
+        import sys
+        import gymnasium
+        from gymnasium.envs.registration import EnvSpec
+        env = gymnasium.make(EnvSpec.from_json(sys.argv[1]))
+        env.reset(seed=0)
+        print([env.step(env.action_space.sample())[3] for _ in range(3)])
+        """,
+        spec.to_json(),
+        path=site,
+    )
+    assert printed == "[False, False, True]\n"
+
+
+def test_what_is_assigned_need_not_pass_the_checks_and_may_have_any_name(
+    swing: ModuleType, site: Path
+) -> None:
+    text = "from my_package.swing import swing_up\nSUITE = {'up': swing_up}\n"
+    (site / "plain.py").write_text(text)
+    plain = importlib.import_module("plain")
+    suite._DOMAINS["plain pole"] = plain
+    env = suite.load("plain pole", "up", {"random": 0})
+    (site / "pickle").write_bytes(pickle.dumps(env))
+    assert not [name for name in gymnasium.registry if "plain" in name]
+    program = """
+    import pickle, sys
+    from pathlib import Path
+    from limberjack import suite
+    pickle.loads(Path(sys.argv[1]).read_bytes())
+    print(suite.load("plain pole", "up").reset().first())
+    """
+    assert run(program, str(site / "pickle"), path=site) == "True\n"
 
 
 def test_a_pickle_of_another_domain_of_that_name_is_refused(swing: ModuleType, site: Path) -> None:
