@@ -271,6 +271,18 @@ def test_bad_options_are_refused_when_the_environment_is_made(
         suite.load_batch(*_BALL, 2, environment_kwargs={"pixels": pixels})
 
 
+def test_settings_are_arguments_of_a_picture() -> None:
+    pixels = Pixels(camera="side", height=12, width=16, quality="fast", frame_stack=2)
+    assert pixels.render_kwargs == {
+        "camera_id": "side",
+        "height": 12,
+        "width": 16,
+        "quality": "fast",
+    }
+    assert Pixels.of(pixels) is pixels
+    assert Pixels.of({}) == Pixels(-1, 84, 84, only=False, frame_stack=1, quality="full")
+
+
 def test_specs_and_settings_need_no_opengl() -> None:
     env, batch = _single(pixels={}), _batch(pixels={"frame_stack": 2})
     assert env.pixels == Pixels(camera=-1, height=84, width=84, only=False, frame_stack=1)
