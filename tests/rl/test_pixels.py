@@ -14,6 +14,7 @@ from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.pixels import Frames, Pixels
 from limberjack.suite import base
+from tests.representatives import REPRESENTATIVES
 
 _draws = pytest.mark.skipif(
     os.environ.get("MUJOCO_GL") == "disable", reason="MUJOCO_GL turns rendering off"
@@ -78,7 +79,7 @@ def test_the_stack_holds_the_last_pictures_and_an_episode_begins_with_its_first(
 
 
 @_draws
-@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_rows_see_what_single_environments_see_through_the_ends_of_episodes(
     task: tuple[str, str],
 ) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.rl.randomize import scale, shift, stream_beside
+from tests.representatives import REPRESENTATIVES
 
 _RANDOMIZE = {
     "geom_friction": scale(0.7, 1.3),
@@ -17,7 +18,7 @@ _RANDOMIZE = {
 _ENVIRONMENT = {"randomize": _RANDOMIZE}
 
 
-@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_a_row_draws_and_moves_as_the_single_environment(task: tuple[str, str]) -> None:
     limit = {"time_limit": 15 * (0.025 if task[0] == "humanoid" else 0.01)}
     batch = suite.load_batch(*task, 3, 2, 5, limit, _ENVIRONMENT)
@@ -46,7 +47,7 @@ def test_sizes_differ_by_row_in_the_reward_too(task: tuple[str, str]) -> None:
         assert env.step(np.zeros(5)).reward == reward[row]
 
 
-@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_starts_stay_those_without_randomisation(task: tuple[str, str]) -> None:
     plain, randomized = (
         suite.load(*task, {"random": 1}),
