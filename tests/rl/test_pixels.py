@@ -185,6 +185,19 @@ def test_a_snapshot_holds_the_stack(steps_before: int) -> None:
                 _assert_same(twin.step(action), expected)
 
 
+@pytest.mark.parametrize("make", [_single, _batch])
+@_draws
+def test_a_snapshot_does_not_go_on_with_what_is_seen(make: Any) -> None:
+    env = make()
+    env.reset()
+    snapshot = env.snapshot()
+    kept = {name: value.copy() for name, value in snapshot.frames.items()}
+    for action in _actions(env, 2):
+        env.step(action)
+    for name, value in snapshot.frames.items():
+        np.testing.assert_array_equal(value, kept[name], name)
+
+
 @_draws
 def test_a_row_goes_into_another_and_into_a_single_environment_with_its_stack() -> None:
     batch, single = _batch(3, _BALL), _single(9, _BALL)
