@@ -7,8 +7,11 @@ import ctypes.util
 import os
 import signal
 import sys
+from collections.abc import Iterator
 
 import pytest
+
+from .memory import MemoryReport, free_what_nobody_uses
 
 # dm_control reads this when it is imported, and fails where its first choice, a window, cannot be
 # opened. Without EGL it still simulates, and the tests that draw skip.
@@ -18,6 +21,25 @@ if sys.platform == "linux" and "MUJOCO_GL" not in os.environ:
 # A shell that runs the tests in the background lets them, and what they start, ignore Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Adds `--memory`."""
+    parser.addoption("--memory", action="store_true", help="report each process' peak memory")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Measures memory where that was asked for."""
+    if config.getoption("--memory"):
+        config.pluginmanager.register(MemoryReport(config))
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Keeps processes that run many tests small."""
+    result = yield
+    free_what_nobody_uses()
+    return result
 
 
 @pytest.fixture(params=["own", "shared"])

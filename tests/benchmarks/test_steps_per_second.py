@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import limberjack
-from limberjack import bench, suite
+from limberjack import bench
 from tests.programs import run_benchmark
+from tests.representatives import PAIRS
 
 _SOURCE = Path(limberjack.__file__).parents[1]
 
@@ -57,7 +58,7 @@ def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[st
         assert str(path) not in quick[1]
 
 
-@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
+@pytest.mark.parametrize(("domain", "task"), PAIRS)
 def test_what_is_compared_does_the_same_steps(domain: str, task: str) -> None:
     with bench.Contest(domain, task, 3, 2) as contest:
         actions = contest.actions(4)

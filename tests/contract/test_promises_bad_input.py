@@ -11,7 +11,8 @@ import pytest
 from limberjack import mujoco as lj_mujoco
 from limberjack import suite
 from limberjack.rl import control
-from tests.laws.episodes import DOMAINS, TASKS, Task, actions, bits, load, play, snapshot
+from tests.laws.episodes import DOMAINS, Task, actions, bits, load, play, snapshot
+from tests.representatives import REPRESENTATIVES
 
 _INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION.value
 
@@ -49,7 +50,7 @@ def refused(call: Callable[[], Any], error: type[Exception], match: str) -> None
     assert caught.type is error
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_a_bad_action_is_refused_and_nothing_has_moved(task: Task) -> None:
     env, twin = load(task), load(task)
     for name, (action, error, match) in bad_actions(env.physics.model.nu).items():
@@ -148,7 +149,7 @@ def test_the_mappings_of_keywords_are_left_as_they_were() -> None:
     assert (task_kwargs, environment_kwargs) == ({"random": 1}, {"flat_observation": True})
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_the_time_limit_must_be_a_positive_number(task: Task) -> None:
     for value in (float("nan"), 0, -1.0, float("-inf")):
         refused(
@@ -186,7 +187,7 @@ def test_the_control_step_must_be_a_multiple_of_the_physics_step(value: Any, mat
     )
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_the_control_step_is_given_once(task: Task) -> None:
     match = r"n_sub_steps \(3\) and control_timestep \(0\.\d+\) were supplied"
     refused(lambda: load(task, n_sub_steps=3), ValueError, match)
@@ -269,7 +270,7 @@ def test_assigning_to_an_unknown_name_changes_nothing() -> None:
     assert snapshot(env) == before
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_a_nan_control_raises_and_the_next_step_begins_an_episode(task: Task) -> None:
     env = load(task)
     play(env, 3)
@@ -324,7 +325,7 @@ def test_an_error_in_the_task_ends_the_episode(hook: str, kind: type[BaseExcepti
     assert bits(env.step(np.zeros(5))) == bits(load(("stacker", "stack_2"), seed=9).reset())
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_closing_twice_is_fine_and_later_use_says_closed(task: Task) -> None:
     env = load(task)
     play(env, 2)

@@ -14,7 +14,8 @@ import pytest
 from limberjack import mujoco as lj_mujoco
 from limberjack import suite
 from limberjack.mujoco.wrapper import sharing
-from tests.laws.episodes import DOMAINS, TASKS, Task, bits, load, play, snapshot
+from tests.laws.episodes import DOMAINS, Task, bits, load, play, snapshot
+from tests.representatives import REPRESENTATIVES
 
 _TIMESTEP = 0.123  # seconds; no model of the suite has it
 
@@ -143,7 +144,7 @@ def test_the_way_back_from_disable_is_exact() -> None:
     assert play(env, 5) == play(twin, 5)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_environments_of_a_task_share_one_model(task: Task) -> None:
     envs = [load(task) for _ in range(3)]
     assert len({id(env.physics.model._model) for env in envs}) == 1
@@ -205,7 +206,7 @@ def test_a_copied_physics_goes_on_alike_and_apart(task: Task, is_own: bool) -> N
         assert as_bytes(physics) == model, name
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_a_copied_or_pickled_environment_plays_the_same_episodes(task: Task) -> None:
     env = load(task, seed=4)
     play(env, 2)

@@ -19,6 +19,15 @@ def test_a_summary_has_mean_median_and_successes() -> None:
     assert summary.success_rate == 2 / 3
 
 
+def test_the_median_of_an_even_number_lies_between_the_middle_two() -> None:
+    assert summarise(_scores(1.0, 2.0, 40.0, 50.0)).median == 21.0
+
+
+def test_a_mean_reward_of_exactly_nine_tenths_is_a_success() -> None:
+    assert Score(0, 900.0, 1000, 0.9).success
+    assert not Score(0, 900.0, 1000, np.nextafter(0.9, 0)).success
+
+
 def test_success_is_decided_by_the_last_hundred_steps() -> None:
     late = np.concatenate([np.zeros(900), np.full(100, 0.9)])
     assert Score.of_rewards(0, late).success
@@ -63,6 +72,13 @@ def test_the_interval_holds_the_true_mean_nineteen_times_in_twenty() -> None:
     intervals = [bootstrap_interval(values) or (0, 0) for values in draws]
     held = np.mean([low <= 0.5 <= high for low, high in intervals])
     assert held == pytest.approx(0.95, abs=0.06)  # three standard errors of 150 trials
+
+
+def test_the_interval_cuts_off_two_and_a_half_percent_of_the_resamples_at_either_end() -> None:
+    values = np.array([0.0] * 5 + [1.0] * 5)
+    low, high = bootstrap_interval(values) or (0, 0)
+    # Means of ten draws are binomial: 1 % of them are 0.1 or less, 5.5 % are 0.2 or less.
+    assert (low, high) == (0.2, 0.8)
 
 
 def test_the_interval_is_the_same_in_one_piece_and_in_many(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -108,3 +108,41 @@ def test_another_minor_version_or_fingerprint_is_refused(
     first.close()
     with pytest.raises(ValueError, match=r"holds an evaluation with (versions|fingerprint)"):
         Store(tmp_path, {"fingerprint": "ours", **other})
+
+
+def test_the_first_line_of_a_seed_counts(tmp_path: Path) -> None:
+    store = Store(tmp_path, _OURS)
+    store.add("zero", [_SCORE])
+    store.add("zero", [Score(3, 99.0, 1000, 0.5)])
+    store.close()
+    again = Store(tmp_path, _OURS)
+    assert again.scores["zero"] == {3: _SCORE}
+    again.close()
+
+
+def test_episodes_of_earlier_runs_stay_in_the_file(tmp_path: Path) -> None:
+    for seed in range(3):
+        store = Store(tmp_path, _OURS)
+        assert sorted(store.scores["zero"]) == list(range(seed))
+        store.add("zero", [Score(seed, 1.0, 10, 0.0)])
+        store.close()
+    assert (tmp_path / "episodes.jsonl").read_text(encoding="utf-8").count("\n") == 4
+
+
+def test_a_damaged_line_is_named_by_its_number_in_the_file(tmp_path: Path) -> None:
+    store = Store(tmp_path, _OURS)
+    store.add("zero", [_SCORE])
+    store.close()
+    path = tmp_path / "episodes.jsonl"
+    with path.open("a", encoding="utf-8") as file:
+        file.write("[1, 2]\n")
+    with pytest.raises(ValueError, match="line 3 is no episode"):
+        Store(tmp_path, _OURS)
+
+
+def test_without_a_folder_episodes_are_kept_in_memory_only(tmp_path: Path) -> None:
+    store = Store(None, _OURS)
+    store.add("zero", [_SCORE])
+    assert store.scores["zero"] == {3: _SCORE}
+    store.close()
+    assert not list(tmp_path.iterdir())

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from limberjack import gym, suite
+from limberjack import gym
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import humanoid
+from tests.representatives import PAIRS
 
 __all__ = ["MODES", "TASKS", "Falls", "assert_same", "falling_env", "falling_envs", "told_alike"]
 
-TASKS = [pytest.param(*task, id=":".join(task)) for task in suite.ALL_TASKS]
+TASKS = PAIRS
 MODES = [pytest.param(mode, id=mode.value) for mode in AutoresetMode]
 
 _FALLEN = 0.8  # metres; reached after 13 to 18 steps without torques

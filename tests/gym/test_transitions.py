@@ -73,6 +73,8 @@ def test_a_row_whose_episode_begins_has_no_terms_in_the_next_step() -> None:
     envs, (_, _, terminated, truncated, info) = _end_of_an_episode(AutoresetMode.NEXT_STEP)
     ended = terminated | truncated
     assert info["_reward_terms"].all()
+    assert info["_diverged"].all()
+    assert not info["diverged"].any()  # they fell, or ran out of time
     _, reward, _, _, info = envs.step(np.zeros((_ROWS, 21)))
     np.testing.assert_array_equal(info["_reward_terms"], ~ended)
     assert (reward[ended] == 0.0).all()

@@ -60,8 +60,9 @@ def test_floors_are_of_both_kinds() -> None:
         (_floor(0) + '<geom type="box" size="1 1 1" pos="3 0 0"/>', _BALL),
         (_floor(0) * 9, _BALL),
         (_floor(0), _BALL.replace('size=".1"', 'size=".1" margin=".01"')),
+        (_floor(0), _BALL.replace('size=".1"', 'size=".1" gap=".01"')),
     ],
-    ids=["no plane", "a box", "many planes", "a margin"],
+    ids=["no plane", "a box", "many planes", "a margin", "a gap"],
 )
 def test_it_is_kept_in_other_worlds(world: str, body: str) -> None:
     assert not midphase.is_needless(_model(world, body))

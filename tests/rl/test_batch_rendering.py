@@ -12,12 +12,13 @@ from limberjack.mujoco.wrapper import MjvOption
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.control import Environment
 from limberjack.rl.randomize import scale, shift
+from tests.representatives import REPRESENTATIVES
 
 _draws = pytest.mark.skipif(
     os.environ.get("MUJOCO_GL") == "disable", reason="MUJOCO_GL turns rendering off"
 )
 _SIZE = {"height": 18, "width": 24}
-_TASKS = pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+_TASKS = pytest.mark.parametrize("task", REPRESENTATIVES)
 
 
 def _batch(

@@ -14,6 +14,7 @@ from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.pixels import Frames, Pixels
 from limberjack.suite import base
+from tests.representatives import REPRESENTATIVES
 
 _draws = pytest.mark.skipif(
     os.environ.get("MUJOCO_GL") == "disable", reason="MUJOCO_GL turns rendering off"
@@ -78,7 +79,7 @@ def test_the_stack_holds_the_last_pictures_and_an_episode_begins_with_its_first(
 
 
 @_draws
-@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_rows_see_what_single_environments_see_through_the_ends_of_episodes(
     task: tuple[str, str],
 ) -> None:
@@ -184,6 +185,19 @@ def test_a_snapshot_holds_the_stack(steps_before: int) -> None:
                 _assert_same(twin.step(action), expected)
 
 
+@pytest.mark.parametrize("make", [_single, _batch])
+@_draws
+def test_a_snapshot_does_not_go_on_with_what_is_seen(make: Any) -> None:
+    env = make()
+    env.reset()
+    snapshot = env.snapshot()
+    kept = {name: value.copy() for name, value in snapshot.frames.items()}
+    for action in _actions(env, 2):
+        env.step(action)
+    for name, value in snapshot.frames.items():
+        np.testing.assert_array_equal(value, kept[name], name)
+
+
 @_draws
 def test_a_row_goes_into_another_and_into_a_single_environment_with_its_stack() -> None:
     batch, single = _batch(3, _BALL), _single(9, _BALL)
@@ -269,6 +283,18 @@ def test_bad_options_are_refused_when_the_environment_is_made(
             make(pixels=pixels)
     with pytest.raises(error, match=message):
         suite.load_batch(*_BALL, 2, environment_kwargs={"pixels": pixels})
+
+
+def test_settings_are_arguments_of_a_picture() -> None:
+    pixels = Pixels(camera="side", height=12, width=16, quality="fast", frame_stack=2)
+    assert pixels.render_kwargs == {
+        "camera_id": "side",
+        "height": 12,
+        "width": 16,
+        "quality": "fast",
+    }
+    assert Pixels.of(pixels) is pixels
+    assert Pixels.of({}) == Pixels(-1, 84, 84, only=False, frame_stack=1, quality="full")
 
 
 def test_specs_and_settings_need_no_opengl() -> None:

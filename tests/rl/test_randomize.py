@@ -7,6 +7,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.rl.randomize import scale, shift, stream_beside
+from tests.representatives import REPRESENTATIVES
 
 _RANDOMIZE = {
     "geom_friction": scale(0.7, 1.3),
@@ -17,7 +18,7 @@ _RANDOMIZE = {
 _ENVIRONMENT = {"randomize": _RANDOMIZE}
 
 
-@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_a_row_draws_and_moves_as_the_single_environment(task: tuple[str, str]) -> None:
     limit = {"time_limit": 15 * (0.025 if task[0] == "humanoid" else 0.01)}
     batch = suite.load_batch(*task, 3, 2, 5, limit, _ENVIRONMENT)
@@ -46,7 +47,7 @@ def test_sizes_differ_by_row_in_the_reward_too(task: tuple[str, str]) -> None:
         assert env.step(np.zeros(5)).reward == reward[row]
 
 
-@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_starts_stay_those_without_randomisation(task: tuple[str, str]) -> None:
     plain, randomized = (
         suite.load(*task, {"random": 1}),
@@ -104,3 +105,52 @@ def test_the_stream_beside_follows_from_the_other_and_leaves_it_alone() -> None:
 def test_what_cannot_be_randomised_is_said(randomize: Any, error: Any, message: str) -> None:
     with pytest.raises(error, match=message):
         suite.load("humanoid", "walk", environment_kwargs={"randomize": randomize}).reset()
+
+
+def test_scale_draws_one_factor_for_each_object_and_shift_one_amount_for_each_number() -> None:
+    stream = np.random.RandomState(0)
+    nominal = np.arange(1.0, 13.0).reshape(4, 3)
+    factors = scale(0.5, 2.0)(stream, nominal) / nominal
+    np.testing.assert_allclose(factors, np.repeat(factors[:, :1], 3, axis=1))  # rounding
+    assert len(np.unique(factors[:, 0])) == 4
+    amounts = shift([0, 10, 20], [1, 11, 21])(stream, nominal) - nominal
+    assert len(np.unique(amounts)) == 12
+    assert ((amounts > [0, 10, 20]) & (amounts < [1, 11, 21])).all()
+
+
+def test_a_draw_that_writes_to_the_models_values_does_not_change_the_next_draws() -> None:
+    def doubled(random: np.random.RandomState, nominal: np.ndarray) -> np.ndarray:
+        nominal *= 2
+        return nominal
+
+    env = suite.load("humanoid", "stand", {"random": 0}, {"randomize": {"body_mass": doubled}})
+    plain = suite.load("humanoid", "stand", {"random": 0}).physics.model.body_mass
+    for _ in range(2):
+        env.reset()
+        np.testing.assert_array_equal(env.randomization["body_mass"], 2 * plain)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_draw_with_one_number_that_is_not_finite_is_refused(bad: float) -> None:
+    def spoilt(random: np.random.RandomState, nominal: np.ndarray) -> np.ndarray:
+        nominal[3] = bad
+        return nominal
+
+    env = suite.load("humanoid", "stand", {"random": 0}, {"randomize": {"body_mass": spoilt}})
+    with pytest.raises(ValueError, match=r"'body_mass'\] drew .* expected finite numbers"):
+        env.reset()
+
+
+def test_a_draw_of_another_shape_is_refused_though_it_has_as_many_numbers() -> None:
+    options = {"randomize": {"geom_friction": lambda random, nominal: nominal.T}}
+    env = suite.load("humanoid", "stand", {"random": 0}, options)
+    with pytest.raises(ValueError, match=r"shape \(3, (\d+)\); expected .* shape \(\1, 3\)"):
+        env.reset()
+
+
+def test_the_stream_beside_depends_on_how_far_the_other_has_drawn() -> None:
+    stream = np.random.RandomState(3)
+    stream.rand()
+    first = stream_beside(stream).rand()
+    stream.rand()  # the same 624 numbers as before, at another position
+    assert stream_beside(stream).rand() != first

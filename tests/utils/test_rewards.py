@@ -49,6 +49,28 @@ def test_it_is_1_inside_and_falls_outside_alike_on_both_sides(
 
 
 @_every_sigmoid
+@pytest.mark.parametrize("margin", [0.0, 0.5, 1.0])
+def test_around_a_single_point_the_distance_is_measured_from_there(
+    sigmoid: str, margin: float
+) -> None:
+    x = np.array([2.0, 1.9, 2.25, 0.0])
+    at_2 = rewards.tolerance(x, (2.0, 2.0), margin, sigmoid)
+    assert at_2[0] == 1.0
+    assert (at_2[1:] < 1.0).all()
+    shifted = rewards.tolerance(x - 2.0, (0.0, 0.0), margin, sigmoid)
+    np.testing.assert_array_equal(at_2, shifted)
+    numbers = [rewards.tolerance(float(one), (2.0, 2.0), margin, sigmoid) for one in x]
+    # A number squared rounds otherwise than an array squared.
+    np.testing.assert_allclose(at_2, numbers, rtol=1e-14)
+
+
+def test_the_mean_is_over_the_last_axis_for_any_number_of_rows() -> None:
+    x = np.array([[0.0, 0.0, 9.0, 9.0], [0.0, 9.0, 9.0, 9.0]])
+    assert rewards.mean_tolerance(x).tolist() == [0.5, 0.25]
+    assert rewards.mean_tolerance(x[0]) == 0.5
+
+
+@_every_sigmoid
 @pytest.mark.parametrize("value", [0.0, 1e-5, 0.1, 0.5, 0.99])
 @pytest.mark.parametrize("margin", [0.2, 1.0, 7.0])
 def test_at_the_margin_it_has_the_value_asked_for(

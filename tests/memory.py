@@ -1,0 +1,96 @@
+"""How much memory the processes that run tests take, at most, and which tests raised that.
+
+    pytest --memory --numprocesses 2 tests
+
+prints for each process its peak, and the tests that raised the peak the most.
+"""
+
+import contextlib
+import ctypes
+import gc
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+with contextlib.suppress(ImportError):  # Windows has none
+    import resource
+
+__all__ = ["MemoryReport", "free_what_nobody_uses"]
+
+_RESIDENT = Path("/proc/self/statm")  # Linux's; its second number is that of resident pages
+_PAGE = os.sysconf("SC_PAGE_SIZE") / 1e6 if hasattr(os, "sysconf") else 0.0  # megabytes
+_GROWN = 100.0  # megabytes, after which it is worth a twentieth of a second to look for garbage
+_after_the_last_look = 0.0
+
+_SHOWN = 8  # tests of each process
+_LEAST = 20.0  # megabytes by which a test that is shown raised the peak
+
+
+def _peak() -> float:
+    """The most memory that this process has had so far, megabytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1e6 if sys.platform == "darwin" else 1e3)  # bytes there, kilobytes elsewhere
+
+
+def free_what_nobody_uses() -> None:
+    """Collects garbage if the process has grown much, and gives the memory back to the system.
+
+    A model takes 12 MB that Python does not know of, so that it would wait long with collecting the
+    cycles that environments and wrappers are part of.
+    """
+    global _after_the_last_look
+    if not _RESIDENT.exists() or _resident() < _after_the_last_look + _GROWN:
+        return
+    gc.collect()
+    with contextlib.suppress(OSError, AttributeError):  # not GNU's C library
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
+    _after_the_last_look = _resident()
+
+
+def _resident() -> float:
+    """The memory that this process has now, megabytes."""
+    return int(_RESIDENT.read_text().split()[1]) * _PAGE
+
+
+class MemoryReport:
+    """A plugin that measures a process and reports all."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._output: dict[str, Any] | None = getattr(config, "workeroutput", None)
+        self._raised: list[tuple[float, str]] = []
+        self._lines: list[str] = []
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        """Measures a test with its fixtures."""
+        before = _peak()
+        result = yield
+        self._raised.append((_peak() - before, item.nodeid))
+        return result
+
+    def pytest_sessionfinish(self) -> None:
+        """Keeps what this process found, for the process that reports."""
+        if self._output is not None:
+            self._output["memory"] = self._described()
+        elif self._raised:
+            self._lines += self._described()
+
+    def pytest_testnodedown(self, node: Any) -> None:
+        """Takes what a worker of pytest-xdist found."""
+        first, *rest = node.workeroutput.get("memory", ["no report"])
+        self._lines += [f"{node.gateway.id}: {first}", *rest]
+
+    def pytest_terminal_summary(self, terminalreporter: Any) -> None:
+        """Prints all."""
+        terminalreporter.section("memory")
+        for line in self._lines:
+            terminalreporter.write_line(line)
+
+    def _described(self) -> list[str]:
+        most = sorted(self._raised, reverse=True)[:_SHOWN]
+        shown = [f"  {raised:+5.0f} MB  {test}" for raised, test in most if raised >= _LEAST]
+        return [f"peak {_peak():.0f} MB", *shown]
