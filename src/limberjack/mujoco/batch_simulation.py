@@ -13,22 +13,32 @@ import ctypes
 import os
 import weakref
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import NoReturn, TypeVar
 
 import mujoco
 import mujoco.batch
 import numpy as np
 
-from limberjack.mujoco.index import FieldIndexer
+from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.lazy_batch import LazyBatch
 from limberjack.mujoco.leaving import begin, watch
-from limberjack.mujoco.simulation import FORWARD, NOT_FIELDS, START, STATE, CountsWarnings, Rows
+from limberjack.mujoco.simulation import (
+    FORWARD,
+    NOT_FIELDS,
+    START,
+    STATE,
+    CountsWarnings,
+    Field,
+    Rows,
+)
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.model import fixed_field, is_structure
+from limberjack.utils.arrays import AnyArray
 from limberjack.utils.read_only import ReadOnly
 
 __all__ = ["BatchSimulation"]
 
+_T = TypeVar("_T")
 _NOTHING = mujoco.mjtStage.mjSTAGE_NONE.value
 _COMMON = (
     "{} of the model is the same in all rows and read-only: to vary it from row to row, give "
@@ -161,7 +171,7 @@ class BatchSimulation(CountsWarnings):
         lazy.load(saved, rows)
         self.busy_in = None
 
-    def call_directly(self, call: Callable[[Any], Any]) -> Any:
+    def call_directly(self, call: Callable[[mujoco.batch.Batch], _T]) -> _T:
         """What `call` returns, which is given the `mujoco.batch.Batch` and may advance all rows.
 
         Quantities that depend on accelerations are not known afterwards.
@@ -174,19 +184,19 @@ class BatchSimulation(CountsWarnings):
             self.busy_in = None
             lazy.forget_calls()
 
-    def data_field(self, name: str) -> tuple[Any, bool]:
+    def data_field(self, name: str) -> Field:
         """See `Fields`."""
         return self._living().field(name), True
 
-    def field_for_names(self, name: str) -> tuple[Any, bool]:
+    def field_for_names(self, name: str) -> Field:
         """See `Fields`."""
         return self._living().field_for_names(name), True
 
-    def indexer(self, *arguments: Any) -> FieldIndexer:
+    def indexer(self, name: str, field: AnyArray, axes: Axes, batch: bool) -> FieldIndexer:
         """See `Fields`."""
-        return self._lazy.indexer(*arguments)
+        return self._lazy.indexer(name, field, axes, batch)
 
-    def model_field(self, name: str) -> tuple[Any, bool]:
+    def model_field(self, name: str) -> Field:
         """See `Fields`."""
         lazy = self._living()
         if name in lazy.own:
@@ -213,7 +223,7 @@ class BatchSimulation(CountsWarnings):
             self._use(self._lazy.made_again(self.sets_constants))
         return self._lazy
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(f"a batch of simulations has no {name!r}")
 
 

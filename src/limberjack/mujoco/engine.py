@@ -14,7 +14,7 @@ resolve names (`index.py`) or draw (`camera.py`) by itself.
 import contextlib
 import functools
 from collections.abc import Iterator, Sequence
-from typing import Any, Self, cast
+from typing import Any, NoReturn, Self, cast
 
 import mujoco
 import numpy as np
@@ -37,6 +37,7 @@ from limberjack.mujoco.simulation import Fields, Simulation, described, signatur
 from limberjack.mujoco.single_simulation import SingleSimulation
 from limberjack.mujoco.wrapper.sharing import compiled
 from limberjack.rl import control as _control
+from limberjack.rl.contract import Nested
 from limberjack.utils.log import log
 
 __all__ = [
@@ -137,7 +138,7 @@ class Physics(_control.Physics):
         for name in ("_data", "_simulation", "named"):
             vars(self).pop(name, None)
 
-    def __getattr__(self, name: str) -> Any:  # Any: it only raises
+    def __getattr__(self, name: str) -> NoReturn:
         if name in ("_data", "_simulation"):
             raise RuntimeError(
                 "this Physics is closed or was never initialised: make one with a from_... "
@@ -206,7 +207,7 @@ class Physics(_control.Physics):
         if self._simulation.num_envs is not None:
             raise TypeError(f"the physics of a batch has no {what}: {instead}")
 
-    def origin(self, varying: Sequence[str] = ()) -> dict[str, Any]:
+    def origin(self, varying: Sequence[str] = ()) -> dict[str, object]:
         """What must agree for a saved state to be loaded; see `limberjack.mujoco.identity`."""
         return identity(self._simulation.model, varying)
 
@@ -221,7 +222,7 @@ class Physics(_control.Physics):
 
     # Stepping.
 
-    def set_control(self, control: Any) -> None:
+    def set_control(self, control: Nested) -> None:
         """Sets the actuators' control signals, (nu,)."""
         np.copyto(self._data._data.ctrl, control)
 
@@ -337,11 +338,11 @@ class Physics(_control.Physics):
         new.__setstate__((simulation, self._settings()))
         return new
 
-    def __getstate__(self) -> tuple[Simulation, dict[str, Any]]:
+    def __getstate__(self) -> tuple[Simulation, dict[str, object]]:
         self._refuse_rows("pickled form", "pickle its BatchEnvironment")
         return self._simulation, self._settings()
 
-    def __setstate__(self, state: tuple[SingleSimulation, dict[str, Any]]) -> None:
+    def __setstate__(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
         self._simulation, settings = state
         self._data = state[0].data
         vars(self).update(settings)
@@ -349,7 +350,7 @@ class Physics(_control.Physics):
         with self.suppress_physics_errors():
             self.after_reset()
 
-    def _settings(self) -> dict[str, Any]:
+    def _settings(self) -> dict[str, object]:
         return {name: vars(self)[name] for name in _SETTINGS if name in vars(self)}
 
     def control(self) -> np.ndarray:
@@ -394,6 +395,6 @@ class Physics(_control.Physics):
         return drawing.picture_spec(self, kwargs)
 
     @property
-    def contexts(self) -> Any:
+    def contexts(self) -> Contexts:
         """The OpenGL and MuJoCo rendering contexts, as `contexts.gl` and `contexts.mujoco`."""
         return camera.contexts(self)

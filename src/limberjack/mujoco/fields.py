@@ -8,7 +8,6 @@ here.
 import functools
 import operator
 from collections.abc import Iterable
-from typing import Any
 
 import mujoco.batch
 import numpy as np
@@ -151,7 +150,7 @@ _COLUMNS = {name: column for column, names in _COLUMN_FIELDS.items() for name in
 
 
 def axes_of(
-    struct_name: str, field: str, shape: tuple[int, ...], model: Any
+    struct_name: str, field: str, shape: tuple[int, ...], model: mujoco.MjModel
 ) -> tuple[str | None, ...]:
     """The size names of a field's first two axes, such as ('nbody', 'xyz'); None for unnamed ones.
 
@@ -169,7 +168,7 @@ def axes_of(
     return (row, column)[: len(shape)]
 
 
-def _model_row(field: str, shape: tuple[int, ...], model: Any) -> str | None:
+def _model_row(field: str, shape: tuple[int, ...], model: mujoco.MjModel) -> str | None:
     """The size that a field's prefix stands for, if its length is that size."""
     if field in _MODEL_POOLS.split():
         return None
@@ -187,7 +186,7 @@ _VALUES = ("contype", "conaffinity", "condim", "priority")
 
 def check_randomizable(name: str) -> None:
     """Raises ValueError unless simulations of one model may differ in this field of it."""
-    known: Any = mujoco.batch.MODEL_FIELDS
+    known = mujoco.batch.MODEL_FIELDS
     if name not in known:
         raise ValueError(
             f"MjModel has no field {name!r} to randomise.{did_you_mean(name, sorted(known))} "
@@ -231,5 +230,5 @@ def _is_value(name: str) -> bool:
 
 
 @functools.cache
-def _empty_model() -> Any:
+def _empty_model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string("<mujoco/>")

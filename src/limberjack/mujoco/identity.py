@@ -7,7 +7,6 @@ identity(physics.model, varying=("body_mass",))
 import functools
 import zlib
 from collections.abc import Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,10 +20,10 @@ _LOOKS = ("mat_", "tex_")  # what these fields hold changes pictures only, and s
 _COLOURS = "_rgba"  # ... what ends so, which rewards may be shown by
 
 
-def identity(model: MjModel, varying: Sequence[str] = ()) -> dict[str, Any]:
+def identity(model: MjModel, varying: Sequence[str] = ()) -> dict[str, object]:
     """MuJoCo's major and minor version, and the model's name, sizes, names and numbers.
 
-    Patch versions of MuJoCo give the same numbers. Any: as JSON has it.
+    Patch versions of MuJoCo give the same numbers.
 
     Args:
       model: the model.

@@ -16,13 +16,13 @@ a batch the index gets `...` in front, so that `xpos["head", "z"]` is one number
 import collections
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import mujoco
 import numpy as np
 
 from limberjack.mujoco import fields
-from limberjack.utils.arrays import index_for
+from limberjack.utils.arrays import AnyArray, index_for
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -36,6 +36,7 @@ __all__ = [
 
 Axes = collections.namedtuple("Axes", ["row", "col"], defaults=(None,))
 
+_Resolved = tuple[AnyArray, AnyArray]  # an array, and what of it a key stands for
 _MOST_KEYS = 1000  # that a field remembers; a loop over many numbers must not fill the memory
 _ENDS = (int, type(None))  # of a slice that is remembered
 
@@ -75,7 +76,7 @@ class Axis:
             start += count
         self._ragged = sizes is not None
 
-    def convert_key_item(self, item: Any) -> Any:
+    def convert_key_item(self, item: object) -> Any:  # Any: what NumPy indexes with
         """The NumPy index for one item of a key: a name, a list of names, or as it is.
 
         Raises:
@@ -96,7 +97,7 @@ class Axis:
     def _indices(self, name: str) -> list[int]:
         return self._many[name] if name in self._many else self._unknown(name)
 
-    def _unknown(self, name: str) -> Any:
+    def _unknown(self, name: str) -> NoReturn:
         known = ", ".join(self._one) or "none"
         raise KeyError(
             f"no {self._what or 'element'} is named {name!r}.{did_you_mean(name, self._one)} "
@@ -110,7 +111,7 @@ _UNNAMED = Axis()
 class Names:
     """The axes of one compiled model, made when they are first needed."""
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: mujoco.MjModel) -> None:
         """Takes the raw `mujoco.MjModel`, which it reads and does not keep alive needlessly."""
         self.model = model
         self._axes: dict[str | None, Axis] = {None: _UNNAMED}
@@ -169,15 +170,14 @@ class FieldIndexer:
         self._field = field
         self._axes = axes
         self._batch = batch
-        self._known: dict[Any, tuple[np.ndarray, Any]] = {}
+        self._known: dict[Hashable, _Resolved] = {}
 
     @property
     def axes(self) -> Axes:
         """The named tuple of row and column axis."""
         return self._axes
 
-    # Any: numbers of the field's type, one or an array of them.
-    def __getitem__(self, key: object) -> Any:
+    def __getitem__(self, key: object) -> AnyArray:
         array, index = self._lookup(key) or self._resolve(key)
         return array[index]
 
@@ -185,13 +185,13 @@ class FieldIndexer:
         array, index = self._lookup(key) or self._resolve(key)
         array[index] = value
 
-    def _lookup(self, key: object) -> tuple[Any, Any] | None:
+    def _lookup(self, key: object) -> _Resolved | None:
         """What a key was resolved to before."""
         if type(key) is str:
             return self._known.get(key)
         return self._known.get(_frozen(key))
 
-    def _resolve(self, key: object) -> tuple[Any, Any]:
+    def _resolve(self, key: object) -> _Resolved:
         """The array and the index that a key stands for; remembered if it is not an array."""
         items = key if isinstance(key, tuple) else (key,)
         dimensions = self._field.ndim - self._batch
@@ -215,7 +215,7 @@ class FieldIndexer:
         rest = self._field.ndim - 1 - len(index)
         return (..., *index, *(slice(None),) * rest)
 
-    def _flattened(self, index: tuple) -> tuple[Any, Any]:
+    def _flattened(self, index: tuple) -> _Resolved:
         """The same elements by one array of positions, which is gathered fastest."""
         shape = tuple(self._field.shape[self._batch :])
         positions = np.arange(math.prod(shape)).reshape(shape)[index]
@@ -225,10 +225,12 @@ class FieldIndexer:
         flat = self._field.reshape(-1)
         return flat, index_for(flat, positions)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Any:  # Any: as the array has it
         return getattr(self._field, name)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+    def __array__(
+        self, dtype: type | np.dtype | None = None, copy: bool | None = None
+    ) -> np.ndarray:
         return np.array(self._field, dtype=dtype, copy=copy)
 
     def __len__(self) -> int:
@@ -262,9 +264,9 @@ class NamedFields:
     def __init__(
         self,
         struct_name: str,
-        read: Callable[[str], tuple[Any, bool]],
+        read: Callable[[str], tuple[AnyArray, bool]],
         names: Names,
-        indexer: Callable[[str, Any, Axes, bool], FieldIndexer] = FieldIndexer,
+        indexer: Callable[[str, AnyArray, Axes, bool], FieldIndexer] = FieldIndexer,
     ) -> None:
         """Makes the view.
 
@@ -316,7 +318,7 @@ class NamedIndexStructs(NamedTuple):
     data: NamedFields
 
 
-def _refuse(item: Any) -> None:
+def _refuse(item: object) -> None:
     """Raises for what named indexing does not take."""
     if isinstance(item, (list, np.ndarray)):
         for part in item if np.ndim(item) else ():
@@ -359,7 +361,7 @@ def _frozen_list(key: list) -> Hashable:
     return None if None in parts else (list, *parts)
 
 
-def _row_labels(axis: Any, rows: int) -> list[str]:
+def _row_labels(axis: Axis, rows: int) -> list[str]:
     """A label for each row: the name of the element that it belongs to."""
     labels = [""] * rows
     for name in filter(None, getattr(axis, "names", ())):

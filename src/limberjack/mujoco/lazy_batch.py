@@ -28,8 +28,9 @@ import mujoco.batch
 import numpy as np
 
 from limberjack.mujoco import midphase
-from limberjack.mujoco.index import FieldIndexer
+from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.simulation import ACTUATION, FORWARD, LOAD, START, Rows, is_bad_state
+from limberjack.utils.arrays import AnyArray
 
 __all__ = ["LazyBatch"]
 
@@ -165,7 +166,7 @@ class LazyBatch:
             self.enable_sensors(slice(None))
         return field
 
-    def _bound_field(self, name: str) -> Any:
+    def _bound_field(self, name: str) -> np.ndarray:
         field = getattr(self.official, name)
         if name not in self._bound and isinstance(field, np.ndarray) and field.base is not None:
             if self._shares and self._was_called and not field.flags.writeable:
@@ -177,12 +178,13 @@ class LazyBatch:
         """As `field`, for an index that enables the sensors that it reads: see `indexer`."""
         return self._bound_field(name) if name == _READINGS else self.field(name)
 
-    def indexer(self, *arguments: Any) -> FieldIndexer:
+    def indexer(self, name: str, field: AnyArray, axes: Axes, batch: bool) -> FieldIndexer:
         """What a field that `field_for_names` gave is indexed by names with."""
-        name = arguments[0]
-        return _Sensors(self, *arguments) if name == _READINGS else FieldIndexer(*arguments)
+        if name == _READINGS:
+            return _Sensors(self, name, field, axes, batch)
+        return FieldIndexer(name, field, axes, batch)
 
-    def enable_sensors(self, columns: Any) -> None:
+    def enable_sensors(self, columns: AnyArray | slice) -> None:
         """Has the sensors of some columns of `sensordata` computed, the last call included.
 
         Args:
@@ -203,7 +205,7 @@ class LazyBatch:
         if self._was_called:
             self._replay()
 
-    def _set_readings(self, rows: Any, values: np.ndarray) -> None:
+    def _set_readings(self, rows: np.ndarray | slice, values: np.ndarray) -> None:
         """Sets readings that belong to the time step before a state that was loaded."""
         readings = self.official.sensordata
         readings.flags.writeable = True  # an output otherwise, so not to be written
@@ -288,20 +290,24 @@ class _Sensors(FieldIndexer):
 
     __slots__ = ("_lazy",)
 
-    def __init__(self, lazy: LazyBatch, *arguments: Any) -> None:
-        super().__init__(*arguments)
+    def __init__(
+        self, lazy: LazyBatch, name: str, field: AnyArray, axes: Axes, batch: bool
+    ) -> None:
+        super().__init__(name, field, axes, batch)
         self._lazy = lazy
 
-    def _resolve(self, key: object) -> tuple[Any, Any]:
+    def _resolve(self, key: object) -> tuple[AnyArray, AnyArray]:
         array, index = super()._resolve(key)
         self._lazy.enable_sensors(np.arange(array.shape[-1])[None][index])
         return array, index
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Any:  # Any: as the array has it
         self._lazy.enable_sensors(slice(None))
         return getattr(self._field, name)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+    def __array__(
+        self, dtype: type | np.dtype | None = None, copy: bool | None = None
+    ) -> np.ndarray:
         self._lazy.enable_sensors(slice(None))
         return super().__array__(dtype, copy)
 

@@ -16,7 +16,6 @@ if no box rules out what touches, which it may:
 
 import functools
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -54,7 +53,7 @@ _RADII = (2**14 + 5003 * np.arange(8) + 0.5) * _GRID - _TOUCH  # metres; just ro
 _ROUNDED = 1e-12  # metres; by so much a box may be smaller than what it is made for
 
 
-def is_needless(model: Any, own_fields: Iterable[str] = ()) -> bool:
+def is_needless(model: mujoco.MjModel, own_fields: Iterable[str] = ()) -> bool:
     """Whether contacts are the same, bit for bit, without the tree of the world's geoms.
 
     Args:
@@ -70,11 +69,11 @@ def is_needless(model: Any, own_fields: Iterable[str] = ()) -> bool:
     return _are_in_their_boxes(model) and _finds_touches(tuple(map(tuple, frames.tolist())))
 
 
-def _collides(model: Any) -> np.ndarray:
+def _collides(model: mujoco.MjModel) -> np.ndarray:
     return (model.geom_contype | model.geom_conaffinity) != 0
 
 
-def _is_usual(model: Any) -> bool:
+def _is_usual(model: mujoco.MjModel) -> bool:
     """Whether nothing but the geoms' shapes and places says what touches."""
     special = model.nflex or model.npair or model.nplugin or model.opt.enableflags & _OVERRIDE
     margins = model.geom_margin.any() or model.geom_gap.any()
@@ -85,7 +84,7 @@ def _is_harmless(field: str) -> bool:
     return field.startswith(_HARMLESS) or field in _HARMLESS_TOO
 
 
-def _are_in_their_boxes(model: Any) -> bool:
+def _are_in_their_boxes(model: mujoco.MjModel) -> bool:
     """Whether all boxes of the bodies' trees hold the geoms that they are made for."""
     for body in range(1, model.nbody):
         turn, place = _matrix(model.body_iquat[body]).T, model.body_ipos[body]
@@ -103,7 +102,7 @@ def _are_in_their_boxes(model: Any) -> bool:
     return True
 
 
-def _leaves(model: Any, first: int) -> Iterator[tuple[int, list[int]]]:
+def _leaves(model: mujoco.MjModel, first: int) -> Iterator[tuple[int, list[int]]]:
     """The geoms of a tree, each with the nodes from the root to its own."""
     paths = [[0]]
     while paths:
@@ -114,7 +113,7 @@ def _leaves(model: Any, first: int) -> Iterator[tuple[int, list[int]]]:
             yield int(model.bvh_nodeid[first + path[-1]]), path
 
 
-def _half_sizes(model: Any, geom: int) -> np.ndarray:
+def _half_sizes(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Half of a geom's extent along its axes, (3,)."""
     size, geoms = model.geom_size[geom], mujoco.mjtGeom
     match geoms(model.geom_type[geom]):

@@ -18,7 +18,7 @@ saved: what depends on accelerations belongs to the last time step, not to the s
 
 import operator
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -26,6 +26,7 @@ import numpy as np
 from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.leaving import Busy
 from limberjack.mujoco.wrapper.core import MjModel
+from limberjack.utils.arrays import AnyArray
 from limberjack.utils.log import log
 
 __all__ = [
@@ -36,6 +37,7 @@ __all__ = [
     "START",
     "STATE",
     "CountsWarnings",
+    "Field",
     "Fields",
     "Rows",
     "Simulation",
@@ -63,6 +65,7 @@ FORWARD = np.iinfo(np.int64).min  # `forward`
 NOT_FIELDS = ("state", "sensordata", "before", "call")
 
 Rows = np.ndarray | None
+Field = tuple[AnyArray, bool]  # and whether it has an axis of simulations
 
 
 class Fields(Protocol):
@@ -76,19 +79,19 @@ class Fields(Protocol):
         """The model, or the one that the simulations have in common."""
         ...
 
-    def data_field(self, name: str) -> tuple[Any, bool]:
+    def data_field(self, name: str) -> Field:
         """A field of MjData, and whether it has an axis of simulations."""
         ...
 
-    def model_field(self, name: str) -> tuple[Any, bool]:
+    def model_field(self, name: str) -> Field:
         """A field of MjModel, and whether each simulation has values of its own."""
         ...
 
-    def field_for_names(self, name: str) -> tuple[Any, bool]:
+    def field_for_names(self, name: str) -> Field:
         """As `data_field`, of a field that nothing but its `indexer` reads."""
         ...
 
-    def indexer(self, name: str, field: Any, axes: Axes, batch: bool) -> FieldIndexer:
+    def indexer(self, name: str, field: AnyArray, axes: Axes, batch: bool) -> FieldIndexer:
         """What such a field is indexed by names with; arguments as `FieldIndexer`'s."""
         ...
 
@@ -219,7 +222,7 @@ def signature_of(model: mujoco.MjModel, signature: int | None) -> int:
     return _POSITION | _VELOCITY | _ACTIVATION | (_PLUGIN if model.nplugin else 0)
 
 
-def read_field(model: mujoco.MjModel, name: str) -> Any:
+def read_field(model: mujoco.MjModel, name: str) -> AnyArray:
     """A field of a model, or of its options as 'opt.gravity'."""
     return operator.attrgetter(name)(model)
 

@@ -8,7 +8,7 @@ Its interface is `Simulation`; `BatchSimulation` is the other one. These two fil
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Self
+from typing import Self
 
 import mujoco
 import numpy as np
@@ -23,6 +23,7 @@ from limberjack.mujoco.simulation import (
     START,
     STATE,
     CountsWarnings,
+    Field,
     Rows,
     is_bad_state,
     read_field,
@@ -46,14 +47,14 @@ class SingleSimulation(CountsWarnings):
     def __init__(self, data: MjData) -> None:
         self.data = data
         self._wrapper = data.model
-        self._data: Any = data._data
+        self._data: mujoco.MjData = data._data
         self.warnings: np.ndarray = self._data.warning.number
         self._no_warnings = bytes(self.warnings.nbytes)
         # The flags to put back if Ctrl-C came while actuation was disabled.
         self._flags_before: int | None = None
         self._passive: mujoco.MjModel | None = None
-        self._model_of_opt: Any = None
-        self._opt: Any = None
+        self._model_of_opt: mujoco.MjModel | None = None
+        self._opt = mujoco.MjOption()
         # The last call, and the state that it began with.
         self._call = LOAD
         self._before = np.empty(mujoco.mj_stateSize(self._wrapper._model, STATE))
@@ -192,18 +193,18 @@ class SingleSimulation(CountsWarnings):
         Raises:
           PhysicsError: MuJoCo would not go on from this state.
         """
-        data, *others = self.__getstate__()
         new = type(self).__new__(type(self))
-        new.__setstate__((data._make_copy(share_model=share_model), *others))
+        data = self.data._make_copy(share_model=share_model)
+        new.__setstate__((data, self.sets_constants))
         return new
 
-    def __getstate__(self) -> tuple[Any, ...]:
+    def __getstate__(self) -> tuple[MjData, bool]:
         return self.data, self.sets_constants
 
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
-        data, *others = state
+    def __setstate__(self, state: tuple[MjData, bool]) -> None:
+        data, sets_constants = state
         self.__init__(data)
-        (self.sets_constants,) = others
+        self.sets_constants = sets_constants
         _check(data.model._model, self.get_state(STATE))
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
@@ -218,13 +219,13 @@ class SingleSimulation(CountsWarnings):
         if self.sets_constants:
             mujoco.mj_setConst(model, self._data)
 
-    def data_field(self, name: str) -> tuple[Any, bool]:
+    def data_field(self, name: str) -> Field:
         """See `Fields`; it has no axis of simulations."""
         return getattr(self._data, name), False
 
     field_for_names = data_field
 
-    def model_field(self, name: str) -> tuple[Any, bool]:
+    def model_field(self, name: str) -> Field:
         """See `Fields`; it has no axis of simulations, and may be written if it is a value."""
         if is_structure(name):
             return fixed_field(self._wrapper._model, name), False
@@ -234,7 +235,7 @@ class SingleSimulation(CountsWarnings):
         self._call = call
         mujoco.mj_getState(self._wrapper._model, self._data, self._before, STATE)
 
-    def _model(self) -> Any:
+    def _model(self) -> mujoco.MjModel:
         """The official model; whole again, should an interrupt have left a flag switched."""
         model = self._wrapper._model
         if self._flags_before is not None:

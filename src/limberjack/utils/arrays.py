@@ -18,6 +18,7 @@ from typing import Any, overload
 import numpy as np
 
 __all__ = [
+    "AnyArray",
     "Quantity",
     "any_of",
     "concat",
@@ -31,6 +32,8 @@ __all__ = [
 
 # One number of one simulation, (), or of each simulation of a batch, (N,); or a vector of them.
 Quantity = float | np.ndarray
+
+AnyArray = Any  # NumPy's array, or one of another library that speaks NumPy's protocols
 
 _batch_size: contextvars.ContextVar[int | None] = contextvars.ContextVar("batch_size", default=None)
 
@@ -69,11 +72,11 @@ def any_of(mask: np.ndarray) -> bool:
     return bool(np.count_nonzero(mask))
 
 
-def index_for(array: Any, positions: np.ndarray) -> Any:
+def index_for(array: AnyArray, positions: np.ndarray) -> AnyArray:
     """An array of positions in the form that indexes `array` fastest.
 
     That is NumPy's, unless the array is of another library and its class defines `as_index`, which
-    takes the positions to where the array lies, such as a GPU. Any: either kind of array.
+    takes the positions to where the array lies, such as a GPU.
     """
     convert = getattr(array, "as_index", None)
     return positions if convert is None else convert(positions)

@@ -34,7 +34,7 @@ _VALUES = ("contype", "conaffinity", "condim", "priority", "group", "matid", "te
 _FIXED = "{} is part of the model's structure and read-only: change the MJCF and compile it again"
 
 # The model that MuJoCo can still write as XML.
-_last_compiled: dict[str, Any] = {}
+_last_compiled: dict[str, mujoco.MjModel] = {}
 
 
 class Error(ValueError):

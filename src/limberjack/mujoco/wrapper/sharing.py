@@ -26,8 +26,8 @@ _DISABLED = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
 # What cannot be changed in place and so may be handed out of a shared model.
 _IMMUTABLE = (int, float, str, bytes)
 
-_in_use: "weakref.WeakValueDictionary[Any, SharedModel]" = weakref.WeakValueDictionary()
-_last_used: "collections.OrderedDict[Any, SharedModel]" = collections.OrderedDict()
+_in_use: "weakref.WeakValueDictionary[Hashable, SharedModel]" = weakref.WeakValueDictionary()
+_last_used: "collections.OrderedDict[Hashable, SharedModel]" = collections.OrderedDict()
 
 
 class SharedModel:
