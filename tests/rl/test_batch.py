@@ -434,3 +434,15 @@ def test_threads_are_by_default_the_cores_that_may_be_used() -> None:
     assert 1 <= cores.usable_cores() <= (os.cpu_count() or 1)
     batch = suite.load_batch("stacker", "stack_2", 64)
     assert batch.physics._simulation.num_threads == min(64, cores.usable_cores())
+
+
+class _Painter(_Pole):
+    def initialize_episode(self, physics: Any) -> None:
+        physics.model.tex_data[:] = 0
+
+
+def test_a_start_that_would_change_textures_is_refused_by_name() -> None:
+    sky = '<asset><texture name="t" type="skybox" builtin="flat" width="400" height="400"/></asset>'
+    physics = mujoco.Physics.from_xml_string(_POLE.replace("<worldbody>", f"{sky}<worldbody>"))
+    with pytest.raises(ValueError, match="cannot read or change tex_data"):
+        BatchEnvironment.from_environment(control.Environment(physics, _Painter()), 2)

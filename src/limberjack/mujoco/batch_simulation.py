@@ -66,7 +66,9 @@ class BatchSimulation(CountsWarnings):
         self._model = model
         # Called in a forked child, where the arrays that were handed out are no longer live.
         self.forget_arrays: Callable[[], Callable[[], None] | None] = lambda: None
-        self._use(LazyBatch(model._model, num_envs, num_threads, own_fields))
+        # MuJoCo copies the model: 12 MB for each batch with textures.
+        light = model.without_textures()._model
+        self._use(LazyBatch(light, num_envs, num_threads, own_fields))
         _alive.add(self)
         watch(self)
 

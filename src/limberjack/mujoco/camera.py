@@ -340,9 +340,9 @@ def render(
 def _may_have_changed(physics: Drawable) -> bool:
     """Whether the model's height fields, textures or meshes may have changed since they were drawn.
 
-    Those of a model that is shared cannot.
+    They cannot until somebody is given them.
     """
-    return physics.model._shared is None
+    return physics.model._is_lent
 
 
 def _contents(physics: Drawable, view: MjvCamera, option: mujoco.MjvOption) -> tuple:

@@ -9,11 +9,12 @@
     task.get_observation(replicas.physics)     # (256, ...) each
 
 `physics` is of the same class as the one that was replicated, so that what a domain measures on it
-carries the leading axis of rows. `single` is a single simulation of the same model, in which rows
-are begun and drawn, one after the other.
+carries the leading axis of rows. `single` is a single simulation of the same model without its
+textures, in which rows are begun, one after the other.
 """
 
 import contextlib
+import functools
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Generic, TypeVar
@@ -53,11 +54,23 @@ class Replicas(Generic[_P]):
         self.simulation = simulation
         self.num_envs, self.num_threads = num_envs, num_threads
         self.physics: _P = physics.seen_through(simulation)
-        self.single: _P = type(physics).from_model(model.copy())
+        self.single: _P = type(physics).from_model(model.without_textures())
         for each in (self.physics, self.single):
-            each.legacy_step = physics.legacy_step
-            each.simulation.sets_constants = physics.simulation.sets_constants
+            self._set_up(each, physics)
         simulation.forget_arrays = weakref.WeakMethod(self.physics._forget_arrays)
+
+    @functools.cached_property
+    def textured(self) -> _P:
+        """As `single`, with textures: for pictures, and to make other replicas of."""
+        one = type(self.single).from_model(self.simulation.model.copy())
+        self._set_up(one, self.single)
+        return one
+
+    @staticmethod
+    def _set_up(one: _P, like: _P) -> None:
+        """Has one physics run as another one is."""
+        one.legacy_step = like.legacy_step
+        one.simulation.sets_constants = like.simulation.sets_constants
 
     @contextlib.contextmanager
     def episode(self, row: int) -> Iterator[_P]:
@@ -66,7 +79,7 @@ class Replicas(Generic[_P]):
         The row's quantities follow with `start`.
         """
         one, simulation = self.single, self.simulation
-        self._take_fields(row)
+        self._take_fields(one, row)
         with contextlib.suppress(PhysicsError):
             one.reset()
         yield one
@@ -120,19 +133,20 @@ class Replicas(Generic[_P]):
         return drawing.picture_spec(self.single, kwargs)
 
     def shown(self, row: int) -> _P:
-        """`single` with all that is drawn of a row, until it is used for anything else."""
-        self._take_fields(row)
-        self.single.simulation.load(self.simulation.seen(row))
-        return self.single
+        """A single simulation with all that is drawn of a row, until this is called again."""
+        self._take_fields(self.textured, row)
+        self.textured.simulation.load(self.simulation.seen(row))
+        return self.textured
 
     def free(self) -> None:
         """Frees the simulations; nothing of this object must be used afterwards."""
-        for each in (self.physics, self.single):
-            each.free()
+        for each in (self.physics, self.single, vars(self).get("textured")):
+            if each is not None:
+                each.free()
         vars(self).clear()
 
-    def _take_fields(self, row: int) -> None:
-        """Copies a row's own fields of the model to `single`."""
+    def _take_fields(self, one: _P, row: int) -> None:
+        """Copies a row's own fields of the model to a single simulation."""
         own: Mapping[str, np.ndarray] = self.simulation.own_fields
         if own:
-            self.single.simulation.set_fields({name: values[row] for name, values in own.items()})
+            one.simulation.set_fields({name: values[row] for name, values in own.items()})

@@ -52,7 +52,6 @@ class SingleSimulation(CountsWarnings):
         self._no_warnings = bytes(self.warnings.nbytes)
         # The flags to put back if Ctrl-C came while actuation was disabled.
         self._flags_before: int | None = None
-        self._passive: mujoco.MjModel | None = None
         self._model_of_opt: mujoco.MjModel | None = None
         self._opt = mujoco.MjOption()
         # The last call, and the state that it began with.
@@ -102,8 +101,7 @@ class SingleSimulation(CountsWarnings):
         self._remember(START)
         begin(self)
         if shared is not None:
-            self._passive = shared.passive()
-            mujoco.mj_forward(self._passive, self._data)
+            mujoco.mj_forward(shared.passive, self._data)
             self.busy_in = None
             return
         opt = model.opt
@@ -209,9 +207,9 @@ class SingleSimulation(CountsWarnings):
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
         """See `Simulation`."""
-        model = self._wrapper.ptr
+        model = self._wrapper.own()
         for name, value in values.items():
-            field = read_field(model, name)
+            field = read_field(self._wrapper, name)
             if isinstance(field, np.ndarray):
                 field[...] = value
             else:
@@ -229,7 +227,7 @@ class SingleSimulation(CountsWarnings):
         """See `Fields`; it has no axis of simulations, and may be written if it is a value."""
         if is_structure(name):
             return fixed_field(self._wrapper._model, name), False
-        return getattr(self._wrapper.ptr, name), False
+        return getattr(self._wrapper, name), False
 
     def _remember(self, call: int) -> None:
         self._call = call

@@ -253,7 +253,7 @@ class BatchEnvironment:
     def __getstate__(self) -> dict[str, Any]:
         """What makes an equal batch elsewhere: for pickling, deep copies and spawned processes."""
         kept = {k: v for k, v in vars(self).items() if k not in ("_replicas", "_use", "_frames")}
-        making = self._replicas.single, self.num_envs, self._replicas.num_threads
+        making = self._replicas.textured, self.num_envs, self._replicas.num_threads
         return {**kept, "making": making, "snapshot": self.snapshot()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -19,6 +19,7 @@ def test_a_library_that_is_there_is_loaded_and_another_is_none() -> None:
 @_linux
 def test_a_declared_function_takes_and_returns_the_types_of_its_signature() -> None:
     library = native.load("libc.so.6")
+    assert library is not None
     native.declare(library.strlen, "us")
     assert library.strlen(b"limber") == 6
     with pytest.raises(ctypes.ArgumentError):
@@ -27,7 +28,9 @@ def test_a_declared_function_takes_and_returns_the_types_of_its_signature() -> N
 
 @_linux
 def test_a_function_is_called_by_its_address() -> None:
-    address = ctypes.cast(native.load("libc.so.6").abs, ctypes.c_void_p).value
+    library = native.load("libc.so.6")
+    assert library is not None
+    address = ctypes.cast(library.abs, ctypes.c_void_p).value
     assert address is not None
     assert native.function_at(address, "ii")(-7) == 7
 

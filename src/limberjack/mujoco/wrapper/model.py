@@ -17,7 +17,8 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.wrapper import util
-from limberjack.mujoco.wrapper.sharing import CopyOnWrite
+from limberjack.mujoco.wrapper.sharing import CopyOnWrite, SharedModel
+from limberjack.mujoco.wrapper.textures import without_textures
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -32,6 +33,13 @@ __all__ = [
 # Integers of a model that are values: masks, groups, materials and textures.
 _VALUES = ("contype", "conaffinity", "condim", "priority", "group", "matid", "texid", "tex_data")
 _FIXED = "{} is part of the model's structure and read-only: change the MJCF and compile it again"
+
+# What OpenGL has a copy of, which is compared before each picture once somebody may change it.
+_UPLOADED = ("hfield", "tex", "mesh")
+_NO_TEXTURES = (
+    "simulations in which a batch begins episodes have no textures: the start of an episode cannot "
+    "read or change tex_data; change the model before the batch is made"
+)
 
 # The model that MuJoCo can still write as XML.
 _last_compiled: dict[str, mujoco.MjModel] = {}
@@ -53,7 +61,12 @@ class MjModel(CopyOnWrite):
             raise AttributeError(name)
         if is_structure(name):
             return fixed_field(self._model, name)
-        return self._field(name)
+        if not name.startswith(_UPLOADED):
+            return self._field(name)
+        field = getattr(self.ptr, name)
+        if name == "tex_data" and self._model.ntex and not field.size:
+            raise ValueError(_NO_TEXTURES)
+        return field
 
     def __setattr__(self, name: str, value: object) -> None:
         if is_structure(name):
@@ -71,6 +84,13 @@ class MjModel(CopyOnWrite):
 
     def __copy__(self) -> "MjModel":
         return type(self)(self._shared or copy.copy(self._model))
+
+    def without_textures(self) -> "MjModel":
+        """A model whose simulations are the same, and which takes a hundredth of the memory."""
+        if self._shared is not None:
+            return MjModel(SharedModel(self._shared.light))
+        light = without_textures(self._model)
+        return MjModel(copy.copy(light) if light is self._model else light)
 
     def copy(self) -> "MjModel":
         """A model whose changes do not reach this one."""

@@ -3,25 +3,26 @@
     first = compiled(source, compile_it)
     assert compiled(source, compile_it) is first     # it was not called again
 
-A model of the suite takes 12 MB, most of which is the sky, and about 70 ms to compile. So
-simulations of the same source share one `SharedModel`, and the last ones that were used are kept
-for the next load. Whoever could change it through an `MjModel` gets a copy first (`CopyOnWrite`):
-an array that can be written, a nested struct, `ptr`. Code of this package that only reads uses
-`model._model`, which stays shared.
+A model of the suite takes 12 MB, nearly all of it the sky, and about 70 ms to compile. Simulations
+of the same source share one `SharedModel`, and the last ones used are kept for the next load. An
+access that could change it through an `MjModel` copies it first (`CopyOnWrite`): an array that can
+be written, a nested struct, `ptr`. Code of this package that reads uses `model._model`.
 """
 
 import collections
 import copy
+import functools
 import weakref
 from collections.abc import Callable, Hashable
 from typing import Any
 
 import mujoco
 
+from limberjack.mujoco.wrapper.textures import without_textures
+
 __all__ = ["CopyOnWrite", "SharedModel", "compiled"]
 
 _MOST_KEPT = 256 * 2**20  # bytes of models that nobody may be using
-_DISABLED = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
 
 # What cannot be changed in place and so may be handed out of a shared model.
 _IMMUTABLE = (int, float, str, bytes)
@@ -35,20 +36,21 @@ class SharedModel:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
-        self._passive: Callable[[], mujoco.MjModel | None] = lambda: None
         self.identities: dict[tuple[str, ...], int] = {}  # kept by `mujoco.identity`
 
-    def passive(self) -> mujoco.MjModel:
-        """The model with actuation disabled, for the forward pass after a reset.
+    @functools.cached_property
+    def light(self) -> mujoco.MjModel:
+        """The model without its textures."""
+        return without_textures(self.model)
 
-        It lives as long as a simulation keeps it. It is a second model, because a flag that is
-        switched in a shared one would reach other threads.
+    @functools.cached_property
+    def passive(self) -> mujoco.MjModel:
+        """The same with actuation disabled, for the forward pass after a reset.
+
+        A flag that is switched in a model that is shared would reach other threads.
         """
-        passive = self._passive()
-        if passive is None:
-            passive = copy.copy(self.model)
-            passive.opt.disableflags |= _DISABLED
-            self._passive = weakref.ref(passive)
+        passive = copy.copy(self.light)
+        passive.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
         return passive
 
 
@@ -69,18 +71,24 @@ def compiled(source: Hashable, compile_it: Callable[[], mujoco.MjModel]) -> Shar
 class CopyOnWrite:
     """A wrapper of a model that is shared until somebody could change it."""
 
-    # Any: the official struct's fields, which are not listed here.
-    _model: Any
+    _model: Any  # has the official struct's fields, which are not listed here
     _shared: SharedModel | None  # while it is shared
+    _is_lent: bool  # whether others may change what is drawn of it, unnoticed
 
     def __init__(self, model: mujoco.MjModel | SharedModel) -> None:
         shared = model if isinstance(model, SharedModel) else None
         object.__setattr__(self, "_shared", shared)
+        object.__setattr__(self, "_is_lent", shared is None)
         object.__setattr__(self, "_model", model if shared is None else shared.model)
 
     @property
     def ptr(self) -> mujoco.MjModel:
         """The official `mujoco.MjModel`, this wrapper's own."""
+        object.__setattr__(self, "_is_lent", True)
+        return self.own()
+
+    def own(self) -> mujoco.MjModel:
+        """As `ptr`, for code that changes no height field, texture or mesh."""
         if self._shared is not None:
             object.__setattr__(self, "_model", copy.copy(self._shared.model))
             object.__setattr__(self, "_shared", None)
@@ -89,6 +97,4 @@ class CopyOnWrite:
     def _field(self, name: str) -> Any:
         """A field, of a model that is this wrapper's own if the field can be changed."""
         value = getattr(self._model, name)
-        if self._shared is None or isinstance(value, _IMMUTABLE):
-            return value
-        return getattr(self.ptr, name)
+        return value if isinstance(value, _IMMUTABLE) else getattr(self.own(), name)
