@@ -92,6 +92,13 @@ def test_the_package_is_typed_and_carries_its_models() -> None:
     assert {path.name for path in root.glob("suite/*.xml")} >= {"humanoid.xml"}
 
 
+def test_the_wheel_holds_the_package_alone_and_no_hook_of_pythons_start() -> None:
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
+    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert wheel == {"packages": ["src/limberjack"]}
+    assert not list((REPOSITORY / "src").rglob("*.pth"))
+
+
 def test_the_licence_is_apache_and_the_notice_credits_dm_control() -> None:
     assert "Version 2.0, January 2004" in (REPOSITORY / "LICENSE").read_text(encoding="utf-8")
     assert "dm_control" in (REPOSITORY / "NOTICE").read_text(encoding="utf-8")
