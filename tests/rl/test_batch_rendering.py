@@ -16,7 +16,7 @@ from limberjack.rl.randomize import scale, shift
 _draws = pytest.mark.skipif(
     os.environ.get("MUJOCO_GL") == "disable", reason="MUJOCO_GL turns rendering off"
 )
-_SIZE = {"height": 18, "width": 24}
+_SIZE: dict[str, Any] = {"height": 18, "width": 24}
 _TASKS = pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
 
 

@@ -128,7 +128,8 @@ class _Trial:
         self._fields = tuple(saved_fields)
         self._name = type(task).__name__
         self._task: Task = _copied(task)
-        self._global_stream = np.random.get_state()
+        self._stream = np.random.RandomState(0)
+        self._place = self._stream.get_state()
         self._kept: set[str] = set()  # attributes of the task that starts set
         whole = model_values.checksums(self._batch.single)
         model = self._batch.single.model._model
@@ -290,8 +291,9 @@ class _Trial:
 
     def _rewind(self, task: Task) -> None:
         """Puts the random streams to the same place, whoever draws."""
-        task._random = np.random.RandomState(0)  # pyright: ignore[reportAttributeAccessIssue]
-        np.random.set_state(self._global_stream)
+        self._stream.set_state(self._place)
+        task._random = self._stream  # pyright: ignore[reportAttributeAccessIssue]
+        np.random.set_state(self._place)
 
 
 def _copied(task: Task) -> Task:

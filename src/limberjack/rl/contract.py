@@ -168,6 +168,9 @@ _Physics = TypeVar("_Physics", bound=Physics)
 class Task(abc.ABC, Generic[_Physics]):
     """What an episode starts from, what the agent sees, what it is rewarded for."""
 
+    # The stream that episodes are drawn from; environments give a batch's task each row's.
+    _random: np.random.RandomState
+
     @abc.abstractmethod
     def initialize_episode(self, physics: _Physics) -> None:
         """Sets the state an episode starts from, within `physics.reset_context()`."""
