@@ -223,7 +223,7 @@ class Contest:
         the task makes something else of actions than controls.
         """
         states = [_state(self.environment), _state(self.vector_env.batches[0])]
-        count = self.environment._step_count
+        count = self.environment._counter.steps
         first = np.flatnonzero(~self.environment.begins & (count == count.max()))
         bare = [batch.state[first] for batch in self._bare.values() if self._acts_directly(first)]
         same = np.array_equal(states[0], states[1]) and all(
@@ -304,7 +304,7 @@ def _vector(factory: Factory, num_envs: int, num_threads: int) -> VectorEnv:
 
 def _steps(batch: BatchEnvironment) -> int:
     """Steps that an episode has at most, as far as they are measured."""
-    limit = batch._step_limit
+    limit = batch.step_limit
     return _EPISODE if limit >= _EPISODE else math.ceil(limit)
 
 

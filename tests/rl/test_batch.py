@@ -416,7 +416,7 @@ def test_ctrl_c_as_the_batch_is_taken_or_given_back_does_not_lock_it() -> None:
     other = threading.Thread(target=batch.step, args=(zero,))
     other.start()
     other.join()
-    assert (batch._step_count == 2).all()
+    assert (batch._counter.steps == 2).all()
 
 
 def test_changes_of_the_model_it_was_made_from_do_not_reach_a_batch() -> None:

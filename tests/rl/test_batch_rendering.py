@@ -17,7 +17,7 @@ from tests.representatives import REPRESENTATIVES
 _draws = pytest.mark.skipif(
     os.environ.get("MUJOCO_GL") == "disable", reason="MUJOCO_GL turns rendering off"
 )
-_SIZE = {"height": 18, "width": 24}
+_SIZE: dict[str, Any] = {"height": 18, "width": 24}
 _TASKS = pytest.mark.parametrize("task", REPRESENTATIVES)
 
 

@@ -330,7 +330,7 @@ def test_a_task_that_observes_pixels_of_its_own_is_refused() -> None:
 
 def test_what_cannot_be_drawn_cannot_be_observed() -> None:
     with pytest.raises(TypeError, match="a str cannot be drawn; pixels need a limberjack"):
-        Frames(Pixels(), "a picture")
+        Frames(Pixels(), "a picture")  # pyright: ignore[reportArgumentType]
 
 
 @_draws

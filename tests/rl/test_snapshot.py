@@ -1,17 +1,253 @@
-"""Snapshots: what must agree before anything is restored."""
+"""Snapshots and copies: what is refused, and what they show."""
 
+import copy
+import dataclasses
 import pickle
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+from limberjack import suite
+from limberjack.rl import control
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.randomize import scale
 from limberjack.rl.snapshot import Snapshot
+
+_TASK = ("stacker", "stack_2")
+_COPIES = pytest.mark.parametrize(
+    "copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))], ids=["copy", "pickle"]
+)
+# Statistics of the solver, not quantities: MuJoCo does not pickle them.
+_STATISTICS = ("solver_niter", "solver_nnz")
+
+
+def _single(task: tuple[str, str] = _TASK, **kwargs: Any) -> Any:
+    env = suite.load(*task, {"random": 1}, kwargs)
+    env.reset()
+    for action in _actions(env, 7):
+        env.step(action)
+    return env
+
+
+def _batch(num_envs: int = 3, **kwargs: Any) -> BatchEnvironment:
+    batch = suite.load_batch(*_TASK, num_envs, 1, 0, **kwargs)
+    batch.reset()
+    for action in _actions(batch, 3):
+        batch.step(action)
+    return batch
+
+
+def _actions(env: Any, steps: int) -> np.ndarray:
+    return np.random.RandomState(2).uniform(-1, 1, (steps, *env.action_spec().shape))
+
+
+def _future(env: Any) -> list[Any]:
+    return [
+        [value.tobytes() for value in env.step(action).observation.values()]
+        for action in _actions(env, 5)
+    ]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e11])
+@pytest.mark.parametrize("field", ["qpos", "qvel"])
+def test_a_state_that_has_diverged_is_not_restored_as_another_one(field: str, value: float) -> None:
+    env, other = _single(), _single()
+    getattr(env.physics.data, field)[0] = value
+    snapshot = env.snapshot()
+    with pytest.raises(control.PhysicsError, match=rf"data\.{field} has diverged"):
+        other.restore(snapshot)
+    assert other.step(np.zeros(5)).first()
+
+
+@_COPIES
+@pytest.mark.parametrize("field", ["qpos", "qvel"])
+def test_a_state_that_has_diverged_is_not_copied_as_another_one(field: str, copied: Any) -> None:
+    env = _single()
+    getattr(env.physics.data, field)[0] = np.nan
+    for one in (env, env.physics):
+        with pytest.raises(control.PhysicsError, match=rf"data\.{field} has diverged"):
+            copied(one)
+
+
+def test_a_row_whose_state_has_diverged_is_flagged_when_it_is_restored() -> None:
+    batch, other = _batch(), _batch()
+    twin = copy.deepcopy(other)
+    batch.physics.data.qvel[1, 0] = np.nan
+    snapshot = batch.snapshot()
+    other.restore(snapshot)
+    assert other.diverged.tolist() == [False, True, False]
+    assert other.begins.tolist() == [False, True, False]
+    step = other.step(np.zeros((3, 5)))
+    assert step.step_type.tolist() == [1, 0, 1]
+    twin.restore(batch.snapshot([0, 2]), [0, 2])
+    alone = twin.step(np.zeros((3, 5)))
+    for name, value in step.observation.items():
+        np.testing.assert_array_equal(value[[0, 2]], alone.observation[name][[0, 2]])
+
+
+def test_restoring_rows_that_have_diverged_raises_where_divergence_does() -> None:
+    batch = _batch(on_divergence="raise")
+    batch.physics.data.qvel[[0, 2], 0] = np.nan
+    snapshot = batch.snapshot()
+    with pytest.raises(control.PhysicsError, match=r"rows \[0, 2\] diverged"):
+        batch.restore(snapshot)
+    assert batch.step(np.zeros((3, 5))).step_type.tolist() == [0, 1, 0]
+
+
+def _set_gravity(env: Any) -> None:
+    env.physics.model.opt.gravity[2] = -1.0
+
+
+def _set_masses(env: Any) -> None:
+    env.physics.model.body_mass[3] *= 2
+
+
+def _set_timestep(env: Any) -> None:
+    env.physics.model.opt.timestep = 0.002
+
+
+@pytest.mark.parametrize(
+    ("edit", "field"),
+    [
+        (_set_gravity, r"opt\.gravity"),
+        (_set_masses, "body_mass"),
+        (_set_timestep, r"opt\.timestep"),
+    ],
+)
+def test_a_snapshot_of_a_model_with_other_numbers_is_refused(edit: Any, field: str) -> None:
+    edited, other, batch = _single(), _single(), _batch()
+    edit(edited)
+    snapshot = edited.snapshot()
+    twin = copy.deepcopy(other)
+    for refuse in (
+        lambda: other.restore(snapshot),
+        lambda: batch.restore(snapshot, [1]),
+        lambda: edited.restore(twin.snapshot()),
+    ):
+        with pytest.raises(ValueError, match=rf"a model with other values of {field}[,;]"):
+            refuse()
+    edited.restore(snapshot)
+    assert _future(other) == _future(twin)
+
+
+def test_colours_do_not_matter_and_neither_do_fields_of_the_episode() -> None:
+    env = suite.load(*_TASK, {"random": 1}, visualize_reward=True)
+    env.reset()
+    env.step(np.ones(5))
+    other = _single()
+    other.restore(env.snapshot())
+    assert _future(other) == _future(env)
+
+
+def test_what_is_randomised_does_not_matter() -> None:
+    randomize = {"body_mass": scale(0.5, 2), "opt.gravity": scale(0.9, 1.1)}
+    env, other = _single(randomize=randomize), _single(randomize=randomize)
+    other.reset()
+    other.restore(env.snapshot())
+    assert _future(other) == _future(env)
+
+
+@pytest.mark.parametrize(("version", "is_accepted"), [("4.0.99", True), ("4.99.0", False)])
+def test_patch_versions_of_mujoco_interchange(version: str, is_accepted: bool) -> None:
+    env = _single()
+    snapshot = env.snapshot()
+    assert snapshot.origin["MuJoCo"]
+    snapshot.origin["MuJoCo"] = version
+    if is_accepted:
+        env.restore(snapshot)
+        return
+    with pytest.raises(ValueError, match=rf"the snapshot is of MuJoCo '{version}'; expected"):
+        env.restore(snapshot)
+
+
+def _with_physics(name: str, change: Callable[[np.ndarray], Any]) -> Callable[[Any], Any]:
+    def damaged(snapshot: Any) -> Any:
+        physics = {**snapshot.physics, name: change(snapshot.physics[name])}
+        return dataclasses.replace(snapshot, physics=physics)
+
+    return damaged
+
+
+_DAMAGE = {
+    "a short state": _with_physics("state", lambda a: a[:, 1:]),
+    "single precision": _with_physics("state", lambda a: a.astype("f4")),
+    "no array": _with_physics("sensordata", lambda a: a.tolist()),
+    "a field of another shape": _with_physics("body_pos", lambda a: a[..., :2]),
+    "no state": lambda s: dataclasses.replace(
+        s, physics={n: v for n, v in s.physics.items() if n != "state"}
+    ),
+    "an unknown field": lambda s: dataclasses.replace(
+        s, physics={**s.physics, "geom_pos": np.zeros((len(s), 1))}
+    ),
+    "too many counts": lambda s: dataclasses.replace(s, step_count=np.zeros(9, int)),
+    "counts that are no numbers": lambda s: dataclasses.replace(s, step_count=s.begins),
+    "flags that are numbers": lambda s: dataclasses.replace(s, begins=s.step_count),
+    "no streams": lambda s: dataclasses.replace(s, streams=[()] * len(s)),
+    "streams of something else": lambda s: dataclasses.replace(s, streams=[("PCG", 1)] * len(s)),
+    "a stream that is none": lambda s: dataclasses.replace(s, streams=[("noise",)] * len(s)),
+}
+
+
+@pytest.mark.parametrize("make", [_single, _batch])
+@pytest.mark.parametrize("damage", _DAMAGE.values(), ids=_DAMAGE)
+def test_a_damaged_snapshot_is_refused_before_anything_moves(damage: Any, make: Any) -> None:
+    env, twin = make(), make()
+    with pytest.raises(ValueError, match="nothing was restored"):
+        env.restore(damage(env.snapshot()))
+    assert _future(env) == _future(twin)
+
+
+def _quantities(env: Any, leave_out: tuple[str, ...] = ()) -> dict[str, bytes]:
+    """Every array of the data, and the task's observation."""
+    data = env.physics.data.ptr
+    names = [name for name in dir(data) if not name.startswith("_") and name not in leave_out]
+    shown = {n: getattr(data, n) for n in names if isinstance(getattr(data, n), np.ndarray)}
+    shown |= env.task.get_observation(env.physics)
+    return {name: np.asarray(value).tobytes() for name, value in shown.items()}
+
+
+@_COPIES
+@pytest.mark.parametrize("legacy_step", [True, False])
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_a_copied_environment_shows_what_the_original_shows(
+    task: tuple[str, str], legacy_step: bool, copied: Any
+) -> None:
+    env = _single(task, legacy_step=legacy_step)
+    other = copied(env)
+    assert _quantities(other, _STATISTICS) == _quantities(env, _STATISTICS)
+    assert _future(other) == _future(env)
+
+
+@pytest.mark.parametrize("task", [("humanoid", "walk"), _TASK], ids="-".join)
+def test_a_restored_environment_shows_what_the_original_shows_after_whole_steps(
+    task: tuple[str, str],
+) -> None:
+    env, other = (_single(task, legacy_step=False) for _ in range(2))
+    other.reset()
+    other.restore(env.snapshot())
+    shown, expected = (each.task.get_observation(each.physics) for each in (other, env))
+    for name, value in expected.items():
+        np.testing.assert_array_equal(shown[name], value, name)
+
+
+@pytest.mark.parametrize("task", [("humanoid", "walk"), _TASK], ids="-".join)
+def test_a_restored_environment_shows_accelerations_and_forces_of_the_original(
+    task: tuple[str, str],
+) -> None:
+    env, other = (_single(task) for _ in range(2))
+    other.reset()
+    other.restore(env.snapshot())
+    for name in ("qacc", "qfrc_constraint", "sensordata", "cfrc_ext", "actuator_force"):
+        shown, expected = (getattr(each.physics.data, name) for each in (other, env))
+        np.testing.assert_array_equal(shown, expected, name)
+
 
 _ORIGIN = {"task": "Humanoid", "fields": ("body_pos",), "nq": 28}
 
 
-def _snapshot(size: int = 2, **origin: Any) -> Snapshot:
+def _made(size: int = 2, **origin: Any) -> Snapshot:
     return Snapshot(
         {**_ORIGIN, **origin},
         {"state": np.zeros((size, 3))},
@@ -22,11 +258,11 @@ def _snapshot(size: int = 2, **origin: Any) -> Snapshot:
 
 
 def test_its_length_is_the_number_of_environments() -> None:
-    assert [len(_snapshot(size)) for size in (1, 5)] == [1, 5]
+    assert [len(_made(size)) for size in (1, 5)] == [1, 5]
 
 
 def test_one_of_the_same_origin_and_size_is_accepted() -> None:
-    _snapshot().check(_ORIGIN, size=2, step_limit=np.inf)
+    _made().check(_ORIGIN, size=2)
 
 
 @pytest.mark.parametrize(
@@ -34,24 +270,24 @@ def test_one_of_the_same_origin_and_size_is_accepted() -> None:
 )
 def test_one_of_another_origin_is_refused_by_name_with_both_values(name: str, value: Any) -> None:
     with pytest.raises(ValueError, match=name) as caught:
-        _snapshot(**{name: value}).check(_ORIGIN, size=2, step_limit=np.inf)
+        _made(**{name: value}).check(_ORIGIN, size=2)
     assert repr(value) in str(caught.value)
     assert repr(_ORIGIN[name]) in str(caught.value)
 
 
 def test_one_that_lacks_a_part_of_the_origin_is_refused() -> None:
     with pytest.raises(ValueError, match="camera"):
-        _snapshot().check({**_ORIGIN, "camera": "side"}, size=2, step_limit=np.inf)
+        _made().check({**_ORIGIN, "camera": "side"}, size=2)
 
 
 @pytest.mark.parametrize("size", [1, 3])
 def test_one_of_another_size_is_refused_with_both_sizes(size: int) -> None:
     with pytest.raises(ValueError, match=f"2 environments; expected {size}"):
-        _snapshot().check(_ORIGIN, size, np.inf)
+        _made().check(_ORIGIN, size)
 
 
 def test_it_is_the_same_after_pickling() -> None:
-    snapshot = _snapshot()
+    snapshot = _made()
     again = pickle.loads(pickle.dumps(snapshot))
-    again.check(_ORIGIN, size=2, step_limit=np.inf)
+    again.check(_ORIGIN, size=2)
     np.testing.assert_array_equal(again.physics["state"], snapshot.physics["state"])

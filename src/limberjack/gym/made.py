@@ -85,7 +85,7 @@ def make_vector(
     length = registry.steps(domain, task) if module is None else steps
     is_asked_for = lengths.asks_for_a_time_limit(kwargs)
     for batch in envs.batches:
-        batch._step_limit = lengths.limit_of_batch(
-            f"{domain}:{task}", length, max_episode_steps, batch._step_limit, is_asked_for
+        batch.step_limit = lengths.limit_of_batch(
+            f"{domain}:{task}", length, max_episode_steps, batch.step_limit, is_asked_for
         )
     return envs

@@ -3,7 +3,7 @@
 What a row of a step is when the row's episode has ended differs by mode: see docs/batches.md.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import dm_env
 import numpy as np
@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 from limberjack.gym.observations import Info, Observation, Observations
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import check_actions
-from limberjack.utils.arrays import any_of
+from limberjack.utils.arrays import Quantity, any_of
 
 __all__ = ["Step", "Transitions"]
 
@@ -170,6 +170,6 @@ def _is_own(values: object) -> bool:
     return isinstance(values, np.ndarray) and values.ndim == 1 and values.flags.owndata
 
 
-def _with_masks(values: dict[str, np.ndarray], rows: np.ndarray) -> dict[str, np.ndarray]:
+def _with_masks(values: Mapping[str, Quantity], rows: np.ndarray) -> dict[str, Quantity]:
     """The values and, as Gymnasium has it, the mask of rows that each is said of, as '_name'."""
     return {**values, **{f"_{name}": rows.copy() for name in values}}

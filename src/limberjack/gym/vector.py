@@ -126,7 +126,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     ) -> None:
         self._spec = copy_of(spec)
         if self._spec is not None:
-            limit = self.batches[0]._step_limit
+            limit = self.batches[0].step_limit
             self._spec.max_episode_steps = math.ceil(limit) if math.isfinite(limit) else None
 
     def _set_spaces(self, flat: bool, dtype: npt.DTypeLike) -> None:

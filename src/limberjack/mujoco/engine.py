@@ -170,10 +170,7 @@ class Physics(_control.Physics):
     def named(self) -> NamedIndexStructs:
         """`named.data` and `named.model`: fields indexed by the names of the model's objects."""
         source = self._simulation
-        names = index.Names(source.model._model)
-        model = index.NamedFields("MjModel", source.model_field, names)
-        data = index.NamedFields("MjData", source.field_for_names, names, source.indexer)
-        return NamedIndexStructs(model, data)
+        return NamedIndexStructs.of(source, index.Names(source.model._model))
 
     # Batches.
 
@@ -343,12 +340,16 @@ class Physics(_control.Physics):
         return self._simulation, self._settings()
 
     def __setstate__(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
-        self._simulation, settings = state
-        self._data = state[0].data
-        vars(self).update(settings)
+        self.become(state)
         # As dm_control: it changes the solver's warm start, and what depends on accelerations.
         with self.suppress_physics_errors():
             self.after_reset()
+
+    def become(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
+        """Goes on exactly as the simulation whose `__getstate__` gave this."""
+        self._simulation, settings = state
+        self._data = state[0].data
+        vars(self).update(settings)
 
     def _settings(self) -> dict[str, object]:
         return {name: vars(self)[name] for name in _SETTINGS if name in vars(self)}

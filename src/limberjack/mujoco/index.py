@@ -16,7 +16,7 @@ a batch the index gets `...` in front, so that `xpos["head", "z"]` is one number
 import collections
 import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn, Self
 
 import mujoco
 import numpy as np
@@ -316,6 +316,14 @@ class NamedIndexStructs(NamedTuple):
 
     model: NamedFields
     data: NamedFields
+
+    @classmethod
+    def of(cls, source: Any, names: Names) -> Self:
+        """Those of a `Fields`, whose module imports this one, hence Any."""
+        return cls(
+            NamedFields("MjModel", source.model_field, names),
+            NamedFields("MjData", source.field_for_names, names, source.indexer),
+        )
 
 
 def _refuse(item: object) -> None:

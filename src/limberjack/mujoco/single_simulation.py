@@ -193,16 +193,16 @@ class SingleSimulation(CountsWarnings):
         """
         new = type(self).__new__(type(self))
         data = self.data._make_copy(share_model=share_model)
-        new.__setstate__((data, self.sets_constants))
+        new.__setstate__((data, self.sets_constants, self._call, self._before.copy()))
         return new
 
-    def __getstate__(self) -> tuple[MjData, bool]:
-        return self.data, self.sets_constants
+    def __getstate__(self) -> tuple[MjData, bool, int, np.ndarray]:
+        return self.data, self.sets_constants, self._call, self._before.copy()
 
-    def __setstate__(self, state: tuple[MjData, bool]) -> None:
-        data, sets_constants = state
+    def __setstate__(self, state: tuple[MjData, bool, int, np.ndarray]) -> None:
+        data, sets_constants, call, before = state
         self.__init__(data)
-        self.sets_constants = sets_constants
+        self.sets_constants, self._call, self._before = sets_constants, call, before
         _check(data.model._model, self.get_state(STATE))
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
@@ -245,7 +245,9 @@ class SingleSimulation(CountsWarnings):
 def _check(model: mujoco.MjModel, state: np.ndarray) -> None:
     """Raises PhysicsError if MuJoCo would replace a state by the default pose."""
     if is_bad_state(model, state):
+        positions = state[1 : 1 + model.nq]
+        is_position = not (abs(positions) <= mujoco.mjMAXVAL).all()
         raise PhysicsError(
-            "the state has positions or velocities that are not finite, or beyond MuJoCo's bounds, "
-            "so it cannot be gone on from"
+            f"data.{'qpos' if is_position else 'qvel'} has diverged: it is not finite, or beyond "
+            "MuJoCo's bounds, and MuJoCo would replace the state by the default pose; reset first"
         )

@@ -217,7 +217,8 @@ def _begin(recording: Recording, env: Environment) -> Mapping[str, np.ndarray]:
         env.restore(dataclasses.replace(own, physics=start))
     except PhysicsError as error:
         raise ValueError(f"the recording's start cannot be simulated: {error}") from error
-    return env._observe(draws=False)
+    observed = env._observe(draws=False)
+    return {name: np.asarray(value) for name, value in observed.items()}
 
 
 def _observed_otherwise(

@@ -14,27 +14,33 @@ where a row's episode has just begun its reward is 0 and its discount 1.
 """
 
 import copy
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Mapping, MutableMapping, Sequence
 from typing import Any
 
 import dm_env
 import numpy as np
 from dm_env import specs
 
+from limberjack.mujoco.replicas import Replicas
 from limberjack.rl import control, guards, observations
 from limberjack.rl.action_specs import bounded_spec
 from limberjack.rl.batch_safety import check_batch_safe, check_episode_fields
+from limberjack.rl.contract import Nested, Task
+from limberjack.rl.endings import Counter
 from limberjack.rl.pixels import Frames, Pixels, render_arguments
 from limberjack.rl.randomize import Randomizer
 from limberjack.rl.reward_terms import reward_and_terms
-from limberjack.rl.snapshot import Snapshot
+from limberjack.rl.snapshot import Snapshot, bad_rows, origin_of
 from limberjack.rl.streams import Streams
 from limberjack.utils import arrays, cores
+from limberjack.utils.arrays import Quantity
 from limberjack.utils.log import log
 
 __all__ = ["BatchEnvironment"]
 
-_FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
+
+Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
 
 
 class BatchEnvironment:
@@ -44,8 +50,8 @@ class BatchEnvironment:
 
     def __init__(
         self,
-        replicas: Any,
-        task: Any,
+        replicas: Replicas[Any],
+        task: Task,
         n_sub_steps: int = 1,
         step_limit: float = float("inf"),
         seed: int | None = None,
@@ -76,7 +82,6 @@ class BatchEnvironment:
         self._replicas = replicas
         self._task = task
         self._n_sub_steps = n_sub_steps
-        self._step_limit = step_limit
         self._flat_observation = flat_observation
         self._randomizer = randomizer
         randomized = randomizer.fields if randomizer is not None else ()
@@ -86,13 +91,12 @@ class BatchEnvironment:
         self._frames = Frames.of(self.pixels, replicas)
         self._raises = guards.raises_on_divergence(on_divergence)
         self._streams = Streams(seed, self.num_envs)
-        self._step_count = np.zeros(self.num_envs, int)
+        self._counter = Counter(self.num_envs, step_limit)
         self._all_begin = np.ones(self.num_envs, bool)
-        self._all_mid, self._all_one = np.full(self.num_envs, _MID), np.ones(self.num_envs)
         self._begins = self._all_begin.copy()  # rows whose next step begins an episode
         self.diverged = np.zeros(self.num_envs, bool)
-        self.reward_terms: dict[str, Any] = {}  # of the last step, (num_envs,) each, by name
-        self._use = guards.OneUser()
+        self.reward_terms: dict[str, Quantity] = {}  # of the last step, (num_envs,) each, by name
+        self._use = guards.OneUser("batch")
         spec = bounded_spec(task, replicas.single)
         self._action_spec = guards.batched_spec(spec, self.num_envs)
         check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
@@ -138,7 +142,7 @@ class BatchEnvironment:
             on_divergence=on_divergence,
         )
 
-    def reset(self, ids: Any = None, seeds: Sequence[int | None] | None = None) -> dm_env.TimeStep:
+    def reset(self, ids: Rows = None, seeds: Sequence[int | None] | None = None) -> dm_env.TimeStep:
         """Begins an episode in every row, or in the given ones, and returns the batch.
 
         Rows that are not reset keep their state; they are shown as in mid-episode, with reward 0.
@@ -158,15 +162,13 @@ class BatchEnvironment:
             self._begin(rows)
             observation = self._observe(is_step=False)
             self._begins[rows] = False
-        step_type = np.where(self._step_count == 0, _FIRST, _MID)
-        reward, discount = np.zeros(self.num_envs), np.ones(self.num_envs)
-        return dm_env.TimeStep(step_type, reward, discount, observation)
+        return self._counter.shown(observation)
 
     def begin_anew(self) -> None:
         """Has every row begin an episode with the next step, whatever it is doing."""
         self._begins[:] = True
 
-    def step(self, actions: Any) -> dm_env.TimeStep:
+    def step(self, actions: Nested) -> dm_env.TimeStep:
         """Applies an action in every row and returns what follows, as one batched `TimeStep`.
 
         Args:
@@ -198,23 +200,27 @@ class BatchEnvironment:
         reward, self.reward_terms = reward_and_terms(task, physics)
         observation = self._observe()
         termination = task.get_termination(physics)
-        return self._time_step(begins if any_begins else None, reward, termination, observation)
+        begun = begins if any_begins else None
+        time_step, self._begins = self._counter.count(
+            begun, self.diverged, reward, termination, observation
+        )
+        return time_step
 
-    def snapshot(self, rows: Any = None) -> Snapshot:
+    def snapshot(self, rows: Rows = None) -> Snapshot:
         """All that the future of the batch, or of some rows, depends on."""
         rows = self._rows(rows)
         with self._use:
             return Snapshot(
-                self._origin(),
+                self._origin,
                 self._replicas.simulation.save(rows, self._saved_fields),
-                self._step_count[rows],
+                self._counter.steps[rows],
                 self._begins[rows],
                 self._streams.save(rows, with_beside=self._randomizer is not None),
                 {} if self._frames is None else self._frames.save(rows),
                 self.registration,
             )
 
-    def restore(self, snapshot: Snapshot, rows: Any = None) -> None:
+    def restore(self, snapshot: Snapshot, rows: Rows = None) -> None:
         """Lets the batch, or some rows, go on from a snapshot, bit for bit.
 
         Args:
@@ -222,11 +228,15 @@ class BatchEnvironment:
           rows: sorted row numbers or a mask.
 
         Raises:
-          ValueError: it is of another task, model, version or size, or an episode in it is as long
-            as the episodes here may be.
+          ValueError: it is of another task, model, version or size, or damaged, or an episode in it
+            is as long as the episodes here may be; nothing was restored.
+          PhysicsError: states in it have diverged and `on_divergence` is 'raise'; otherwise their
+            rows are flagged and begin an episode with the next step.
         """
         rows = self._rows(rows)
-        snapshot.check(self._origin(), len(rows), self._step_limit)
+        snapshot.check(self._origin, len(rows))
+        snapshot.check_arrays(self.snapshot(rows))
+        snapshot.check_length(self.step_limit)
         with self._use:
             self._begins[rows] = True  # until it is complete
             self._replicas.simulation.load(snapshot.physics, rows)
@@ -236,8 +246,12 @@ class BatchEnvironment:
                 self._show_drawn({name: snapshot.physics[name] for name in fields}, rows)
             if self._frames is not None:
                 self._frames.load(snapshot.frames, rows)
-            self._step_count[rows] = snapshot.step_count
-            self._begins[rows] = snapshot.begins
+            self._counter.steps[rows] = snapshot.step_count
+            bad = bad_rows(self._replicas.physics, snapshot.physics, rows) & ~snapshot.begins
+            self._begins[rows] = snapshot.begins | bad
+            self.diverged[rows] = bad
+            if arrays.any_of(bad):
+                self._report_divergence()
 
     def copy_row(self, source: int, target: int) -> None:
         """Makes row `target` a copy of row `source`, its random stream included."""
@@ -250,7 +264,7 @@ class BatchEnvironment:
                 self._replicas.free()
             self._use.what_is_wrong = "this batch is closed: make a new one"
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """What makes an equal batch elsewhere: for pickling, deep copies and spawned processes."""
         kept = {k: v for k, v in vars(self).items() if k not in ("_replicas", "_use", "_frames")}
         making = self._replicas.textured, self.num_envs, self._replicas.num_threads
@@ -260,25 +274,25 @@ class BatchEnvironment:
         snapshot = state.pop("snapshot")
         single, num_envs, num_threads = state.pop("making")
         vars(self).update(state)
-        self._use = guards.OneUser()
+        self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
         self._frames = Frames.of(self.pixels, self._replicas)
         self.restore(snapshot)
 
-    def _rows(self, ids: Any) -> np.ndarray:
+    def _rows(self, ids: Rows) -> np.ndarray:
         """Sorted row numbers from such, or a mask, or None for all."""
         return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
 
-    def _origin(self) -> dict[str, Any]:
+    @functools.cached_property
+    def _origin(self) -> dict[str, object]:
         pixels = {} if self._frames is None else self._frames.origin()
-        origin = {"task": type(self._task).__name__, "fields": self._saved_fields}
-        return {**origin, **pixels, **self._replicas.physics.origin(self._saved_fields)}
+        return origin_of(self._task, self._replicas.physics, self._saved_fields, pixels)
 
     def action_spec(self) -> specs.BoundedArray:
         """The spec of the actions of all rows, (num_envs, ...)."""
         return self._action_spec
 
-    def observation_spec(self) -> Any:
+    def observation_spec(self) -> Mapping[str, specs.Array]:
         """The specs of the observations of all rows, (num_envs, ...) each."""
         with arrays.rows_of_a_batch(self.num_envs):
             spec = observations.specs_of(self._state())
@@ -293,6 +307,15 @@ class BatchEnvironment:
         return specs.BoundedArray((self.num_envs,), float, 0.0, 1.0, name="discount")
 
     @property
+    def step_limit(self) -> float:
+        """Steps in an episode; infinite without a limit."""
+        return self._counter.step_limit
+
+    @step_limit.setter
+    def step_limit(self, limit: float) -> None:
+        self._counter.step_limit = limit
+
+    @property
     def begins(self) -> np.ndarray:
         """The rows whose next step begins an episode, (num_envs,) booleans."""
         return self._begins.copy()
@@ -300,14 +323,14 @@ class BatchEnvironment:
     @property
     def timed_out(self) -> np.ndarray:
         """The rows whose episode the last step ended by its time limit, (num_envs,) booleans."""
-        return self._begins & (self._step_count >= self._step_limit) & ~self.diverged
+        return self._begins & self._counter.at_limit & ~self.diverged
 
     def control_timestep(self) -> float:
         """Time between two actions, seconds."""
         self._use.check()
         return self._replicas.single.timestep() * self._n_sub_steps
 
-    def render(self, rows: Any = None, **kwargs: Any) -> np.ndarray:
+    def render(self, rows: Rows = None, **kwargs: Any) -> np.ndarray:
         """Pictures of all rows or some, (n, height, width, 3) uint8.
 
         Args:
@@ -321,6 +344,7 @@ class BatchEnvironment:
         with self._use:
             return self._replicas.render_rows(rows, **render_arguments(kwargs))
 
+    # Any: of the domain's own classes.
     @property
     def physics(self) -> Any:
         """The batched physics."""
@@ -350,53 +374,21 @@ class BatchEnvironment:
         replicas.start(rows)
         if self._frames is not None:
             self._frames.forget(rows)
-        self._step_count[rows] = 0
+        self._counter.steps[rows] = 0
 
-    def _show_drawn(self, drawn: dict[str, np.ndarray], rows: Any) -> None:
+    def _show_drawn(self, drawn: dict[str, np.ndarray], rows: np.ndarray | int) -> None:
         """Keeps what was drawn where users find it."""
         for name, values in drawn.items():
             shape = self.num_envs, *values.shape[np.ndim(rows) :]
             shown = self.randomization.setdefault(name, np.zeros(shape, values.dtype))
             shown[rows] = values
 
-    def _time_step(
-        self, begins: np.ndarray | None, reward: Any, termination: Any, observation: Any
-    ) -> dm_env.TimeStep:
-        """Counts the step and says of each row where in its episode it is."""
-        num_envs = self.num_envs
-        self._step_count += 1
-        reward = np.array(reward, float)
-        if reward.shape != (num_envs,):
-            reward = np.broadcast_to(reward, num_envs).copy()
-        discount = self._all_one.copy()
-        step_type = self._all_mid.copy()
-        last = self._step_count >= self._step_limit
-        if begins is not None:
-            self._step_count[begins] = 0
-            last &= ~begins
-            reward[begins] = 0.0
-            step_type[begins] = _FIRST
-        if termination is not None:
-            ends = ~np.isnan(termination) & ~last
-            if begins is not None:
-                ends &= ~begins
-            discount[ends] = np.asarray(termination)[ends]
-            last |= ends
-        if arrays.any_of(self.diverged):
-            last |= self.diverged
-            reward[self.diverged] = 0.0
-            discount[self.diverged] = 0.0
-        if arrays.any_of(last):
-            step_type[last] = _LAST
-        self._begins = last
-        return dm_env.TimeStep(step_type, reward, discount, observation)
-
-    def _observe(self, is_step: bool = True) -> Any:
+    def _observe(self, is_step: bool = True) -> MutableMapping[str, np.ndarray]:
         """What is observed now, in arrays of its own; a step has a new picture of every row."""
         state, frames = self._state(), self._frames
         return state if frames is None else frames.observe(self._replicas, state, is_step)
 
-    def _state(self) -> Any:
+    def _state(self) -> MutableMapping[str, np.ndarray]:
         """What the task observes."""
         observation = self._task.get_observation(self._replicas.physics)
         return observations.of_rows(observation, self.num_envs, self._flat_observation)

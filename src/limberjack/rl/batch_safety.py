@@ -129,9 +129,10 @@ class _Trial:
         self._fields = tuple(saved_fields)
         self._name = type(task).__name__
         self._task: Task = _copied(task)
-        self._global_stream = np.random.get_state()
+        self._stream = np.random.RandomState(0)
+        self._place = self._stream.get_state()
         self._kept: set[str] = set()  # attributes of the task that starts set
-        whole = model_values.checksums(self._rows.single)
+        whole = model_values.checksums(self._rows.single.model._model)
         model = self._rows.single.model._model
         candidates = whole.keys() - set(saved_fields)
         self._large = {n for n in candidates if getattr(model, n, np.empty(0)).nbytes > _LARGE}
@@ -261,13 +262,13 @@ class _Trial:
 
     def check_large_fields(self) -> None:
         """Raises ValueError if a large field of the model was set, such as the textures' pixels."""
-        small = model_values.checksums(self._rows.single).items()
+        small = model_values.checksums(self._rows.single.model._model).items()
         after = {name: value for name, value in small if name in self._large}
         self._refuse(model_values.changed_fields(self._large_before, after), "in an episode")
 
     def _values(self, one: SimulatedPhysics) -> dict[str, int]:
         """Checksums of the model but for its large fields and those that the rows have."""
-        return model_values.checksums(one, {*self._large, *self._fields})
+        return model_values.checksums(one.model._model, {*self._large, *self._fields})
 
     def _check_model(self, one: SimulatedPhysics, before: dict[str, int], when: str) -> None:
         self._refuse(model_values.changed_fields(before, self._values(one)), when)
@@ -292,8 +293,9 @@ class _Trial:
 
     def _rewind(self, task: Task) -> None:
         """Puts the random streams to the same place, whoever draws."""
-        task._random = np.random.RandomState(0)  # pyright: ignore[reportAttributeAccessIssue]
-        np.random.set_state(self._global_stream)
+        self._stream.set_state(self._place)
+        task._random = self._stream  # pyright: ignore[reportAttributeAccessIssue]
+        np.random.set_state(self._place)
 
 
 def _copied(task: Task) -> Task:

@@ -113,18 +113,13 @@ class Drawn(Protocol):
         ...
 
 
-class SimulatedPhysics(Protocol):
+class SimulatedPhysics(Drawn, Protocol):
     """What snapshots, randomisation and batches need of a physics beside `Physics`.
 
     `limberjack.mujoco.Physics` has it, of one simulation or of a batch of them.
     """
 
     legacy_step: bool
-
-    @property
-    def num_envs(self) -> int | None:
-        """Number of simulations of a batch; None for a single one."""
-        ...
 
     @property
     def simulation(self) -> Simulation:
@@ -168,6 +163,9 @@ _Physics = TypeVar("_Physics", bound=Physics)
 
 class Task(abc.ABC, Generic[_Physics]):
     """What an episode starts from, what the agent sees, what it is rewarded for."""
+
+    # The stream that episodes are drawn from; environments give a batch's task each row's.
+    _random: np.random.RandomState
 
     @abc.abstractmethod
     def initialize_episode(self, physics: _Physics) -> None:

@@ -15,23 +15,26 @@ reset - a diverged simulation, Ctrl-C, an error in the task - the next step begi
 It does not know MuJoCo: `limberjack.mujoco.Physics` is the physics used by the suite.
 """
 
+import functools
 import math
 import numbers
 import operator
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import dm_env
 import numpy as np
 from dm_env import specs
 
 from limberjack.rl import actions
-from limberjack.rl.contract import Nested, Physics, PhysicsError, Task
+from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
+from limberjack.rl.guards import OneUser
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, Pixels
-from limberjack.rl.randomize import Randomizer, stream_beside
+from limberjack.rl.randomize import Draw, Randomizer, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms
-from limberjack.rl.snapshot import Snapshot
+from limberjack.rl.snapshot import Snapshot, origin_of
+from limberjack.utils.arrays import Quantity
 
 __all__ = [
     "FLAT_OBSERVATION_KEY",
@@ -54,18 +57,18 @@ class Environment(dm_env.Environment):
     registration: object = None
     _frames: Frames | None = None  # what is observed in pictures, if anything is
     # The stream that the model's fields are drawn from, with the task's that it lies beside.
-    _draws: tuple[Any, np.random.RandomState] | None = None
+    _draws: tuple[np.random.RandomState, np.random.RandomState] | None = None
 
     def __init__(
         self,
-        physics: Any,
-        task: Any,
+        physics: Physics,
+        task: Task,
         time_limit: float = float("inf"),
         control_timestep: float | None = None,
         n_sub_steps: int | None = None,
         flat_observation: bool = False,
         legacy_step: bool = True,
-        randomize: Mapping[str, Any] | None = None,
+        randomize: Mapping[str, Draw] | None = None,
         pixels: Mapping[str, Any] | Pixels | None = None,
     ) -> None:
         """Makes an environment whose first `step` or `reset` begins an episode.
@@ -113,20 +116,24 @@ class Environment(dm_env.Environment):
         self._step_count = 0
         self._reset_next_step = True
         if randomize:
-            self._randomizer = Randomizer(randomize, physics)
-        self._frames = Frames.of(pixels, physics)
-        self.reward_terms: dict[str, Any] = {}  # of the last step, by name
+            self._randomizer = Randomizer(randomize, self._simulated)
+        self._frames = Frames.of(pixels, self._simulated)
+        self.reward_terms: dict[str, Quantity] = {}  # of the last step, by name
         # What was drawn for this episode, by field.
         self.randomization: dict[str, np.ndarray] = {}
 
     def reset(self) -> dm_env.TimeStep:
         """Begins an episode and returns its first `TimeStep`."""
+        with self._use:
+            return self._begin()
+
+    def _begin(self) -> dm_env.TimeStep:
         self._check_open()
         # True until the start is complete: an interrupted one must not be stepped from.
         self._reset_next_step = True
         if self._randomizer is not None:
             self.randomization = self._randomizer.draw(self._draw_stream())
-            self._physics.simulation.set_fields(self.randomization)
+            self._simulated.simulation.set_fields(self.randomization)
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
         if self._frames is not None:
@@ -147,33 +154,34 @@ class Environment(dm_env.Environment):
             `base.Task` does unless it has a number for each actuator; nothing has moved.
           PhysicsError: the simulation diverged; the next step begins a new episode.
         """
-        if self._reset_next_step:
-            return self.reset()
-        physics, task = self._physics, self._task
-        self._check_action(action)
-        task.before_step(action, physics)
-        self._reset_next_step = True  # until the step is complete
-        physics.step(self._n_sub_steps)
-        task.after_step(physics)
-        reward, self.reward_terms = reward_and_terms(task, physics)
-        observation = self._observe()
-        self._step_count += 1
-        at_limit = self._step_count >= self._step_limit
-        discount = 1.0 if at_limit else task.get_termination(physics)
-        if discount is not None:
-            return dm_env.TimeStep(dm_env.StepType.LAST, reward, discount, observation)
-        self._reset_next_step = False
-        return dm_env.TimeStep(dm_env.StepType.MID, reward, 1.0, observation)
+        with self._use:
+            if self._reset_next_step:
+                return self._begin()
+            physics, task = self._physics, self._task
+            self._check_action(action)
+            task.before_step(action, physics)
+            self._reset_next_step = True  # until the step is complete
+            physics.step(self._n_sub_steps)
+            task.after_step(physics)
+            reward, self.reward_terms = reward_and_terms(task, physics)
+            observation = self._observe()
+            self._step_count += 1
+            at_limit = self._step_count >= self._step_limit
+            discount = 1.0 if at_limit else task.get_termination(physics)
+            if discount is not None:
+                return dm_env.TimeStep(dm_env.StepType.LAST, reward, discount, observation)
+            self._reset_next_step = False
+            return dm_env.TimeStep(dm_env.StepType.MID, reward, 1.0, observation)
 
-    def action_spec(self) -> Any:
+    def action_spec(self) -> Nested:
         """The spec of valid actions."""
         return self._task.action_spec(self._physics)
 
-    def step_spec(self) -> Any:
+    def step_spec(self) -> Nested:
         """The spec of what `step` returns, if the task defines one."""
         return self._task.step_spec(self._physics)
 
-    def observation_spec(self) -> Any:
+    def observation_spec(self) -> Nested:
         """The task's observation spec, else shapes and dtypes of an observation made now."""
         try:
             spec = self._task.observation_spec(self._physics)
@@ -181,6 +189,7 @@ class Environment(dm_env.Environment):
             spec = specs_of(self._observe(draws=False))
         return spec if self._frames is None else self._frames.spec_with(spec)
 
+    # Any: of the domain's own classes.
     @property
     def physics(self) -> Any:
         """The environment's physics."""
@@ -222,66 +231,90 @@ class Environment(dm_env.Environment):
     def snapshot(self) -> Snapshot:
         """All that the environment's future depends on; see `limberjack.rl.snapshot`."""
         self._check_open()
-        streams = [self._task.random.get_state()]
-        if self._randomizer is not None:
-            streams.append(self._draw_stream().get_state())
-        return Snapshot(
-            self._origin(),
-            self._physics.simulation.save(None, self._saved_fields()),
-            np.array([self._step_count]),
-            np.array([self._reset_next_step]),
-            [tuple(streams)],
-            {} if self._frames is None else self._frames.save(None),
-            self.registration,
-        )
+        with self._use:
+            streams = [self._stream.get_state()]
+            if self._randomizer is not None:
+                streams.append(self._draw_stream().get_state())
+            return Snapshot(
+                self._origin(),
+                self._simulated.simulation.save(None, self._saved_fields()),
+                np.array([self._step_count]),
+                np.array([self._reset_next_step]),
+                [tuple(streams)],
+                {} if self._frames is None else self._frames.save(None),
+                self.registration,
+            )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Goes on from a snapshot, bit for bit.
 
         Raises:
-          ValueError: it is of another task, model or version, or of several environments, or its
-            episode is as long as the episodes here may be.
+          ValueError: it is of another task, model or version, or of several environments, or it is
+            damaged, or its episode is as long as the episodes here may be; nothing was restored.
+          PhysicsError: its state has diverged; the next step begins an episode.
         """
         self._check_open()
-        snapshot.check(self._origin(), 1, self._step_limit)
-        self._reset_next_step = True  # until it is complete
-        self._physics.simulation.load(snapshot.physics)
-        own, *beside = snapshot.streams[0]
-        self._task.random.set_state(own)
-        if self._randomizer is not None:
-            self._draw_stream().set_state(beside[0])
-            saved = snapshot.physics
-            self.randomization = {name: saved[name][0] for name in self._randomizer.fields}
-        if self._frames is not None:
-            self._frames.load(snapshot.frames, None)
-        self._step_count = int(snapshot.step_count[0])
-        self._reset_next_step = bool(snapshot.begins[0])
+        snapshot.check(self._origin(), size=1)
+        snapshot.check_arrays(self.snapshot())
+        snapshot.check_length(self._step_limit)
+        with self._use:
+            self._reset_next_step = True  # until it is complete
+            self._simulated.simulation.load(snapshot.physics)
+            own, *beside = snapshot.streams[0]
+            self._stream.set_state(own)
+            if self._randomizer is not None:
+                self._draw_stream().set_state(beside[0])
+                saved = snapshot.physics
+                self.randomization = {name: saved[name][0] for name in self._randomizer.fields}
+            if self._frames is not None:
+                self._frames.load(snapshot.frames, None)
+            self._step_count = int(snapshot.step_count[0])
+            self._reset_next_step = bool(snapshot.begins[0])
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """What makes an equal environment elsewhere, which shows what this one shows."""
-        saves = hasattr(self._physics, "simulation") and not self._closed
-        shown = self._physics.simulation.save(None, ()) if saves else None
-        return {**vars(self), "shown": shown}
+        kept = {name: value for name, value in vars(self).items() if name != "_use"}
+        if self._closed or not hasattr(self._physics, "become"):
+            return kept
+        # Not as dm_control copies a physics, which changes the solver's warm start.
+        physics = kept.pop("_physics")
+        return {**kept, "exact": (type(physics), physics.__getstate__())}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        shown = state.pop("shown")
+        exact = state.pop("exact", None)
         vars(self).update(state)
-        if shown is not None:
-            self._physics.simulation.load(shown)
+        if exact is not None:
+            kind, described = exact
+            self._physics = kind.__new__(kind)
+            self._physics.become(described)
 
-    def _origin(self) -> dict[str, Any]:
+    def _origin(self) -> dict[str, object]:
         pixels = {} if self._frames is None else self._frames.origin()
-        origin = {"task": type(self._task).__name__, "fields": self._saved_fields()}
-        return {**origin, **pixels, **self._physics.origin(self._saved_fields())}
+        return origin_of(self._task, self._simulated, self._saved_fields(), pixels)
+
+    @property
+    def _simulated(self) -> SimulatedPhysics:
+        """The physics, where more is needed of it than of any `Physics`."""
+        return cast(SimulatedPhysics, self._physics)
+
+    @functools.cached_property
+    def _use(self) -> OneUser:
+        # Made on first use, because programs subclass this class without calling `__init__`.
+        return OneUser("environment")
 
     def _saved_fields(self) -> tuple[str, ...]:
         """Fields of the model that an episode has for itself."""
         randomized = self._randomizer.fields if self._randomizer is not None else ()
         return (*getattr(self._task, "EPISODE_FIELDS", ()), *randomized)
 
+    @property
+    def _stream(self) -> np.random.RandomState:
+        """The task's random stream."""
+        return self.task.random
+
     def _draw_stream(self) -> np.random.RandomState:
         """The stream that the model's fields are drawn from, anew where the task's own is."""
-        random = self._task.random
+        random = self._stream
         if self._draws is None or self._draws[0] is not random:
             self._draws = random, stream_beside(random)
         return self._draws[1]
@@ -299,14 +332,14 @@ class Environment(dm_env.Environment):
         if self._closed:
             raise RuntimeError("this environment is closed: load or construct a new one")
 
-    def _observe(self, draws: bool = True) -> Any:
+    def _observe(self, draws: bool = True) -> Mapping[str, Quantity]:
         """What is observed now, with a new picture if any are observed."""
         observation = self._task.get_observation(self._physics)
         if self._flat_observation:
             observation = flatten_observation(observation)
         if self._frames is None or not draws:
             return observation
-        return self._frames.observe(self._physics, observation)
+        return self._frames.observe(self._simulated, observation)
 
     def _check_action(self, action: Nested) -> None:
         """Refuses an action that is not of finite numbers; its shape is checked by the task.
@@ -354,10 +387,10 @@ def compute_n_steps(
     return round(ratio)
 
 
-def _positive_count(n_sub_steps: Any) -> int:
+def _positive_count(n_sub_steps: object) -> int:
     """`n_sub_steps` as an int, or a clear error."""
     try:
-        count = operator.index(n_sub_steps)
+        count = operator.index(n_sub_steps)  # pyright: ignore[reportArgumentType] (TypeError)
     except TypeError:
         count = 0
     if count < 1 or isinstance(n_sub_steps, bool):

@@ -3,7 +3,7 @@
 import os
 import threading
 from collections.abc import Sequence
-from typing import Any
+from typing import Self
 
 import numpy as np
 from dm_env import specs
@@ -23,23 +23,32 @@ __all__ = [
 
 
 class OneUser:
-    """A context that one thread at a time can be in: the simulations cannot serve two."""
+    """A context that one thread at a time can be in: a simulation cannot serve two.
 
-    def __init__(self) -> None:
+    Its copies, also by pickling, are of their own and free.
+    """
+
+    __slots__ = ("_here", "_name", "_user", "what_is_wrong")
+
+    def __init__(self, name: str) -> None:
+        """Makes one for something of this name, such as 'batch'."""
+        self._name = name
         # The thread that is within. Taken and noted at once by `setdefault`, so that it is known
         # whose it is wherever Ctrl-C comes, and that thread can go on.
         self._user: dict[str, int] = {}
-        self._process = os.getpid()
+        self._here = _process  # compared by identity: a forked child has another one
         self.what_is_wrong: str | None = None
 
     def __enter__(self) -> None:
-        if self._process != os.getpid():  # forked, perhaps while another thread was within
-            self._user, self._process = {}, os.getpid()
-        self.check()
-        here = threading.get_ident()
+        if self._here is not _process:  # forked, perhaps while another thread was within
+            self._user, self._here = {}, _process
+        if self.what_is_wrong is not None:
+            raise RuntimeError(self.what_is_wrong)
+        here = _get_ident()
         if self._user.setdefault("thread", here) != here:
             raise RuntimeError(
-                "this batch is used from two threads at once: give each thread a batch of its own"
+                f"this {self._name} is used from two threads at once: give each thread a "
+                f"{self._name} of its own"
             )
 
     def __exit__(self, *error: object) -> None:
@@ -50,8 +59,24 @@ class OneUser:
         if self.what_is_wrong is not None:
             raise RuntimeError(self.what_is_wrong)
 
+    def __reduce__(self) -> tuple[type[Self], tuple[str]]:
+        return type(self), (self._name,)
 
-def at_least_one(name: str, value: Any) -> int:
+
+_get_ident = threading.get_ident
+_process: object = object()  # this process; quicker to compare than its number
+
+
+def _begin_child() -> None:
+    global _process
+    _process = object()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_begin_child)
+
+
+def at_least_one(name: str, value: object) -> int:
     """`value` as an int.
 
     Raises:
@@ -73,7 +98,7 @@ def raises_on_divergence(on_divergence: str) -> bool:
     return on_divergence == "raise"
 
 
-def as_rows(ids: Any, num_envs: int) -> np.ndarray:
+def as_rows(ids: object, num_envs: int) -> np.ndarray:
     """Sorted, unique row numbers from row numbers or a mask of (num_envs,).
 
     Raises:

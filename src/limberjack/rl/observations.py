@@ -6,12 +6,13 @@
 """
 
 import collections
-from collections.abc import Mapping, MutableMapping
-from typing import Any
+from collections.abc import MutableMapping
+from typing import Any, cast
 
 import numpy as np
 from dm_env import specs
 
+from limberjack.rl.contract import Observation
 from limberjack.utils import arrays
 
 __all__ = ["FLAT_OBSERVATION_KEY", "flatten_observation", "of_rows", "specs_of"]
@@ -20,7 +21,7 @@ FLAT_OBSERVATION_KEY = "observations"
 
 
 def flatten_observation(
-    observation: MutableMapping[str, Any], output_key: str = FLAT_OBSERVATION_KEY
+    observation: Observation, output_key: str = FLAT_OBSERVATION_KEY
 ) -> MutableMapping[str, np.ndarray]:
     """Joins all observations into one flat array.
 
@@ -39,13 +40,11 @@ def flatten_observation(
         raise ValueError(
             f"Can only flatten dict-like observations, got {type(observation).__name__}."
         )
-    flat = np.concatenate([observation[name].ravel() for name in _names(observation)])
-    # The same type of mapping, whatever it is: its constructor takes pairs.
-    make: Any = type(observation)
-    return make([(output_key, flat)])
+    flat = np.concatenate([np.ravel(observation[name]) for name in _names(observation)])
+    return _same_type(observation, flat, output_key)
 
 
-def of_rows(observation: Any, num_envs: int, flat: bool) -> Any:
+def of_rows(observation: Observation, num_envs: int, flat: bool) -> MutableMapping[str, np.ndarray]:
     """A batch's observation in arrays of its own, (num_envs, ...) each, that nothing changes later.
 
     Args:
@@ -53,24 +52,31 @@ def of_rows(observation: Any, num_envs: int, flat: bool) -> Any:
       num_envs: number of rows.
       flat: join each row's observations into one flat array, as `flatten_observation`.
     """
+    given = cast(MutableMapping[str, np.ndarray], observation)
     if flat:
-        parts = [observation[name].reshape(num_envs, -1) for name in _names(observation)]
-        return type(observation)([(FLAT_OBSERVATION_KEY, arrays.concat(parts))])
-    for name, value in observation.items():
+        parts = [given[name].reshape(num_envs, -1) for name in _names(given)]
+        return _same_type(given, arrays.concat(parts), FLAT_OBSERVATION_KEY)
+    for name, value in given.items():
         if not value.flags.owndata:
-            observation[name] = value.copy()
-    return observation
+            given[name] = value.copy()
+    return given
 
 
-def specs_of(observation: Mapping[str, Any]) -> collections.OrderedDict:
+def specs_of(observation: Observation) -> collections.OrderedDict[str, specs.Array]:
     """Shapes and dtypes of an observation, by name."""
     return collections.OrderedDict(
-        (name, specs.Array(value.shape, value.dtype, name=name))
+        (name, specs.Array(np.shape(value), np.asarray(value).dtype, name=name))
         for name, value in observation.items()
     )
 
 
-def _names(observation: Mapping[str, Any]) -> list[str]:
+def _names(observation: Observation) -> list[str]:
     """The names in the order of the flat array."""
     ordered = isinstance(observation, collections.OrderedDict)
     return list(observation) if ordered else sorted(observation)
+
+
+def _same_type(like: Observation, flat: np.ndarray, key: str) -> MutableMapping[str, np.ndarray]:
+    """A mapping of one item, of the same type as another."""
+    make: Any = type(like)  # whatever it is: its constructor takes pairs
+    return make([(key, flat)])

@@ -12,11 +12,12 @@ what the single environment with its seed sees. What has no OpenGL fails at its 
 import collections
 import dataclasses
 from collections.abc import Mapping, MutableMapping
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from dm_env import specs
 
+from limberjack.rl.contract import Drawn
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.suggest import did_you_mean
 
@@ -25,6 +26,9 @@ __all__ = ["PIXELS_KEY", "Frames", "Pixels", "render_arguments"]
 PIXELS_KEY = "pixels"  # what pictures are called among the observations
 
 _COLOURS = 3
+
+_V = TypeVar("_V")
+_P = TypeVar("_P")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +57,7 @@ class Pixels:
             raise ValueError(f"pixels' only is {self.only!r}; expected True or False")
 
     @classmethod
-    def of(cls, options: "Mapping[str, Any] | Pixels") -> Self:
+    def of(cls, options: "Mapping[str, Any] | Pixels") -> Self:  # Any: checked here
         """The settings that a mapping gives, defaults for what it leaves out.
 
         Raises:
@@ -76,7 +80,7 @@ class Pixels:
         return cls(**options)
 
     @property
-    def render_kwargs(self) -> dict[str, Any]:
+    def render_kwargs(self) -> dict[str, int | str]:
         """The keyword arguments of `Physics.render` for one picture."""
         size = {"height": self.height, "width": self.width}
         return {**size, "camera_id": self.camera, "quality": self.quality}
@@ -85,7 +89,7 @@ class Pixels:
 class Frames:
     """What simulations observe in pictures: for each, its last few."""
 
-    def __init__(self, pixels: Pixels, physics: Any) -> None:
+    def __init__(self, pixels: Pixels, physics: Drawn) -> None:
         """Draws nothing yet.
 
         Args:
@@ -110,15 +114,17 @@ class Frames:
         self._is_seen = np.zeros(len(self._stack), bool)  # rows with a picture of their episode
 
     @classmethod
-    def of(cls, pixels: Mapping[str, Any] | Pixels | None, physics: Any) -> Self | None:
+    def of(cls, pixels: Mapping[str, Any] | Pixels | None, physics: Drawn) -> Self | None:
         """Those that a user asks for; None for None. Errors are those of both constructors."""
         return None if pixels is None else cls(Pixels.of(pixels), physics)
 
-    def forget(self, rows: Any = slice(None)) -> None:
+    def forget(self, rows: np.ndarray | slice = slice(None)) -> None:
         """Lets rows, whose episode begins, begin with their next picture."""
         self._is_seen[rows] = False
 
-    def observe(self, physics: Any, state: Any, is_step: bool = True) -> MutableMapping[str, Any]:
+    def observe(
+        self, physics: Drawn, state: Mapping[str, _V], is_step: bool = True
+    ) -> MutableMapping[str, _V | np.ndarray]:
         """The observation with the pictures that are seen now.
 
         Args:
@@ -131,7 +137,7 @@ class Frames:
             self._add(physics.render_rows(rows, **self.pixels.render_kwargs), rows)
         return self._with(state, self._stack[0].copy() if self._is_single else self._stack.copy())
 
-    def spec_with(self, state: Any) -> MutableMapping[str, Any]:
+    def spec_with(self, state: Mapping[str, specs.Array]) -> MutableMapping[str, specs.Array]:
         """The specs of observations, from those of what else is observed."""
         shape = self._stack.shape[1:] if self._is_single else self._stack.shape
         dtype = self._stack.dtype
@@ -148,7 +154,7 @@ class Frames:
         self._stack[index] = saved["stack"]
         self._is_seen[index] = saved["is_seen"]
 
-    def origin(self) -> dict[str, Any]:
+    def origin(self) -> dict[str, object]:
         """What must agree for what was saved to be loaded."""
         settings = dataclasses.asdict(self.pixels)
         del settings["only"]  # what else is observed has nothing to do with it
@@ -163,7 +169,7 @@ class Frames:
         self._stack[index] = stack
         self._is_seen[index] = True
 
-    def _with(self, state: Any, pixels: Any) -> MutableMapping[str, Any]:
+    def _with(self, state: Mapping[str, _V], pixels: _P) -> MutableMapping[str, _V | _P]:
         """Observations, or their specs, together with the pictures or their spec."""
         if self.pixels.only:
             return collections.OrderedDict({PIXELS_KEY: pixels})
@@ -173,12 +179,13 @@ class Frames:
                 f"the task observes {what}; expected a dict without {PIXELS_KEY!r}, to put the "
                 "pictures into: ask for pixels with only=True, or for none"
             )
-        both = type(state)(state)  # pyright: ignore[reportCallIssue] (as any dict's)
+        make: Any = type(state)  # whatever mapping it is: its constructor takes one
+        both: MutableMapping[str, _V | _P] = make(state)
         both[PIXELS_KEY] = pixels
         return both
 
 
-def render_arguments(given: Mapping[str, Any]) -> dict[str, Any]:
+def render_arguments(given: Mapping[str, Any]) -> dict[str, Any]:  # Any: see `Physics.render`
     """Keyword arguments of `Physics.render`, from such with `camera` for `camera_id`.
 
     Raises:

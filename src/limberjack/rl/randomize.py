@@ -13,14 +13,16 @@ with its seed draws.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
+
+from limberjack.rl.contract import SimulatedPhysics
 
 __all__ = ["Draw", "Randomizer", "scale", "shift", "stream_beside"]
 
-Draw = Callable[[np.random.RandomState, np.ndarray], Any]
+Draw = Callable[[np.random.RandomState, np.ndarray], ArrayLike]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,8 +42,8 @@ class scale:  # noqa: N801 (reads as a verb where it is used)
 class shift:  # noqa: N801
     """Values plus an amount drawn uniformly for each number; the bounds broadcast."""
 
-    lower: Any  # a number or a sequence
-    upper: Any
+    lower: float | Sequence[float] | np.ndarray
+    upper: float | Sequence[float] | np.ndarray
 
     def __call__(self, random: np.random.RandomState, nominal: np.ndarray) -> np.ndarray:
         return nominal + random.uniform(self.lower, self.upper, nominal.shape)
@@ -56,7 +58,7 @@ def stream_beside(random: np.random.RandomState) -> np.random.RandomState:
 class Randomizer:
     """A mapping of draws, checked against a model."""
 
-    def __init__(self, mapping: Mapping[str, Draw], physics: Any) -> None:
+    def __init__(self, mapping: Mapping[str, Draw], physics: SimulatedPhysics) -> None:
         """Takes the model's present values as those that are varied.
 
         Raises:

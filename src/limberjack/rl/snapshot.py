@@ -6,17 +6,25 @@
 
 It holds the integration state with the solver's warm start, the model fields that an episode's
 start sets, step counters, pending resets, random streams and the pictures observed last. It is a
-plain object that pickles; it restores in another process and into a batch with another number of
-threads. It does not hold the task's settings or the model, which must be the same.
+plain object that pickles; it restores in another process, with another patch version of MuJoCo and
+into a batch with another number of threads. It does not hold the task's settings or the model,
+whose numbers must be the same. All of it is checked before anything is restored.
 """
 
 import dataclasses
 import math
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-__all__ = ["Snapshot"]
+from limberjack.rl import model_values
+from limberjack.rl.contract import SimulatedPhysics, Task
+from limberjack.rl.streams import States
+
+__all__ = ["Snapshot", "bad_rows", "origin_of"]
+
+_VERSION, _NUMBERS = "MuJoCo", "numbers of the model"
+_MAX_VALUE = 1e10  # mjMAXVAL: beyond it MuJoCo calls a state bad, and replaces it by the default
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,25 +42,30 @@ class Snapshot:
         unpickled.
     """
 
-    origin: dict[str, Any]
+    origin: dict[str, object]
     physics: dict[str, np.ndarray]
     step_count: np.ndarray
     begins: np.ndarray
-    streams: list[Any]
+    streams: list[States]
     frames: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     registration: object = None
 
     def __len__(self) -> int:
         return len(self.streams)
 
-    def check(self, origin: dict[str, Any], size: int, step_limit: float) -> None:
-        """Raises ValueError if this is of another task, model or version, or not of `size`.
-
-        Also if an episode that goes on has as many steps as `step_limit` or more.
-        """
+    def check(self, origin: dict[str, object], size: int) -> None:
+        """Raises ValueError if this is of another task, model or version, or not of `size`."""
         for what, expected in origin.items():
             found = self.origin.get(what)
-            if found != expected:
+            if what == _NUMBERS and isinstance(found, dict) and isinstance(expected, dict):
+                changed = model_values.changed_fields(found, expected)
+                if changed:
+                    raise ValueError(
+                        f"the snapshot is of a model with other values of {', '.join(changed)}; "
+                        "restore it into an environment of the same model, or name the fields that "
+                        "a start sets in the task's EPISODE_FIELDS"
+                    )
+            elif found != expected and not _is_patch_of(what, found, expected):
                 raise ValueError(
                     f"the snapshot is of {what} {found!r}; expected {expected!r}, that of this "
                     "environment"
@@ -62,9 +75,104 @@ class Snapshot:
                 f"the snapshot holds {len(self)} environments; expected {size}: restore into as "
                 "many rows"
             )
+
+    def check_arrays(self, like: "Snapshot") -> None:
+        """Raises ValueError unless all arrays and streams are such as those of another snapshot."""
+        # Pictures that nobody observes here are left alone.
+        frames = self.frames if like.frames else {}
+        groups = (
+            (self.physics, like.physics),
+            (frames, like.frames),
+            (
+                {"step_count": self.step_count, "begins": self.begins},
+                {"step_count": like.step_count, "begins": like.begins},
+            ),
+        )
+        for found, expected in groups:
+            _check_same_form(found, expected)
+        for row, (ours, theirs) in enumerate(zip(self.streams, like.streams, strict=True)):
+            _check_streams(row, ours, len(theirs))
+
+    def check_length(self, step_limit: float) -> None:
+        """Raises ValueError if an episode that goes on has as many steps as the limit, or more."""
         running = self.step_count[~self.begins]
         if (running >= step_limit).any():
             raise ValueError(
                 f"the snapshot is of step {running.max()} of an episode, and episodes end after "
                 f"{math.ceil(step_limit)} steps here: restore it where the time limit is longer"
             )
+
+
+def origin_of(
+    task: Task, physics: SimulatedPhysics, fields: Sequence[str], pixels: Mapping[str, object]
+) -> dict[str, object]:
+    """What must agree for a snapshot to be restored.
+
+    Args:
+      task: whose episodes they are.
+      physics: a simulation of the model, or a batch.
+      fields: of the model, that a snapshot holds itself.
+      pixels: what is observed in pictures.
+    """
+    return {
+        "task": type(task).__name__,
+        "fields": tuple(fields),
+        **pixels,
+        **physics.origin(fields),
+    }
+
+
+def bad_rows(
+    physics: SimulatedPhysics, saved: Mapping[str, np.ndarray], rows: np.ndarray | None
+) -> np.ndarray:
+    """Which rows have a state that MuJoCo calls bad, or has replaced by its default, (n,).
+
+    Args:
+      physics: into which the rows were loaded.
+      saved: what was loaded, (n, ...) each.
+      rows: their numbers; None for a single simulation.
+    """
+    now, state = physics.simulation.save(rows, ())["state"], saved["state"]
+    is_replaced = ((now != state) & ~(np.isnan(now) & np.isnan(state))).any(axis=-1)
+    for name in ("qpos", "qvel", "act"):
+        values = getattr(physics.data, name)
+        values = values[None] if rows is None else values[rows]
+        is_replaced |= ~(abs(values) <= _MAX_VALUE).all(axis=-1)  # also of NaN
+    return is_replaced
+
+
+def _is_patch_of(what: str, found: object, expected: object) -> bool:
+    """Whether a version of MuJoCo is a patch of the expected one, which keeps its numbers."""
+    return what == _VERSION and str(found).startswith(f"{expected}.")
+
+
+def _check_same_form(found: Mapping[str, object], expected: Mapping[str, np.ndarray]) -> None:
+    if found.keys() != expected.keys():
+        raise ValueError(
+            f"the snapshot holds {sorted(found)}; expected {sorted(expected)}, as a snapshot of "
+            "this environment; nothing was restored"
+        )
+    for name, array in expected.items():
+        value = found[name]
+        form = (value.shape, value.dtype) if isinstance(value, np.ndarray) else type(value)
+        if form != (array.shape, array.dtype):
+            raise ValueError(
+                f"{name!r} of the snapshot is {form}; expected an array of shape {array.shape} and "
+                f"dtype {array.dtype}; nothing was restored"
+            )
+
+
+def _check_streams(row: int, streams: object, count: int) -> None:
+    if not isinstance(streams, tuple) or len(streams) != count:
+        raise ValueError(
+            f"the snapshot holds {streams!r} as random streams of environment {row}; expected "
+            f"{count} states of a RandomState; nothing was restored"
+        )
+    for state in streams:
+        try:
+            np.random.RandomState(0).set_state(state)
+        except (TypeError, ValueError, LookupError) as error:
+            raise ValueError(
+                f"the snapshot holds no state of a RandomState for environment {row}: {error}; "
+                "nothing was restored"
+            ) from error

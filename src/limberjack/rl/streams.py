@@ -14,7 +14,10 @@ import numpy as np
 
 from limberjack.rl.randomize import stream_beside
 
-__all__ = ["Streams", "seed_of_a_stream"]
+__all__ = ["States", "Streams", "seed_of_a_stream"]
+
+# Any: what `RandomState.get_state` gives, of the task's stream and of one beside it.
+States = tuple[Any, ...]
 
 _MAX_SEED = 2**32 - 1  # of a numpy.random.RandomState
 
@@ -56,13 +59,12 @@ class Streams:
         self.own[row] = stream
         self.beside[row] = stream_beside(stream)
 
-    # Any: what `RandomState.get_state` gives.
-    def save(self, rows: np.ndarray, with_beside: bool) -> list[tuple[Any, ...]]:
+    def save(self, rows: np.ndarray, with_beside: bool) -> list[States]:
         """The states of rows' streams, of the first kind or of both."""
         kinds = (self.own, self.beside) if with_beside else (self.own,)
         return [tuple(kind[row].get_state() for kind in kinds) for row in rows]
 
-    def load(self, rows: np.ndarray, saved: list[tuple[Any, ...]]) -> None:
+    def load(self, rows: np.ndarray, saved: list[States]) -> None:
         """Lets rows' streams go on from what was saved."""
         for row, states in zip(rows, saved, strict=True):
             for kind, state in zip((self.own, self.beside), states, strict=False):

@@ -36,7 +36,7 @@ class SharedModel:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
-        self.identities: dict[tuple[str, ...], int] = {}  # kept by `mujoco.identity`
+        self.checksums: dict[tuple[str, ...], dict[str, int]] = {}  # of `mujoco.identity`
 
     @functools.cached_property
     def light(self) -> mujoco.MjModel:

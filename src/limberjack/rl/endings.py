@@ -1,0 +1,88 @@
+"""`Counter`: where in its episode each row of a batch is, step by step.
+
+    counter = Counter(num_envs=256, step_limit=1000)
+    time_step, last = counter.count(begins, diverged, reward, termination, observation)
+
+A row whose episode begins has reward 0 and discount 1; one that diverges ends with 0 and 0. If the
+time limit and the task end an episode in the same step, the time limit wins.
+"""
+
+from collections.abc import Mapping
+
+import dm_env
+import numpy as np
+
+from limberjack.utils import arrays
+from limberjack.utils.arrays import Quantity
+
+__all__ = ["Counter"]
+
+_FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
+
+
+class Counter:
+    """See the module's docstring.
+
+    Attributes:
+      steps: since each row's episode began, (num_envs,).
+      step_limit: steps in an episode.
+    """
+
+    def __init__(self, num_envs: int, step_limit: float) -> None:
+        self.steps = np.zeros(num_envs, int)
+        self.step_limit = step_limit
+        self._all_mid, self._all_one = np.full(num_envs, _MID), np.ones(num_envs)
+
+    @property
+    def at_limit(self) -> np.ndarray:
+        """Rows that have no step left, (num_envs,) booleans."""
+        return self.steps >= self.step_limit
+
+    def shown(self, observation: Mapping[str, np.ndarray]) -> dm_env.TimeStep:
+        """The time step of a reset: rows are as they were, without rewards."""
+        step_type = np.where(self.steps == 0, _FIRST, _MID)
+        return dm_env.TimeStep(
+            step_type, np.zeros(len(self.steps)), self._all_one.copy(), observation
+        )
+
+    def count(
+        self,
+        begins: np.ndarray | None,
+        diverged: np.ndarray,
+        reward: Quantity,
+        termination: Quantity | None,
+        observation: Mapping[str, np.ndarray],
+    ) -> tuple[dm_env.TimeStep, np.ndarray]:
+        """Counts a step; the time step, and the rows whose episode it ends, (num_envs,).
+
+        Args:
+          begins: rows whose episode has begun with it; None for none.
+          diverged: rows that diverged.
+          reward: of the task, (num_envs,) or a number for all.
+          termination: of the task; see `control.Task.get_termination`.
+          observation: what the time step shows.
+        """
+        self.steps += 1
+        reward = np.array(reward, float)
+        if reward.shape != self.steps.shape:
+            reward = np.broadcast_to(reward, self.steps.shape).copy()
+        discount, step_type = self._all_one.copy(), self._all_mid.copy()
+        last = self.at_limit
+        if begins is not None:
+            self.steps[begins] = 0
+            last &= ~begins
+            reward[begins] = 0.0
+            step_type[begins] = _FIRST
+        if termination is not None:
+            ends = ~np.isnan(termination) & ~last
+            if begins is not None:
+                ends &= ~begins
+            discount[ends] = np.asarray(termination)[ends]
+            last |= ends
+        if arrays.any_of(diverged):
+            last |= diverged
+            reward[diverged] = 0.0
+            discount[diverged] = 0.0
+        if arrays.any_of(last):
+            step_type[last] = _LAST
+        return dm_env.TimeStep(step_type, reward, discount, observation), last
