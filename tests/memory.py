@@ -32,7 +32,7 @@ _LEAST = 20.0  # megabytes by which a test that is shown raised the peak
 
 def _peak() -> float:
     """The most memory that this process has had so far, megabytes."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # pyright: ignore[reportPossiblyUnboundVariable]
     return peak / (1e6 if sys.platform == "darwin" else 1e3)  # bytes there, kilobytes elsewhere
 
 

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plain_domain
 import pytest
 import typer.testing
 
 from limberjack import bench, suite
 from limberjack.cli import app
+from tests import plain_domain
 
 
 @pytest.fixture(autouse=True)
@@ -84,7 +84,7 @@ def test_episodes_that_are_too_short_to_measure_are_refused() -> None:
 
 def test_a_bench_of_a_function_says_which_it_was() -> None:
     result = bench.measure(plain_domain.make, num_envs=2, num_threads=1, seconds=0.01)
-    assert result.facts["environment"] == "plain_domain:make"
+    assert result.facts["environment"] == "tests.plain_domain:make"
     assert result.facts["environment_sha256"] is not None
 
 

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plain_domain
 import pytest
 
 from limberjack import recording, suite
 from limberjack.mujoco.camera import RenderingError
 from limberjack.rl.control import Environment
 from limberjack.utils.files import Hold
+from tests import plain_domain
 
 _SIZE: dict[str, Any] = {"height": 32, "width": 48}
 
@@ -151,7 +151,7 @@ def _none(seed: int) -> Environment | None:
         ({"seed": 2**32 - 1, "rows": 2}, "the last row's seed is 4294967296; expected below"),
         ({"rows": 0}, "rows is 0; expected a whole number of at least 1"),
         ({"seconds": float("nan")}, "seconds is nan; expected a positive number"),
-        ({"task": "push"}, "task is 'push', and the environment is made by plain_domain:make"),
+        ({"task": "push"}, "task is 'push', and the environment is made by tests.plain_"),
         ({"domain": _none}, "made a NoneType; expected a limberjack.rl.control.Environment"),
         ({"domain": "humanoid"}, "task is None; expected the name of a task"),
         ({"policy": 3}, "is of type int; expected a function of an observation"),

@@ -1,7 +1,6 @@
 """What `run` and `solve` have in common: seeds, what is kept, and how a command ends."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from limberjack import rollout
 from limberjack.cli.output import FAILED, INTERRUPTED
 from limberjack.cli.playing import Playing
 from limberjack.policies import PolicyError
-from limberjack.rollout import Episode
+from limberjack.rollout import Episode, OnStep, Step
 
 
 class _Scripted(Playing):
@@ -23,15 +22,13 @@ class _Scripted(Playing):
     def _prepare(self, environment: Any) -> None:
         self.played: list[int] = []
 
-    def _play_in(
-        self, environment: Any, seed: int, on_step: Callable[[int, float], None]
-    ) -> Episode:
-        environment.reset()
+    def _play_in(self, environment: Any, seed: int, on_step: OnStep) -> Episode:
+        time_step = environment.reset()
         if self.failure is not None and self.played:
             raise self.failure
         self.played.append(seed)
         for step in range(3):
-            on_step(step, 0.5 * step)
+            on_step(Step(step, 0.5 * step, time_step, None))
         return rollout.Episode(seed, None, np.array([0.5, 0.5]))
 
 

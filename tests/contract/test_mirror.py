@@ -39,6 +39,7 @@ _ACROSS = {
     "rl/test_batch_rendering.py",
     "rl/test_batch_time_steps.py",
     "suite/test_suite.py",
+    "test_plain_domain.py",
 }
 
 

@@ -22,8 +22,9 @@ def test_a_kind_is_the_tasks_own(domain: str, task: str) -> None:
 
 def test_a_task_without_kinds_has_none() -> None:
     environment = suite.load("stacker", "stack_2")
-    environment._task = SimpleNamespace(initialize_episode=lambda physics: None)
-    environment._task.get_observation = lambda physics: {}
+    task = SimpleNamespace(initialize_episode=lambda physics: None)
+    task.get_observation = lambda physics: {}
+    vars(environment)["_task"] = task
     assert kind_of_start(environment, 0) is None
 
 

@@ -24,7 +24,9 @@ def test_a_model_with_other_numbers_has_another_identity(field: str) -> None:
     struct = physics.model.opt if field.startswith("opt.") else physics.model
     getattr(struct, field.removeprefix("opt."))[-1] += 1e-9
     changed = identity(physics.model)
-    assert {name for name in expected if changed[name] != expected[name]} == {"numbers"}
+    assert {name for name in expected if changed[name] != expected[name]} == {
+        "numbers of the model"
+    }
     assert identity(physics.model, (field,)) == identity(_walker().model, (field,))
 
 
@@ -35,4 +37,4 @@ def test_colours_do_not_count() -> None:
 
 
 def test_the_patch_of_mujocos_version_does_not_count() -> None:
-    assert mujoco.__version__.startswith(identity(_walker().model)["MuJoCo"] + ".")
+    assert mujoco.__version__.startswith(f"{identity(_walker().model)['MuJoCo']}.")

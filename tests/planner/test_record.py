@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plain_domain
 import pytest
 
 from limberjack import policies, rollout, suite
 from limberjack.planner.record import Recording, record_episode, replay
+from tests import plain_domain
 
 
 def _load(domain: str, task: str, seed: int = 3) -> Any:

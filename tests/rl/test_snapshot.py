@@ -253,7 +253,7 @@ def _made(size: int = 2, **origin: Any) -> Snapshot:
         {"state": np.zeros((size, 3))},
         np.zeros(size, int),
         np.zeros(size, bool),
-        [None] * size,
+        [()] * size,
     )
 
 

@@ -8,9 +8,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from programs import run
 
 from limberjack.utils.files import Hold, replacing
+from tests.programs import run
 
 
 def test_a_file_that_is_replaced_appears_whole(tmp_path: Path) -> None:

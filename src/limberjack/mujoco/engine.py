@@ -248,7 +248,7 @@ class Physics(_control.Physics):
             self._simulation.forward()
 
     def reset(self, keyframe_id: int | None = None) -> None:
-        """Returns to the default state or a keyframe; raises ValueError if there is none such."""
+        """Returns to the default state or a keyframe; ValueError if there is none such."""
         if keyframe_id is not None and not self.model.nkey:
             raise ValueError(f"keyframe_id is {keyframe_id}, but the model has no keyframes")
         if keyframe_id is not None and not 0 <= keyframe_id < self.model.nkey:
@@ -341,8 +341,7 @@ class Physics(_control.Physics):
 
     def __setstate__(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
         self.become(state)
-        # As dm_control: it changes the solver's warm start, and what depends on accelerations.
-        with self.suppress_physics_errors():
+        with self.suppress_physics_errors():  # as dm_control, which changes the warm start
             self.after_reset()
 
     def become(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:

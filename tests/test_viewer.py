@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from typing import Any
 
-import plain_domain
 import pytest
 
 from limberjack import suite, viewer
 from limberjack.rl.control import Environment
 from limberjack.viewer.session import Session
+from tests import plain_domain
 
 
 @pytest.fixture

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import plain_domain
 import pytest
 
 from limberjack import policies, rollout, suite
 from limberjack.evaluation import Evaluation, evaluate
 from limberjack.rl.control import Environment
+from tests import plain_domain
 
 
 def _evaluate(make: Callable[..., Any], **kwargs: Any) -> Evaluation:
@@ -38,7 +38,7 @@ def test_an_environment_of_the_suite_gives_what_its_names_give() -> None:
 def test_a_result_names_the_function_and_the_hash_of_its_source(tmp_path: Path) -> None:
     evaluation = _evaluate(plain_domain.make, out=tmp_path)
     result = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
-    assert result["environment"] == "plain_domain:make"
+    assert result["environment"] == "tests.plain_domain:make"
     assert re.fullmatch("[0-9a-f]{64}", result["environment_sha256"])
     assert not {"domain", "task"} & result.keys()
     assert _evaluate(plain_domain.make, out=tmp_path) == evaluation
@@ -48,7 +48,7 @@ def test_a_result_names_the_function_and_the_hash_of_its_source(tmp_path: Path) 
 def test_the_folder_of_another_function_is_refused(tmp_path: Path) -> None:
     _evaluate(plain_domain.make, out=tmp_path)
     with pytest.raises(
-        ValueError, match="holds an evaluation with environment 'plain_domain:make'"
+        ValueError, match=r"holds an evaluation with environment 'tests\.plain_domain:make'"
     ):
         _evaluate(plain_domain.heavier, out=tmp_path)
     with pytest.raises(ValueError, match="holds an evaluation with domain None"):
