@@ -205,6 +205,54 @@ def test_remembered_keys_do_not_mix(physics: Physics) -> None:
         assert xpos[np.array([True] + [False] * (physics.model.nbody - 1))].shape == (1, 3)
 
 
+_MIXED_KEYS: list[Any] = [
+    ("boat", slice(None, 2)),
+    (slice(1, None), ["x", "z"]),
+    (slice(None, None, 2), "y"),
+    (["boat", "mast"], slice(1, 3)),
+    (2, ["x", "z"]),
+    ([0, 2], "x"),
+    ([0, 2], [0, 1]),
+    slice(1, 3),
+    [1, 0],
+    -1,
+]
+
+
+@pytest.mark.parametrize("key", _MIXED_KEYS, ids=str)
+def test_keys_that_mix_names_with_numbers_and_slices_are_remembered(
+    physics: Physics, key: Any
+) -> None:
+    xpos = named(physics, "xpos")
+    batch = FieldIndexer("xpos", np.random.default_rng(0).random((4, *xpos.shape)), xpos.axes, True)
+    for indexer in (xpos, batch):
+        expected = np.array(indexer[key])
+        assert len(indexer._known) == 1
+        np.testing.assert_array_equal(indexer[key], expected)
+        indexer[key] = expected + 1.0
+        np.testing.assert_array_equal(indexer[key], expected + 1.0)
+        assert len(indexer._known) == 1
+
+
+def test_remembered_numbers_are_told_from_truth_values_and_fractions(physics: Physics) -> None:
+    xpos = named(physics, "xpos")
+    mask = [True, True] + [False] * (physics.model.nbody - 2)
+    for _ in range(2):
+        assert xpos[[1, 1], "x"].shape == (2,)
+        assert xpos[1, "x"].shape == ()
+        assert xpos[True].shape == (1, *physics.data.xpos.shape)
+        np.testing.assert_array_equal(xpos[mask, "x"], physics.data.xpos[:2, 0])
+        with pytest.raises(IndexError):
+            xpos[1.0, "x"]
+
+
+def test_a_loop_over_many_keys_fills_no_memory(physics: Physics) -> None:
+    xpos = named(physics, "xpos")
+    for start in range(-2000, 0):
+        xpos["boat", start:]
+    assert len(xpos._known) <= 1000
+
+
 def test_a_list_of_names_may_change_after_its_use(physics: Physics) -> None:
     xpos, key = named(physics, "xpos"), ["boat", "boom"]
     np.testing.assert_array_equal(xpos[key], physics.data.xpos[[1, 3]])

@@ -1,7 +1,10 @@
 """Tests of limberjack.mujoco.official."""
 
+import os
+import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -142,3 +145,22 @@ def test_every_official_name_is_there(run_script: Callable[..., str]) -> None:
     names = "import mujoco; mujoco.GLContext; print(*sorted(vars(mujoco)))"
     normally = run_script(names)
     assert set(normally.split()) <= set(run_script(f"import limberjack.mujoco; {names}").split())
+
+
+def test_an_older_mujoco_is_refused_with_the_versions(tmp_path: Path) -> None:
+    older = tmp_path / "mujoco"
+    older.mkdir()
+    (older / "__init__.py").write_text("__version__ = '3.3.7'\n")
+    code = "import limberjack.mujoco"
+    paths = os.pathsep.join([str(tmp_path), *filter(None, [os.environ.get("PYTHONPATH")])])
+    result = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code],
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert result.returncode == 1
+    message = result.stderr.strip().splitlines()[-1]
+    assert message.startswith("ImportError: limberjack needs mujoco.batch")
+    assert "mujoco 3.3.7 is installed: install 'mujoco>=4.0,<5'" in message

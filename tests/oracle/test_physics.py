@@ -274,3 +274,24 @@ def test_suppressed_physics_errors_are_logged_and_come_back(
         with pytest.raises(package("rl.control").PhysicsError):
             destroy(physics)
     twin.assert_same_state()
+
+
+def test_physics_has_dm_controls_public_names_and_few_of_its_own() -> None:
+    names, others = (
+        {name for name in dir(package("mujoco").Physics) if not name.startswith("_")}
+        for package in BOTH
+    )
+    assert others <= names
+    assert len(others) == 34
+    assert sorted(names - others) == [
+        "become",
+        "from_shared_xml",
+        "nominal_fields",
+        "num_envs",
+        "origin",
+        "picture_spec",
+        "render_rows",
+        "replicate",
+        "seen_through",
+        "simulation",
+    ]

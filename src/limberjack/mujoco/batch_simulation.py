@@ -22,6 +22,7 @@ import numpy as np
 from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.lazy_batch import LazyBatch
 from limberjack.mujoco.leaving import begin, watch
+from limberjack.mujoco.read_only import ReadOnly
 from limberjack.mujoco.simulation import (
     FORWARD,
     NOT_FIELDS,
@@ -34,7 +35,6 @@ from limberjack.mujoco.simulation import (
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.model import fixed_field, is_structure
 from limberjack.utils.arrays import AnyArray
-from limberjack.utils.read_only import ReadOnly
 
 __all__ = ["BatchSimulation"]
 

@@ -18,10 +18,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.overlays import TextOverlay
+from limberjack.mujoco.pictures import Overlay, Style, draw, finished
 from limberjack.mujoco.rendering import Contexts, RenderingError, call, contexts
-from limberjack.mujoco.rendering.overlays import TextOverlay
-from limberjack.mujoco.rendering.pictures import Overlay, Style, draw, finished
-from limberjack.mujoco.rendering.viewpoints import FREE_CAMERA, Drawable, checked_size, view_of
+from limberjack.mujoco.viewpoints import FREE_CAMERA, Drawable, checked_size, view_of
 from limberjack.mujoco.wrapper import MjvCamera, MjvOption, MjvScene
 from limberjack.mujoco.wrapper.visual import RenderFlag
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from limberjack.mujoco import camera
-from limberjack.mujoco.rendering.pictures import Style
+from limberjack.mujoco.pictures import Style
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["check_names", "picture_spec", "render"]

@@ -11,6 +11,7 @@ Any module that is imported after this one may write `import mujoco`.
 """
 
 import importlib
+import importlib.util
 import os
 import sys
 from collections.abc import Callable
@@ -77,5 +78,12 @@ def _select(selecting: ModuleType) -> None:
 
 if "mujoco" not in sys.modules:
     _import_without_opengl()
+
+if importlib.util.find_spec("mujoco.batch") is None:
+    raise ImportError(
+        f"limberjack needs mujoco.batch, which MuJoCo has from 4.0 on, but mujoco "
+        f"{getattr(sys.modules['mujoco'], '__version__', 'of an unknown version')} is installed: "
+        "install 'mujoco>=4.0,<5', in an environment of its own if others need an older one"
+    )
 
 mujoco: Any = sys.modules["mujoco"]  # Any: its names are MuJoCo's to define

@@ -10,9 +10,9 @@ from typing import Any
 
 import mujoco
 
+from limberjack.mujoco.read_only import ReadOnlyStruct
 from limberjack.mujoco.simulation import Fields
 from limberjack.mujoco.wrapper.core import MjModel
-from limberjack.utils.read_only import ReadOnlyStruct
 
 __all__ = ["RowsData", "RowsModel"]
 

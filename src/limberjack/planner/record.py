@@ -20,11 +20,11 @@ import dm_env
 import mujoco
 import numpy as np
 
+from limberjack.planner.npz import read_arrays
 from limberjack.report import Facts
 from limberjack.rl.control import Environment, PhysicsError
 from limberjack.rollout import OnStep, Step, run_episode
 from limberjack.utils.files import replacing
-from limberjack.utils.npz import read_arrays
 
 __all__ = ["Recording", "Transcript", "record_episode", "replay"]
 

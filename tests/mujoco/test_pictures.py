@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from limberjack.mujoco.rendering.pictures import Style, finished
+from limberjack.mujoco.pictures import Style, finished
 
 _COLOURS = Style.of()
 _LEFT_OUT = ("shadow", "reflection", "skybox")

@@ -1,4 +1,4 @@
-"""Tests of limberjack.mujoco.rendering.viewpoints."""
+"""Tests of limberjack.mujoco.viewpoints."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import mujoco
 import pytest
 
 from limberjack.mujoco import Physics
-from limberjack.mujoco.rendering.viewpoints import FREE_CAMERA, checked_size, view_of
+from limberjack.mujoco.viewpoints import FREE_CAMERA, checked_size, view_of
 
 _MODEL = """
 <mujoco>

@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from limberjack.utils.read_only import ReadOnly, ReadOnlyStruct
+from limberjack.mujoco.read_only import ReadOnly, ReadOnlyStruct
 
 _ADVICE = "these are shared: use randomize"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from limberjack.utils.npz import read_arrays
+from limberjack.planner.npz import read_arrays
 
 _ARRAYS = {
     "fortran": np.asfortranarray(np.arange(6.0).reshape(2, 3)),
