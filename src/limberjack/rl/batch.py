@@ -115,9 +115,15 @@ class BatchEnvironment:
           num_threads: threads that step them; by default the cores this process may use.
           seed: row i draws its episodes from `RandomState(seed + i)`; None for any seed.
           on_divergence: see the constructor.
+
+        Raises:
+          ValueError, TypeError: see the constructor; or a number is out of range.
+          MemoryError: so many rows do not fit into memory.
         """
         num_envs = guards.at_least_one("num_envs", num_envs)
+        fields = env._saved_fields()
         check_episode_fields(env.task)
+        guards.check_memory(num_envs, env.physics.save_rows(None, fields).values())
         threads = cores.usable_cores() if num_threads is None else num_threads
         task = copy.copy(env.task)
         if getattr(task, "visualize_reward", False):
@@ -125,7 +131,7 @@ class BatchEnvironment:
         physics = env.physics.replicate(
             num_envs,
             min(guards.at_least_one("num_threads", threads), num_envs),
-            env._saved_fields(),
+            fields,
         )
         return cls(
             physics,
