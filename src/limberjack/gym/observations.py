@@ -14,11 +14,18 @@ import mujoco
 import numpy as np
 from dm_env import specs
 from gymnasium import spaces
+from numpy.typing import DTypeLike
 
-__all__ = ["Observations", "Part", "action_space", "specs_of_one_row"]
+from limberjack.rl.contract import Observation
+
+__all__ = ["Given", "Observations", "Part", "action_space", "specs_of_one_row"]
 
 # MuJoCo calls a state beyond this diverged, so no observation lies there.
 _BOUND = mujoco.mjMAXVAL
+
+
+# Any: an observation in Gymnasium's terms is an array or a dict of arrays, as the user has chosen.
+Given = Any
 
 
 class Part(NamedTuple):
@@ -36,7 +43,7 @@ class Observations:
     the space of one simulation's observation.
     """
 
-    def __init__(self, of_one: Mapping[str, specs.Array], flat: bool, dtype: Any) -> None:
+    def __init__(self, of_one: Mapping[str, specs.Array], flat: bool, dtype: DTypeLike) -> None:
         """Takes the specs of one simulation's observations.
 
         Raises:
@@ -46,9 +53,10 @@ class Observations:
         self.flat = flat
         self.layout = _layout({name: tuple(spec.shape) for name, spec in of_one.items()})
         self._size = self.layout[-1].slice.stop if self.layout else 0
+        # Any: a Box or a Dict.
         self.space: Any = self._box((self._size,)) if flat else self._dict_space()
 
-    def of_one(self, observation: Mapping[str, Any]) -> Any:
+    def of_one(self, observation: Observation) -> Given:
         """One simulation's observation, in arrays of its own."""
         if not self.flat:
             return {part.name: np.array(observation[part.name], self.dtype) for part in self.layout}
@@ -61,7 +69,7 @@ class Observations:
         """An array for `of_batch` to write to; None where it has no use for one."""
         return np.empty((num_envs, self._size), self.dtype) if self.flat else None
 
-    def of_batch(self, observation: Mapping[str, Any], buffer: np.ndarray | None) -> Any:
+    def of_batch(self, observation: Mapping[str, np.ndarray], buffer: np.ndarray | None) -> Given:
         """A batch's observation, in arrays of its own or in the buffer.
 
         Args:
@@ -78,7 +86,7 @@ class Observations:
             buffer[:, where] = observation[name].reshape(len(buffer), -1)
         return buffer
 
-    def copies_of_rows(self, observation: Any, rows: np.ndarray) -> list[Any]:
+    def copies_of_rows(self, observation: Given, rows: np.ndarray) -> list[Given]:
         """The observations of some rows of what `of_batch` gave, each as `of_one` gives it."""
         if isinstance(observation, np.ndarray):
             return list(observation[rows])
@@ -113,7 +121,7 @@ def _layout(shapes: Mapping[str, tuple[int, ...]]) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def _float_type(dtype: Any) -> np.dtype:
+def _float_type(dtype: DTypeLike) -> np.dtype:
     try:
         found = np.dtype(dtype)
     except TypeError:

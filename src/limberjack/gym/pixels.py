@@ -9,13 +9,14 @@ The pictures are 'pixels' in the dict of observations; with `flat`, all else is 
 
 import collections
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from dm_env import specs
 from gymnasium import spaces
+from numpy.typing import DTypeLike
 
-from limberjack.gym.observations import Observations
+from limberjack.gym.observations import Given, Observations
+from limberjack.rl.contract import Observation
 from limberjack.rl.pixels import PIXELS_KEY, Pixels
 
 __all__ = ["STATE_KEY", "PixelObservations", "observations_of"]
@@ -30,7 +31,7 @@ class PixelObservations(Observations):
     """
 
     def __init__(
-        self, of_one: Mapping[str, specs.Array], flat: bool, dtype: Any, only: bool
+        self, of_one: Mapping[str, specs.Array], flat: bool, dtype: DTypeLike, only: bool
     ) -> None:
         """Takes the specs of one simulation's observations, and whether there are pictures only."""
         numbers = {} if only else {n: s for n, s in of_one.items() if n != PIXELS_KEY}
@@ -43,23 +44,23 @@ class PixelObservations(Observations):
         parts = {STATE_KEY: self.space} if flat else self.space.spaces
         self.space = spaces.Dict(collections.OrderedDict({**parts, PIXELS_KEY: box}))
 
-    def of_one(self, observation: Mapping[str, Any]) -> Any:
+    def of_one(self, observation: Observation) -> Given:
         """One simulation's observation, in arrays of its own."""
-        pixels = observation[PIXELS_KEY]
+        pixels = np.asarray(observation[PIXELS_KEY])
         return pixels if self._only else self._with(super().of_one(observation), pixels)
 
-    def of_batch(self, observation: Mapping[str, Any], buffer: np.ndarray | None) -> Any:
+    def of_batch(self, observation: Mapping[str, np.ndarray], buffer: np.ndarray | None) -> Given:
         """A batch's observation, in arrays of its own, or all but the pictures in the buffer."""
         pixels = observation[PIXELS_KEY]
         return pixels if self._only else self._with(super().of_batch(observation, buffer), pixels)
 
-    def _with(self, state: Any, pixels: np.ndarray) -> dict[str, np.ndarray]:
-        named = {STATE_KEY: state} if self.flat else state
+    def _with(self, state: Given, pixels: np.ndarray) -> dict[str, np.ndarray]:
+        named = {STATE_KEY: state} if isinstance(state, np.ndarray) else state
         return {**named, PIXELS_KEY: pixels}
 
 
 def observations_of(
-    of_one: Mapping[str, specs.Array], flat: bool, dtype: Any, pixels: Pixels | None
+    of_one: Mapping[str, specs.Array], flat: bool, dtype: DTypeLike, pixels: Pixels | None
 ) -> Observations:
     """The form of observations with these specs, which have pictures if `pixels` is not None.
 

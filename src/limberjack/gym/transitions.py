@@ -11,15 +11,17 @@ import numpy as np
 from gymnasium import error
 from gymnasium.vector import AutoresetMode
 
-from limberjack.gym.observations import Observations
+from limberjack.gym.observations import Given, Observations
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import check_actions
 from limberjack.utils.arrays import Quantity, any_of
 
-__all__ = ["Step", "Transitions"]
+__all__ = ["Info", "Step", "Transitions"]
 
-# Observation, reward, terminated, truncated, info. Any: an array, or a dict of arrays.
-Step = tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
+# Any: arrays, dicts of them and objects, by name.
+Info = dict[str, Any]
+# Observation, reward, terminated, truncated, info.
+Step = tuple[Given, np.ndarray, np.ndarray, np.ndarray, Info]
 
 _FIRST, _LAST = int(dm_env.StepType.FIRST), int(dm_env.StepType.LAST)
 
@@ -45,9 +47,7 @@ class Transitions:
         self._copies = copy
         self._buffer = None if copy else observations.buffer(batch.num_envs)
 
-    def reset(
-        self, seeds: Sequence[int | None], mask: np.ndarray | None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, seeds: Sequence[int | None], mask: np.ndarray | None) -> tuple[Given, Info]:
         """Begins an episode in every row or in those of the mask; returns observation and info.
 
         Args:
@@ -59,7 +59,7 @@ class Transitions:
         of_rows = [seeds[row] for row in np.flatnonzero(begun).tolist()]
         return self._told(batch.reset(begun, of_rows).observation), self._drawn(begun)
 
-    def step(self, actions: Any) -> Step:
+    def step(self, actions: object) -> Step:
         """Steps every row.
 
         Raises:
@@ -84,7 +84,7 @@ class Transitions:
         info |= {"diverged": batch.diverged.copy(), "_diverged": np.ones(batch.num_envs, bool)}
         return observation, time_step.reward, last & ~truncated, truncated, info
 
-    def checked(self, actions: Any) -> np.ndarray:
+    def checked(self, actions: object) -> np.ndarray:
         """A copy of the actions, refused now if `step` would refuse them."""
         self.check_begun()
         batch = self.batch
@@ -113,7 +113,7 @@ class Transitions:
                 "options={'reset_mask': mask}; nothing was stepped"
             )
 
-    def _begin_anew(self, last: np.ndarray, observation: Any) -> tuple[Any, dict[str, Any]]:
+    def _begin_anew(self, last: np.ndarray, observation: Given) -> tuple[Given, Info]:
         """Begins the next episode of rows; what they ended with goes into the info."""
         ended = np.flatnonzero(last)
         final = np.full(len(last), None, object)
@@ -127,7 +127,7 @@ class Transitions:
         observation = self._told(self.batch.reset(ended).observation)
         return observation, info | self._drawn(last)
 
-    def _drawn(self, begun: np.ndarray) -> dict[str, Any]:
+    def _drawn(self, begun: np.ndarray) -> Info:
         """What was drawn for the episodes that rows have begun."""
         drawn = self.batch.randomization
         if not drawn or not any_of(begun):
@@ -135,7 +135,7 @@ class Transitions:
         told = _with_masks({name: values.copy() for name, values in drawn.items()}, begun)
         return {"randomization": told, "_randomization": begun.copy()}
 
-    def _terms(self, rows: np.ndarray) -> dict[str, Any]:
+    def _terms(self, rows: np.ndarray) -> Info:
         """What the last step's reward is made of in some rows.
 
         Args:
@@ -153,19 +153,19 @@ class Transitions:
             for name, values in terms.items()
         }
         told = _with_masks(shown, rows)
-        info: dict[str, Any] = {"reward_terms": told, "_reward_terms": rows}
+        info: Info = {"reward_terms": told, "_reward_terms": rows}
         if batch.task.GOAL:
             info |= {"success": batch.task.is_success(terms) & rows, "_success": rows}
         return info
 
-    def _told(self, observation: Any) -> Any:
+    def _told(self, observation: Mapping[str, np.ndarray]) -> Given:
         if self._copies:
             buffer = self._observations.buffer(self.batch.num_envs)
             return self._observations.of_batch(observation, buffer)
         return self._observations.of_batch(observation, self._buffer)
 
 
-def _is_own(values: Any) -> bool:
+def _is_own(values: Quantity) -> bool:
     """Whether it is an array of numbers for each row that shows nothing that lives on."""
     return isinstance(values, np.ndarray) and values.ndim == 1 and values.flags.owndata
 

@@ -311,17 +311,10 @@ class Physics(Rows, _control.Physics):
         return self._data, self._settings()
 
     def __setstate__(self, state: tuple[wrapper.MjData, dict[str, Any]]) -> None:
-        # All quantities are copied as they are: to compute them anew would show others.
         self._data, settings = state
-        self._simulation = SingleSimulation(self._data)
+        self._simulation = SingleSimulation(self._data)  # all is copied as it is, not computed
         vars(self).update(settings)
-        data = self._data._data
-        for name in ("qpos", "qvel", "act"):
-            if not (abs(getattr(data, name)) <= mujoco.mjMAXVAL).all():  # also of NaN
-                raise _control.PhysicsError(
-                    f"data.{name} has diverged, and MuJoCo would replace it by the default state: "
-                    "a simulation cannot be copied or pickled like that; reset it first"
-                )
+        self._simulation.check_state()
 
     def control(self) -> np.ndarray:
         """The control signals, (nu,)."""

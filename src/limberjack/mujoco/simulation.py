@@ -13,6 +13,7 @@ import numpy as np
 
 from limberjack.mujoco.leaving import Busy, begin, watch
 from limberjack.mujoco.wrapper.core import MjData
+from limberjack.rl.contract import PhysicsError
 from limberjack.utils.log import log
 
 __all__ = ["ACTUATION", "NOT_FIELDS", "SingleSimulation", "read_field"]
@@ -43,6 +44,15 @@ class SingleSimulation(Busy):
         self._model_of_opt: Any = None
         self._opt: Any = None
         watch(self)
+
+    def check_state(self) -> None:
+        """Raises PhysicsError for a state that MuJoCo would replace by its default state."""
+        for name in ("qpos", "qvel", "act"):
+            if not (abs(getattr(self._data, name)) <= mujoco.mjMAXVAL).all():  # also of NaN
+                raise PhysicsError(
+                    f"data.{name} has diverged: a simulation is not copied or pickled like that, "
+                    "because MuJoCo would replace its state by the default one; reset it first"
+                )
 
     def set_warnings_aside(self) -> np.ndarray | None:
         """Clears the counters of warnings; returns what they were, None for none.

@@ -27,7 +27,7 @@ from limberjack.rl.action_specs import bounded_spec
 from limberjack.rl.batch_safety import check_batch_safe, check_episode_fields
 from limberjack.rl.contract import Nested, SimulatedPhysics, Task
 from limberjack.rl.endings import Counter
-from limberjack.rl.pixels import Frames, Pixels, render_arguments
+from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments
 from limberjack.rl.randomize import Randomizer
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, bad_rows, origin_of
@@ -39,7 +39,7 @@ from limberjack.utils.log import log
 __all__ = ["BatchEnvironment"]
 
 
-Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
+_Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
 
 
 class BatchEnvironment:
@@ -55,7 +55,7 @@ class BatchEnvironment:
         flat_observation: bool = False,
         on_divergence: str = "end",
         randomizer: Randomizer | None = None,
-        pixels: Mapping[str, Any] | Pixels | None = None,
+        pixels: PixelOptions | Pixels | None = None,
     ) -> None:
         """Makes a batch whose first `step` or `reset` begins an episode in every row.
 
@@ -145,10 +145,12 @@ class BatchEnvironment:
             on_divergence=on_divergence,
         )
 
-    def reset(self, ids: Rows = None, seeds: Sequence[int | None] | None = None) -> dm_env.TimeStep:
+    def reset(
+        self, ids: _Rows = None, seeds: Sequence[int | None] | None = None
+    ) -> dm_env.TimeStep:
         """Begins an episode in every row, or in the given ones, and returns the batch.
 
-        Rows that are not reset keep their state; they are shown as in mid-episode, with reward 0.
+        _Rows that are not reset keep their state; they are shown as in mid-episode, with reward 0.
 
         Args:
           ids: sorted row numbers or a mask of (num_envs,).
@@ -208,7 +210,7 @@ class BatchEnvironment:
         )
         return time_step
 
-    def snapshot(self, rows: Rows = None) -> Snapshot:
+    def snapshot(self, rows: _Rows = None) -> Snapshot:
         """All that the future of the batch, or of some rows, depends on."""
         rows = self._rows(rows)
         with self._use:
@@ -221,7 +223,7 @@ class BatchEnvironment:
                 {} if self._frames is None else self._frames.save(rows),
             )
 
-    def restore(self, snapshot: Snapshot, rows: Rows = None) -> None:
+    def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
         """Lets the batch, or some rows, go on from a snapshot, bit for bit.
 
         Args:
@@ -280,7 +282,7 @@ class BatchEnvironment:
         self._frames = Frames.of(self.pixels, self._physics)
         self.restore(snapshot)
 
-    def _rows(self, ids: Rows) -> np.ndarray:
+    def _rows(self, ids: _Rows) -> np.ndarray:
         """Sorted row numbers from such, or a mask, or None for all."""
         return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
 
@@ -322,7 +324,7 @@ class BatchEnvironment:
         self._use.check()
         return self._physics.single.timestep() * self._n_sub_steps
 
-    def render(self, rows: Rows = None, **kwargs: Any) -> np.ndarray:
+    def render(self, rows: _Rows = None, **kwargs: object) -> np.ndarray:
         """Pictures of all rows or some, (n, height, width, 3) uint8.
 
         Args:

@@ -136,12 +136,11 @@ class SimulatedPhysics(Protocol):
         """What must agree for a saved row to be loaded."""
         ...
 
-    # Any: keyword arguments of `limberjack.mujoco.Physics.render`, which checks them.
-    def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
+    def render_rows(self, rows: np.ndarray | None, **kwargs: object) -> np.ndarray:
         """Pictures of rows."""
         ...
 
-    def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
+    def picture_spec(self, **kwargs: object) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and type of the picture of one row."""
         ...
 
