@@ -1,11 +1,13 @@
 """Environments of one task in several threads play what they play one after the other."""
 
+import os
 import sys
 import threading
 from collections.abc import Iterator
 from concurrent import futures
 from typing import Any
 
+import numpy as np
 import pytest
 
 from limberjack import suite
@@ -71,6 +73,80 @@ def test_editing_a_model_in_one_thread_does_not_reach_the_others(switching_often
         finally:
             done.set()
         editing.result()
+
+
+def test_one_environment_in_two_threads_at_once_is_refused(switching_often: None) -> None:
+    env = load(("humanoid", "walk"))
+    action = np.zeros(21)
+    inside, go_on = threading.Event(), threading.Event()
+
+    def wait(physics: Any) -> None:
+        inside.set()
+        assert go_on.wait(60)
+
+    env.reset()
+    env.task.after_step = wait
+    with futures.ThreadPoolExecutor(1) as pool:
+        stepping = pool.submit(env.step, action)
+        assert inside.wait(60)
+        for use in (lambda: env.step(action), env.reset, env.snapshot):
+            with pytest.raises(RuntimeError, match="this environment is used from two threads"):
+                use()
+        go_on.set()
+        assert stepping.result().mid()
+    del env.task.after_step
+    assert env.step(action).mid()  # it goes on, in this thread as well
+
+
+def test_an_error_in_a_step_leaves_the_environment_to_other_threads() -> None:
+    env = load(("stacker", "stack_2"))
+    env.reset()
+
+    def fail(physics: Any) -> None:
+        raise KeyboardInterrupt
+
+    env.task.after_step = fail
+    with pytest.raises(KeyboardInterrupt):
+        env.step(np.zeros(5))
+    del env.task.after_step
+    env.reset()
+    with pytest.raises(ValueError, match="not finite"):
+        env.step(np.full(5, np.nan))
+    with futures.ThreadPoolExecutor(1) as pool:
+        assert pool.submit(env.reset).result().first()
+
+
+def test_a_task_may_use_its_environment_within_a_step() -> None:
+    env = load(("stacker", "stack_2"))
+    env.reset()
+    taken: list[Any] = []
+    env.task.after_step = lambda physics: taken.append(env.snapshot())
+    assert env.step(np.zeros(5)).mid()
+    assert len(taken) == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+@pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
+def test_a_child_that_is_forked_in_mid_step_can_use_the_environment() -> None:
+    env = load(("stacker", "stack_2"))
+    env.reset()
+    inside, forked = threading.Event(), threading.Event()
+    env.task.after_step = lambda physics: (inside.set(), forked.wait(60))
+    with futures.ThreadPoolExecutor(1) as pool:
+        stepping = pool.submit(env.step, np.zeros(5))
+        assert inside.wait(60)
+        pid = os.fork()
+        if pid == 0:
+            status = 1
+            try:
+                del env.task.after_step
+                env.reset()
+                status = 0 if env.step(np.zeros(5)).mid() else 2
+            finally:
+                os._exit(status)
+        forked.set()
+        stepping.result()
+    assert os.waitpid(pid, 0)[1] == 0
 
 
 def test_an_environment_made_in_one_thread_is_used_in_another() -> None:

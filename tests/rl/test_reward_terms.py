@@ -68,3 +68,15 @@ def test_the_suites_rewards_are_made_of_their_terms(task: tuple[str, str]) -> No
     reward, terms = reward_and_terms(env.task, env.physics)
     assert terms
     assert reward == env.task.get_reward(env.physics)
+
+
+def test_underflow_is_no_error_but_overflow_may_be_one() -> None:
+    def rewarding(power: float) -> Any:
+        task: Any = _Product()
+        task.get_reward = lambda physics: np.exp(np.float64(power))
+        return task
+
+    with np.errstate(all="raise"):
+        assert reward_and_terms(rewarding(-800.0), _PHYSICS) == (0.0, {})
+        with pytest.raises(FloatingPointError, match="overflow"):
+            reward_and_terms(rewarding(800.0), _PHYSICS)

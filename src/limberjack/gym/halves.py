@@ -8,7 +8,7 @@ each half uses all the threads that its batch has.
 import collections
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
@@ -43,7 +43,7 @@ class Workers:
         if self.busy:
             raise RuntimeError(f"halves {self.busy} were sent: receive them with recv() first")
 
-    def send(self, half: int, job: Callable[..., Any], *given: Any) -> None:
+    def send(self, half: int, job: Callable[..., object], *given: object) -> None:
         """Lets a half's thread call `job(*given)`."""
         if half in self.busy:
             raise RuntimeError(f"half {half} was sent already: receive it with recv() first")
@@ -52,7 +52,7 @@ class Workers:
         future = self._threads[half].submit(_when_it_is_its_turn, self._turn, job, given)
         self._sent.append((half, future))
 
-    def receive(self) -> tuple[int, Any]:
+    def receive(self) -> tuple[int, Any]:  # Any: what the job returns
         """The half that was sent first, and what its job returned; or raises what it raised.
 
         Ctrl-C while it waits loses nothing: the next call waits for the same half.
@@ -78,12 +78,14 @@ class Workers:
         self.__init__(state["count"])
 
 
-def _when_it_is_its_turn(turn: threading.Lock, job: Callable[..., Any], given: Any) -> Any:
+def _when_it_is_its_turn(
+    turn: threading.Lock, job: Callable[..., object], given: Iterable[object]
+) -> object:
     with turn:
         return job(*given)
 
 
-def joined(parts: Sequence[Any], sizes: Sequence[int]) -> Any:
+def joined(parts: Sequence[Any], sizes: Sequence[int]) -> Any:  # Any: arrays or dicts of them
     """Arrays, or equally named dicts of them, one after the other along the first axis.
 
     Args:

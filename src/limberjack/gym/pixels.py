@@ -45,7 +45,7 @@ class PixelObservations(Observations):
 
     def of_one(self, observation: Mapping[str, np.ndarray]) -> Observation:
         """One simulation's observation, in arrays of its own."""
-        pixels = observation[PIXELS_KEY]
+        pixels = np.asarray(observation[PIXELS_KEY])
         return pixels if self._only else self._with(super().of_one(observation), pixels)
 
     def of_batch(

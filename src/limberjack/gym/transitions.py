@@ -16,7 +16,7 @@ from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import check_actions
 from limberjack.utils.arrays import Quantity, any_of
 
-__all__ = ["Step", "Transitions"]
+__all__ = ["Info", "Step", "Transitions"]
 
 # Observation, reward, terminated, truncated, info.
 Step = tuple[Observation, np.ndarray, np.ndarray, np.ndarray, Info]

@@ -244,7 +244,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._workers.check_idle()
         if self.render_mode is None:
             return None
-        pictures = (batch.render(**self._render_kwargs) for batch in self.batches)
+        pictures = (batch.render(None, **self._render_kwargs) for batch in self.batches)
         return tuple(picture for of_batch in pictures for picture in of_batch)
 
     def close_extras(self, **kwargs: object) -> None:

@@ -28,7 +28,7 @@ from limberjack.rl.action_specs import bounded_spec
 from limberjack.rl.batch_safety import check_batch_safe, check_episode_fields
 from limberjack.rl.contract import Nested, Task
 from limberjack.rl.endings import Counter
-from limberjack.rl.pixels import Frames, Pixels, render_arguments
+from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments
 from limberjack.rl.randomize import Randomizer
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, bad_rows, origin_of
@@ -40,7 +40,7 @@ from limberjack.utils.log import log
 __all__ = ["BatchEnvironment"]
 
 
-Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
+_Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
 
 
 class BatchEnvironment:
@@ -58,7 +58,7 @@ class BatchEnvironment:
         flat_observation: bool = False,
         on_divergence: str = "end",
         randomizer: Randomizer | None = None,
-        pixels: Mapping[str, Any] | Pixels | None = None,
+        pixels: PixelOptions | Pixels | None = None,
     ) -> None:
         """Makes a batch whose first `step` or `reset` begins an episode in every row.
 
@@ -118,9 +118,15 @@ class BatchEnvironment:
           num_threads: threads that step them; by default the cores this process may use.
           seed: row i draws its episodes from `RandomState(seed + i)`; None for any seed.
           on_divergence: see the constructor.
+
+        Raises:
+          ValueError, TypeError: see the constructor; or a number is out of range.
+          MemoryError: so many rows do not fit into memory.
         """
         num_envs = guards.at_least_one("num_envs", num_envs)
+        fields = env._saved_fields()
         check_episode_fields(env.task)
+        guards.check_memory(num_envs, env.physics.save_rows(None, fields).values())
         threads = cores.usable_cores() if num_threads is None else num_threads
         task = copy.copy(env.task)
         if getattr(task, "visualize_reward", False):
@@ -128,7 +134,7 @@ class BatchEnvironment:
         replicas = env.physics.replicate(
             num_envs,
             min(guards.at_least_one("num_threads", threads), num_envs),
-            env._saved_fields(),
+            fields,
         )
         return cls(
             replicas,
@@ -142,10 +148,12 @@ class BatchEnvironment:
             on_divergence=on_divergence,
         )
 
-    def reset(self, ids: Rows = None, seeds: Sequence[int | None] | None = None) -> dm_env.TimeStep:
+    def reset(
+        self, ids: _Rows = None, seeds: Sequence[int | None] | None = None
+    ) -> dm_env.TimeStep:
         """Begins an episode in every row, or in the given ones, and returns the batch.
 
-        Rows that are not reset keep their state; they are shown as in mid-episode, with reward 0.
+        _Rows that are not reset keep their state; they are shown as in mid-episode, with reward 0.
 
         Args:
           ids: sorted row numbers or a mask of (num_envs,).
@@ -206,7 +214,7 @@ class BatchEnvironment:
         )
         return time_step
 
-    def snapshot(self, rows: Rows = None) -> Snapshot:
+    def snapshot(self, rows: _Rows = None) -> Snapshot:
         """All that the future of the batch, or of some rows, depends on."""
         rows = self._rows(rows)
         with self._use:
@@ -220,7 +228,7 @@ class BatchEnvironment:
                 self.registration,
             )
 
-    def restore(self, snapshot: Snapshot, rows: Rows = None) -> None:
+    def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
         """Lets the batch, or some rows, go on from a snapshot, bit for bit.
 
         Args:
@@ -279,7 +287,7 @@ class BatchEnvironment:
         self._frames = Frames.of(self.pixels, self._replicas)
         self.restore(snapshot)
 
-    def _rows(self, ids: Rows) -> np.ndarray:
+    def _rows(self, ids: _Rows) -> np.ndarray:
         """Sorted row numbers from such, or a mask, or None for all."""
         return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
 
@@ -330,7 +338,7 @@ class BatchEnvironment:
         self._use.check()
         return self._replicas.single.timestep() * self._n_sub_steps
 
-    def render(self, rows: Rows = None, **kwargs: Any) -> np.ndarray:
+    def render(self, rows: _Rows = None, **kwargs: object) -> np.ndarray:
         """Pictures of all rows or some, (n, height, width, 3) uint8.
 
         Args:

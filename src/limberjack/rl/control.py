@@ -30,7 +30,7 @@ from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.guards import OneUser
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
-from limberjack.rl.pixels import Frames, Pixels
+from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, origin_of
@@ -69,7 +69,7 @@ class Environment(dm_env.Environment):
         flat_observation: bool = False,
         legacy_step: bool = True,
         randomize: Mapping[str, Draw] | None = None,
-        pixels: Mapping[str, Any] | Pixels | None = None,
+        pixels: PixelOptions | Pixels | None = None,
     ) -> None:
         """Makes an environment whose first `step` or `reset` begins an episode.
 

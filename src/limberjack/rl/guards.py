@@ -2,7 +2,7 @@
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Self
 
 import numpy as np
@@ -17,9 +17,12 @@ __all__ = [
     "at_least_one",
     "batched_spec",
     "check_actions",
+    "check_memory",
     "raises_on_divergence",
     "streams_of_seeds",
 ]
+
+_STREAM_BYTES = 2_500  # of a RandomState, which has 624 numbers of 4 bytes; a row has two
 
 
 class OneUser:
@@ -85,6 +88,29 @@ def at_least_one(name: str, value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f"{name} is {value!r}; expected a whole number of at least 1")
     return int(value)
+
+
+def check_memory(num_envs: int, row: Iterable[np.ndarray]) -> None:
+    """Raises MemoryError if rows cannot fit into this machine's memory.
+
+    Args:
+      num_envs: number of rows.
+      row: arrays of which each row has two, at least: as it is, and before its last step.
+    """
+    per_row = 2 * sum(array.nbytes for array in row) + 2 * _STREAM_BYTES
+    needed, memory = num_envs * per_row, _memory()
+    if needed > memory:
+        raise MemoryError(
+            f"num_envs is {num_envs}, which takes {needed} bytes or more; this machine has {memory}"
+        )
+
+
+def _memory() -> float:
+    """This machine's memory, bytes; infinite where the system does not say."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # Windows has no sysconf
+        return float("inf")
 
 
 def raises_on_divergence(on_divergence: str) -> bool:

@@ -21,7 +21,7 @@ from limberjack.rl.contract import Drawn
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["PIXELS_KEY", "Frames", "Pixels", "render_arguments"]
+__all__ = ["PIXELS_KEY", "Frames", "PixelOptions", "Pixels", "render_arguments"]
 
 PIXELS_KEY = "pixels"  # what pictures are called among the observations
 
@@ -29,6 +29,9 @@ _COLOURS = 3
 
 _V = TypeVar("_V")
 _P = TypeVar("_P")
+
+
+PixelOptions = Mapping[str, Any]  # Any: the attributes of `Pixels`, checked by `Pixels.of`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +60,7 @@ class Pixels:
             raise ValueError(f"pixels' only is {self.only!r}; expected True or False")
 
     @classmethod
-    def of(cls, options: "Mapping[str, Any] | Pixels") -> Self:  # Any: checked here
+    def of(cls, options: "PixelOptions | Pixels") -> Self:
         """The settings that a mapping gives, defaults for what it leaves out.
 
         Raises:
@@ -114,7 +117,7 @@ class Frames:
         self._is_seen = np.zeros(len(self._stack), bool)  # rows with a picture of their episode
 
     @classmethod
-    def of(cls, pixels: Mapping[str, Any] | Pixels | None, physics: Drawn) -> Self | None:
+    def of(cls, pixels: PixelOptions | Pixels | None, physics: Drawn) -> Self | None:
         """Those that a user asks for; None for None. Errors are those of both constructors."""
         return None if pixels is None else cls(Pixels.of(pixels), physics)
 
@@ -185,7 +188,7 @@ class Frames:
         return both
 
 
-def render_arguments(given: Mapping[str, Any]) -> dict[str, Any]:  # Any: see `Physics.render`
+def render_arguments(given: Mapping[str, object]) -> dict[str, object]:
     """Keyword arguments of `Physics.render`, from such with `camera` for `camera_id`.
 
     Raises:

@@ -10,6 +10,8 @@ A task whose class defines another `get_reward` has a reward without terms.
 
 from typing import Protocol, TypeVar
 
+import numpy as np
+
 from limberjack.rl.contract import Physics, Task
 from limberjack.utils.arrays import Quantity
 
@@ -30,7 +32,21 @@ def reward_of_terms(self: _HasTerms[_Physics], physics: _Physics) -> Quantity:
 
 
 def reward_and_terms(task: Task, physics: Physics) -> tuple[Quantity, dict[str, Quantity]]:
-    """The reward and its terms by name, (...) each; no terms if the reward is not made of them."""
+    """The reward and its terms by name, (...) each; no terms if the reward is not made of them.
+
+    Underflow is no error, even where NumPy is set to raise it: far from a goal, rewards are 0.
+    """
+    try:
+        return _computed(task, physics)
+    except FloatingPointError:
+        if np.geterr()["under"] != "raise":
+            raise
+        # Only now, because entering the context at each step takes half a percent of it.
+        with np.errstate(under="ignore"):
+            return _computed(task, physics)
+
+
+def _computed(task: Task, physics: Physics) -> tuple[Quantity, dict[str, Quantity]]:
     # Looked up on the bound method, so that a task's own attribute counts as well.
     if getattr(task.get_reward, "__func__", None) is not reward_of_terms:
         return task.get_reward(physics), {}

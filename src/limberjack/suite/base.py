@@ -118,7 +118,8 @@ class Task(control.Task[_Physics]):
     def after_step(self, physics: _Physics) -> None:
         """Colours materials by the reward, if that is wanted."""
         if self._visualize_reward:
-            _show_reward(physics, self.get_reward(physics))
+            with np.errstate(under="ignore"):  # a reward of 0 is no error
+                _show_reward(physics, self.get_reward(physics))
 
     # The reward is what `reward_of` makes of `reward_terms`, unless a task defines it otherwise.
     get_reward = reward_of_terms  # pyright: ignore[reportAssignmentType] (its `self` is a protocol)
