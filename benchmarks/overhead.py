@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated
 
 import memory
+import mixed_keys
 import peers
 import starting
 import stepping
@@ -25,6 +26,7 @@ class Section(enum.StrEnum):
     """A part of the table."""
 
     STEP = "step"
+    KEYS = "keys"
     IMPORT = "import"
     LOAD = "load"
     RESET = "reset"
@@ -75,6 +77,8 @@ def _measure(section: Section, effort: Effort) -> list[Row]:
     match section:
         case Section.STEP:
             return stepping.measure(effort.episodes, effort.steps)
+        case Section.KEYS:
+            return mixed_keys.measure(effort.episodes, effort.steps)
         case Section.IMPORT:
             return starting.measure_imports(effort.processes)
         case Section.LOAD:

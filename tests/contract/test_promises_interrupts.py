@@ -14,7 +14,7 @@ import pytest
 
 import limberjack
 from limberjack import suite
-from limberjack.mujoco.wrapper import sharing
+from limberjack.mujoco.wrapper import compiled
 from tests.laws.episodes import DOMAINS, Task, actions, bits, load, play
 
 _PACKAGE = os.path.dirname(limberjack.__file__) + os.sep
@@ -163,8 +163,8 @@ def test_a_load_interrupted_anywhere_can_be_made_again(task: Task) -> None:
 
 def test_a_first_load_interrupted_anywhere_can_be_made_again() -> None:
     def compile_and_begin() -> None:
-        sharing._in_use.clear()
-        sharing._last_used.clear()
+        compiled._in_use.clear()
+        compiled.drop_unused()
         suite.load("stacker", "stack_2", {"random": 0}).reset()
 
     expected = replayed(load(("stacker", "stack_2")))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco.wrapper import sharing
+from limberjack.mujoco.wrapper import compiled
 from tests.laws.episodes import DOMAINS, Task, bits, load, play
 
 _THREADS = 4
@@ -49,8 +49,8 @@ def test_threads_may_load_a_task_at_the_same_moment(switching_often: None) -> No
 
     with futures.ThreadPoolExecutor(_THREADS) as pool:
         for _ in range(3):
-            sharing._in_use.clear()
-            sharing._last_used.clear()
+            compiled._in_use.clear()
+            compiled.drop_unused()
             assert list(pool.map(load_and_reset, range(_THREADS))) == [expected] * _THREADS
 
 

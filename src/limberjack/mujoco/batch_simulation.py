@@ -75,6 +75,7 @@ class BatchSimulation(CountsWarnings):
     def _use(self, lazy: LazyBatch) -> None:
         self._lazy = lazy
         self._is_orphan = False
+        self.ctrl = lazy.field("ctrl")
         self.warnings = lazy.warning[..., 1]
         self._no_warnings = bytes(self.warnings.nbytes)
 

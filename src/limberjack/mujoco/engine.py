@@ -35,7 +35,7 @@ from limberjack.mujoco.index import NamedIndexStructs
 from limberjack.mujoco.rows_view import RowsData
 from limberjack.mujoco.simulation import Fields, Simulation, described, signature_of
 from limberjack.mujoco.single_simulation import SingleSimulation
-from limberjack.mujoco.wrapper.sharing import compiled
+from limberjack.mujoco.wrapper.compiled import compiled
 from limberjack.rl import control as _control
 from limberjack.rl.contract import Nested
 from limberjack.utils.log import log
@@ -221,7 +221,7 @@ class Physics(_control.Physics):
 
     def set_control(self, control: Nested) -> None:
         """Sets the actuators' control signals, (nu,)."""
-        np.copyto(self._data._data.ctrl, control)
+        np.copyto(self._simulation.ctrl, control)
 
     def step(self, nstep: int = 1) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Advances the simulation by `nstep` time steps.

@@ -346,8 +346,13 @@ def _frozen(key: object) -> Hashable:
     are `a["x", "y"]` and `a[["x", "y"]]`.
     """
     if type(key) is tuple:
-        if len(key) == 2 and type(key[0]) is type(key[1]) is str:
-            return key
+        if len(key) == 2 and type(key[0]) is str:
+            name, column = key
+            if type(column) is str:
+                return key
+            is_head = type(column) is slice and column.start is column.step is None
+            if is_head and type(column.stop) is int:  # as `["target", :2]`, which is common
+                return name, slice, column.stop
         parts = tuple([part if type(part) is str else _frozen(part) for part in key])
         return None if None in parts else parts
     if type(key) is list:

@@ -101,6 +101,8 @@ class Simulation(Fields, Protocol):
 
     # Whether constants of the model follow from the fields that episodes set: MuJoCo's mj_setConst.
     sets_constants: bool
+    # The actuators' controls, (..., nu), live.
+    ctrl: np.ndarray
     # MuJoCo's warnings by kind, (..., 7), live.
     warnings: np.ndarray
 

@@ -48,6 +48,7 @@ class SingleSimulation(CountsWarnings):
         self.data = data
         self._wrapper = data.model
         self._data: mujoco.MjData = data._data
+        self.ctrl: np.ndarray = self._data.ctrl
         self.warnings: np.ndarray = self._data.warning.number
         self._no_warnings = bytes(self.warnings.nbytes)
         # The flags to put back if Ctrl-C came while actuation was disabled.

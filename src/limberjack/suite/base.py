@@ -107,7 +107,7 @@ class Task(control.Task[_Physics]):
         """
         if type(action) is not np.ndarray:
             action = np.asarray(getattr(action, "continuous_actions", action))
-        expected = physics.data.ctrl.shape
+        expected = physics.simulation.ctrl.shape
         if action.shape != expected:
             raise ValueError(
                 f"action has shape {action.shape}; expected {expected}: one number for each "

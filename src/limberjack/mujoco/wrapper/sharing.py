@@ -9,26 +9,19 @@ access that could change it through an `MjModel` copies it first (`CopyOnWrite`)
 be written, a nested struct, `ptr`. Code of this package that reads uses `model._model`.
 """
 
-import collections
 import copy
 import functools
-import weakref
-from collections.abc import Callable, Hashable
 from typing import Any
 
 import mujoco
 
 from limberjack.mujoco.wrapper.textures import without_textures
 
-__all__ = ["CopyOnWrite", "SharedModel", "compiled"]
+__all__ = ["CopyOnWrite", "SharedModel", "compiled", "drop_unused"]
 
-_MOST_KEPT = 256 * 2**20  # bytes of models that nobody may be using
 
 # What cannot be changed in place and so may be handed out of a shared model.
 _IMMUTABLE = (int, float, str, bytes)
-
-_in_use: "weakref.WeakValueDictionary[Hashable, SharedModel]" = weakref.WeakValueDictionary()
-_last_used: "collections.OrderedDict[Hashable, SharedModel]" = collections.OrderedDict()
 
 
 class SharedModel:
@@ -52,20 +45,6 @@ class SharedModel:
         passive = copy.copy(self.light)
         passive.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
         return passive
-
-
-def compiled(source: Hashable, compile_it: Callable[[], mujoco.MjModel]) -> SharedModel:
-    """The model that `compile_it` made for this source: now, or earlier if it is still there."""
-    shared = _in_use.get(source)
-    if shared is None:
-        shared = _in_use[source] = SharedModel(compile_it())
-    _last_used[source] = shared
-    _last_used.move_to_end(source)
-    sizes = [mujoco.mj_sizeModel(kept.model) for kept in _last_used.values()]
-    while len(sizes) > 1 and sum(sizes) > _MOST_KEPT:
-        _last_used.popitem(last=False)
-        del sizes[0]
-    return shared
 
 
 class CopyOnWrite:

@@ -1,0 +1,140 @@
+"""Steps per second of tasks that read by keys which mix names with numbers and slices.
+
+The suite's other domains read so: `xmat[1:, ["xx", "xz"]]` in a walker, `qpos[:2]` and
+`geom_xpos["target", :2]` in a reacher. Two small tasks do it here, the same text for Limberjack and
+dm_control, which run them in turns, a block of steps each.
+"""
+
+import collections
+import importlib
+import statistics
+import time
+from typing import Any
+
+import numpy as np
+import peers
+from report import Row, at_least, spread
+
+__all__ = ["measure"]
+
+_STEPS_PER_BLOCK = 50
+_FASTER = at_least(1.15)  # steps per second over dm_control's
+
+_CHAIN = """
+<mujoco>
+  <option timestep=".005"><flag contact="disable"/></option>
+  <worldbody>
+    <geom name="target" pos=".3 .1 0" size=".02"/>
+    <body name="upper">
+      <joint name="shoulder" axis="0 0 1" damping=".1"/>
+      <geom name="upper" type="capsule" fromto="0 0 0 .2 0 0" size=".02"/>
+      <body name="lower" pos=".2 0 0">
+        <joint name="elbow" axis="0 0 1" damping=".1"/>
+        <geom name="lower" type="capsule" fromto="0 0 0 .2 0 0" size=".02"/>
+        <geom name="finger" pos=".2 0 0" size=".02"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="shoulder" gear=".1"/><motor joint="elbow" gear=".1"/></actuator>
+</mujoco>
+"""
+
+
+def _tasks(package: str) -> dict[str, Any]:
+    """An environment of each task, of a package's own classes."""
+    peers.suite(package)
+    engine: Any = importlib.import_module(f"{package}.mujoco")
+    control: Any = importlib.import_module(f"{package}.rl.control")
+    base: Any = importlib.import_module(f"{package}.suite.base")
+
+    class Reading(base.Task):
+        """What both tasks have in common."""
+
+        def initialize_episode(self, physics: Any) -> None:
+            physics.data.qpos[:] = self.random.uniform(-1, 1, 2)
+
+        def get_reward(self, physics: Any) -> float:
+            return float(physics.named.data.xmat["lower", "zz"])
+
+    class Reach(Reading):
+        """As a reacher reads."""
+
+        def get_observation(self, physics: Any) -> Any:
+            data, obs = physics.named.data, collections.OrderedDict()
+            obs["position"] = physics.position()
+            obs["to_target"] = data.geom_xpos["target", :2] - data.geom_xpos["finger", :2]
+            obs["velocity"] = physics.velocity()
+            return obs
+
+    class Walk(Reading):
+        """As a walker reads."""
+
+        def get_observation(self, physics: Any) -> Any:
+            data, obs = physics.named.data, collections.OrderedDict()
+            obs["orientations"] = data.xmat[1:, ["xx", "xz"]].ravel()
+            obs["height"] = data.xpos["lower", "z"]
+            obs["velocity"] = physics.velocity()
+            return obs
+
+    return {
+        task.__name__.lower(): control.Environment(
+            engine.Physics.from_xml_string(_CHAIN), task(random=0), control_timestep=0.02
+        )
+        for task in (Reach, Walk)
+    }
+
+
+def measure(num_episodes: int, num_steps: int) -> list[Row]:
+    """The row of each task.
+
+    Args:
+      num_episodes: of each task.
+      num_steps: of each episode.
+    """
+    packages = peers.installed()
+    environments = {package: _tasks(package) for package in packages}
+    random = np.random.RandomState(0)
+    rows = []
+    for name in environments[peers.OURS]:
+        seconds: dict[str, list[float]] = {package: [] for package in packages}
+        order = list(packages)
+        for _ in range(num_episodes):
+            for package in packages:
+                environments[package][name].reset()
+            for _ in range(max(1, num_steps // _STEPS_PER_BLOCK)):
+                actions = list(random.uniform(-1, 1, (_STEPS_PER_BLOCK, 2)))
+                for package in order:
+                    seconds[package].append(_seconds(environments[package][name], actions))
+                order.append(order.pop(0))
+            _check_same(name, [environments[package][name] for package in packages])
+        rows.append(_row(name, seconds))
+    return rows
+
+
+def _seconds(environment: Any, actions: list[np.ndarray]) -> float:
+    """Seconds per step."""
+    start = time.perf_counter()
+    for action in actions:
+        environment.step(action)
+    return (time.perf_counter() - start) / len(actions)
+
+
+def _check_same(name: str, environments: list[Any]) -> None:
+    states = [environment.physics.get_state() for environment in environments]
+    if any(not np.array_equal(state, states[0]) for state in states):
+        raise RuntimeError(f"{name}: the packages did not do the same steps")
+
+
+def _row(name: str, seconds: dict[str, list[float]]) -> Row:
+    theirs = seconds.get(peers.THEIRS, [])
+    ratios = [b / a for a, b in zip(seconds[peers.OURS], theirs, strict=False)]
+    return Row(
+        measure="steps per second, mixed keys",
+        subject=name,
+        ours=1 / statistics.median(seconds[peers.OURS]),
+        theirs=1 / statistics.median(theirs) if theirs else None,
+        unit="/s",
+        value=statistics.median(ratios) if ratios else None,
+        bar=_FASTER,
+        details={"ratio_of_each_block": spread(ratios)} if ratios else {},
+    )

@@ -1,0 +1,92 @@
+"""Compiled models are shared by their source, and kept for the next load."""
+
+import gc
+import weakref
+
+import mujoco
+import pytest
+
+from limberjack import suite
+from limberjack.mujoco.wrapper import compiled as kept_models
+from limberjack.mujoco.wrapper.compiled import compiled
+
+_XML = "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
+
+
+def _compile() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(_XML)
+
+
+def test_a_source_is_compiled_once_even_after_nobody_uses_the_model() -> None:
+    def never() -> mujoco.MjModel:
+        raise AssertionError("it was compiled again")
+
+    source = "once", _XML
+    number = id(compiled(source, _compile).model)
+    gc.collect()
+    assert id(compiled(source, never).model) == number
+
+
+def test_models_that_nobody_uses_are_dropped_when_they_are_too_large_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(kept_models, "_last_used", type(kept_models._last_used)())
+    size = mujoco.mj_sizeModel(_compile())
+    monkeypatch.setattr(kept_models, "_MOST_KEPT", int(2.5 * size))
+    models = [weakref.ref(compiled(("many", i), _compile)) for i in range(3)]
+    assert [model() is None for model in models] == [True, False, False]
+    kept = compiled(("many", 1), _compile)
+    assert kept is models[1]()
+    compiled(("many", 3), _compile)
+    assert compiled(("many", 1), _compile) is kept  # still in use, so still shared
+    assert models[2]() is None
+
+
+def test_a_second_load_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    for domain, task in suite.ALL_TASKS:
+        suite.load(domain, task).close()
+    monkeypatch.delattr(mujoco.MjModel, "from_xml_string")
+    for domain, task in suite.ALL_TASKS:
+        suite.load(domain, task).close()
+
+
+def test_models_without_textures_are_shared_too_and_copied_before_they_can_be_changed() -> None:
+    model = suite.load("humanoid", "stand").physics.model
+    first, second = model.without_textures(), model.without_textures()
+    assert first._model is second._model is not model._model
+    assert first._model.ntexdata == 0
+    first.body_pos[:] = 7.0
+    assert not np.any(second.body_pos == 7.0)
+    assert not np.any(model.body_pos == 7.0)
+
+
+def test_a_model_that_was_changed_keeps_its_changes_without_textures() -> None:
+    for model in (suite.load("humanoid", "stand").physics.model, shared_pair()[0]):
+        model.body_mass[1] = 3.25
+        light = model.without_textures()
+        assert light.body_mass[1] == 3.25
+        light.body_mass[1] = 4.0
+        assert model.body_mass[1] == 3.25
+
+
+def test_textures_that_are_not_there_cannot_be_read_or_changed() -> None:
+    physics = suite.load("humanoid", "stand").physics
+    light = type(physics).from_model(physics.model.without_textures())
+    for model in (light.model, light.named.model):
+        with pytest.raises(ValueError, match="no textures: the start of an episode cannot"):
+            model.tex_data[:] = 0
+    assert physics.model.tex_data.size
+
+
+def test_a_model_is_lent_once_somebody_could_change_what_is_drawn() -> None:
+    physics = suite.load("manipulator", "bring_ball").physics
+    physics.named.model.body_pos["target_ball", "x"] = 0.1
+    physics.model.opt.timestep = 0.001
+    assert physics.model._shared is None
+    assert not physics.model._is_lent
+    assert physics.named.model.tex_data.size
+    assert physics.model._is_lent
+    for touch in (lambda m: m.ptr, lambda m: m.mesh_vert, lambda m: m.tex("skybox")):
+        model = suite.load("manipulator", "bring_ball").physics.model
+        touch(model)
+        assert model._is_lent
