@@ -16,8 +16,10 @@ from typing import Any
 
 import pytest
 
-with contextlib.suppress(ImportError):  # Windows has none
+try:
     import resource
+except ImportError:  # Windows has none
+    resource = None
 
 __all__ = ["MemoryReport", "free_what_nobody_uses"]
 
@@ -32,6 +34,8 @@ _LEAST = 20.0  # megabytes by which a test that is shown raised the peak
 
 def _peak() -> float:
     """The most memory that this process has had so far, megabytes."""
+    if resource is None:
+        return 0.0
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1e6 if sys.platform == "darwin" else 1e3)  # bytes there, kilobytes elsewhere
 

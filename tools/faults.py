@@ -167,7 +167,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("free = seed % ROWS not in places", "free = True"),
         ("so_far[1], so_far[0] + 1)", "so_far[1], so_far[0])"),
         ("self._waiting = passed + self._waiting[", "self._waiting = self._waiting["),
-        ("taking = idle[: len(seeds)]", "taking = idle[-len(seeds) :]"),
+        ("        environment.reseed(seed)\n", ""),
     ],
     "suite/humanoid.py": [
         ("margin=_STAND_HEIGHT / 4", "margin=_STAND_HEIGHT / 2"),

@@ -144,7 +144,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.list:
         print(*faults, sep="\n")
         return 0
-    counts = dict.fromkeys((CAUGHT, MISSED, STALE, BROKEN), 0)
+    counts: dict[str, int] = dict.fromkeys((CAUGHT, MISSED, STALE, BROKEN), 0)
     with tempfile.TemporaryDirectory(prefix="planted-") as folder:
         copy = Copy(Path(folder))
         for fault in faults:
