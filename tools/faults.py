@@ -233,7 +233,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return velocity.reshape(2, 3)[::-1]", "return velocity.reshape(2, 3)"),
         ("if not 0 <= contact_id < self._data.ncon:", "if not 0 <= contact_id <= self._data.ncon:"),
         ('"_data", copy.copy(self._data)', '"_data", self._data'),
-        ("self._data.contact[: self._data.ncon]", "self._data.contact"),
     ],
     "mujoco/wrapper/model.py": [
         ("opt.disableflags = before | bits", "opt.disableflags = bits"),
