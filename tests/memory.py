@@ -83,6 +83,7 @@ class MemoryReport:
         elif self._raised:
             self._lines += self._described()
 
+    @pytest.hookimpl(optionalhook=True)  # pytest-xdist's
     def pytest_testnodedown(self, node: Any) -> None:
         """Takes what a worker of pytest-xdist found."""
         first, *rest = node.workeroutput.get("memory", ["no report"])
