@@ -1,4 +1,4 @@
-"""How much memory the processes that run tests take, at most, and which tests raised that.
+"""The peak memory of the processes that run tests, and the tests that raised it.
 
     pytest --memory --numprocesses 2 tests
 
