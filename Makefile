@@ -16,7 +16,7 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check \
 
 # A worker per core, each with whole files: what a file's tests share is made once. Not more than
 # four, as some tests use all cores themselves.
-IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile
+IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --memory
 
 export PYTHONUNBUFFERED = 1
 

@@ -1,4 +1,4 @@
-"""How much memory the processes that run tests take, at most, and which tests raised that.
+"""The peak memory of the processes that run tests, and the tests that raised it.
 
     pytest --memory --numprocesses 2 tests
 
@@ -16,8 +16,10 @@ from typing import Any
 
 import pytest
 
-with contextlib.suppress(ImportError):  # Windows has none
+try:
     import resource
+except ImportError:  # Windows has none
+    resource = None
 
 __all__ = ["MemoryReport", "free_what_nobody_uses"]
 
@@ -32,7 +34,9 @@ _LEAST = 20.0  # megabytes by which a test that is shown raised the peak
 
 def _peak() -> float:
     """The most memory that this process has had so far, megabytes."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # pyright: ignore[reportPossiblyUnboundVariable]
+    if resource is None:
+        return 0.0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak / (1e6 if sys.platform == "darwin" else 1e3)  # bytes there, kilobytes elsewhere
 
 
@@ -79,6 +83,7 @@ class MemoryReport:
         elif self._raised:
             self._lines += self._described()
 
+    @pytest.hookimpl(optionalhook=True)  # pytest-xdist's
     def pytest_testnodedown(self, node: Any) -> None:
         """Takes what a worker of pytest-xdist found."""
         first, *rest = node.workeroutput.get("memory", ["no report"])

@@ -167,7 +167,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("free = seed % ROWS not in places", "free = True"),
         ("so_far[1], so_far[0] + 1)", "so_far[1], so_far[0])"),
         ("self._waiting = passed + self._waiting[", "self._waiting = self._waiting["),
-        ("taking = idle[: len(seeds)]", "taking = idle[-len(seeds) :]"),
+        ("        environment.reseed(seed)\n", ""),
     ],
     "suite/humanoid.py": [
         ("margin=_STAND_HEIGHT / 4", "margin=_STAND_HEIGHT / 2"),
@@ -233,7 +233,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return velocity.reshape(2, 3)[::-1]", "return velocity.reshape(2, 3)"),
         ("if not 0 <= contact_id < self._data.ncon:", "if not 0 <= contact_id <= self._data.ncon:"),
         ('"_data", copy.copy(self._data)', '"_data", self._data'),
-        ("self._data.contact[: self._data.ncon]", "self._data.contact"),
     ],
     "mujoco/wrapper/model.py": [
         ("opt.disableflags = before | bits", "opt.disableflags = bits"),

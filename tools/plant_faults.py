@@ -82,7 +82,7 @@ class Copy:
         self._passing: dict[str, bool] = {}  # by test: whether it passes without a fault
 
     def verdict(self, fault: Fault) -> tuple[str, str]:
-        """What became of a fault, and the test that noticed it or what went wrong."""
+        """The verdict on a fault, and the test that noticed it or the reason."""
         path = self.folder / PACKAGE / fault.file
         source = path.read_text(encoding="utf-8") if path.exists() else ""
         wrong = planted(source, fault)
@@ -98,7 +98,7 @@ class Copy:
         return kind, why
 
     def _tested_in_turn(self, tests: list[str]) -> tuple[str, str]:
-        """What the first of the tests says that does not pass."""
+        """The result of the first of the tests that does not pass."""
         for one in tests:
             kind, why = self._tested([one])
             if kind != MISSED:
@@ -106,7 +106,7 @@ class Copy:
         return MISSED, f"{' '.join(tests)} pass"
 
     def _tested(self, tests: list[str]) -> tuple[str, str]:
-        """What a run of tests says of the copy; the test that failed, where one did."""
+        """The result of the tests in the copy, and the test that failed, if one did."""
         options = ["-x", "-q", "--no-header", "--tb=no", "-p", "no:cacheprovider", "-rfE"]
         unwritten = {"PYTHONDONTWRITEBYTECODE": "1"}
         try:

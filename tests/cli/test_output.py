@@ -1,4 +1,4 @@
-"""What commands print, and how they end."""
+"""Tables, complaints and exit statuses of commands."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What `run` and `solve` have in common: seeds, what is kept, and how a command ends."""
+"""The part that `run` and `solve` share: seeds, files and exit statuses."""
 
 import json
 from pathlib import Path

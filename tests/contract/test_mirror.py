@@ -50,7 +50,7 @@ def _only_exports(module: str) -> bool:
 
 
 def _test_of(path: Path) -> Path:
-    """Where the tests of a module, given below the package, are to be."""
+    """The path below tests/ that a module has to be tested in."""
     folder = Path(*(part.lstrip("_") for part in path.parts[:-1]))
     return folder / f"test_{path.name.lstrip('_')}"
 

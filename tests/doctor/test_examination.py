@@ -1,4 +1,4 @@
-"""What is found on this machine, with a MUJOCO_GL that is nonsense."""
+"""An examination of this machine, with a MUJOCO_GL that is nonsense."""
 
 import json
 import os
@@ -15,7 +15,7 @@ from limberjack.utils import cores
 
 @pytest.fixture(scope="module")
 def here() -> dict[str, Any]:
-    """What the command finds on this machine, with a MUJOCO_GL that is nonsense."""
+    """The JSON that the command prints on this machine, with a MUJOCO_GL that is nonsense."""
     done = subprocess.run(
         [sys.executable, "-m", "limberjack", "doctor", "--json"],
         env={**os.environ, "MUJOCO_GL": "nonsense"},

@@ -1,4 +1,4 @@
-"""What `examine` finds, as plain values."""
+"""The plain values that `examine` returns."""
 
 import dataclasses
 import json

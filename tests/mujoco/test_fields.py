@@ -1,4 +1,4 @@
-"""Which axis of a field is named after what, and which fields simulations may differ in."""
+"""Names of the axes of fields, and the fields that simulations may differ in."""
 
 import mujoco
 import numpy as np

@@ -1,4 +1,4 @@
-"""What a picture is: options that go together, and what becomes of the raw pixels."""
+"""Pictures: options that go together, and raw pixels made into arrays."""
 
 from types import SimpleNamespace
 from typing import Any

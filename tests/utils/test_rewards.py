@@ -1,5 +1,6 @@
 """Tests of limberjack.utils.rewards."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -136,6 +137,13 @@ def test_the_power_of_a_batch_of_numbers_is_not_that_of_a_vector() -> None:
     different = np.count_nonzero(vector != batch)
     assert different < 0.01 * len(x)
     np.testing.assert_allclose(vector, batch, rtol=1e-12, atol=1e-15)
+
+
+def test_a_number_is_squared_by_pow_as_in_dm_control() -> None:
+    numbers = np.random.RandomState(0).uniform(1e-3, 4, 50_000).tolist()
+    got = [rewards.tolerance(x, (0, 0), 1.0, "long_tail", 0.5) for x in numbers]
+    # One in some thousand numbers tells it from the product, in the last bit.
+    assert got == [1 / (math.pow(x, 2) + 1) for x in numbers]
 
 
 def test_mean_tolerance_is_the_mean_of_each_elements_tolerance() -> None:
@@ -281,6 +289,12 @@ def test_infinitely_far_away_it_is_0_and_nan_is_not_1(sigmoid: str) -> None:
         for value in (x, np.array([x])):
             assert rewards.tolerance(value, (-1, 1), 1.0, sigmoid) == 0.0
     assert rewards.tolerance(float("nan"), (-1, 1), 1.0, sigmoid) != 1.0
+
+
+@pytest.mark.parametrize("sigmoid", _REACH_ZERO)
+def test_what_reaches_0_is_0_for_nan_too(sigmoid: str) -> None:
+    for value in (float("nan"), np.array([np.nan, 0.0])):
+        assert np.ravel(rewards.tolerance(value, (-1, 1), 1.0, sigmoid))[0] == 0.0
 
 
 @pytest.mark.parametrize(

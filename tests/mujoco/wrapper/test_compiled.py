@@ -50,25 +50,6 @@ def test_a_second_load_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None
         suite.load(domain, task).close()
 
 
-def test_models_without_textures_are_shared_too_and_copied_before_they_can_be_changed() -> None:
-    model = suite.load("humanoid", "stand").physics.model
-    first, second = model.without_textures(), model.without_textures()
-    assert first._model is second._model is not model._model
-    assert first._model.ntexdata == 0
-    first.body_pos[:] = 7.0
-    assert not np.any(second.body_pos == 7.0)
-    assert not np.any(model.body_pos == 7.0)
-
-
-def test_a_model_that_was_changed_keeps_its_changes_without_textures() -> None:
-    for model in (suite.load("humanoid", "stand").physics.model, shared_pair()[0]):
-        model.body_mass[1] = 3.25
-        light = model.without_textures()
-        assert light.body_mass[1] == 3.25
-        light.body_mass[1] = 4.0
-        assert model.body_mass[1] == 3.25
-
-
 def test_textures_that_are_not_there_cannot_be_read_or_changed() -> None:
     physics = suite.load("humanoid", "stand").physics
     light = type(physics).from_model(physics.model.without_textures())

@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 import pytest
 
 from limberjack.mujoco import wrapper
+from limberjack.mujoco.wrapper import core
 
 _XML = """
 <mujoco model="balls">
@@ -126,3 +128,21 @@ def test_every_flag_of_this_mujoco_has_a_name(model: wrapper.MjModel) -> None:
         if name.startswith("mjDSBL_"):
             with model.disable(name.removeprefix("mjDSBL_").lower()):
                 assert model.opt.disableflags == bit.value
+
+
+def test_the_model_that_was_compiled_last_is_written_as_xml(tmp_path: Path) -> None:
+    first = wrapper.MjModel.from_xml_string(_XML)
+    path = tmp_path / "model.xml"
+    core.save_last_parsed_model_to_xml(str(path), first)
+    assert 'model="balls"' in path.read_text(encoding="utf-8")
+    again = wrapper.MjModel.from_xml_path(str(path))
+    np.testing.assert_array_equal(again.geom_pos, first.geom_pos)
+    core.save_last_parsed_model_to_xml(str(path), again)
+
+
+def test_a_model_that_was_not_compiled_last_is_not_written(tmp_path: Path) -> None:
+    first = wrapper.MjModel.from_xml_string(_XML)
+    wrapper.MjModel.from_xml_string("<mujoco/>")
+    with pytest.raises(ValueError, match="most recently loaded"):
+        core.save_last_parsed_model_to_xml(str(tmp_path / "model.xml"), first)
+    assert not list(tmp_path.iterdir())

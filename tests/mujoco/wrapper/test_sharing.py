@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from limberjack import suite
 from limberjack.mujoco import wrapper
 from limberjack.mujoco.wrapper.sharing import SharedModel
 
@@ -109,3 +110,22 @@ def test_a_passive_model_differs_in_actuation_only() -> None:
     assert not shared.model.opt.disableflags
     passive.opt.disableflags = 0
     assert wrapper.MjModel(passive).to_bytes() == wrapper.MjModel(shared.model).to_bytes()
+
+
+def test_models_without_textures_are_shared_too_and_copied_before_they_can_be_changed() -> None:
+    model = suite.load("humanoid", "stand").physics.model
+    first, second = model.without_textures(), model.without_textures()
+    assert first._model is second._model is not model._model
+    assert first._model.ntexdata == 0
+    first.body_pos[:] = 7.0
+    assert not np.any(second.body_pos == 7.0)
+    assert not np.any(model.body_pos == 7.0)
+
+
+def test_a_model_that_was_changed_keeps_its_changes_without_textures() -> None:
+    for model in (suite.load("humanoid", "stand").physics.model, shared_pair()[0]):
+        model.body_mass[1] = 3.25
+        light = model.without_textures()
+        assert light.body_mass[1] == 3.25
+        light.body_mass[1] = 4.0
+        assert model.body_mass[1] == 3.25

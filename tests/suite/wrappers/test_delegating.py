@@ -1,4 +1,4 @@
-"""What the action wrappers share: delegation, and the check of an action."""
+"""The part that action wrappers share: delegation, and the check of an action."""
 
 import copy
 import pickle

@@ -1,12 +1,13 @@
 """Compiled models that simulations share, and copy when one of them is about to be changed.
 
-    first = compiled(source, compile_it)
-    assert compiled(source, compile_it) is first     # it was not called again
+    shared = SharedModel(official)
+    first, second = wrapper.MjModel(shared), wrapper.MjModel(shared)
+    first.body_mass[1] = 2.0     # from here on the first one has a copy
 
-A model of the suite takes 12 MB, nearly all of it the sky, and about 70 ms to compile. Simulations
-of the same source share one `SharedModel`, and the last ones used are kept for the next load. An
-access that could change it through an `MjModel` copies it first (`CopyOnWrite`): an array that can
-be written, a nested struct, `ptr`. Code of this package that reads uses `model._model`.
+A model of the suite takes 12 MB, nearly all of it the sky. Simulations of the same source share one
+`SharedModel`; see `compiled`. An access that could change it through an `MjModel` copies it first
+(`CopyOnWrite`): an array that can be written, a nested struct, `ptr`. Code of this package that
+reads uses `model._model`.
 """
 
 import copy
@@ -17,7 +18,7 @@ import mujoco
 
 from limberjack.mujoco.wrapper.textures import without_textures
 
-__all__ = ["CopyOnWrite", "SharedModel", "compiled", "drop_unused"]
+__all__ = ["CopyOnWrite", "SharedModel"]
 
 
 # What cannot be changed in place and so may be handed out of a shared model.
