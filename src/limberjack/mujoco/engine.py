@@ -304,17 +304,20 @@ class Physics(Rows, _control.Physics):
           share_model: let both use one model, so that editing it changes both.
         """
         new = type(self).__new__(type(self))
-        new.__setstate__((self._data._make_copy(share_model=share_model), self._settings()))
+        new.__setstate__((self._data._make_copy(share_model=share_model), {}))
+        vars(new).update(self._settings())
         return new
 
     def __getstate__(self) -> tuple[wrapper.MjData, dict[str, Any]]:
         return self._data, self._settings()
 
     def __setstate__(self, state: tuple[wrapper.MjData, dict[str, Any]]) -> None:
-        self._data, settings = state
-        self._simulation = SingleSimulation(self._data)  # all is copied as it is, not computed
-        vars(self).update(settings)
+        data, settings = state
+        self._data, self._simulation = data, SingleSimulation(data)
         self._simulation.check_state()
+        if not settings.get("copies_as_is"):
+            self._reload_from_data(data)
+        vars(self).update(settings)
 
     def control(self) -> np.ndarray:
         """The control signals, (nu,)."""

@@ -26,7 +26,7 @@ from limberjack.utils.suggest import did_you_mean
 __all__ = ["Rows"]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
-_SETTINGS = ("legacy_step", "_constants")
+_SETTINGS = ("legacy_step", "copies_as_is", "_constants")
 _OF_STYLE = ("overlays", "depth", "segmentation", "render_flag_overrides", "quality")
 # The keyword arguments of `Physics.render`, with their defaults.
 _HOW = {p.name: p.default for p in list(inspect.signature(render).parameters.values())[1:]}

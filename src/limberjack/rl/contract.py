@@ -32,6 +32,9 @@ class Physics(abc.ABC):
     # Whether position and velocity dependent quantities are up to date after a step
     # (https://arxiv.org/abs/2006.12983, page 6).
     legacy_step: bool = True
+    # Whether `copy.deepcopy` and `pickle` keep every quantity as it is, which an `Environment` asks
+    # for; otherwise they are computed anew, as by dm_control.
+    copies_as_is: bool = False
 
     @abc.abstractmethod
     def step(self, n_sub_steps: int = 1) -> None:

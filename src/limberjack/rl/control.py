@@ -111,6 +111,7 @@ class Environment(dm_env.Environment):
         if time_limit != float("inf"):
             self._step_limit = time_limit / (physics.timestep() * self._n_sub_steps)
         physics.legacy_step = legacy_step
+        physics.copies_as_is = True
         self._step_count = 0
         self._reset_next_step = True
         if randomize:
