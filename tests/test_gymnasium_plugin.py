@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from programs import run
 
 import limberjack
+from tests.programs import run
 
 _HOOK = "import limberjack._gymnasium_plugin\n"
 _SOURCE = Path(limberjack.__file__).parents[1]

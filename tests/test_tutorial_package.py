@@ -11,11 +11,11 @@ import sys
 from pathlib import Path
 
 import pytest
-import tutorial
-from programs import run
 
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
+from tests import tutorial
+from tests.programs import run
 
 _TESTS = Path(__file__).parent
 _ID = "my_package.swing:limberjack/swing-swing_up-v0"

@@ -6,9 +6,9 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.envs.registration import EnvSpec
-from programs import run
 
 from limberjack import gym, suite
+from tests.programs import run
 
 _ID = "limberjack/manipulator-bring_ball-v0"
 _STEP = 0.01  # seconds of its control step

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from suite import expectations
 
 from limberjack import suite
+from tests.suite import expectations
 
 from .episodes import TASKS, Task, actions, load, play
 

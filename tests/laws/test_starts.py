@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from suite import expectations
 
 from limberjack.suite import base
+from tests.suite import expectations
 
 from .episodes import TASKS, Task, bits, kinds, load
 

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import two_arms
+
+from tests import two_arms
 
 from .oracle import BOTH
 from .same import assert_same

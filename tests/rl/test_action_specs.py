@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-import two_arms
 from dm_env import specs
 
 from limberjack import gym, policies
 from limberjack.rl.action_specs import bounded_spec, bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import humanoid
+from tests import two_arms
 
 _TASKS = pytest.mark.parametrize(
     ("make", "size"), [(two_arms.by_joints, 14), (two_arms.by_pose, 16)]

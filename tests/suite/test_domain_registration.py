@@ -12,13 +12,13 @@ from types import ModuleType
 import gymnasium
 import numpy as np
 import pytest
-import tutorial
-from programs import run
 
 from limberjack import registry, suite
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import humanoid
 from limberjack.utils import containers
+from tests import tutorial
+from tests.programs import run
 
 _ID = "limberjack/swing-swing_up-v0"
 _TASK = ("swing", "swing_up")

@@ -2,9 +2,8 @@
 
 import importlib
 
-import task_table
-
 from limberjack import registry, suite
+from tests.suite import task_table
 
 
 def test_the_table_is_what_the_modules_define() -> None:

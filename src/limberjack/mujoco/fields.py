@@ -20,6 +20,7 @@ __all__ = [
     "RAGGED",
     "axes_of",
     "check_randomizable",
+    "fields_of_rows",
     "have_constants",
     "nominal",
     "of_floats",
@@ -182,6 +183,11 @@ def _model_row(field: str, shape: tuple[int, ...], model: mujoco.MjModel) -> str
 _FIXED_OPTIONS = ("opt.timestep", "opt.integrator", "opt.disableflags", "opt.enableflags")
 # Integers that are values and no addresses, counts or kinds.
 _VALUES = ("contype", "conaffinity", "condim", "priority")
+
+
+def fields_of_rows() -> frozenset[str]:
+    """The fields of MjModel that each row of a batch can have for itself, options as 'opt.*'."""
+    return mujoco.batch.MODEL_FIELDS
 
 
 def check_randomizable(name: str) -> None:

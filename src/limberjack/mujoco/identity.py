@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import mujoco
 
+from limberjack.mujoco import model_values
 from limberjack.mujoco.wrapper.core import MjModel
-from limberjack.rl import model_values
 
 __all__ = ["identity"]
 

@@ -14,12 +14,12 @@ It finds nothing that the first steps of an episode do not show.
 import copy
 from collections.abc import Iterator, Mapping, Sequence
 
-import mujoco.batch
 import numpy as np
 from dm_env import specs
 
+from limberjack.mujoco import model_values
+from limberjack.mujoco.fields import fields_of_rows
 from limberjack.mujoco.replicas import Replicas
-from limberjack.rl import model_values
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch_errors import Finding, explained
 from limberjack.rl.contract import Physics, PhysicsError, SimulatedPhysics, Task
@@ -66,8 +66,8 @@ def check_episode_fields(task: Task) -> None:
             "such as ('body_pos',)"
         )
     for field in fields:
-        if field not in mujoco.batch.MODEL_FIELDS:
-            known = sorted(mujoco.batch.MODEL_FIELDS)
+        if field not in fields_of_rows():
+            known = sorted(fields_of_rows())
             raise ValueError(
                 f"task {name} declares {field!r} in EPISODE_FIELDS, which a batch cannot have for "
                 f"each row.{did_you_mean(field, known)} Its rows can differ in the fields of "
@@ -277,7 +277,7 @@ class _Trial:
         """Raises ValueError if fields of the model were changed that each row does not have."""
         if not changed:
             return
-        shared = [name for name in changed if name not in mujoco.batch.MODEL_FIELDS]
+        shared = [name for name in changed if name not in fields_of_rows()]
         task, named = self._name, ", ".join(changed)
         if shared:
             raise ValueError(
