@@ -224,7 +224,7 @@ class _Batch(_Contest):
         self._batch.reset()
         self._random = np.random.RandomState(_SEED)
         physics: Any = self._batch.physics
-        model, official = physics.single.model._model, physics._simulation.batch
+        model, official = physics.simulation.model._model, physics.simulation._lazy.official
         data = mujoco.MjData(model)
         draw = _bare(model, data, *size)
 

@@ -144,13 +144,14 @@ def test_a_row_that_diverges_has_no_terms_and_is_flagged_alone(
     envs = falling_envs(3)
     envs.reset(seed=0)
     batch = envs.batches[0]
-    plain = batch.physics.step_rows
+    replicas = batch._replicas
+    plain = replicas.step
 
     def diverging(rows: Any, nstep: int) -> np.ndarray:
         plain(rows, nstep)
         return np.array([False, True, False])
 
-    monkeypatch.setattr(batch.physics, "step_rows", diverging)
+    monkeypatch.setattr(replicas, "step", diverging)
     _, reward, terminated, truncated, info = envs.step(np.zeros((3, 21)))
     assert info["diverged"].tolist() == [False, True, False]
     assert terminated.tolist() == [False, True, False]

@@ -83,8 +83,9 @@ def test_a_task_that_breaks_a_law_fails_it() -> None:
         calls = 0
 
         def get_reward(self, physics: Any) -> Any:
+            # Not within the few steps that are compared when a batch is made.
             Forgetful.calls += 1
-            return super().get_reward(physics) + Forgetful.calls
+            return super().get_reward(physics) + (Forgetful.calls > 60)
 
     class Laws(batch_test_utils.BatchEnvironmentTestMixin, unittest.TestCase):
         num_steps = 4

@@ -16,10 +16,17 @@ import functools
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn, Self, cast
 
-import mujoco
 import numpy as np
 
-from limberjack.mujoco import camera, drawing, fields, index, replicas, wrapper
+from limberjack.mujoco import (
+    camera,
+    drawing,
+    fields,
+    index,
+    physics_state,
+    replicas,
+    wrapper,
+)
 from limberjack.mujoco.action_spec import action_spec
 from limberjack.mujoco.camera import (
     Camera,
@@ -33,7 +40,7 @@ from limberjack.mujoco.camera import (
 from limberjack.mujoco.identity import identity
 from limberjack.mujoco.index import NamedIndexStructs
 from limberjack.mujoco.rows_view import RowsData
-from limberjack.mujoco.simulation import Fields, Simulation, described, signature_of
+from limberjack.mujoco.simulation import Fields, Simulation, described
 from limberjack.mujoco.single_simulation import SingleSimulation
 from limberjack.mujoco.wrapper.compiled import compiled
 from limberjack.rl import control as _control
@@ -298,30 +305,13 @@ class Physics(_control.Physics):
 
     # State.
 
-    def get_state(self, sig: int | None = None) -> np.ndarray:
-        """The state as one array.
+    get_state = physics_state.get_state
+    set_state = physics_state.set_state
 
-        Args:
-          sig: which parts, as `mujoco.mjtState` bits. By default positions, velocities and
-            activations, and plugins' states: what dm_control means by state. That misses the
-            solver's warm start; `mjSTATE_INTEGRATION` is everything a step depends on.
-        """
-        return self._simulation.get_state(signature_of(self.model._model, sig))
-
-    def set_state(self, physics_state: np.ndarray, sig: int | None = None) -> None:
-        """Sets the state, an array as returned by `get_state(sig)`.
-
-        Raises:
-          ValueError: the array has another shape; nothing is changed.
-        """
-        state = np.asarray(physics_state, float)
-        signature = signature_of(self.model._model, sig)
-        shape: tuple[int, ...] = (mujoco.mj_stateSize(self.model._model, signature),)
-        if self.num_envs is not None:
-            shape = (self.num_envs, *shape)
-        if state.shape != shape:
-            raise ValueError(f"Input physics state has shape {state.shape}. Expected {shape}.")
-        self._simulation.set_state(state, signature)
+    def _physics_state_items(self) -> list[np.ndarray]:
+        data = self._data._data
+        items = [data.qpos, data.qvel, data.act]
+        return [*items, data.plugin_state] if self.model.nplugin else items
 
     def copy(self, share_model: bool = False) -> Self:
         """A simulation in the same state, except for the solver's warm start, as in dm_control.

@@ -44,16 +44,10 @@ __all__ = [
     "described",
     "is_bad_state",
     "read_field",
-    "signature_of",
 ]
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value  # what a time step depends on
 ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
-
-# What dm_control means by state.
-_POSITION, _VELOCITY, _ACTIVATION, _PLUGIN = (
-    getattr(mujoco.mjtState, f"mjSTATE_{part}").value for part in ("QPOS", "QVEL", "ACT", "PLUGIN")
-)
 
 # The last call of a simulation: a number of steps (`step`), a negative number of them
 # (`step_whole`), or one of these.
@@ -151,6 +145,10 @@ class Simulation(Fields, Protocol):
         """
         ...
 
+    def saved_form(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
+        """Arrays of the shapes and types that `save` gives, whatever their values."""
+        ...
+
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
         """Sets what `save` gave; without its call, quantities that follow from the state follow."""
         ...
@@ -215,13 +213,6 @@ def described(warnings: np.ndarray) -> str:
     if warnings.ndim == 1:
         return names
     return f"{names} in rows {np.flatnonzero(warnings.any(axis=-1)).tolist()}"
-
-
-def signature_of(model: mujoco.MjModel, signature: int | None) -> int:
-    """The parts of a state as `mujoco.mjtState` bits; of what dm_control means by it for None."""
-    if signature is not None:
-        return signature
-    return _POSITION | _VELOCITY | _ACTIVATION | (_PLUGIN if model.nplugin else 0)
 
 
 def read_field(model: mujoco.MjModel, name: str) -> AnyArray:

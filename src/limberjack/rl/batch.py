@@ -15,7 +15,7 @@ where a row's episode has just begun its reward is 0 and its discount 1.
 
 import copy
 import functools
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from typing import Any
 
 import dm_env
@@ -126,34 +126,22 @@ class BatchEnvironment:
         num_envs = guards.at_least_one("num_envs", num_envs)
         fields = env._saved_fields()
         check_episode_fields(env.task)
-        guards.check_memory(num_envs, env.physics.save_rows(None, fields).values())
+        guards.check_memory(num_envs, env.physics.simulation.save(None, fields).values())
         threads = cores.usable_cores() if num_threads is None else num_threads
         task = copy.copy(env.task)
         if getattr(task, "visualize_reward", False):
             task.visualize_reward = False  # the rows have their materials' colours in common
-        replicas = env.physics.replicate(
-            num_envs,
-            min(guards.at_least_one("num_threads", threads), num_envs),
-            fields,
-        )
-        return cls(
-            replicas,
-            task,
-            n_sub_steps=env._n_sub_steps,
-            step_limit=env._step_limit,
-            seed=seed,
-            flat_observation=env._flat_observation,
-            randomizer=env._randomizer,
-            pixels=env.pixels,
-            on_divergence=on_divergence,
-        )
+        threads = min(guards.at_least_one("num_threads", threads), num_envs)
+        how = env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence
+        replicas = env.physics.replicate(num_envs, threads, fields)
+        return cls(replicas, task, *how, randomizer=env._randomizer, pixels=env.pixels)
 
     def reset(
         self, ids: _Rows = None, seeds: Sequence[int | None] | None = None
     ) -> dm_env.TimeStep:
         """Begins an episode in every row, or in the given ones, and returns the batch.
 
-        _Rows that are not reset keep their state; they are shown as in mid-episode, with reward 0.
+        Rows that are not reset keep their state; they are shown as in mid-episode, with reward 0.
 
         Args:
           ids: sorted row numbers or a mask of (num_envs,).
@@ -216,11 +204,13 @@ class BatchEnvironment:
 
     def snapshot(self, rows: _Rows = None) -> Snapshot:
         """All that the future of the batch, or of some rows, depends on."""
-        rows = self._rows(rows)
+        return self._snapshot(self._rows(rows), self._replicas.simulation.save)
+
+    def _snapshot(self, rows: np.ndarray, save: Callable[..., dict[str, np.ndarray]]) -> Snapshot:
         with self._use:
             return Snapshot(
                 self._origin,
-                self._replicas.simulation.save(rows, self._saved_fields),
+                save(rows, self._saved_fields),
                 self._counter.steps[rows],
                 self._begins[rows],
                 self._streams.save(rows, with_beside=self._randomizer is not None),
@@ -243,7 +233,7 @@ class BatchEnvironment:
         """
         rows = self._rows(rows)
         snapshot.check(self._origin, len(rows))
-        snapshot.check_arrays(self.snapshot(rows))
+        snapshot.check_arrays(self._snapshot(rows, self._replicas.simulation.saved_form))
         snapshot.check_length(self.step_limit)
         with self._use:
             self._begins[rows] = True  # until it is complete

@@ -39,7 +39,6 @@ _FALL_TIME = 1.0  # seconds; without control every humanoid lies on the ground b
 _UP_HEIGHT = 0.7  # metres; half the height of the head at which standing is fully rewarded
 _FACING = 0.5  # cosine of 60 degrees
 _PLANNED_WALK = 2.0  # metres per second; the planner has a cost of its own for faster tasks
-
 _LIMBS = ["left_hand", "left_foot", "right_hand", "right_foot"]
 
 SUITE = containers.TaggedTasks()
@@ -172,10 +171,7 @@ class Humanoid(base.Task[Physics]):
         super().initialize_episode(physics)
 
     def start(self, physics: Physics) -> str:
-        """How a copy of the physics lies after it has fallen for a second, or 'up'.
-
-        On its side the torso's front is more than 60 degrees away from the vertical.
-        """
+        """The pose of a copy that has fallen for a second; on its side beyond 60 degrees."""
         fall = physics.copy(share_model=True)
         fall.set_control(np.zeros(fall.model.nu))
         fall.step(round(_FALL_TIME / fall.timestep()))
