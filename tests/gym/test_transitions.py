@@ -151,8 +151,9 @@ def test_a_row_that_diverges_has_no_terms_and_is_flagged_alone(
         plain(rows, nstep)
         return np.array([False, True, False])
 
-    monkeypatch.setattr(replicas, "step", diverging)
-    _, reward, terminated, truncated, info = envs.step(np.zeros((3, 21)))
+    with monkeypatch.context() as patched:
+        patched.setattr(replicas, "step", diverging)
+        _, reward, terminated, truncated, info = envs.step(np.zeros((3, 21)))
     assert info["diverged"].tolist() == [False, True, False]
     assert terminated.tolist() == [False, True, False]
     assert not truncated.any()

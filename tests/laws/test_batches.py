@@ -83,12 +83,13 @@ def test_a_task_that_breaks_a_law_fails_it() -> None:
         calls = 0
 
         def get_reward(self, physics: Any) -> Any:
-            # Not within the few steps that are compared when a batch is made.
             Forgetful.calls += 1
-            return super().get_reward(physics) + (Forgetful.calls > 60)
+            # Later than in the few steps that are compared when a batch is made.
+            is_late = np.asarray(physics.time()) > 0.1
+            return super().get_reward(physics) + np.where(is_late, Forgetful.calls, 0)
 
     class Laws(batch_test_utils.BatchEnvironmentTestMixin, unittest.TestCase):
-        num_steps = 4
+        num_steps = 8
 
         def make_single(self, seed: int) -> Any:
             env = suite.load("humanoid", "stand", {"random": seed})

@@ -450,7 +450,6 @@ def test_changes_of_the_model_it_was_made_from_do_not_reach_a_batch() -> None:
         batch.physics.named.model.body_mass["torso"] = 1.0
 
 
-@pytest.mark.xfail(reason="a batch's model can be written to, which its rows do not notice")
 def test_the_model_of_a_batch_is_read_only_and_names_what_to_use() -> None:
     batch = _walkers()
     with pytest.raises((ValueError, AttributeError), match="randomize"):
@@ -462,7 +461,7 @@ def test_the_model_of_a_batch_is_read_only_and_names_what_to_use() -> None:
 def test_threads_are_by_default_the_cores_that_may_be_used() -> None:
     assert 1 <= cores.usable_cores() <= (os.cpu_count() or 1)
     batch = suite.load_batch("stacker", "stack_2", 64)
-    assert batch.physics._simulation.num_threads == min(64, cores.usable_cores())
+    assert batch.physics.simulation.num_threads == min(64, cores.usable_cores())
 
 
 class _Painter(_Pole):

@@ -14,6 +14,10 @@ import numpy as np
 
 __all__ = ["ReadOnly", "ReadOnlyStruct"]
 
+_COMMON = (
+    "{} is the same in all rows and read-only: change it before the batch is made, or use randomize"
+)
+
 
 class ReadOnly(np.ndarray):
     """A read-only view of an array; see the module's docstring."""
@@ -65,8 +69,8 @@ class ReadOnlyStruct:
             raise AttributeError(name)
         value = getattr(self._struct, name)
         if isinstance(value, np.ndarray):
-            return ReadOnly.of(value, f"{self._name}.{name} is the same in all rows and read-only")
+            return ReadOnly.of(value, _COMMON.format(f"{self._name}.{name}"))
         return value
 
     def __setattr__(self, name: str, value: object) -> None:
-        raise ValueError(f"{self._name}.{name} is the same in all rows and read-only")
+        raise ValueError(_COMMON.format(f"{self._name}.{name}"))

@@ -204,6 +204,7 @@ class BatchEnvironment:
 
     def snapshot(self, rows: _Rows = None) -> Snapshot:
         """All that the future of the batch, or of some rows, depends on."""
+        self._use.check()
         return self._snapshot(self._rows(rows), self._replicas.simulation.save)
 
     def _snapshot(self, rows: np.ndarray, save: Callable[..., dict[str, np.ndarray]]) -> Snapshot:
@@ -245,7 +246,7 @@ class BatchEnvironment:
             if self._frames is not None:
                 self._frames.load(snapshot.frames, rows)
             self._counter.steps[rows] = snapshot.step_count
-            bad = bad_rows(self._replicas.physics, snapshot.physics, rows) & ~snapshot.begins
+            bad = bad_rows(self._replicas.physics, rows) & ~snapshot.begins
             self._begins[rows] = snapshot.begins | bad
             self.diverged[rows] = bad
             if arrays.any_of(bad):

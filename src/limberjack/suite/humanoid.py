@@ -151,8 +151,7 @@ class Humanoid(base.Task[Physics]):
         """Makes the task.
 
         Args:
-          move_speed: horizontal speed, metres per second, from which moving is fully rewarded; 0
-            rewards standing still.
+          move_speed: m/s from which horizontal motion is fully rewarded; 0 rewards standing still.
           pure_state: observe generalised positions and velocities instead of features.
           random: a `numpy.random.RandomState`, a seed, or None.
         """
@@ -164,10 +163,8 @@ class Humanoid(base.Task[Physics]):
 
     def initialize_episode(self, physics: Physics) -> None:
         """A random pose without contacts, at rest."""
-        self.draw_collision_free_start(
-            physics,
-            lambda: randomizers.randomize_limited_and_rotational_joints(physics, self.random),
-        )
+        draw = randomizers.randomize_limited_and_rotational_joints
+        self.draw_collision_free_start(physics, lambda: draw(physics, self.random))
         super().initialize_episode(physics)
 
     def start(self, physics: Physics) -> str:
