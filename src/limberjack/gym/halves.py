@@ -52,7 +52,7 @@ class Workers:
         future = self._threads[half].submit(_when_it_is_its_turn, self._turn, job, given)
         self._sent.append((half, future))
 
-    def receive(self) -> tuple[int, Any]:  # Any: what the job returns
+    def receive(self) -> tuple[int, Any]:  # what the job returns
         """The half that was sent first, and what its job returned; or raises what it raised.
 
         Ctrl-C while it waits loses nothing: the next call waits for the same half.
@@ -85,7 +85,7 @@ def _when_it_is_its_turn(
         return job(*given)
 
 
-def joined(parts: Sequence[Any], sizes: Sequence[int]) -> Any:  # Any: arrays or dicts of them
+def joined(parts: Sequence[Any], sizes: Sequence[int]) -> Any:  # arrays or dicts of them
     """Arrays, or equally named dicts of them, one after the other along the first axis.
 
     Args:

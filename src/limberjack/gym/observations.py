@@ -22,9 +22,9 @@ __all__ = ["Info", "Observation", "Observations", "Part", "action_space", "specs
 _BOUND = mujoco.mjMAXVAL
 
 
-# Any: an array, or a dict of arrays, as the arguments of an environment say.
+# An array, or a dict of arrays, as the arguments of an environment say.
 Observation = Any
-# Any: what Gymnasium's own environments have in it.
+# As Gymnasium's own environments have it.
 Info = dict[str, Any]
 
 
@@ -53,7 +53,6 @@ class Observations:
         self.flat = flat
         self.layout = _layout({name: tuple(spec.shape) for name, spec in of_one.items()})
         self._size = self.layout[-1].slice.stop if self.layout else 0
-        # Any: a Box or a Dict.
         self.space: Any = self._box((self._size,)) if flat else self._dict_space()
 
     def of_one(self, observation: Mapping[str, np.ndarray]) -> Observation:

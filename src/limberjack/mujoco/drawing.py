@@ -1,24 +1,26 @@
 """Pictures of a `Physics`: what `render` takes, what shape a picture has, and one for each row."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from limberjack.mujoco import camera
+from limberjack.mujoco.overlays import TextOverlay
 from limberjack.mujoco.pictures import Style
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["check_names", "picture_spec", "render"]
 
+_Physics = Any  # `engine.Physics`, whose module imports this one
 _OF_STYLE = ("overlays", "depth", "segmentation", "render_flag_overrides", "quality")
 # The keyword arguments of `Physics.render`, with their defaults.
 _HOW = {p.name: p.default for p in list(inspect.signature(camera.render).parameters.values())[1:]}
 
 
-# Any: each keyword has a type of its own.
-def picture_spec(physics: Any, given: Mapping[str, Any]) -> tuple[tuple[int, ...], np.dtype]:
+def picture_spec(physics: _Physics, given: Mapping[str, Any]) -> tuple[tuple[int, ...], np.dtype]:
     """Shape and type of the picture that `render` gives with these arguments; draws nothing.
 
     Args:
@@ -53,16 +55,16 @@ def check_names(given: Mapping[str, object]) -> None:
 
 
 def render(
-    physics: Any,
+    physics: _Physics,
     height: int = 240,
     width: int = 320,
     camera_id: int | str = -1,
-    overlays: Any = (),
+    overlays: Iterable[TextOverlay] = (),
     depth: bool = False,
     segmentation: bool = False,
-    scene_option: Any = None,
-    render_flag_overrides: Any = None,
-    scene_callback: Callable[[Any, Any], None] | None = None,
+    scene_option: mujoco.MjvOption | None = None,
+    render_flag_overrides: Mapping[Any, bool] | None = None,
+    scene_callback: Callable[..., None] | None = None,
     quality: str = "full",
 ) -> np.ndarray:
     """A picture of the present state; see `limberjack.mujoco.camera.Camera.render`.

@@ -7,7 +7,7 @@ where it names nonsense. Here that waits until somebody asks for `mujoco.GLConte
 `mujoco.Renderer`; MUJOCO_GL is read then, by MuJoCo's own code, with the same results and errors.
 A `mujoco` that the program imported before is left as it is. Environment variables are unchanged.
 
-Any module that is imported after this one may write `import mujoco`.
+Modules that are imported after this one may write `import mujoco`.
 """
 
 import importlib
@@ -86,4 +86,4 @@ if importlib.util.find_spec("mujoco.batch") is None:
         "install 'mujoco>=4.0,<5', in an environment of its own if others need an older one"
     )
 
-mujoco: Any = sys.modules["mujoco"]  # Any: its names are MuJoCo's to define
+mujoco: Any = sys.modules["mujoco"]  # its names are MuJoCo's to define

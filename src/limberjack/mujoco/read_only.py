@@ -12,6 +12,8 @@ from typing import Any, Self
 
 import numpy as np
 
+from limberjack.utils.arrays import AnyArray
+
 __all__ = ["ReadOnly", "ReadOnlyStruct"]
 
 _COMMON = (
@@ -35,12 +37,13 @@ class ReadOnly(np.ndarray):
     def __array_finalize__(self, source: object) -> None:
         self._advice = getattr(source, "_advice", "")
 
-    # Any: NumPy's own keys, values and protocol.
-    def __setitem__(self, key: Any, value: Any) -> None:
+    def __setitem__(self, key: AnyArray, value: AnyArray) -> None:
         self._refuse_writing()
         super().__setitem__(key, value)
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
+    def __array_ufunc__(
+        self, ufunc: np.ufunc, method: str, *inputs: AnyArray, **kwargs: Any
+    ) -> AnyArray:
         for out in kwargs.get("out", ()):
             if isinstance(out, ReadOnly):
                 out._refuse_writing()
@@ -64,7 +67,7 @@ class ReadOnlyStruct:
         """Takes the object, and what messages call it."""
         vars(self).update(_struct=struct, _name=name)
 
-    def __getattr__(self, name: str) -> Any:  # Any: as the struct has it
+    def __getattr__(self, name: str) -> Any:  # as the struct has it
         if name.startswith("_"):  # also a half-made object's own
             raise AttributeError(name)
         value = getattr(self._struct, name)

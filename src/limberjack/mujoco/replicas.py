@@ -30,7 +30,7 @@ from limberjack.utils.arrays import any_of
 
 __all__ = ["Replicas"]
 
-# Any: a `Physics`, which this file cannot import, as that one imports it.
+# A `Physics`, which this file cannot import, as that one imports it.
 _P = TypeVar("_P", bound=Any)
 
 
@@ -104,7 +104,6 @@ class Replicas(Generic[_P]):
             return np.zeros(self.num_envs, bool)
         return np.any(simulation.warnings, axis=-1)
 
-    # Any: each keyword has a type of its own.
     def render_rows(self, rows: Rows, **kwargs: Any) -> np.ndarray:
         """Pictures of rows, (n, height, width, ...).
 

@@ -26,7 +26,7 @@ __all__ = [
     "Task",
 ]
 
-# Any: an action or a spec is an array or a nested structure of arrays, as the task likes.
+# An action or a spec is an array or a nested structure of arrays, as the task likes.
 Nested = Any
 Observation = Mapping[str, Quantity]
 
@@ -107,7 +107,7 @@ class Drawn(Protocol):
         """Number of rows; None for a single simulation."""
         ...
 
-    # Any: keyword arguments of `limberjack.mujoco.Physics.render`, which checks them.
+    # Keyword arguments of `limberjack.mujoco.Physics.render`, which checks them.
     def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
         """Pictures of rows, all for None."""
         ...
@@ -130,7 +130,7 @@ class SimulatedPhysics(Drawn, Protocol):
         """What steps, saves and loads."""
         ...
 
-    # Any: wrappers of the official structs, whose fields are not listed here.
+    # Wrappers of the official structs, whose fields are not listed here.
     @property
     def model(self) -> Any:
         """The model."""
@@ -145,7 +145,7 @@ class SimulatedPhysics(Drawn, Protocol):
         """The model's present values of fields that are going to be randomised."""
         ...
 
-    def origin(self, varying: Sequence[str] = ()) -> dict[str, Any]:
+    def origin(self, varying: Sequence[str] = ()) -> dict[str, object]:
         """What must agree for a saved row to be loaded."""
         ...
 

@@ -31,7 +31,7 @@ _COUNT_OF_MOVING = {
 class MjData:
     """A simulation's state and results; other fields are those of `mujoco.MjData`."""
 
-    # Any: the official struct's fields, which are not listed here.
+    # The official struct's fields are not listed here.
     _data: Any
     _model: MjModel
 
@@ -57,7 +57,6 @@ class MjData:
         """The model that this data belongs to."""
         return self._model
 
-    # Any: what the official struct has.
     @property
     def contact(self) -> Any:
         """The contacts found at the last forward pass."""

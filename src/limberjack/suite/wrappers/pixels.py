@@ -75,7 +75,6 @@ class Wrapper(_delegating.Wrapper):
         """Steps the wrapped environment and draws it."""
         return self._seen(self._env.step(action))
 
-    # Any: specs of any kind.
     def observation_spec(self) -> MutableMapping[str, Any]:
         """The wrapped environment's observation spec, unless left out, and the picture's."""
         return self._observation_spec
@@ -87,7 +86,6 @@ class Wrapper(_delegating.Wrapper):
     def _picture(self) -> np.ndarray:
         return self._env.physics.render(**self._render_kwargs)
 
-    # Any: arrays or specs.
     def _with(self, state: Any, picture: object) -> MutableMapping[str, Any]:
         """Observations, or their specs, together with the picture or its spec."""
         if self._pixels_only:
