@@ -73,19 +73,18 @@ def test_the_laws_that_users_test_their_own_tasks_with_hold(task: tuple[str, str
 
 
 def test_a_task_that_breaks_a_law_fails_it() -> None:
-    class Forgetful(humanoid.Humanoid):
-        calls = 0
-
+    class Mixing(humanoid.Humanoid):
         def get_reward(self, physics: Any) -> Any:
-            Forgetful.calls += 1
-            return super().get_reward(physics) + Forgetful.calls
+            # Later than a batch is tried out as it is made, which would refuse the task.
+            is_late = physics.time() > 0.08
+            return np.where(is_late, physics.velocity().mean(), super().get_reward(physics))
 
     class Laws(batch_test_utils.BatchEnvironmentTestMixin, unittest.TestCase):
-        num_steps = 4
+        num_steps = 6
 
         def make_single(self, seed: int) -> Any:
             env = suite.load("humanoid", "stand", {"random": seed})
-            task = Forgetful(move_speed=0, pure_state=False, random=seed)
+            task = Mixing(move_speed=0, pure_state=False, random=seed)
             return control.Environment(env.physics, task, time_limit=1, control_timestep=0.025)
 
     result = unittest.TestResult()

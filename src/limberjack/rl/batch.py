@@ -238,7 +238,11 @@ class BatchEnvironment:
         """
         rows = self._rows(rows)
         snapshot.check(self._origin, size=len(rows))
-        snapshot.check_arrays(self.snapshot(rows))
+        snapshot.check_arrays(
+            self._physics.single.save_rows(None, self._saved_fields),
+            {} if self._frames is None else self._frames.save(rows),
+            streams=1 if self._randomizer is None else 2,
+        )
         with self._use:
             self._begins[rows] = True  # until it is complete
             self._physics.load_rows(snapshot.physics, rows)

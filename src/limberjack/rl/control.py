@@ -110,8 +110,7 @@ class Environment(dm_env.Environment):
         self._step_limit = float("inf")
         if time_limit != float("inf"):
             self._step_limit = time_limit / (physics.timestep() * self._n_sub_steps)
-        physics.legacy_step = legacy_step
-        physics.copies_as_is = True
+        physics.legacy_step, physics.copies_as_is = legacy_step, True
         self._step_count = 0
         self._reset_next_step = True
         if randomize:
@@ -253,7 +252,8 @@ class Environment(dm_env.Environment):
         """
         self._check_open()
         snapshot.check(self._origin(), size=1)
-        snapshot.check_arrays(self.snapshot())
+        own = self.snapshot()
+        snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
         with self._use:
             self._reset_next_step = True  # until it is complete
             self._simulated.load_rows(snapshot.physics, None)
