@@ -331,15 +331,17 @@ class Environment(dm_env.Environment):
 
         Where the spec is a nested structure the task checks everything.
         """
-        given = action
-        if type(action) is not np.ndarray or action.dtype.kind not in "fiub":
-            given = getattr(action, "continuous_actions", action)
-            try:
-                given = actions.as_numbers(given)
-            except (TypeError, ValueError):
-                if isinstance(self._task.action_spec(self._physics), specs.Array):
-                    raise
-                return
+        if type(action) is np.ndarray and action.dtype.kind == "f":
+            # The quickest look at every number: this runs at every step.
+            if b"\0" in np.isfinite(action).tobytes():
+                actions.check_finite(action)
+            return
+        try:
+            given = actions.as_numbers(getattr(action, "continuous_actions", action))
+        except (TypeError, ValueError):
+            if isinstance(self._task.action_spec(self._physics), specs.Array):
+                raise
+            return
         actions.check_finite(given)
 
 
