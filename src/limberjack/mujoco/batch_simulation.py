@@ -157,15 +157,6 @@ class BatchSimulation(CountsWarnings):
         index = slice(None) if rows is None else rows
         return lazy.save(rows) | {name: np.array(lazy.own[name][index]) for name in fields}
 
-    def saved_form(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
-        """See `Simulation`; unlike `save`, it reads no sensors, which would enable them."""
-        lazy = self._living()
-        count = len(lazy.state) if rows is None else len(rows)
-        like = {"state": lazy.state, "before": lazy.before_call, "call": lazy.last_call}
-        like |= {name: lazy.own[name] for name in fields}
-        form = {name: np.zeros((count, *a.shape[1:]), a.dtype) for name, a in like.items()}
-        return form | {"sensordata": np.zeros((count, self._model._model.nsensordata))}
-
     def seen(self, row: int) -> dict[str, np.ndarray]:
         """What a single simulation loads to show the positions and velocities that a row shows."""
         return self._living().seen(row)

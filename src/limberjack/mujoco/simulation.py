@@ -145,10 +145,6 @@ class Simulation(Fields, Protocol):
         """
         ...
 
-    def saved_form(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
-        """Arrays of the shapes and types that `save` gives, whatever their values."""
-        ...
-
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
         """Sets what `save` gave; without its call, quantities that follow from the state follow."""
         ...

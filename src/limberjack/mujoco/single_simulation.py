@@ -146,8 +146,6 @@ class SingleSimulation(CountsWarnings):
         saved |= {name: np.array(read_field(model, name)) for name in fields}
         return {name: value[None] for name, value in saved.items()}
 
-    saved_form = save
-
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
         """See `Simulation`; of one row.
 

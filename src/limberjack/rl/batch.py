@@ -15,7 +15,7 @@ where a row's episode has just begun its reward is 0 and its discount 1.
 
 import copy
 import functools
-from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from typing import Any
 
 import dm_env
@@ -204,14 +204,11 @@ class BatchEnvironment:
 
     def snapshot(self, rows: _Rows = None) -> Snapshot:
         """All that the future of the batch, or of some rows, depends on."""
-        self._use.check()
-        return self._snapshot(self._rows(rows), self._replicas.simulation.save)
-
-    def _snapshot(self, rows: np.ndarray, save: Callable[..., dict[str, np.ndarray]]) -> Snapshot:
+        rows = self._rows(rows)
         with self._use:
             return Snapshot(
                 self._origin,
-                save(rows, self._saved_fields),
+                self._replicas.simulation.save(rows, self._saved_fields),
                 self._counter.steps[rows],
                 self._begins[rows],
                 self._streams.save(rows, with_beside=self._randomizer is not None),
@@ -234,7 +231,11 @@ class BatchEnvironment:
         """
         rows = self._rows(rows)
         snapshot.check(self._origin, len(rows))
-        snapshot.check_arrays(self._snapshot(rows, self._replicas.simulation.saved_form))
+        snapshot.check_arrays(
+            self._replicas.single.simulation.save(None, self._saved_fields),
+            {} if self._frames is None else self._frames.save(rows),
+            streams=1 if self._randomizer is None else 2,
+        )
         snapshot.check_length(self.step_limit)
         with self._use:
             self._begins[rows] = True  # until it is complete

@@ -86,10 +86,6 @@ class Simulation(Protocol):
         """All that the future of rows depends on, by name, (n, ...) each; 'state' is the state."""
         ...
 
-    def saved_form(self, rows: np.ndarray | None, fields: Sequence[str]) -> dict[str, np.ndarray]:
-        """Arrays of the shapes and types that `save` gives."""
-        ...
-
     def load(self, saved: Mapping[str, np.ndarray], rows: np.ndarray | None = None) -> None:
         """Makes rows go on as those that were saved."""
         ...

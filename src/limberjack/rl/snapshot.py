@@ -76,22 +76,24 @@ class Snapshot:
                 "many rows"
             )
 
-    def check_arrays(self, like: "Snapshot") -> None:
-        """Raises ValueError unless all arrays and streams are such as those of another snapshot."""
-        # Pictures that nobody observes here are left alone.
-        frames = self.frames if like.frames else {}
-        groups = (
-            (self.physics, like.physics),
-            (frames, like.frames),
-            (
-                {"step_count": self.step_count, "begins": self.begins},
-                {"step_count": like.step_count, "begins": like.begins},
-            ),
-        )
-        for found, expected in groups:
-            _check_same_form(found, expected)
-        for row, (ours, theirs) in enumerate(zip(self.streams, like.streams, strict=True)):
-            _check_streams(row, ours, len(theirs))
+    def check_arrays(
+        self, physics: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray], streams: int
+    ) -> None:
+        """Raises ValueError unless all arrays and streams are such as can be restored.
+
+        Args:
+          physics: what an environment of this kind saves, (n, ...) each, for any n.
+          frames: the same of its pictures.
+          streams: number of random streams of an environment.
+        """
+        size = len(self)
+        _check_form(self.physics, physics, size)
+        if frames:  # pictures that nobody observes are left alone
+            _check_form(self.frames, frames, size)
+        counters = {"step_count": self.step_count, "begins": self.begins}
+        _check_form(counters, {"step_count": np.zeros(1, int), "begins": np.zeros(1, bool)}, size)
+        for row, states in enumerate(self.streams):
+            _check_streams(row, states, streams)
 
     def check_length(self, step_limit: float) -> None:
         """Raises ValueError if an episode that goes on has as many steps as the limit, or more."""
@@ -136,18 +138,19 @@ def _is_patch_of(what: str, found: object, expected: object) -> bool:
     return what == _VERSION and str(found).startswith(f"{expected}.")
 
 
-def _check_same_form(found: Mapping[str, object], expected: Mapping[str, np.ndarray]) -> None:
+def _check_form(found: Mapping[str, object], expected: Mapping[str, np.ndarray], size: int) -> None:
+    """Raises ValueError unless arrays have the form of others, with `size` rows."""
     if found.keys() != expected.keys():
         raise ValueError(
             f"the snapshot holds {sorted(found)}; expected {sorted(expected)}, as a snapshot of "
             "this environment; nothing was restored"
         )
     for name, array in expected.items():
-        value = found[name]
+        value, shape = found[name], (size, *array.shape[1:])
         form = (value.shape, value.dtype) if isinstance(value, np.ndarray) else type(value)
-        if form != (array.shape, array.dtype):
+        if form != (shape, array.dtype):
             raise ValueError(
-                f"{name!r} of the snapshot is {form}; expected an array of shape {array.shape} and "
+                f"{name!r} of the snapshot is {form}; expected an array of shape {shape} and "
                 f"dtype {array.dtype}; nothing was restored"
             )
 
