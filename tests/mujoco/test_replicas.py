@@ -18,7 +18,7 @@ _NUM_ENVS = 3
 _XML = """
 <mujoco>
   <option timestep="0.01"/>
-  <asset><texture name="sky" type="skybox" builtin="gradient" width="8" height="8"/></asset>
+  <asset><texture name="sky" type="skybox" builtin="gradient" width="128" height="768"/></asset>
   <worldbody>
     <body name="pole">
       <joint name="hinge" axis="0 1 0" damping=".1"/>

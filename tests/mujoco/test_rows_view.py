@@ -8,6 +8,7 @@ import pytest
 
 from limberjack.mujoco import Physics
 from limberjack.mujoco.rows_view import RowsData, RowsModel
+from limberjack.mujoco.wrapper import MjModel
 
 _NUM_ENVS = 3
 _XML = """
@@ -116,9 +117,18 @@ def test_names_of_objects_are_looked_up_as_in_a_single_simulation(model: Any) ->
     assert model.id2name(1, "body") == "pole"
 
 
-def test_copies_and_the_official_model_are_the_callers_own(model: Any) -> None:
-    official, copied = model.ptr, copy.copy(model)
-    official.geom_size[:] = 9.0
+def test_a_copy_is_an_ordinary_model_of_its_own(model: Any) -> None:
+    copied = copy.copy(model)
     copied.geom_size[:] = 8.0
+    assert type(copied) is MjModel
     assert model.geom_size[1, 0] == 0.1
-    assert type(copied) is not RowsModel  # an ordinary model, which can be edited
+
+
+def test_the_official_model_of_a_shared_source_is_a_copy_that_reaches_no_row() -> None:
+    rows = Physics.from_shared_xml(_XML, {}).replicate(_NUM_ENVS, 1, ())
+    rows.physics.model.ptr.opt.gravity[:] = 0.0
+    rows.physics.model.ptr.geom_size[:] = 9.0
+    assert rows.simulation.model.geom_size[1, 0] == 0.1
+    assert rows.physics.model.geom_size[1, 0] == 0.1
+    rows.step(None, 5)
+    assert rows.physics.data.qvel.all()
