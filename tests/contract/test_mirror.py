@@ -94,5 +94,7 @@ def test_the_exceptions_are_needed() -> None:
     assert set(_EXCEPTIONS) <= paths, "an exception for a module that is not there"
     for path in _EXCEPTIONS:
         assert not (_TESTS / _test_of(Path(path))).exists(), f"{path} has tests of its own now"
+    mirrored = {str(_test_of(path)) for kind in (True, False) for path in _paths(of_packages=kind)}
     for path in _ACROSS:
         assert (_TESTS / path).exists(), path
+        assert path not in mirrored, f"{path} mirrors a module: it needs no exception"

@@ -89,7 +89,8 @@ def test_other_rows_are_refused(ids: object, message: str) -> None:
 
 
 def test_each_seed_gives_its_stream_and_none_gives_none() -> None:
-    first, none, third = guards.streams_of_seeds([3, None, np.int32(5)], 3)
+    seeds: Any = [3, None, np.int32(5)]
+    first, none, third = guards.streams_of_seeds(seeds, 3)
     assert none is None
     for stream, seed in ((first, 3), (third, 5)):
         assert stream is not None
