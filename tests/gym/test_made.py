@@ -31,6 +31,16 @@ def test_a_single_environment_is_that_of_load_without_a_length_of_its_own() -> N
     np.testing.assert_array_equal(env.reset(seed=3)[0], own.reset(seed=3)[0])
 
 
+def test_one_that_gymnasium_counts_refuses_steps_that_it_has_not_counted() -> None:
+    env = made.make(*_TASK)
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape or ())
+    env.step(action)
+    env.environment.step(action)
+    with pytest.raises(RuntimeError, match="inside is at step 2, and Gymnasium's TimeLimit at s"):
+        env.step(action)
+
+
 @pytest.mark.parametrize("how", [{"time_limit": 0.05}, {"task_kwargs": {"time_limit": 0.05}}])
 def test_a_time_limit_that_is_asked_for_is_kept(how: dict[str, Any]) -> None:
     assert made.make(*_TASK, **how).environment._step_limit == 5
@@ -94,6 +104,9 @@ def test_an_environment_whose_id_has_no_length_counts_by_itself(push: str) -> No
     length = plain_domain.SUITE["push"]().step_limit
     env = made.make(push, "push", module=_NAME, steps=None)
     assert env.environment._step_limit == length
+    env.reset(seed=0)
+    env.environment.step(np.zeros(1))
+    assert env.step(np.zeros(1))[0]
 
 
 def test_another_module_under_the_domains_name_is_refused() -> None:

@@ -133,10 +133,10 @@ def test_an_episode_changes_its_own_row_alone() -> None:
 def test_an_episode_begins_reset_and_with_the_rows_own_fields() -> None:
     rows, _ = _pair()
     rows.step(None, 3)
-    with rows.episode(2) as one:
+    with rows.episode(1) as one:  # after that of row 2
         assert one is rows.single
         assert (one.data.qpos[0], one.data.qvel[0], one.time()) == (0.0, 0.0, 0.0)
-        assert one.model.body_mass[1] == 4.0  # of row 2
+        assert one.model.body_mass[1] == 3.0
 
 
 def test_an_episode_that_fails_leaves_its_row_as_it_was() -> None:

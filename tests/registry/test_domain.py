@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib
+import importlib.util
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -54,7 +55,10 @@ def test_a_domain_cannot_be_changed() -> None:
 def test_a_module_that_another_process_cannot_import_has_no_import_name(module: str) -> None:
     assert import_name_of(sys) == "sys"
     assert import_name_of(importlib.import_module(module)) == module
-    assert import_name_of(ModuleType(module)) is None  # another one of that name is imported
+    spec = importlib.util.find_spec(module)
+    assert spec is not None
+    again = importlib.util.module_from_spec(spec)
+    assert import_name_of(again) is None  # another one of that name is imported
     assert import_name_of(ModuleType("nowhere")) is None
     assert import_name_of(ModuleType("__main__")) is None
     assert Domain("swing", ModuleType("nowhere"), _ROWS, source="assigned").import_name is None
