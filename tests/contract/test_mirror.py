@@ -12,17 +12,12 @@ _OTHERWISE = ("planner",)
 # Modules without tests under their name, and why.
 _EXCEPTIONS = {
     "__main__.py": "one line, which every command that is called as a program runs",
-    "_gymnasium_plugin.py": "tested in gym/test_registration.py",
     "cli/gallery.py": "prints the paths that test_gallery.py looks for",
     "cli/options.py": "texts of options, which docs/test_pages.py compares with the pages",
-    "mujoco/batch_simulation.py": "tested in rl/test_batch.py, and row by row in laws",
     "mujoco/rendering/egl.py": "a backend, which rendering/test_backends.py chooses",
-    "mujoco/rows.py": "tested in test_simulation.py and test_roll_out.py",
     "mujoco/wrapper/mjbindings/constants.py": "tested in wrapper/test_mjbindings.py",
     "mujoco/wrapper/mjbindings/enums.py": "tested in wrapper/test_mjbindings.py",
     "mujoco/wrapper/mjbindings/functions.py": "tested in wrapper/test_mjbindings.py",
-    "rl/guards.py": "tested in rl/test_batch.py",
-    "rl/reward_terms.py": "tested in report/test_trace.py and gym/test_vector.py",
 }
 # Folders of tests that mirror no part of the package; tests/__init__.py says what they are.
 _BESIDES = {
@@ -34,12 +29,11 @@ _ACROSS = {
     "evaluation/test_saved_models.py",
     "gym/test_registration.py",
     "mujoco/test_camera_beside_dm_control.py",
-    "mujoco/test_roll_out.py",
-    "mujoco/test_sleep.py",
     "rl/test_batch_rendering.py",
     "rl/test_batch_time_steps.py",
     "suite/test_suite.py",
     "test_plain_domain.py",
+    "test_tutorial_package.py",
 }
 
 
@@ -100,5 +94,7 @@ def test_the_exceptions_are_needed() -> None:
     assert set(_EXCEPTIONS) <= paths, "an exception for a module that is not there"
     for path in _EXCEPTIONS:
         assert not (_TESTS / _test_of(Path(path))).exists(), f"{path} has tests of its own now"
+    mirrored = {str(_test_of(path)) for kind in (True, False) for path in _paths(of_packages=kind)}
     for path in _ACROSS:
         assert (_TESTS / path).exists(), path
+        assert path not in mirrored, f"{path} mirrors a module: it needs no exception"

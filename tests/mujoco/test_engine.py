@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from limberjack.mujoco import Physics, action_spec, engine, wrapper
+from limberjack.mujoco import Physics, engine, wrapper
 from limberjack.rl import control
 
 _PENDULUM = """
@@ -343,16 +343,6 @@ def test_only_wrapped_data_makes_a_physics(physics: Physics) -> None:
     for bad in (physics.data.ptr, physics.model, None, _PENDULUM):
         with pytest.raises(TypeError, match=r"Expected wrapper\.MjData"):
             Physics(bad)  # pyright: ignore[reportArgumentType]
-
-
-def test_an_action_spec_has_the_bounds_of_limited_actuators_and_mujocos_maximum(
-    physics: Physics,
-) -> None:
-    spec = action_spec(physics)
-    assert spec.shape == (2,)
-    assert spec.dtype == float
-    np.testing.assert_array_equal(spec.minimum, [-2.0, -mujoco.mjMAXVAL])
-    np.testing.assert_array_equal(spec.maximum, [3.0, mujoco.mjMAXVAL])
 
 
 def test_controls_are_set_and_told(physics: Physics) -> None:

@@ -1,14 +1,16 @@
-"""The registry: names and modules, listeners, the table's facts."""
+"""The registry: names and modules, listeners, facts about tasks."""
 
-import sys
 from collections.abc import Iterator
-from types import ModuleType
+from pathlib import Path
 
 import pytest
 
+import limberjack
 from limberjack import registry
 from limberjack.registry import Domain, Row
+from tests.programs import run
 
+_PACKAGE = Path(limberjack.__file__).parent
 _ROWS = (Row("swing", "up", ("easy",), 500, 1), Row("swing", "down", (), None, 1))
 
 
@@ -20,14 +22,6 @@ def swing() -> Iterator[Domain]:
     yield domain
     if "swing" in registry.domains():
         registry.remove("swing")
-
-
-def test_a_domain_is_imported_when_it_is_loaded(swing: Domain) -> None:
-    sys.modules.pop("colorsys", None)
-    assert registry.domains()["swing"] is swing
-    assert "colorsys" not in sys.modules
-    assert swing.load() is sys.modules["colorsys"]
-    assert swing.import_name == "colorsys"
 
 
 def test_steps_are_those_of_the_rows_and_none_where_they_are_not_known(swing: Domain) -> None:
@@ -57,14 +51,39 @@ def test_a_listener_hears_of_what_is_there_and_of_every_change(
     assert heard == [("swing", is_added) for is_added in (True, False, True, False)]
 
 
+def test_tasks_are_grouped_by_domain_in_their_order() -> None:
+    pairs = [("swing", "up"), ("pole", "turn"), ("swing", "down")]
+    assert registry.by_domain(pairs) == {"swing": ("up", "down"), "pole": ("turn",)}
+    assert registry.by_domain([]) == {}
+
+
+def test_the_registry_begins_with_the_suites_domains_and_their_rows() -> None:
+    for name in registry.by_domain((row.domain, row.task) for row in registry.TASKS):
+        domain = registry.domains()[name]
+        assert domain.source == "suite"
+        assert domain.module == registry.suite_module(name) == f"limberjack.suite.{name}"
+        assert domain.rows == tuple(row for row in registry.TASKS if row.domain == name)
+
+
+def test_removing_a_domain_that_is_not_there_is_a_key_error() -> None:
+    with pytest.raises(KeyError, match="nowhere"):
+        registry.remove("nowhere")
+
+
+def test_importing_the_registry_imports_neither_numpy_nor_mujoco_nor_a_domain() -> None:
+    program = """
+    import sys, types
+    package = types.ModuleType("limberjack")  # without what `import limberjack` registers
+    package.__path__ = [sys.argv[1]]
+    sys.modules["limberjack"] = package
+    import limberjack.registry
+    heavy = {"numpy", "mujoco", "gymnasium", "limberjack.suite"}
+    print(sorted(heavy & set(sys.modules)))
+    """
+    assert run(program, str(_PACKAGE)) == "[]\n"
+
+
 def test_the_largest_task_has_the_most_degrees_of_freedom() -> None:
     largest = registry.largest_task()
     (dof,) = [row.dof for row in registry.TASKS if (row.domain, row.task) == largest]
     assert dof == max(row.dof for row in registry.TASKS)
-
-
-def test_a_module_that_another_process_cannot_import_has_no_import_name() -> None:
-    assert registry.import_name_of(sys.modules["sys"]) == "sys"
-    assert registry.import_name_of(ModuleType("sys")) is None
-    assert registry.import_name_of(ModuleType("nowhere")) is None
-    assert registry.import_name_of(ModuleType("__main__")) is None

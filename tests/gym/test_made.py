@@ -1,0 +1,135 @@
+"""Entry points of Gymnasium's ids: `gym.load` and `load_vector` with Gymnasium's lengths."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from limberjack import gym, registry, suite
+from limberjack.gym import made
+from tests import plain_domain
+
+_TASK = ("manipulator", "bring_ball")
+_NAME = plain_domain.__name__
+
+
+@pytest.fixture
+def push() -> Iterator[str]:
+    """The name that a domain outside of the suite has here until the test ends."""
+    yield "push_of_these_tests"
+    registry.remove("push_of_these_tests")
+
+
+def test_a_single_environment_is_that_of_load_without_a_length_of_its_own() -> None:
+    env, own = made.make(*_TASK, flat=True), gym.load(*_TASK, flat=True)
+    assert isinstance(env, gym.Env)
+    assert env.environment._step_limit == math.inf
+    assert own.environment._step_limit == 1000
+    np.testing.assert_array_equal(env.reset(seed=3)[0], own.reset(seed=3)[0])
+
+
+def test_one_that_gymnasium_counts_refuses_steps_that_it_has_not_counted() -> None:
+    env = made.make(*_TASK)
+    env.reset(seed=0)
+    action = np.zeros(env.action_space.shape or ())
+    env.step(action)
+    env.environment.step(action)
+    with pytest.raises(RuntimeError, match="inside is at step 2, and Gymnasium's TimeLimit at s"):
+        env.step(action)
+
+
+@pytest.mark.parametrize("how", [{"time_limit": 0.05}, {"task_kwargs": {"time_limit": 0.05}}])
+def test_a_time_limit_that_is_asked_for_is_kept(how: dict[str, Any]) -> None:
+    assert made.make(*_TASK, **how).environment._step_limit == 5
+    envs = made.make_vector(*_TASK, 2, max_episode_steps=1000, **how)
+    assert [batch.step_limit for batch in envs.batches] == [5]
+    envs.close()
+
+
+def test_a_longer_time_limit_is_refused_with_what_to_give_instead() -> None:
+    with pytest.raises(ValueError, match=r"=1500 to gymnasium\.make instead"):
+        made.make(*_TASK, time_limit=15.0)
+    with pytest.raises(ValueError, match=r"=1500 to gymnasium\.make_vec instead"):
+        made.make_vector(*_TASK, 2, max_episode_steps=1000, time_limit=15.0)
+
+
+@pytest.mark.parametrize(
+    ("most", "expected"), [(None, 1000), (1000, 1000), (7, 7), (2000, 2000), (-1, math.inf)]
+)
+def test_each_batch_counts_to_the_steps_that_gymnasium_gives(
+    most: int | None, expected: float
+) -> None:
+    envs = made.make_vector(*_TASK, 2, max_episode_steps=most)
+    assert [batch.step_limit for batch in envs.batches] == [expected]
+    envs.close()
+
+
+def test_halves_of_a_batch_have_the_same_length() -> None:
+    envs = made.make_vector(*_TASK, 4, max_episode_steps=7, pipelined=True)
+    assert [batch.step_limit for batch in envs.batches] == [7, 7]
+    envs.close()
+
+
+def test_misspelt_arguments_are_refused_with_a_suggestion() -> None:
+    with pytest.raises(TypeError, match=r"no argument 'flatt'.*'flat'"):
+        made.make(*_TASK, flatt=True)
+    with pytest.raises(TypeError, match=r"'flatt'"):
+        made.make_vector(*_TASK, 2, flatt=True)
+
+
+@pytest.mark.parametrize("is_vector", [False, True])
+def test_the_module_of_another_domain_is_imported_and_registered(
+    push: str, is_vector: bool
+) -> None:
+    assert push not in registry.domains()
+    if is_vector:
+        made.make_vector(push, "push", 2, module=_NAME, steps=None).close()
+    else:
+        made.make(push, "push", module=_NAME, steps=None).close()
+    assert registry.domains()[push].load() is plain_domain
+
+
+def test_the_length_of_another_domain_is_that_of_the_id(push: str) -> None:
+    length = plain_domain.SUITE["push"]().step_limit
+    assert length is not None
+    assert made.make(push, "push", module=_NAME, steps=length).environment._step_limit == math.inf
+    with pytest.raises(ValueError, match=f"{push}:push have {length} steps, and Gymnasium ends"):
+        made.make(push, "push", module=_NAME, steps=length + 1)
+
+
+def test_an_environment_whose_id_has_no_length_counts_by_itself(push: str) -> None:
+    length = plain_domain.SUITE["push"]().step_limit
+    env = made.make(push, "push", module=_NAME, steps=None)
+    assert env.environment._step_limit == length
+    env.reset(seed=0)
+    env.environment.step(np.zeros(1))
+    assert env.step(np.zeros(1))[0]
+
+
+def test_another_module_under_the_domains_name_is_refused() -> None:
+    refusal = r"'manipulator' belongs to the suite.*give my_package\.manipulator another name"
+    with pytest.raises(ValueError, match=refusal):
+        made.make(*_TASK, module="my_package.manipulator")
+    with pytest.raises(ValueError, match=refusal):
+        made.make_vector(*_TASK, 2, module="my_package.manipulator")
+
+
+def test_a_domain_that_only_this_process_has_is_made_from_it() -> None:
+    suite._DOMAINS["pushing"] = plain_domain
+    try:
+        here = registry.NotImportable("pushing")
+        env = made.make("pushing", "push", module=here, steps=None)
+        assert env.reset(seed=0)[0]
+    finally:
+        del suite._DOMAINS["pushing"]
+
+
+def test_gymnasium_knows_what_single_environments_render() -> None:
+    metadata = getattr(made.make, "metadata", None)
+    assert metadata is gym.Env.metadata
+    env = gymnasium.make("limberjack/manipulator-bring_ball-v0", render_mode="rgb_array_list")
+    assert env.render_mode == "rgb_array_list"
+    env.close()

@@ -1,0 +1,134 @@
+"""`physics.data` and `physics.model` of a batch: MuJoCo's fields with one row per simulation."""
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack.mujoco import Physics
+from limberjack.mujoco.rows_view import RowsData, RowsModel
+from limberjack.mujoco.wrapper import MjModel
+
+_NUM_ENVS = 3
+_XML = """
+<mujoco model="pole">
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 .1"/>
+    <body name="pole">
+      <joint name="hinge" axis="0 1 0"/><geom name="rod" size=".1" pos=".5 0 0"/>
+    </body>
+  </worldbody>
+  <actuator><motor joint="hinge"/></actuator>
+</mujoco>
+"""
+
+
+# Any: a `RowsData` and its `RowsModel`, whose fields nothing lists.
+@pytest.fixture
+def data() -> Any:
+    return Physics.from_xml_string(_XML).replicate(_NUM_ENVS, 1, ("body_mass",)).physics.data
+
+
+@pytest.fixture
+def model(data: Any) -> Any:
+    return data.model
+
+
+def test_fields_of_the_data_have_a_leading_axis(data: Any) -> None:
+    assert isinstance(data, RowsData)
+    shapes = {"qpos": (3, 1), "xpos": (3, 2, 3), "ctrl": (3, 1), "geom_xmat": (3, 2, 9)}
+    assert {name: getattr(data, name).shape for name in shapes} == shapes
+    assert data.time.shape == (_NUM_ENVS,)
+
+
+def test_fields_are_the_same_live_arrays_each_time(data: Any) -> None:
+    qpos = data.qpos
+    data.qpos[1] = 0.5
+    assert qpos is data.qpos
+    assert qpos[:, 0].tolist() == [0.0, 0.5, 0.0]
+    assert data._data is data
+
+
+def test_assigning_a_field_writes_into_every_row(data: Any) -> None:
+    qpos = data.qpos
+    data.qpos = 0.25
+    assert qpos is data.qpos
+    assert qpos[:, 0].tolist() == [0.25] * _NUM_ENVS
+    data.qpos = [[1.0], [2.0], [3.0]]
+    assert qpos[:, 0].tolist() == [1.0, 2.0, 3.0]
+    with pytest.raises(ValueError, match="broadcast"):
+        data.qpos = np.zeros(5)
+
+
+def test_what_the_data_has_not_is_an_attribute_error_that_says_what_there_is(data: Any) -> None:
+    with pytest.raises(AttributeError, match="data of a batch has no 'qops': it has the arrays of"):
+        _ = data.qops
+    assert not hasattr(data, "ptr")
+    with pytest.raises(AttributeError):
+        data.qops = 1
+
+
+@pytest.mark.parametrize("kind", [RowsData, RowsModel])
+def test_one_that_is_half_made_has_no_fields_and_does_not_look_for_ever(kind: Any) -> None:
+    half: Any = kind.__new__(kind)
+    with pytest.raises(AttributeError):
+        _ = half.qpos
+    assert not hasattr(half, "_fields")
+
+
+def test_fields_of_the_model_have_an_axis_where_rows_have_their_own(model: Any) -> None:
+    assert isinstance(model, RowsModel)
+    assert model.body_mass.shape == (_NUM_ENVS, 2)
+    assert model.geom_size.shape == (2, 3)
+    assert (model.nq, model.nbody, model.name) == (1, 2, "pole")
+    assert model.opt.gravity.shape == (3,)
+
+
+def test_assigning_a_field_that_rows_have_for_themselves_writes_into_it(model: Any) -> None:
+    masses = model.body_mass
+    model.body_mass = np.arange(6.0).reshape(3, 2)
+    np.testing.assert_array_equal(masses, np.arange(6.0).reshape(3, 2))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("geom_size", 1.0), ("nq", 2), ("opt", None), ("body_parentid", 0)]
+)
+def test_what_rows_have_in_common_cannot_be_assigned(model: Any, name: str, value: object) -> None:
+    before = copy.copy(model)
+    with pytest.raises(ValueError, match=r"same in all rows|read-only"):
+        setattr(model, name, value)
+    np.testing.assert_array_equal(model.geom_size, before.geom_size)
+
+
+def test_structs_of_the_model_can_be_read_only(model: Any) -> None:
+    assert model.opt.timestep == 0.002
+    with pytest.raises(ValueError, match=r"opt\.timestep is the same in all rows"):
+        model.opt.timestep = 0.1
+
+
+def test_methods_of_the_official_model_are_refused_with_what_to_use(model: Any) -> None:
+    with pytest.raises(AttributeError, match=r"no model\.geom\(\.\.\.\): use physics\.named\.mod"):
+        _ = model.geom
+
+
+def test_names_of_objects_are_looked_up_as_in_a_single_simulation(model: Any) -> None:
+    assert model.name2id("rod", "geom") == 1
+    assert model.id2name(1, "body") == "pole"
+
+
+def test_a_copy_is_an_ordinary_model_of_its_own(model: Any) -> None:
+    copied = copy.copy(model)
+    copied.geom_size[:] = 8.0
+    assert type(copied) is MjModel
+    assert model.geom_size[1, 0] == 0.1
+
+
+def test_the_official_model_of_a_shared_source_is_a_copy_that_reaches_no_row() -> None:
+    rows = Physics.from_shared_xml(_XML, {}).replicate(_NUM_ENVS, 1, ())
+    rows.physics.model.ptr.opt.gravity[:] = 0.0
+    rows.physics.model.ptr.geom_size[:] = 9.0
+    assert rows.simulation.model.geom_size[1, 0] == 0.1
+    assert rows.physics.model.geom_size[1, 0] == 0.1
+    rows.step(None, 5)
+    assert rows.physics.data.qvel.all()

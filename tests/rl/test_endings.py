@@ -1,0 +1,159 @@
+"""`Counter`: first and last steps, rewards and discounts of rows whose episodes begin and end."""
+
+from typing import Any
+
+import dm_env
+import numpy as np
+import pytest
+
+from limberjack.rl.endings import Counter
+
+_FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
+_OBSERVATION = {"angle": np.zeros((3, 1))}
+_NONE = np.zeros(3, bool)
+_NAN = float("nan")
+
+
+def _mask(*rows: int) -> np.ndarray:
+    mask = np.zeros(3, bool)
+    mask[list(rows)] = True
+    return mask
+
+
+# Any: the quantities are numbers or arrays, the masks None or arrays.
+def _count(
+    counter: Counter,
+    *,
+    begins: Any = None,
+    diverged: Any = _NONE,
+    reward: Any = 0.5,
+    termination: Any = None,
+) -> tuple[list[int], list[float], list[float], list[bool]]:
+    """The step types, rewards, discounts and last rows of a step."""
+    step, last = counter.count(begins, diverged, reward, termination, _OBSERVATION)
+    assert step.observation is _OBSERVATION
+    return step.step_type.tolist(), step.reward.tolist(), step.discount.tolist(), last.tolist()
+
+
+def test_in_mid_episode_rows_have_the_tasks_reward_and_discount_1() -> None:
+    counter = Counter(3, 10)
+    reward = np.array([0.1, -2.0, 3.0])
+    assert _count(counter, reward=reward) == (
+        [_MID] * 3,
+        [0.1, -2.0, 3.0],
+        [1.0] * 3,
+        [False] * 3,
+    )
+    assert counter.steps.tolist() == [1, 1, 1]
+
+
+def test_a_number_is_the_reward_of_every_row() -> None:
+    assert _count(Counter(3, 10), reward=2)[1] == [2.0] * 3
+
+
+def test_arrays_of_a_step_are_its_own() -> None:
+    counter = Counter(3, 10)
+    given = np.array([0.1, 0.2, 0.3])
+    first, _ = counter.count(None, _NONE, given, None, _OBSERVATION)
+    for array in (first.reward, first.discount, first.step_type):
+        array[...] = 0
+    assert given.tolist() == [0.1, 0.2, 0.3]
+    assert _count(counter) == ([_MID] * 3, [0.5] * 3, [1.0] * 3, [False] * 3)
+
+
+def test_a_row_whose_episode_begins_has_reward_0_and_counts_from_0() -> None:
+    counter = Counter(3, 10)
+    _count(counter)
+    step_type, reward, discount, last = _count(counter, begins=_mask(1))
+    assert step_type == [_MID, _FIRST, _MID]
+    assert reward == [0.5, 0.0, 0.5]
+    assert discount == [1.0] * 3
+    assert not any(last)
+    assert counter.steps.tolist() == [2, 0, 2]
+
+
+def test_the_time_limit_ends_an_episode_with_discount_1() -> None:
+    counter = Counter(3, 2)
+    assert not any(_count(counter, begins=_mask(0))[3])
+    assert _count(counter) == (
+        [_MID, _LAST, _LAST],
+        [0.5] * 3,
+        [1.0] * 3,
+        [False, True, True],
+    )
+    assert counter.at_limit.tolist() == [False, True, True]
+
+
+@pytest.mark.parametrize("limit", [2.5, 3.0])
+def test_a_limit_between_two_steps_ends_the_episode_at_the_later_one(limit: float) -> None:
+    counter = Counter(3, limit)
+    lasts = [_count(counter)[3][0] for _ in range(3)]
+    assert lasts == [False, False, True]
+
+
+def test_without_a_limit_no_step_is_the_last() -> None:
+    counter = Counter(3, float("inf"))
+    counter.steps[:] = 10**9
+    assert not any(_count(counter)[3])
+
+
+def test_a_row_that_begins_is_not_ended_by_the_limit_of_its_last_episode() -> None:
+    counter = Counter(3, 2)
+    counter.steps[:] = 2
+    step_type, _, _, last = _count(counter, begins=_mask(0, 1, 2))
+    assert step_type == [_FIRST] * 3
+    assert last == [False] * 3
+
+
+def test_the_task_ends_rows_with_its_discount_and_nan_goes_on() -> None:
+    step_type, reward, discount, last = _count(
+        Counter(3, 10), termination=np.array([_NAN, 0.0, 0.25])
+    )
+    assert step_type == [_MID, _LAST, _LAST]
+    assert discount == [1.0, 0.0, 0.25]
+    assert reward == [0.5] * 3
+    assert last == [False, True, True]
+
+
+def test_the_task_does_not_end_an_episode_that_begins() -> None:
+    step_type, _, discount, last = _count(Counter(3, 10), begins=_mask(0), termination=np.zeros(3))
+    assert step_type == [_FIRST, _LAST, _LAST]
+    assert discount == [1.0, 0.0, 0.0]
+    assert last == [False, True, True]
+
+
+def test_the_time_limit_wins_where_the_task_ends_the_episode_in_the_same_step() -> None:
+    counter = Counter(3, 5)
+    counter.steps[:] = [4, 0, 4]
+    _, _, discount, last = _count(counter, termination=np.array([0.0, 0.0, _NAN]))
+    assert discount == [1.0, 0.0, 1.0]
+    assert last == [True, True, True]
+
+
+def test_divergence_ends_a_row_with_0_and_0_even_at_the_limit_and_as_it_begins() -> None:
+    counter = Counter(3, 5)
+    counter.steps[0] = 4
+    step_type, reward, discount, last = _count(
+        counter, begins=_mask(1), diverged=_mask(0, 1), reward=np.full(3, 0.5)
+    )
+    assert step_type == [_LAST, _LAST, _MID]
+    assert reward == [0.0, 0.0, 0.5]
+    assert discount == [0.0, 0.0, 1.0]
+    assert last == [True, True, False]
+
+
+def test_a_diverged_rows_reward_may_be_nan() -> None:
+    reward = np.array([_NAN, 0.5, 0.5])
+    assert _count(Counter(3, 5), diverged=_mask(0), reward=reward)[1] == [0.0, 0.5, 0.5]
+
+
+def test_after_a_reset_rows_are_shown_first_or_in_mid_episode_and_are_not_counted() -> None:
+    counter = Counter(3, 10)
+    counter.steps[1] = 4
+    step = counter.shown(_OBSERVATION)
+    assert step.step_type.tolist() == [_FIRST, _MID, _FIRST]
+    assert step.reward.tolist() == [0.0] * 3
+    assert step.discount.tolist() == [1.0] * 3
+    assert counter.steps.tolist() == [0, 4, 0]
+    step.discount[:] = 0.0
+    assert counter.shown(_OBSERVATION).discount.tolist() == [1.0] * 3
