@@ -203,6 +203,7 @@ def test_the_physics_of_replicas_that_are_freed_is_closed() -> None:
     rows, _ = _pair()
     every = rows.physics, rows.single, rows.textured
     rows.free()
+    rows.free()
     for physics in every:
         with pytest.raises(RuntimeError, match="this Physics is closed"):
             _ = physics.data

@@ -65,6 +65,8 @@ def test_what_the_data_has_not_is_an_attribute_error_that_says_what_there_is(dat
     with pytest.raises(AttributeError, match="data of a batch has no 'qops': it has the arrays of"):
         _ = data.qops
     assert not hasattr(data, "ptr")
+    with pytest.raises(AttributeError, match=r"no data.step\(...\): use the methods of physics"):
+        data.step(nstep=5)
     with pytest.raises(AttributeError):
         data.qops = 1
 
@@ -124,8 +126,11 @@ def test_a_copy_is_an_ordinary_model_of_its_own(model: Any) -> None:
     assert model.geom_size[1, 0] == 0.1
 
 
-def test_the_official_model_of_a_shared_source_is_a_copy_that_reaches_no_row() -> None:
-    rows = Physics.from_shared_xml(_XML, {}).replicate(_NUM_ENVS, 1, ())
+@pytest.mark.parametrize(
+    "source", [lambda: Physics.from_shared_xml(_XML, {}), lambda: Physics.from_xml_string(_XML)]
+)
+def test_the_official_model_is_a_copy_that_reaches_no_row(source: Any) -> None:
+    rows = source().replicate(_NUM_ENVS, 1, ())
     rows.physics.model.ptr.opt.gravity[:] = 0.0
     rows.physics.model.ptr.geom_size[:] = 9.0
     assert rows.simulation.model.geom_size[1, 0] == 0.1

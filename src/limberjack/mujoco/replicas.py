@@ -138,10 +138,10 @@ class Replicas(Generic[_P]):
         return self.textured
 
     def free(self) -> None:
-        """Frees the simulations; nothing of this object must be used afterwards."""
-        for each in (self.physics, self.single, vars(self).get("textured")):
-            if each is not None:
-                each.free()
+        """Frees the simulations; nothing of this object but this must be used afterwards."""
+        for name in ("physics", "single", "textured"):
+            if name in vars(self):
+                vars(self)[name].free()
         vars(self).clear()
 
     def _take_fields(self, one: _P, row: int) -> None:

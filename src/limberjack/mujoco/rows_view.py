@@ -6,6 +6,7 @@
 They have the fields of the official structs, with one row per simulation. They do not step.
 """
 
+import copy
 from typing import Any
 
 import mujoco
@@ -39,6 +40,8 @@ class RowsData:
                 f"the data of a batch has no {name!r}: it has the arrays of mujoco.MjData, one row "
                 "per simulation"
             ) from None
+        if callable(field):
+            raise AttributeError(f"a batch has no data.{name}(...): use the methods of physics")
         if hasattr(field, "shape"):
             vars(self)[name] = field  # the same array as long as the simulations live
         return field
@@ -74,7 +77,7 @@ class RowsModel(MjModel):
     @property
     def ptr(self) -> mujoco.MjModel:
         """A copy of the official model that the rows have in common; changes reach no row."""
-        return super().ptr
+        return copy.copy(self._model)
 
     def __copy__(self) -> MjModel:
         return self._fields.model.copy()

@@ -15,8 +15,6 @@ from types import FrameType
 
 import numpy as np
 
-from limberjack.rl.contract import PhysicsError
-
 __all__ = ["Finding", "explained"]
 
 _ADVICE = (
@@ -134,8 +132,6 @@ def explained(
     """
     try:
         yield
-    except PhysicsError:
-        raise
     except (TypeError, ValueError, LookupError, AttributeError, ArithmeticError) as error:
         if not is_batch:
             raise
