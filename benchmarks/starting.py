@@ -1,11 +1,12 @@
 """The cost of importing the suite, of loading a task and of starting an episode."""
 
+import contextlib
 import gc
 import importlib
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import fresh
@@ -41,14 +42,7 @@ def measure_imports(num_processes: int) -> list[Row]:
     calls = [("seconds_to_import", package) for package in packages]
     calls.append(("seconds_to_import_alone", peers.OURS))
     times: dict[tuple[str, str], list[dict[str, float]]] = {call: [] for call in calls}
-    with tempfile.TemporaryDirectory() as cache:
-        # As where a package is installed: its modules are compiled to bytecode once. Elsewhere,
-        # so that a source tree is left as it was.
-        variables = {
-            **peers.WITHOUT_OPENGL,
-            "PYTHONDONTWRITEBYTECODE": None,
-            "PYTHONPYCACHEPREFIX": cache,
-        }
+    with _as_installed() as variables:
         for number in range(1 + num_processes):
             for function, package in calls:
                 seconds = fresh.call("imports", function, package, variables=variables)
@@ -62,6 +56,21 @@ def measure_imports(num_processes: int) -> list[Row]:
         _import_row("import limberjack", alone, _ADDED_BY_PACKAGE),
         _opengl_row(),
     ]
+
+
+@contextlib.contextmanager
+def _as_installed() -> Iterator[dict[str, str | None]]:
+    """Environment variables for processes that find modules compiled to bytecode.
+
+    As where a package is installed: they are compiled once. Elsewhere, so that a source tree is
+    left as it was.
+    """
+    with tempfile.TemporaryDirectory() as cache:
+        yield {
+            **peers.WITHOUT_OPENGL,
+            "PYTHONDONTWRITEBYTECODE": None,
+            "PYTHONPYCACHEPREFIX": cache,
+        }
 
 
 def _import_row(subject: str, times: dict[str, list[dict[str, float]]], bar: Bar) -> Row:
@@ -175,12 +184,13 @@ def _first_load_row(domain: str, task: str, num_processes: int) -> Row:
     """The first load of a process."""
     names = ["compile", *peers.installed()]
     times: dict[str, list[float]] = {name: [] for name in names}
-    for _ in range(num_processes):
-        for name in names:
-            seconds = fresh.call(
-                "starting", "seconds_of_first", name, domain, task, variables=peers.WITHOUT_OPENGL
-            )
-            times[name].append(1e3 * seconds)
+    with _as_installed() as variables:
+        for number in range(1 + num_processes):
+            for name in names:
+                call = "starting", "seconds_of_first", name, domain, task
+                seconds = fresh.call(*call, variables=variables)
+                if number:  # the first one compiled
+                    times[name].append(1e3 * seconds)
     ratios = [a / b for a, b in zip(times[peers.OURS], times["compile"], strict=True)]
     theirs = times.get(peers.THEIRS)
     return Row(

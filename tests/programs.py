@@ -8,7 +8,7 @@ from pathlib import Path
 
 import limberjack
 
-__all__ = ["INSTALL", "run", "run_benchmark"]
+__all__ = ["INSTALL", "error_of", "run", "run_benchmark"]
 
 _SOURCE = Path(limberjack.__file__).parents[1]
 _BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -53,3 +53,16 @@ def _environment(first: Path | None = None) -> dict[str, str]:
     places = [str(place) for place in (first, _SOURCE) if place is not None]
     known = os.environ.get("PYTHONPATH")
     return {**os.environ, "PYTHONPATH": os.pathsep.join(places + ([known] if known else []))}
+
+
+def error_of(statement: str, path: Path | None = None) -> tuple[str, str]:
+    """Type and message of the error that a statement raises after the installation."""
+    program = f"""
+    {INSTALL}
+    try:
+        {statement}
+    except Exception as error:
+        print(type(error).__name__, error, sep="\\n")
+    """
+    kind, message = run(program, path=path).split("\n", 1)
+    return kind, message

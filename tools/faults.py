@@ -34,8 +34,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "rl/streams.py": [
         ("        self.beside[row] = stream_beside(stream)\n", ""),
         ("in zip((self.own, self.beside), states", "in zip((self.beside, self.own), states"),
-        ("        seed_of_a_stream(first + count - 1)\n", ""),
-        ("if not 0 <= number <= _MAX_SEED:", "if not 0 <= number < _MAX_SEED:"),
+        ("        checked_seed(first + count - 1)\n", ""),
     ],
     "rl/randomize.py": [
         ("shape = nominal.shape[:1] + (1,) * (nominal.ndim - 1)", "shape = nominal.shape"),
@@ -106,7 +105,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "gym/arguments.py": [
         ("return mask.copy()", "return mask"),
-        ("        seed_of_a_stream(first + num_envs - 1)\n", ""),
+        ("        checked_seed(first + num_envs - 1)\n", ""),
         ("if not mask.any():", "if not mask.all():"),
     ],
     "utils/arrays.py": [

@@ -6,19 +6,17 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-import typer.testing
 
 import limberjack
 from limberjack import policies, rollout, suite
-from limberjack.cli import app
 from limberjack.mujoco.camera import RenderingError
 from limberjack.suite import base, humanoid
 from limberjack.utils.files import Hold
+from tests.cli.conftest import call, invoke
 
 _RUN = ["run", "humanoid", "stand", "--time-limit", "0.25"]
 
@@ -29,89 +27,11 @@ _STEPS = 10  # of 0.025 s
 _ARM = ["run", "manipulator", "bring_ball", "--time-limit", "0.1"]
 
 
-# Ends or fails in the episode and at the step that the environment variable names.
-_POLICY = """
-import os, signal
-import numpy as np
-from limberjack.rl.control import PhysicsError
-
-class Scripted:
-    def __init__(self):
-        self.episode = -1
-        self.at = int(os.environ.get("EPISODE", "1"))
-
-    def reset(self):
-        self.episode += 1
-        self.step = 0
-
-    def act(self, observation):
-        self.step += 1
-        now = self.episode == self.at and self.step == 5
-        return self.happen() if now else np.zeros(21)
-
-class Interrupted(Scripted):
-    def happen(self):
-        os.kill(os.getpid(), signal.SIGINT)
-        return np.zeros(21)
-
-class NotANumber(Scripted):
-    def happen(self):
-        return np.full(21, np.nan)
-
-class Diverging(Scripted):
-    def happen(self):
-        raise PhysicsError("the simulation diverged")
-
-class Broken(Scripted):
-    def happen(self):
-        return {}["no such key"]
-
-def still(observation):
-    return np.zeros(21)
-"""
-
-
-def _invoke(*arguments: str) -> Any:
-    """The result of the command in this process, without a terminal."""
-    return typer.testing.CliRunner().invoke(app, list(arguments))
-
-
-def _call(
-    *arguments: str, directory: Path | None = None, **variables: str
-) -> "subprocess.CompletedProcess[str]":
-    """The result of the command as a program, without a terminal."""
-    # Without what CI services set to have colours in their logs.
-    inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
-    return subprocess.run(
-        [sys.executable, "-m", "limberjack", *arguments],
-        cwd=directory,
-        env=inherited | variables,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-
-
 def _result(directory: Path) -> dict[str, Any]:
     def refuse(name: str) -> None:
         raise AssertionError(f"{name} is no JSON")
 
     return json.loads((directory / "result.json").read_text(), parse_constant=refuse)
-
-
-@pytest.fixture
-def directory(tmp_path: Path) -> Path:
-    """A working directory with a module of policies."""
-    (tmp_path / "my_policies.py").write_text(_POLICY)
-    return tmp_path
-
-
-@pytest.fixture(autouse=True)
-def _search_path() -> Iterator[None]:
-    """The command adds the working directory to the module search path: that is undone."""
-    before = list(sys.path)
-    yield
-    sys.path[:] = before
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +46,7 @@ def drawing() -> bool:
 
 
 def test_run_shows_what_the_episodes_gave() -> None:
-    result = _invoke(*_RUN, "--episodes", "3", "--seed", "7", "--policy", "random")
+    result = invoke(*_RUN, "--episodes", "3", "--seed", "7", "--policy", "random")
     assert result.exit_code == 0, result.output
     for seed in (7, 8, 9):
         kwargs = {"random": seed, "time_limit": 0.25}
@@ -139,14 +59,14 @@ def test_run_shows_what_the_episodes_gave() -> None:
 def test_run_shows_the_kind_of_start_where_there_are_kinds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert re.search(r"seed +start +return +steps", _invoke(*_ARM).stdout)
+    assert re.search(r"seed +start +return +steps", invoke(*_ARM).stdout)
     monkeypatch.setattr(humanoid.Humanoid, "start", base.Task.start)
-    assert re.search(r"seed +return +steps", _invoke(*_RUN).stdout)
+    assert re.search(r"seed +return +steps", invoke(*_RUN).stdout)
 
 
 def test_run_writes_result_plot_video_and_report(tmp_path: Path, drawing: bool) -> None:
     out = tmp_path / "new" / "directory"
-    result = _invoke(*_ARM, "--episodes", "2", "--seed", "3", "--out", str(out))
+    result = invoke(*_ARM, "--episodes", "2", "--seed", "3", "--out", str(out))
     assert result.exit_code == 0, result.output
 
     content = _result(out)
@@ -171,7 +91,7 @@ def test_run_writes_result_plot_video_and_report(tmp_path: Path, drawing: bool) 
 
 def test_the_time_limit_of_a_result_is_the_tasks_own_if_none_is_given(tmp_path: Path) -> None:
     arguments = ["run", "stacker", "stack_2", "--out", "out"]
-    result = _call(*arguments, directory=tmp_path, MUJOCO_GL="disable")  # no film: it takes long
+    result = call(*arguments, directory=tmp_path, MUJOCO_GL="disable")  # no film: it takes long
     assert result.returncode == 0, result.stderr
     content = _result(tmp_path / "out")
     assert content["time_limit"] == 10.0
@@ -180,8 +100,8 @@ def test_the_time_limit_of_a_result_is_the_tasks_own_if_none_is_given(tmp_path: 
 
 def test_each_episode_can_be_run_again_alone(tmp_path: Path) -> None:
     arguments = [*_RUN, "--policy", "random"]
-    _invoke(*arguments, "--seed", "5", "--episodes", "3", "--out", str(tmp_path / "three"))
-    _invoke(*arguments, "--seed", "7", "--out", str(tmp_path / "one"))
+    invoke(*arguments, "--seed", "5", "--episodes", "3", "--out", str(tmp_path / "three"))
+    invoke(*arguments, "--seed", "7", "--out", str(tmp_path / "one"))
     three, one = _result(tmp_path / "three"), _result(tmp_path / "one")
     assert three["episodes"][2] == one["episodes"][0]
     assert three["fingerprint"] == one["fingerprint"]
@@ -192,7 +112,7 @@ def test_a_policy_is_found_in_the_working_directory(
 ) -> None:
     monkeypatch.chdir(directory)
     monkeypatch.delitem(sys.modules, "my_policies", raising=False)
-    result = _invoke(*_RUN, "--policy", "my_policies:still")
+    result = invoke(*_RUN, "--policy", "my_policies:still")
     assert result.exit_code == 0, result.output
 
 
@@ -224,7 +144,7 @@ def test_a_stray_module_in_the_working_directory_is_not_imported(
 
 def test_output_without_a_terminal_is_clean(tmp_path: Path) -> None:
     for arguments in (["list"], [*_RUN, "--episodes", "2"]):
-        result = _call(*arguments, directory=tmp_path)
+        result = call(*arguments, directory=tmp_path)
         assert result.returncode == 0
         assert result.stderr == ""
         assert "\x1b" not in result.stdout
@@ -249,7 +169,7 @@ def test_files_are_written_though_the_table_cannot_be_printed(tmp_path: Path) ->
 
 def test_a_result_that_cannot_be_written_is_one_line_and_status_1(tmp_path: Path) -> None:
     (tmp_path / "out" / "result.json").mkdir(parents=True)  # a directory is in its place
-    result = _call(*_RUN, "--out", "out", directory=tmp_path)
+    result = call(*_RUN, "--out", "out", directory=tmp_path)
     assert result.returncode == 1
     assert result.stderr.startswith("limberjack: ")
     assert "result.json" in result.stderr
@@ -281,7 +201,7 @@ def test_a_mistake_on_the_command_line_is_one_line_and_status_2(
 ) -> None:
     monkeypatch.chdir(directory)
     monkeypatch.delitem(sys.modules, "my_policies", raising=False)
-    result = _invoke(*arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 2
     assert result.stdout == ""
     assert result.stderr.startswith("limberjack: ")
@@ -308,7 +228,7 @@ def test_what_cuts_a_run_short_keeps_the_finished_episodes(
 ) -> None:
     policy = f"my_policies:{policy}"
     arguments = [*_RUN, "--episodes", "3", "--policy", policy, "--out", "out"]
-    result = _call(*arguments, directory=directory)
+    result = call(*arguments, directory=directory)
     assert result.returncode == status, result.stderr
     assert result.stderr.endswith(message)
     assert "Traceback" not in result.stderr
@@ -322,7 +242,7 @@ def test_what_cuts_a_run_short_keeps_the_finished_episodes(
 
 def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory: Path) -> None:
     arguments = [*_RUN, "--episodes", "3", "--policy", "my_policies:Broken", "--out", "out"]
-    result = _call(*arguments, directory=directory)
+    result = call(*arguments, directory=directory)
     assert result.returncode == 1
     assert "Traceback" in result.stderr
     assert result.stderr.rstrip().endswith(
@@ -335,9 +255,9 @@ def test_a_run_that_ends_in_its_first_episode_leaves_nothing_of_an_earlier_one(
     directory: Path,
 ) -> None:
     arguments = [*_RUN, "--policy", "my_policies:Interrupted", "--out", "out"]
-    assert _call(*arguments, directory=directory, EPISODE="1").returncode == 0
+    assert call(*arguments, directory=directory, EPISODE="1").returncode == 0
     assert (directory / "out" / "return.png").exists()
-    result = _call(*arguments, directory=directory, EPISODE="0")
+    result = call(*arguments, directory=directory, EPISODE="0")
     assert result.returncode == 130
     assert "0 of 1 episodes finished" in result.stderr
     assert [path.name for path in (directory / "out").iterdir()] == ["result.json"]
@@ -346,10 +266,10 @@ def test_a_run_that_ends_in_its_first_episode_leaves_nothing_of_an_earlier_one(
 
 def test_a_folder_with_other_results_is_status_2_and_left_alone(tmp_path: Path) -> None:
     out = ["--out", str(tmp_path / "out")]
-    assert _invoke(*_RUN, *out).exit_code == 0
-    assert _invoke(*_RUN, "--seed", "1", *out).exit_code == 0
+    assert invoke(*_RUN, *out).exit_code == 0
+    assert invoke(*_RUN, "--seed", "1", *out).exit_code == 0
     before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
-    result = _invoke(*_RUN, "--policy", "random", *out)
+    result = invoke(*_RUN, "--policy", "random", *out)
     assert result.exit_code == 2
     assert result.stderr == (
         f"limberjack: {tmp_path / 'out'} holds results with policy 'zero', and these have "
@@ -364,7 +284,7 @@ def test_a_folder_that_another_process_writes_to_is_status_2(
 ) -> None:
     pytest.importorskip("fcntl", reason="no locks on this system")
     with Hold(tmp_path):
-        result = _invoke(*command, "--out", str(tmp_path))
+        result = invoke(*command, "--out", str(tmp_path))
         assert result.exit_code == 2
         assert "another process writes to" in result.stderr
         assert result.stderr.count("\n") == 1
@@ -372,7 +292,7 @@ def test_a_folder_that_another_process_writes_to_is_status_2(
 
 
 def test_without_opengl_only_the_video_is_left_out_and_one_line_says_why(tmp_path: Path) -> None:
-    result = _call(*_RUN, "--out", "out", directory=tmp_path, MUJOCO_GL="disable")
+    result = call(*_RUN, "--out", "out", directory=tmp_path, MUJOCO_GL="disable")
     assert result.returncode == 0
     assert result.stderr.startswith("limberjack: no video.mp4: ")
     assert "MUJOCO_GL" in result.stderr

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import limberjack
-from tests.programs import INSTALL, run
+from tests.programs import INSTALL, error_of, run
 
 # What programs for dm_control import, and what they take from there.
 IMPORTED = {
@@ -61,19 +61,6 @@ def genuine(tmp_path: Path) -> Path:
         file.parent.mkdir(exist_ok=True)
         file.write_text(text)
     return tmp_path
-
-
-def error_of(statement: str, path: Path | None = None) -> tuple[str, str]:
-    """Type and message of the error that a statement raises after the installation."""
-    program = f"""
-    {INSTALL}
-    try:
-        {statement}
-    except Exception as error:
-        print(type(error).__name__, error, sep="\\n")
-    """
-    kind, message = run(program, path=path).split("\n", 1)
-    return kind, message
 
 
 def test_the_installation_itself_imports_nothing_heavy() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.programs import INSTALL, run
+from tests.programs import INSTALL, error_of, run
 
 STAND_INS = [
     "dm_control.composer",
@@ -19,19 +19,6 @@ STAND_INS = [
     "dm_control.utils.inverse_kinematics",
     "dm_control.utils.transformations",
 ]
-
-
-def error_of(statement: str, path: Path | None = None) -> tuple[str, str]:
-    """Type and message of the error that a statement raises after the installation."""
-    program = f"""
-    {INSTALL}
-    try:
-        {statement}
-    except Exception as error:
-        print(type(error).__name__, error, sep="\\n")
-    """
-    kind, message = run(program, path=path).split("\n", 1)
-    return kind, message
 
 
 def test_stand_ins_can_be_imported_as_modules_and_from_packages() -> None:

@@ -76,18 +76,19 @@ def test_gymnasium_and_random_policies_act_by_the_spec_that_a_task_defines(
     assert policies.begin(policies.random, env, 0)({}).shape == (size,)
 
 
-def test_rows_of_a_batch_take_the_actions_that_a_task_defines() -> None:
+@pytest.mark.parametrize("num_envs", [3, 130])
+def test_rows_of_a_batch_take_the_actions_that_a_task_defines(num_envs: int) -> None:
     def make(seed: int) -> Any:
         env = two_arms.by_joints(_ours, _spec(14))
         env.reseed(seed)
         return env
 
-    batch = BatchEnvironment.from_environment(make(0), 3, 1, seed=5)
-    singles = [make(5 + row) for row in range(3)]
+    batch = BatchEnvironment.from_environment(make(0), num_envs, 1, seed=5)
+    singles = [make(5 + row) for row in range(num_envs)]
     batch.reset()
     for single in singles:
         single.reset()
-    for actions in np.random.RandomState(0).uniform(-0.5, 0.5, (10, 3, 14)):
+    for actions in np.random.RandomState(0).uniform(-0.5, 0.5, (6, num_envs, 14)):
         batched = batch.step(actions)
         for row, single in enumerate(singles):
             alone = single.step(actions[row])
@@ -95,6 +96,14 @@ def test_rows_of_a_batch_take_the_actions_that_a_task_defines() -> None:
             np.testing.assert_array_equal(
                 batched.observation["qpos"][row], alone.observation["qpos"]
             )
+
+
+def test_a_batch_refuses_actions_that_move_mocap_bodies() -> None:
+    # A single simulation's step begins with what was computed before they moved; a batch's rows
+    # begin with their states.
+    env = two_arms.by_pose(_ours, _spec(16))
+    with pytest.raises(ValueError, match="mocap bodies can be set at an episode's start only"):
+        BatchEnvironment.from_environment(env, 3, 1)
 
 
 def test_a_task_may_change_the_values_of_its_actions_without_a_spec() -> None:

@@ -1,12 +1,10 @@
 """Streams of rows: one for starts, one beside it for the model's fields."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from limberjack.rl.randomize import stream_beside
-from limberjack.rl.streams import Streams, seed_of_a_stream
+from limberjack.rl.streams import Streams
 
 _LARGEST = 2**32 - 1
 
@@ -58,18 +56,8 @@ def test_what_was_saved_does_not_go_on_with_the_stream() -> None:
 
 
 def test_the_largest_seed_is_one_and_the_next_is_none() -> None:
-    assert seed_of_a_stream(_LARGEST) == _LARGEST
     assert (
         Streams(seed=_LARGEST - 2, count=3).own[2].rand() == np.random.RandomState(_LARGEST).rand()
     )
     with pytest.raises(ValueError, match="expected a whole number from 0 to 2\\*\\*32 - 1"):
         Streams(seed=_LARGEST - 2, count=4)
-
-
-@pytest.mark.parametrize(
-    ("seed", "error"),
-    [(-1, ValueError), (_LARGEST + 1, ValueError), (1.0, TypeError), ("1", TypeError)],
-)
-def test_what_is_no_seed_is_refused_by_name(seed: Any, error: type[Exception]) -> None:
-    with pytest.raises(error, match="seed is"):
-        seed_of_a_stream(seed)

@@ -262,7 +262,7 @@ def test_entry_points_are_not_read_before_a_name_is_missing(site: Path) -> None:
         import sys
         import limberjack.suite
         limberjack.suite.load("stacker", "stack_2")
-        assert "limberjack.registry.entry_points" not in sys.modules
+        assert "limberjack.suite._entry_points" not in sys.modules
         assert "my_package" not in sys.modules
         """,
         path=site,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from limberjack.rl.streams import seed_of_a_stream
+from limberjack.utils.seeds import checked_seed
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -30,17 +30,17 @@ def row_seeds(seed: Any, num_envs: int) -> list[int | None]:
     """The seed of each row: `seed + i` for one number, one each for a sequence.
 
     Raises:
-      TypeError, ValueError: see `seed_of_a_stream`; or there are not `num_envs` of them.
+      TypeError, ValueError: see `checked_seed`; or there are not `num_envs` of them.
     """
     if seed is None:
         return [None] * num_envs
     if np.ndim(seed) == 0:
-        first = seed_of_a_stream(seed)
-        seed_of_a_stream(first + num_envs - 1)
+        first = checked_seed(seed)
+        checked_seed(first + num_envs - 1)
         return list(range(first, first + num_envs))
     if len(seed) != num_envs:
         raise ValueError(f"there are {len(seed)} seeds; expected {num_envs}: one for each row")
-    return [None if one is None else seed_of_a_stream(one) for one in seed]
+    return [None if one is None else checked_seed(one) for one in seed]
 
 
 def check_options(options: object) -> None:

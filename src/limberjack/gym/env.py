@@ -25,7 +25,7 @@ from limberjack.rl import control
 from limberjack.rl.action_specs import bounded_spec
 from limberjack.rl.pixels import render_arguments
 from limberjack.rl.snapshot import Snapshot
-from limberjack.rl.streams import seed_of_a_stream
+from limberjack.utils.seeds import checked_seed
 
 __all__ = ["Env", "load"]
 
@@ -101,7 +101,7 @@ class Env(gymnasium.Env):
         self._check_open()
         arguments.check_options(options)
         if seed is not None:
-            number = seed_of_a_stream(seed)
+            number = checked_seed(seed)
             super().reset(seed=number)
             self._environment.reseed(number)
         observation = self._environment.reset().observation

@@ -174,7 +174,7 @@ class CountsWarnings(Busy):
 
     def set_warnings_aside(self) -> np.ndarray | None:
         """See `Simulation`."""
-        if not self.has_warned():
+        if self.warnings.tobytes() == self._no_warnings:
             return None
         earlier = self.warnings.copy()
         self.warnings[...] = 0

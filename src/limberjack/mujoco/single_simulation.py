@@ -68,7 +68,8 @@ class SingleSimulation(CountsWarnings):
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
         model, data = self._model(), self._data
-        self._remember(nstep)
+        self._call = nstep
+        mujoco.mj_getState(model, data, self._before, STATE)
         begin(self)
         if model is not self._model_of_opt:  # asking for `opt` makes a new object each time
             self._model_of_opt, self._opt = model, model.opt

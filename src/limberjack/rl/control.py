@@ -18,8 +18,8 @@ It does not know MuJoCo: `limberjack.mujoco.Physics` is the physics used by the 
 import functools
 import math
 import numbers
-import operator
 from collections.abc import Mapping
+from threading import get_ident
 from typing import Any, cast
 
 import dm_env
@@ -28,7 +28,7 @@ from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
-from limberjack.rl.guards import OneUser
+from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
@@ -104,7 +104,7 @@ class Environment(dm_env.Environment):
         self._physics = physics
         self._flat_observation = flat_observation
         if n_sub_steps is not None:
-            self._n_sub_steps = _positive_count(n_sub_steps)
+            self._n_sub_steps = at_least_one("n_sub_steps", n_sub_steps)
         elif control_timestep is not None:
             self._n_sub_steps = compute_n_steps(control_timestep, physics.timestep())
         else:
@@ -154,7 +154,10 @@ class Environment(dm_env.Environment):
             `base.Task` does unless it has a number for each actuator; nothing has moved.
           PhysicsError: the simulation diverged; the next step begins a new episode.
         """
-        with self._use:
+        use, thread = self._use, get_ident()
+        if use.enter(thread) != thread:  # as `with use`, which takes a percent of the step
+            use.refuse(thread)
+        try:
             if self._reset_next_step:
                 return self._begin()
             physics, task = self._physics, self._task
@@ -172,6 +175,8 @@ class Environment(dm_env.Environment):
                 return dm_env.TimeStep(dm_env.StepType.LAST, reward, discount, observation)
             self._reset_next_step = False
             return dm_env.TimeStep(dm_env.StepType.MID, reward, 1.0, observation)
+        finally:
+            use.leave()
 
     def action_spec(self) -> Nested:
         """The spec of valid actions."""
@@ -232,7 +237,7 @@ class Environment(dm_env.Environment):
         """All that the environment's future depends on; see `limberjack.rl.snapshot`."""
         self._check_open()
         with self._use:
-            streams = [self._stream.get_state()]
+            streams = [self.task.random.get_state()]
             if self._randomizer is not None:
                 streams.append(self._draw_stream().get_state())
             return Snapshot(
@@ -261,7 +266,7 @@ class Environment(dm_env.Environment):
             self._reset_next_step = True  # until it is complete
             self._simulated.simulation.load(snapshot.physics)
             own, *beside = snapshot.streams[0]
-            self._stream.set_state(own)
+            self.task.random.set_state(own)
             if self._randomizer is not None:
                 self._draw_stream().set_state(beside[0])
                 saved = snapshot.physics
@@ -307,14 +312,9 @@ class Environment(dm_env.Environment):
         randomized = self._randomizer.fields if self._randomizer is not None else ()
         return (*getattr(self._task, "EPISODE_FIELDS", ()), *randomized)
 
-    @property
-    def _stream(self) -> np.random.RandomState:
-        """The task's random stream."""
-        return self.task.random
-
     def _draw_stream(self) -> np.random.RandomState:
         """The stream that the model's fields are drawn from, anew where the task's own is."""
-        random = self._stream
+        random = self.task.random
         if self._draws is None or self._draws[0] is not random:
             self._draws = random, stream_beside(random)
         return self._draws[1]
@@ -387,14 +387,3 @@ def compute_n_steps(
             f"timestep ({physics_timestep})"
         )
     return round(ratio)
-
-
-def _positive_count(n_sub_steps: object) -> int:
-    """`n_sub_steps` as an int, or a clear error."""
-    try:
-        count = operator.index(n_sub_steps)  # pyright: ignore[reportArgumentType] (TypeError)
-    except TypeError:
-        count = 0
-    if count < 1 or isinstance(n_sub_steps, bool):
-        raise ValueError(f"n_sub_steps is {n_sub_steps!r}; expected a whole number of at least 1")
-    return count

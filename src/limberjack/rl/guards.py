@@ -1,15 +1,16 @@
 """Checks at the door of a batch."""
 
+import functools
 import os
-import threading
 from collections.abc import Iterable, Sequence
+from threading import get_ident
 from typing import Self
 
 import numpy as np
 from dm_env import specs
 
 from limberjack.rl.actions import as_numbers, not_finite
-from limberjack.rl.streams import seed_of_a_stream
+from limberjack.utils.seeds import checked_seed
 
 __all__ = [
     "OneUser",
@@ -31,31 +32,45 @@ class OneUser:
     Its copies, also by pickling, are of their own and free.
     """
 
-    __slots__ = ("_here", "_name", "_user", "what_is_wrong")
+    __slots__ = ("_here", "_name", "enter", "leave", "what_is_wrong")
 
     def __init__(self, name: str) -> None:
         """Makes one for something of this name, such as 'batch'."""
         self._name = name
+        self.what_is_wrong: str | None = None
+        self._empty()
+
+    def _empty(self) -> None:
         # The thread that is within. Taken and noted at once by `setdefault`, so that it is known
         # whose it is wherever Ctrl-C comes, and that thread can go on.
-        self._user: dict[str, int] = {}
+        user: dict[str, int] = {}
+        # Given this thread's number, notes it if nobody is within; the number of who is within.
+        self.enter = functools.partial(user.setdefault, "thread")
+        self.leave = functools.partial(user.pop, "thread", None)
         self._here = _process  # compared by identity: a forked child has another one
-        self.what_is_wrong: str | None = None
 
     def __enter__(self) -> None:
-        if self._here is not _process:  # forked, perhaps while another thread was within
-            self._user, self._here = {}, _process
-        if self.what_is_wrong is not None:
-            raise RuntimeError(self.what_is_wrong)
-        here = _get_ident()
-        if self._user.setdefault("thread", here) != here:
+        self.check()
+        here = get_ident()
+        if self.enter(here) != here:
+            self.refuse(here)
+
+    def __exit__(self, *error: object) -> None:
+        self.leave()
+
+    def refuse(self, thread: int) -> None:
+        """Raises `RuntimeError`, as another thread is within; lets it enter if that was a fork's.
+
+        Args:
+          thread: the number of this thread.
+        """
+        if self._here is _process:
             raise RuntimeError(
                 f"this {self._name} is used from two threads at once: give each thread a "
                 f"{self._name} of its own"
             )
-
-    def __exit__(self, *error: object) -> None:
-        self._user.pop("thread", None)
+        self._empty()
+        self.enter(thread)
 
     def check(self) -> None:
         """Raises `RuntimeError` if nobody can use it any more."""
@@ -66,7 +81,6 @@ class OneUser:
         return type(self), (self._name,)
 
 
-_get_ident = threading.get_ident
 _process: object = object()  # this process; quicker to compare than its number
 
 
@@ -151,15 +165,13 @@ def streams_of_seeds(
     """A random stream for each seed, None for None.
 
     Raises:
-      ValueError, TypeError: there are not as many as rows, or see `seed_of_a_stream`.
+      ValueError, TypeError: there are not as many as rows, or see `checked_seed`.
     """
     if seeds is None:
         return [None] * count
     if len(seeds) != count:
         raise ValueError(f"there are {len(seeds)} seeds; expected {count}, one for each row")
-    return [
-        None if seed is None else np.random.RandomState(seed_of_a_stream(seed)) for seed in seeds
-    ]
+    return [None if seed is None else np.random.RandomState(checked_seed(seed)) for seed in seeds]
 
 
 def check_actions(

@@ -37,19 +37,15 @@ def reward_and_terms(task: Task, physics: Physics) -> tuple[Quantity, dict[str, 
     Underflow is no error, even where NumPy is set to raise it: far from a goal, rewards are 0.
     """
     try:
-        return _computed(task, physics)
+        # Looked up on the bound method, so that a task's own attribute counts as well.
+        if getattr(task.get_reward, "__func__", None) is not reward_of_terms:
+            return task.get_reward(physics), {}
+        has_terms: _HasTerms[Physics] = task  # pyright: ignore[reportAssignmentType] (as checked)
+        terms = has_terms.reward_terms(physics)
+        return has_terms.reward_of(terms), terms
     except FloatingPointError:
         if np.geterr()["under"] != "raise":
             raise
         # Only now, because entering the context at each step takes half a percent of it.
         with np.errstate(under="ignore"):
-            return _computed(task, physics)
-
-
-def _computed(task: Task, physics: Physics) -> tuple[Quantity, dict[str, Quantity]]:
-    # Looked up on the bound method, so that a task's own attribute counts as well.
-    if getattr(task.get_reward, "__func__", None) is not reward_of_terms:
-        return task.get_reward(physics), {}
-    has_terms: _HasTerms[Physics] = task  # pyright: ignore[reportAssignmentType] (as checked)
-    terms = has_terms.reward_terms(physics)
-    return has_terms.reward_of(terms), terms
+            return reward_and_terms(task, physics)

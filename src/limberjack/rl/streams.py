@@ -7,37 +7,17 @@
 A row's draws do not depend on the other rows.
 """
 
-import operator
 from typing import Any
 
 import numpy as np
 
 from limberjack.rl.randomize import stream_beside
+from limberjack.utils.seeds import checked_seed
 
-__all__ = ["States", "Streams", "seed_of_a_stream"]
+__all__ = ["States", "Streams"]
 
 # Any: what `RandomState.get_state` gives, of the task's stream and of one beside it.
 States = tuple[Any, ...]
-
-_MAX_SEED = 2**32 - 1  # of a numpy.random.RandomState
-
-
-def seed_of_a_stream(seed: object) -> int:
-    """A seed as an int.
-
-    Raises:
-      TypeError: it is no whole number; True and False are not.
-      ValueError: it is not between 0 and 2**32 - 1.
-    """
-    try:
-        if isinstance(seed, bool):
-            raise TypeError
-        number = operator.index(seed)  # pyright: ignore[reportArgumentType] (TypeError says so)
-    except TypeError:
-        raise TypeError(f"seed is {seed!r}; expected a whole number") from None
-    if not 0 <= number <= _MAX_SEED:
-        raise ValueError(f"seed is {number}; expected a whole number from 0 to 2**32 - 1")
-    return number
 
 
 class Streams:
@@ -47,10 +27,10 @@ class Streams:
         """Makes those of `RandomState(seed + i)`; None for any seed.
 
         Raises:
-          TypeError, ValueError: the first or the last seed is none: see `seed_of_a_stream`.
+          TypeError, ValueError: the first or the last seed is none: see `checked_seed`.
         """
-        first = np.random.RandomState().randint(2**31) if seed is None else seed_of_a_stream(seed)
-        seed_of_a_stream(first + count - 1)
+        first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
+        checked_seed(first + count - 1)
         self.own = [np.random.RandomState(first + i) for i in range(count)]
         self.beside = [stream_beside(stream) for stream in self.own]
 

@@ -83,7 +83,7 @@ def find(name: str) -> Domain | None:
     if known is not None or not isinstance(name, str):
         return known
     # Imported here: reading packages' metadata is rarely needed, and slow to import.
-    from limberjack.registry import entry_points
+    from limberjack.suite import _entry_points as entry_points
 
     module = entry_points.module_of(name)
     if module is None:
@@ -103,7 +103,7 @@ def find(name: str) -> Domain | None:
 
 def find_installed() -> dict[str, str]:
     """Finds the domains of all installed packages; what is wrong with those that fail, by name."""
-    from limberjack.registry import entry_points
+    from limberjack.suite import _entry_points as entry_points
 
     problems = {}
     for name, modules in entry_points.installed().items():

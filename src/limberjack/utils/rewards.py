@@ -12,7 +12,7 @@ rewards equal dm_control's bit for bit.
 
 import functools
 from collections.abc import Callable
-from typing import Any, TypedDict, Unpack, overload
+from typing import Any, overload
 
 import numpy as np
 
@@ -31,15 +31,6 @@ _NUMBERS = (float, int, np.generic)
 # Any: a number or an array, told apart by what their comparison gives; see the overloads.
 _Bound = Any
 _Curve = Callable[[Quantity, float], Quantity]
-
-
-class _Settings(TypedDict, total=False):
-    """The keyword arguments of `tolerance`."""
-
-    bounds: tuple[Quantity, Quantity]
-    margin: Quantity
-    sigmoid: str
-    value_at_margin: float
 
 
 @overload
@@ -120,13 +111,20 @@ def tolerance(
     return _with_masks(x, lower, upper, margin, curve, scale)
 
 
-def mean_tolerance(x: np.ndarray, **settings: Unpack[_Settings]) -> np.ndarray:
+def mean_tolerance(
+    x: np.ndarray,
+    bounds: tuple[Quantity, Quantity] = (0.0, 0.0),
+    margin: Quantity = 0.0,
+    sigmoid: str = "gaussian",
+    value_at_margin: float = _DEFAULT_VALUE_AT_MARGIN,
+) -> np.ndarray:
     """Mean over the last axis of each element's tolerance, (..., k) -> (...).
 
-    Takes `tolerance`'s keyword arguments; bounds and margins per simulation have shape (N, 1).
+    Takes `tolerance`'s arguments; bounds and margins per simulation have shape (N, 1).
     """
+    values = tolerance(x, bounds, margin, sigmoid, value_at_margin)
     # The sum divided by the count is what `ndarray.mean` does, without its overhead.
-    return np.add.reduce(tolerance(x, **settings), axis=-1) / x.shape[-1]
+    return np.add.reduce(values, axis=-1) / x.shape[-1]
 
 
 def _check_order(lower: Quantity, upper: Quantity, margin: Quantity) -> None:

@@ -11,32 +11,12 @@ import pytest
 
 from limberjack.mujoco import wrapper
 from limberjack.mujoco.wrapper import core
-
-_XML = """
-<mujoco model="balls">
-  <worldbody>
-    <geom name="floor" type="plane" size="1 1 1"/>
-    <body name="ball" pos="0 0 .09">
-      <freejoint name="free"/>
-      <geom name="ball" size=".1" mass="2"/>
-      <site name="top" pos="0 0 .1"/>
-    </body>
-    <body><geom size=".1" pos="3 0 3"/></body>
-  </worldbody>
-  <sensor><framepos name="ball" objtype="body" objname="ball"/></sensor>
-</mujoco>
-"""
-
+from tests.mujoco.wrapper.conftest import XML
 
 _GRAVITY = mujoco.mjtDisableBit.mjDSBL_GRAVITY
 
 
 _CONTACT = mujoco.mjtDisableBit.mjDSBL_CONTACT
-
-
-@pytest.fixture
-def model() -> wrapper.MjModel:
-    return wrapper.MjModel.from_xml_string(_XML)
 
 
 @pytest.mark.parametrize("way", ["copy", "deepcopy", "pickle", "bytes"])
@@ -56,10 +36,10 @@ def test_a_model_is_the_same_after_a_copy(model: wrapper.MjModel, way: str) -> N
 
 def test_a_model_is_read_from_text_bytes_and_files(model: wrapper.MjModel, tmp_path: Path) -> None:
     xml, binary = tmp_path / "balls.xml", tmp_path / "balls.mjb"
-    xml.write_text(_XML)
+    xml.write_text(XML)
     model.save_binary(str(binary))
     for other in (
-        wrapper.MjModel.from_xml_string(_XML.encode()),
+        wrapper.MjModel.from_xml_string(XML.encode()),
         wrapper.MjModel.from_xml_path(str(xml)),
         wrapper.MjModel.from_binary_path(str(binary)),
     ):
@@ -131,7 +111,7 @@ def test_every_flag_of_this_mujoco_has_a_name(model: wrapper.MjModel) -> None:
 
 
 def test_the_model_that_was_compiled_last_is_written_as_xml(tmp_path: Path) -> None:
-    first = wrapper.MjModel.from_xml_string(_XML)
+    first = wrapper.MjModel.from_xml_string(XML)
     path = tmp_path / "model.xml"
     core.save_last_parsed_model_to_xml(str(path), first)
     assert 'model="balls"' in path.read_text(encoding="utf-8")
@@ -141,7 +121,7 @@ def test_the_model_that_was_compiled_last_is_written_as_xml(tmp_path: Path) -> N
 
 
 def test_a_model_that_was_not_compiled_last_is_not_written(tmp_path: Path) -> None:
-    first = wrapper.MjModel.from_xml_string(_XML)
+    first = wrapper.MjModel.from_xml_string(XML)
     wrapper.MjModel.from_xml_string("<mujoco/>")
     with pytest.raises(ValueError, match="most recently loaded"):
         core.save_last_parsed_model_to_xml(str(tmp_path / "model.xml"), first)

@@ -42,37 +42,40 @@ def without_textures(model: mujoco.MjModel) -> mujoco.MjModel:
     """
     if model.ntexdata < _FEWEST_BYTES:
         return model
-    binary = bytearray(mujoco.mj_sizeModel(model))
-    mujoco.mj_saveModel(model, None, np.frombuffer(binary, np.uint8))
-    if not _cut(binary, model):
+    binary = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, binary)
+    cut = _cut(binary, model)
+    if cut is None:
         return model
     try:
-        light = mujoco.MjModel.from_binary_path(_NAME, {_NAME: bytes(binary)})
+        light = mujoco.MjModel.from_binary_path(_NAME, {_NAME: cut})
     except ValueError:
         return model
     return light if _is_like(light, model) else model
 
 
-def _cut(binary: bytearray, model: mujoco.MjModel) -> bool:
-    """Cuts the textures out of a model's binary form; whether they were where they should be."""
+def _cut(binary: np.ndarray, model: mujoco.MjModel) -> bytes | None:
+    """A model's binary form without textures; None unless they were where they should be."""
     before = b"".join(getattr(model, name).tobytes() for name in _BEFORE_DATA)
     pixels = model.tex_data
-    start = binary.find(before + pixels[:_ALIGNMENT].tobytes())
+    # All that can precede the pixels, and the first of them.
+    head = binary[: len(binary) - pixels.nbytes + _ALIGNMENT].tobytes()
+    start = head.find(before + pixels[:_ALIGNMENT].tobytes())
     if start < 0:
-        return False
+        return None
     empty = [
         np.zeros_like(getattr(model, n)) if n in _ZERO else getattr(model, n) for n in _BEFORE_DATA
     ]
-    end = start + len(before) + pixels.nbytes
-    binary[start:end] = b"".join(array.tobytes() for array in empty)
-    count = np.frombuffer(binary, _HEADER, _HEADER_LENGTH)[_NUM_SIZES]
-    sizes = np.frombuffer(binary, _SIZE, count, _HEADER_LENGTH * _HEADER.itemsize)
+    tail = binary[start + len(before) + pixels.nbytes :].tobytes()
+    cut = bytearray(head[:start] + b"".join(array.tobytes() for array in empty) + tail)
+    count = np.frombuffer(cut, _HEADER, _HEADER_LENGTH)[_NUM_SIZES]
+    sizes = np.frombuffer(cut, _SIZE, count, _HEADER_LENGTH * _HEADER.itemsize)
     is_textures, is_memory = sizes == model.ntexdata, sizes == model.nbuffer
     if is_textures.sum() != 1 or is_memory.sum() != 1:
-        return False
+        return None
     sizes[is_textures] = 0
     sizes[is_memory] -= -(-pixels.nbytes // _ALIGNMENT) * _ALIGNMENT
-    return True
+    return bytes(cut)
 
 
 def _is_like(light: mujoco.MjModel, model: mujoco.MjModel) -> bool:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from limberjack.registry import entry_points
+from limberjack.suite import _entry_points as entry_points
 
 
 @pytest.fixture

@@ -1,0 +1,90 @@
+"""The command called in this process and as a program, and policies that fail on request."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.testing
+
+from limberjack.cli import app
+
+# Ends or fails in the episode and at the step that the environment variable names.
+POLICY = """
+import os, signal
+import numpy as np
+from limberjack.rl.control import PhysicsError
+
+class Scripted:
+    def __init__(self):
+        self.episode = -1
+        self.at = int(os.environ.get("EPISODE", "1"))
+
+    def reset(self):
+        self.episode += 1
+        self.step = 0
+
+    def act(self, observation):
+        self.step += 1
+        now = self.episode == self.at and self.step == 5
+        return self.happen() if now else np.zeros(21)
+
+class Interrupted(Scripted):
+    def happen(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        return np.zeros(21)
+
+class NotANumber(Scripted):
+    def happen(self):
+        return np.full(21, np.nan)
+
+class Diverging(Scripted):
+    def happen(self):
+        raise PhysicsError("the simulation diverged")
+
+class Broken(Scripted):
+    def happen(self):
+        return {}["no such key"]
+
+def still(observation):
+    return np.zeros(21)
+"""
+
+
+def invoke(*arguments: str) -> Any:
+    """The result of the command in this process, without a terminal."""
+    return typer.testing.CliRunner().invoke(app, list(arguments))
+
+
+def call(
+    *arguments: str, directory: Path | None = None, **variables: str
+) -> "subprocess.CompletedProcess[str]":
+    """The result of the command as a program, without a terminal."""
+    # Without what CI services set to have colours in their logs.
+    inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
+    return subprocess.run(
+        [sys.executable, "-m", "limberjack", *arguments],
+        cwd=directory,
+        env=inherited | variables,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+@pytest.fixture
+def directory(tmp_path: Path) -> Path:
+    """A working directory with a module of policies."""
+    (tmp_path / "my_policies.py").write_text(POLICY)
+    return tmp_path
+
+
+@pytest.fixture(autouse=True)
+def _search_path() -> Iterator[None]:
+    """The command adds the working directory to the module search path: that is undone."""
+    before = list(sys.path)
+    yield
+    sys.path[:] = before
