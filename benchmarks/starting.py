@@ -166,7 +166,7 @@ def _one_load(domain: str, task: str) -> dict[str, float]:
     load = _loader(peers.OURS, domain, task)
     seconds = {"compile": _timed(_compiler(domain, task))[0]}
     gc.collect()
-    importlib.import_module("limberjack.mujoco.wrapper.compiled").drop_unused()
+    importlib.import_module("limberjack.mujoco.compiled").drop_unused()
     seconds["load"], environment = _timed(load)
     seconds["reset"], _ = _timed(environment.reset)
     del environment

@@ -18,13 +18,20 @@ _LIMIT, _LIMIT_OF_BENCHMARKS = 300, 600
 INSTALL = "import limberjack; limberjack.install_as_dm_control()"
 
 
-def run(program: str, *arguments: str, path: Path | None = None, warnings: str = "error") -> str:
-    """What the program prints; fails unless it ends well and says nothing on standard error.
+def run(
+    program: str,
+    *arguments: str,
+    path: Path | None = None,
+    warnings: str = "error",
+    python: Path | str = sys.executable,
+) -> str:
+    """The program's output; fails unless it exits with status 0 and an empty standard error.
 
-    `path` comes before all else that it can import; `warnings` is what becomes of warnings.
+    `path` precedes all other places of imports; `warnings` is the action for warnings; `python` is
+    the interpreter.
     """
     done = subprocess.run(
-        [sys.executable, "-W", warnings, "-c", textwrap.dedent(program), *arguments],
+        [python, "-W", warnings, "-c", textwrap.dedent(program), *arguments],
         capture_output=True,
         text=True,
         env=_environment(path),

@@ -1,13 +1,12 @@
-"""The domain of docs/adding_a_domain.md, installed as a package of its own, works everywhere.
+"""The domain of docs/adding_a_domain.md works everywhere as an installed package.
 
-It lies in a directory on the module search path, with the metadata of an installed package.
+Pip installs it into a virtual environment of its own.
 """
 
 import json
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -22,21 +21,18 @@ _ID = "my_package.swing:limberjack/swing-swing_up-v0"
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The directory in which the package is installed."""
-    directory = tmp_path_factory.mktemp("site")
-    tutorial.install(directory)
-    return directory
+def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The interpreter of the environment in which the package is installed."""
+    return tutorial.environment(tmp_path_factory.mktemp("installed"))
 
 
-def _call(site: Path, *command: str, **variables: str) -> "subprocess.CompletedProcess[str]":
-    """What a module does as a program, where the package is installed."""
-    places = [str(site), str(Path(suite.__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+def _call(python: Path, *command: str, **variables: str) -> "subprocess.CompletedProcess[str]":
+    """The result of a module that the interpreter runs as a program."""
     inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
     return subprocess.run(
-        [sys.executable, "-m", *command],
+        [python, "-m", *command],
         cwd=_TESTS.parent,
-        env=inherited | variables | {"PYTHONPATH": os.pathsep.join(filter(None, places))},
+        env=inherited | variables,
         capture_output=True,
         text=True,
         timeout=600,
@@ -44,47 +40,47 @@ def _call(site: Path, *command: str, **variables: str) -> "subprocess.CompletedP
     )
 
 
-def _limberjack(site: Path, *arguments: str) -> str:
-    done = _call(site, "limberjack", *arguments)
+def _limberjack(python: Path, *arguments: str) -> str:
+    done = _call(python, "limberjack", *arguments)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-def test_it_passes_all_laws(site: Path) -> None:
+def test_it_passes_all_laws(python: Path) -> None:
     options = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-rs"]
-    done = _call(site, "pytest", "tests/laws", *options, LAWS_OF=tutorial.DOMAIN)
+    done = _call(python, "pytest", "tests/laws", *options, LAWS_OF=tutorial.DOMAIN)
     assert done.returncode == 0, done.stdout
     skipped = [line for line in done.stdout.splitlines() if line.startswith("SKIPPED")]
     assert len(skipped) == 1
     assert "swing_up does not draw starts until they are free of contacts" in skipped[0]
 
 
-def test_every_command_takes_it_by_its_entry_point(site: Path, tmp_path: Path) -> None:
+def test_every_command_takes_it_by_its_entry_point(python: Path, tmp_path: Path) -> None:
     task = [tutorial.DOMAIN, tutorial.TASK]
-    assert re.search(r"swing +swing_up +easy, extra +1 +3", _limberjack(site, "list"))
+    assert re.search(r"swing +swing_up +easy, extra +1 +3", _limberjack(python, "list"))
     short = ["--time-limit", "0.2"]
-    ran = _limberjack(site, "run", *task, *short, "--policy", "random")
+    ran = _limberjack(python, "run", *task, *short, "--policy", "random")
     assert any(kind in ran for kind in ("above", "below"))
     out = tmp_path / "evaluation"
-    _limberjack(site, "evaluate", *task, *short, "--episodes", "4", "--out", str(out))
+    _limberjack(python, "evaluate", *task, *short, "--episodes", "4", "--out", str(out))
     result = json.loads((out / "result.json").read_text())
     assert {episode["start"] for episode in result["episodes"]} <= {"above", "below"}
-    bench = _limberjack(site, "bench", *task, "--num-envs", "2", "--seconds", "0.1")
+    bench = _limberjack(python, "bench", *task, "--num-envs", "2", "--seconds", "0.1")
     assert "Recommended for 2 rows" in bench
     solved = tmp_path / "solved"
-    _limberjack(site, "solve", *task, *short, "--threads", "1", "--out", str(solved))
+    _limberjack(python, "solve", *task, *short, "--threads", "1", "--out", str(solved))
     assert (solved / "episode-0.npz").exists()
-    _limberjack(site, "replay", str(solved / "episode-0.npz"))
+    _limberjack(python, "replay", str(solved / "episode-0.npz"))
 
 
 def test_commands_take_a_module_that_registers(tmp_path: Path) -> None:
-    tutorial.install(tmp_path, with_entry_point=False)
+    python = tutorial.environment(tmp_path, with_entry_point=False)
     run_it = ["run", tutorial.DOMAIN, tutorial.TASK, "--time-limit", "0.1"]
-    refused = _call(tmp_path, "limberjack", *run_it)
+    refused = _call(python, "limberjack", *run_it)
     assert refused.returncode == 2
     assert "Domain 'swing' does not exist" in refused.stderr
-    assert "above" in _limberjack(tmp_path, "--import", tutorial.MODULE, *run_it, "--seed", "1")
-    assert "swing_up" in _limberjack(tmp_path, "--import", tutorial.MODULE, "list")
+    assert "above" in _limberjack(python, "--import", tutorial.MODULE, *run_it, "--seed", "1")
+    assert "swing_up" in _limberjack(python, "--import", tutorial.MODULE, "list")
 
 
 @pytest.mark.parametrize(
@@ -94,14 +90,16 @@ def test_commands_take_a_module_that_registers(tmp_path: Path) -> None:
         ("colorsys", "--import colorsys: the module registers no domain; write suite.register"),
     ],
 )
-def test_a_module_that_registers_nothing_is_status_2(site: Path, module: str, message: str) -> None:
-    done = _call(site, "limberjack", "--import", module, "list")
+def test_a_module_that_registers_nothing_is_status_2(
+    python: Path, module: str, message: str
+) -> None:
+    done = _call(python, "limberjack", "--import", module, "list")
     assert done.returncode == 2
     assert message in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_gymnasiums_checker_has_nothing_to_say(site: Path) -> None:
+def test_gymnasiums_checker_has_nothing_to_say(python: Path) -> None:
     run(
         f"""
         import gymnasium
@@ -110,12 +108,12 @@ def test_gymnasiums_checker_has_nothing_to_say(site: Path) -> None:
         assert env.spec.max_episode_steps == 500
         check_env(env.unwrapped, skip_render_check=True)
         """,
-        path=site,
+        python=python,
     )
 
 
 @pytest.mark.parametrize("context", ["spawn", "forkserver"])
-def test_spawned_processes_know_it(site: Path, context: str) -> None:
+def test_spawned_processes_know_it(python: Path, context: str) -> None:
     printed = run(
         f"""
         import gymnasium
@@ -135,15 +133,15 @@ def test_spawned_processes_know_it(site: Path, context: str) -> None:
             other.close()
             print(first.shape)
         """,
-        path=site,
+        python=python,
     )
     assert printed == "(2, 3)\n"
 
 
-def test_a_spec_from_another_process_makes_it(site: Path) -> None:
+def test_a_spec_from_another_process_makes_it(python: Path) -> None:
     spec = run(
         f"import gymnasium; print(gymnasium.make({_ID!r}, max_episode_steps=9).spec.to_json())",
-        path=site,
+        python=python,
     )
     printed = run(
         """
@@ -158,12 +156,12 @@ def test_a_spec_from_another_process_makes_it(site: Path) -> None:
         print(steps)
         """,
         spec,
-        path=site,
+        python=python,
     )
     assert printed == "9\n"
 
 
-def test_python_evaluates_plans_and_draws_it(site: Path) -> None:
+def test_python_evaluates_plans_and_draws_it(python: Path) -> None:
     try:
         suite.load("stacker", "stack_2").physics.render(8, 8)
         draws = "True"
@@ -192,6 +190,6 @@ def test_python_evaluates_plans_and_draws_it(site: Path) -> None:
         print("done")
         """,
         draws,
-        path=site,
+        python=python,
     )
     assert printed == "done\n"

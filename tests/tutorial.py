@@ -1,9 +1,16 @@
 """The domain of docs/adding_a_domain.md as an installed package of its own, `my_package`."""
 
 import re
+import subprocess
+import sys
+import sysconfig
+import venv
+import zipfile
 from pathlib import Path
 
-__all__ = ["DOMAIN", "MODULE", "TASK", "domain_text", "install"]
+import limberjack
+
+__all__ = ["DOMAIN", "MODULE", "TASK", "domain_text", "environment", "install"]
 
 DOMAIN, TASK, MODULE = "swing", "swing_up", "my_package.swing"
 
@@ -46,3 +53,48 @@ def install(site: Path, with_entry_point: bool = True, registers: bool = True) -
         (metadata / "METADATA").write_text(facts, encoding="utf-8")
         lines = f"[limberjack.domains]\n{DOMAIN} = {MODULE}\n"
         (metadata / "entry_points.txt").write_text(lines, encoding="utf-8")
+
+
+def environment(folder: Path, with_entry_point: bool = True) -> Path:
+    """The interpreter of a new virtual environment, into which pip has installed the package.
+
+    Limberjack and what it needs are those of this process.
+
+    Args:
+      folder: an empty directory for the environment.
+      with_entry_point: whether the package's metadata names the domain.
+    """
+    made = folder / "environment"
+    venv.create(made, symlinks=sys.platform != "win32")
+    python = made / ("Scripts" if sys.platform == "win32" else "bin") / "python"
+    where = {"base": str(made), "platbase": str(made)}
+    site = Path(sysconfig.get_path("purelib", "venv", where))
+    places = [sysconfig.get_path("purelib"), Path(limberjack.__file__).parents[1]]
+    (site / "tests.pth").write_text("\n".join(map(str, places)), encoding="utf-8")
+    pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet"]
+    wheel = _wheel(folder, with_entry_point)
+    subprocess.run(
+        [*pip, "--disable-pip-version-check", "--no-index", "--no-deps", str(wheel)], check=True
+    )
+    return python
+
+
+def _wheel(folder: Path, with_entry_point: bool) -> Path:
+    """The package as a wheel."""
+    content = folder / "content"
+    content.mkdir()
+    install(content)
+    metadata = content / "my_package-1.0.dist-info"
+    if not with_entry_point:
+        (metadata / "entry_points.txt").unlink()
+    facts = "Wheel-Version: 1.0\nGenerator: tests\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+    (metadata / "WHEEL").write_text(facts, encoding="utf-8")
+    (metadata / "RECORD").touch()
+    files = sorted(path for path in content.rglob("*") if path.is_file())
+    names = [path.relative_to(content).as_posix() for path in files]
+    (metadata / "RECORD").write_text("".join(f"{name},,\n" for name in names), encoding="utf-8")
+    wheel = folder / "my_package-1.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as archive:
+        for path, name in zip(files, names, strict=True):
+            archive.write(path, name)
+    return wheel

@@ -333,7 +333,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    sizes[is_textures] = 0\n", ""),
         ("return light if _is_like(light, model) else model", "return light"),
     ],
-    "mujoco/wrapper/compiled.py": [
+    "mujoco/compiled.py": [
         ("    _last_used.move_to_end(source)\n", ""),
         ("while len(sizes) > 1 and", "while"),
     ],

@@ -61,6 +61,18 @@ _MADE_OF = {
     "limberjack.viewer.studio": ("mujoco.studio", "view"),
 }
 
+# Modules that one folder uses and that lie outside it: dm_control's paths, and what users import.
+_STANDS_ALONE = (
+    "limberjack.suite.utils.randomizers",
+    "limberjack.utils.containers",
+    "limberjack.utils.rewards",
+    "limberjack.utils.xml_tools",
+    "limberjack.gallery",
+    "limberjack.planner.record",
+    "limberjack.recording",
+    "limberjack.sb3",
+)
+
 _MAX_FILE_LINES = 400
 _MAX_FUNCTION_LINES = 40  # without the docstring
 
@@ -78,6 +90,10 @@ def _layer(module: str) -> int | None:
 def _own_imports(module: str) -> set[str]:
     """The package's modules that a module imports, but for the root, which has the version."""
     return {name for name in imports(module) if name in modules()} - {PACKAGE, module}
+
+
+def _folder(module: str) -> str:
+    return str(modules()[module].parent)
 
 
 def _imported(module: str) -> ModuleType:
@@ -106,6 +122,19 @@ def test_imports_point_down(module: str) -> None:
         below = _layer(imported)
         assert below is not None, f"{imported} has no layer"
         assert below <= layer, f"{module} (layer {layer}) imports {imported} (layer {below})"
+
+
+def test_a_module_that_one_folder_uses_lies_in_that_folder() -> None:
+    users: dict[str, set[str]] = {module: set() for module in _ALL}
+    for module in _ALL:
+        for imported in _own_imports(module):
+            users[imported].add(_folder(module))
+    astray = [
+        module
+        for module, folders in users.items()
+        if len(folders) == 1 and _folder(module) not in folders and module not in _STANDS_ALONE
+    ]
+    assert not astray, "move these, or name them in _STANDS_ALONE"
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:

@@ -14,7 +14,7 @@ import pytest
 
 import limberjack
 from limberjack import suite
-from limberjack.mujoco.wrapper import compiled
+from limberjack.mujoco import compiled
 from tests.laws.episodes import DOMAINS, Task, actions, bits, load, play
 
 _PACKAGE = os.path.dirname(limberjack.__file__) + os.sep

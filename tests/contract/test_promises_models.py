@@ -13,7 +13,7 @@ import pytest
 
 from limberjack import mujoco as lj_mujoco
 from limberjack import suite
-from limberjack.mujoco.wrapper import compiled
+from limberjack.mujoco import compiled
 from tests.laws.episodes import DOMAINS, Task, bits, load, play, snapshot
 from tests.representatives import REPRESENTATIVES
 

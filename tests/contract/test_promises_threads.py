@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco.wrapper import compiled
+from limberjack.mujoco import compiled
 from tests.laws.episodes import DOMAINS, Task, bits, load, play
 
 _THREADS = 4

@@ -37,12 +37,12 @@ from limberjack.mujoco.camera import (
     Selected,
     TextOverlay,
 )
+from limberjack.mujoco.compiled import compiled
 from limberjack.mujoco.identity import identity
 from limberjack.mujoco.index import NamedIndexStructs
 from limberjack.mujoco.rows_view import RowsData
 from limberjack.mujoco.simulation import Fields, Simulation, described
 from limberjack.mujoco.single_simulation import SingleSimulation
-from limberjack.mujoco.wrapper.compiled import compiled
 from limberjack.rl import control as _control
 from limberjack.rl.contract import Nested
 from limberjack.utils.log import log

@@ -7,8 +7,8 @@ import mujoco
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco.wrapper import compiled as kept_models
-from limberjack.mujoco.wrapper.compiled import compiled
+from limberjack.mujoco import compiled as kept_models
+from limberjack.mujoco.compiled import compiled
 
 _XML = "<mujoco><worldbody><body><freejoint/><geom size='.1'/></body></worldbody></mujoco>"
 
