@@ -92,7 +92,7 @@ def test_what_stands_in_serves_in_annotations_and_checks() -> None:
 def test_using_what_stands_in_says_what_is_not_built(use: str) -> None:
     kind, message = error_of(f"from dm_control import composer, manipulation; {use}")
     assert kind == "NotImplementedError"
-    assert re.match(r"dm_control\.(composer|manipulation)\.\w+.* is not built", message)
+    assert re.match(r"dm_control\.(composer|manipulation)\.\w+.* is not implemented", message)
     assert "use that in an environment of its own" in message
 
 

@@ -119,4 +119,4 @@ def _refuse_subclass(cls: type, **kwargs: object) -> NoReturn:
 
 def _not_built(name: str) -> str:
     alias = f"dm_control.{name.partition('.')[2]}"
-    return f"{alias} is not implemented in limberjack, which replaces dm_control. {WHERE_TO_FIND_IT}"
+    return f"{alias} is not implemented in limberjack, in use as dm_control. {WHERE_TO_FIND_IT}"

@@ -211,7 +211,7 @@ class BatchSimulation(CountsWarnings):
         return ReadOnly.of(field, _COMMON.format(name)) if is_array else field, False
 
     def abandon(self) -> None:
-        """Marks the batch as unusable; called in a forked child, which lacks the batch's threads."""
+        """Marks the batch as unusable in a forked child, which lacks the batch's threads."""
         self._is_orphan = True
         # Never freed: its destructor would wait for threads that do not exist here.
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._lazy.official._b))

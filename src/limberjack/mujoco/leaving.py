@@ -46,7 +46,7 @@ def _wait_for_calls() -> None:
     global _is_leaving
     _is_leaving = True
     end = time.monotonic() + _LONGEST_WAIT
-    # Living threads, except this one, which is not in a call even if an interrupted one left a mark.
+    # Living threads except this one, which is in no call, although an interrupted one may say so.
     others = {thread.ident for thread in threading.enumerate()} - {threading.get_ident()}
     while any(busy.busy_in in others for busy in list(_watched)) and time.monotonic() < end:
         time.sleep(0.001)

@@ -50,7 +50,7 @@ _HARMLESS_TOO = {  # further such fields
 _FEW = 8  # planes
 _GRID = 2.0**-20  # metres; spacing of floats near 5e9 metres, half the size of a plane's box
 _TOUCH = 1e-12  # metres
-_RADII = (2**14 + 5003 * np.arange(8) + 0.5) * _GRID - _TOUCH  # metres; round down by a small margin
+_RADII = (2**14 + 5003 * np.arange(8) + 0.5) * _GRID - _TOUCH  # metres; barely rounded down
 _ROUNDED = 1e-12  # metres; tolerance for a box that is smaller than its geoms
 
 
