@@ -56,7 +56,7 @@ def test_the_library_prints_nothing() -> None:
         assert not re.search(r"^\s*print\(", code, re.MULTILINE), path
 
 
-def test_any_stands_rarely_in_types() -> None:
+def test_any_is_rare_in_types() -> None:
     # The planner's modules are left out until they are written again.
     found = {
         module: sum(

@@ -194,7 +194,7 @@ def test_the_control_step_is_given_once(task: Task) -> None:
 
 
 @pytest.mark.parametrize("name", ["time_limit", "control_timestep"])
-def test_what_is_no_number_is_refused_by_name(name: str) -> None:
+def test_values_that_are_not_numbers_are_refused_by_name(name: str) -> None:
     env = load(("humanoid", "walk"))
     keywords: dict[str, Any] = {name: "ten"}
     with pytest.raises((TypeError, ValueError), match=name):

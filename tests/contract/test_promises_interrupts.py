@@ -108,7 +108,7 @@ def replayed(env: Any) -> Any:
 
 
 @pytest.mark.parametrize(("task", "is_edited"), _CASES)
-def test_a_reset_interrupted_anywhere_is_undone_done_or_made_again(
+def test_a_reset_interrupted_anywhere_is_undone_complete_or_repeated(
     task: Task, is_edited: bool
 ) -> None:
     env = under_way(task, is_edited)
@@ -130,7 +130,7 @@ def test_a_reset_interrupted_anywhere_is_undone_done_or_made_again(
 
 
 @pytest.mark.parametrize(("task", "is_edited"), _CASES)
-def test_a_step_interrupted_anywhere_is_undone_done_or_ends_the_episode(
+def test_a_step_interrupted_anywhere_is_undone_complete_or_ends_the_episode(
     task: Task, is_edited: bool
 ) -> None:
     env = under_way(task, is_edited)
@@ -151,7 +151,7 @@ def test_a_step_interrupted_anywhere_is_undone_done_or_ends_the_episode(
 
 
 @pytest.mark.parametrize("task", DOMAINS)
-def test_a_load_interrupted_anywhere_can_be_made_again(task: Task) -> None:
+def test_a_load_interrupted_anywhere_can_be_repeated(task: Task) -> None:
     def load_and_begin() -> Any:
         return suite.load(*task, {"random": 0}).reset()
 
@@ -161,7 +161,7 @@ def test_a_load_interrupted_anywhere_can_be_made_again(task: Task) -> None:
     assert replayed(load(task)) == expected
 
 
-def test_a_first_load_interrupted_anywhere_can_be_made_again() -> None:
+def test_a_first_load_interrupted_anywhere_can_be_repeated() -> None:
     def compile_and_begin() -> None:
         compiled._in_use.clear()
         compiled.drop_unused()

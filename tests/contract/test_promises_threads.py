@@ -33,7 +33,7 @@ def episodes(task: Task, seed: int) -> list[Any]:
 
 
 @pytest.mark.parametrize("task", DOMAINS)
-def test_threads_play_what_one_after_the_other_plays(task: Task, switching_often: None) -> None:
+def test_parallel_episodes_equal_sequential_ones(task: Task, switching_often: None) -> None:
     expected = [episodes(task, seed) for seed in range(_THREADS)]
     with futures.ThreadPoolExecutor(_THREADS) as pool:
         assert list(pool.map(episodes, [task] * _THREADS, range(_THREADS))) == expected

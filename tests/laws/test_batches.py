@@ -124,7 +124,7 @@ def test_64_rows_on_any_number_of_threads_are_the_same(task: Task) -> None:
 @pytest.mark.usefixtures("share")
 @pytest.mark.parametrize("whole_steps", [False, True])
 @pytest.mark.parametrize("task", TASKS)
-def test_a_field_that_nobody_asked_for_before_is_the_single_environments(
+def test_a_field_bound_late_equals_that_of_the_single_environments(
     task: Task, whole_steps: bool
 ) -> None:
     # MuJoCo writes a field from the call on that comes after it was asked for.
@@ -191,7 +191,7 @@ def test_what_a_batch_returns_never_changes_later(task: Task) -> None:
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_specs_describe_what_comes(task: Task) -> None:
+def test_specs_describe_the_time_steps(task: Task) -> None:
     batch = suite.load_batch(*task, 5, 1, _SEED)
     single = suite.load(*task)
     batch.reset()

@@ -50,7 +50,7 @@ def test_the_first_observation_is_of_the_state_that_the_episode_starts_from(task
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_every_start_is_another_and_its_kind_is_known(task: Task) -> None:
+def test_starts_differ_and_their_kinds_are_declared(task: Task) -> None:
     env = load(task)
     expected = expectations.STARTS.get(task)
     assert expected is None or expected == kinds(env.task)

@@ -269,7 +269,7 @@ def test_an_unknown_camera_is_refused_with_a_suggestion_and_the_list() -> None:
         ({"render_flag_overrides": {"wirefame": True}}, "wirefame"),
     ],
 )
-def test_what_cannot_be_combined_is_refused(kwargs: dict[str, Any], word: str) -> None:
+def test_incompatible_arguments_are_refused(kwargs: dict[str, Any], word: str) -> None:
     physics = furnished()
     expected = physics.render(**SIZE)
     for draw in (lambda **k: render(physics, **SIZE, **k), Camera(physics, **SIZE).render):

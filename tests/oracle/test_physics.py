@@ -147,7 +147,7 @@ def test_a_reset_to_a_keyframe_is_the_same(keyframe: int | None) -> None:
 
 
 @pytest.mark.parametrize("keyframe", [-1, 2, 99])
-def test_a_keyframe_that_is_not_there_is_refused_alike(keyframe: int) -> None:
+def test_an_unknown_keyframe_is_refused_alike(keyframe: int) -> None:
     twin = twins.load_physics()
     twin.play(3)
     twin.do(lambda physics: physics.reset(keyframe_id=keyframe))
@@ -173,7 +173,7 @@ def test_forward_after_reset_and_a_reset_context_are_the_same(name: str) -> None
     twin.play(5)
 
 
-def test_what_queries_return_is_no_view_of_live_memory_where_dm_control_copies() -> None:
+def test_results_of_queries_are_copies_where_dm_control_copies() -> None:
     twin = twins.load_physics()
     for query in ("position", "velocity", "control", "activation", "state", "get_state"):
         before = [getattr(physics, query)() for physics in twin.both]

@@ -318,7 +318,7 @@ def _set_contacts(physics: Physics, value: float) -> None:
         (_set_contacts, "geom_contype"),
     ],
 )
-def test_a_start_that_sets_an_undeclared_field_is_told_to_declare_it(
+def test_a_start_that_sets_an_undeclared_field_is_refused_with_advice(
     set_model: Any, field: str
 ) -> None:
     declared = rf"\('body_pos', '{field}'\)"
@@ -331,13 +331,13 @@ def test_a_start_that_sets_an_undeclared_field_is_told_to_declare_it(
     ("set_model", "field"),
     [(_set_hills, "hfield_data"), (_set_sky, "tex_data"), (_set_shard, "mesh_vert")],
 )
-def test_a_start_that_sets_what_rows_have_in_common_is_refused(set_model: Any, field: str) -> None:
+def test_a_start_that_sets_a_shared_field_is_refused(set_model: Any, field: str) -> None:
     expected = f"Broken sets {field} of the model .*the rows of a batch have {field} in common"
     with pytest.raises(ValueError, match=expected):
         _batch(_starting(set_model))
     task = _starting(set_model)
     task.EPISODE_FIELDS = ("body_pos", field)
-    with pytest.raises(ValueError, match=f"declares '{field}' in EPISODE_FIELDS, which a batch"):
+    with pytest.raises(ValueError, match=f"declares '{field}' in EPISODE_FIELDS, which cannot"):
         _batch(task)
 
 
@@ -439,7 +439,7 @@ def test_the_task_is_left_as_it_was() -> None:
     assert batch.begins.all()
 
 
-def test_a_task_that_cannot_be_copied_is_told_why() -> None:
+def test_a_task_that_cannot_be_copied_is_refused_with_the_reason() -> None:
     import threading
 
     task = Reach(random=0)

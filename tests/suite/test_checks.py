@@ -149,5 +149,5 @@ def test_a_task_that_no_id_can_name_is_refused() -> None:
     factory.__name__ = "no-name"
     tasks.add()(factory)
     module.SUITE = tasks  # pyright: ignore[reportAttributeAccessIssue]
-    with pytest.raises(ValueError, match="the task name 'no-name' is no Python identifier"):
+    with pytest.raises(ValueError, match="the task name 'no-name' is not a Python identifier"):
         _checks.rows_of("body", module)

@@ -39,7 +39,7 @@ def test_tags_are_dm_controls() -> None:
     assert all(type(getattr(suite, name)) is tuple for name in expected)
 
 
-def test_programs_that_look_inside_find_the_domains_and_tags() -> None:
+def test_private_names_that_programs_use_exist() -> None:
     assert dict(suite._DOMAINS) == {
         "humanoid": humanoid,
         "manipulator": manipulator,

@@ -57,7 +57,7 @@ def test_a_fault_that_no_test_notices_is_missed(tool: Any, copy: Any) -> None:
 
 
 @pytest.mark.parametrize(("old", "count"), [("3 * x", 0), ("x", 2)])
-def test_a_text_that_is_not_there_exactly_once_is_stale(
+def test_a_text_that_does_not_occur_exactly_once_is_stale(
     tool: Any, copy: Any, old: str, count: int
 ) -> None:
     kind, why = _planted(tool, copy, old, "y")
@@ -65,7 +65,7 @@ def test_a_text_that_is_not_there_exactly_once_is_stale(
     assert f"{count} times" in why
 
 
-def test_a_file_that_is_not_there_is_stale(tool: Any, copy: Any) -> None:
+def test_a_missing_file_is_stale(tool: Any, copy: Any) -> None:
     assert copy.verdict(tool.Fault("sums/treble.py", "x", "y"))[0] == tool.STALE
 
 

@@ -78,7 +78,7 @@ def _problem(task: Task, physics: Physics, spec: specs.BoundedArray) -> str | No
         before = effect(action)
         for index in np.ndindex(spec.shape):
             if all(effect(_with(action, index, bound[index])) == before for bound in (low, high)):
-                return f"{shape} does not fit: its element {list(index)} has no effect"
+                return f"{shape} is not what it takes: number {list(index)} of it has no effect"
     except Exception as error:  # a task may raise anything for an action that it does not accept
         return f"{shape} makes before_step raise {type(error).__name__}: {error}"
     return None

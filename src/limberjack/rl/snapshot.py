@@ -100,8 +100,7 @@ class Snapshot:
         if (running >= step_limit).any():
             raise ValueError(
                 f"the snapshot is of step {running.max()} of an episode, and episodes end after "
-                f"{math.ceil(step_limit)} steps here: restore it into an environment with a longer "
-                "time limit"
+                f"{math.ceil(step_limit)} steps here: restore it where the time limit is longer"
             )
 
 

@@ -111,8 +111,8 @@ class Task(control.Task[_Physics]):
         expected = physics.simulation.ctrl.shape
         if action.shape != expected:
             raise ValueError(
-                f"action has shape {action.shape}; expected {expected}: one number per actuator; "
-                "nothing was stepped"
+                f"action has shape {action.shape}; expected {expected}: one number for each "
+                "actuator; nothing was stepped"
             )
         physics.set_control(action)
 

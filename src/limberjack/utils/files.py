@@ -122,7 +122,7 @@ def _lock(number: int, path: Path) -> None:
         fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise ValueError(
-            f"another process is writing to {path}: wait for it to finish, or choose another path"
+            f"another process writes to {path}: wait for it, or choose another place"
         ) from None
     except OSError:  # the file system does not support locks
         pass
