@@ -1,4 +1,4 @@
-"""Stand-ins for dm_control's packages that are not built."""
+"""Stand-ins for the parts of dm_control that are not implemented."""
 
 import re
 from pathlib import Path

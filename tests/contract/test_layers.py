@@ -1,4 +1,4 @@
-"""The shape of the source: layers, heavy imports, sizes, and what `__all__` says."""
+"""The structure of the source: layers, heavy imports, sizes and `__all__`."""
 
 import ast
 import graphlib
@@ -76,7 +76,7 @@ def _layer(module: str) -> int | None:
 
 
 def _own_imports(module: str) -> set[str]:
-    """The package's modules that a module imports, but for the root, which has the version."""
+    """Modules of the package that a module imports, except for the root, which has the version."""
     return {name for name in imports(module) if name in modules()} - {PACKAGE, module}
 
 

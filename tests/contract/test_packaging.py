@@ -1,4 +1,4 @@
-"""What is installed, what it needs, and what make and CI do."""
+"""Installed files, requirements, and the targets of make and CI."""
 
 import os
 import re

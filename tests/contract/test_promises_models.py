@@ -1,4 +1,4 @@
-"""Environments of a process share one compiled model, and editing it reaches no other."""
+"""Environments of a process share a compiled model, and editing it affects no other environment."""
 
 import copy
 import gc

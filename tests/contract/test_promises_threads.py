@@ -1,4 +1,4 @@
-"""Environments of one task in several threads play what they play one after the other."""
+"""Environments of one task give the same results in parallel threads as one after the other."""
 
 import os
 import sys
@@ -20,7 +20,7 @@ _EPISODES = 6
 
 @pytest.fixture
 def switching_often() -> Iterator[None]:
-    """Threads take turns as often as they can."""
+    """Makes threads switch as often as possible."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     yield

@@ -1,4 +1,4 @@
-"""How an episode of any task runs: reproducible, as long as its time limit, as its specs say."""
+"""Episodes of any task are reproducible, last for the time limit and conform to the specs."""
 
 import collections
 import unittest

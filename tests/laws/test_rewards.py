@@ -1,4 +1,4 @@
-"""Rewards of any task: between 0 and 1, and made of their terms."""
+"""Rewards of any task lie between 0 and 1 and follow from their terms."""
 
 from typing import Any
 

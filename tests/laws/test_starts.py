@@ -1,4 +1,4 @@
-"""What an episode of any task starts from."""
+"""Starts of episodes of any task."""
 
 from typing import Any
 
@@ -74,7 +74,7 @@ def test_a_start_that_cannot_be_collision_free_is_an_error_naming_task_and_bound
     name = type(env.task).__name__
     with pytest.raises(RuntimeError, match=rf"{name}: none of 30 random starts was free of cont"):
         env.reset()
-    # Whole again as soon as the model is.
+    # Works again once the model is restored.
     env.physics.model.geom_margin[:] = margins
     env.task._random = np.random.RandomState(4)
     twin.task._random = np.random.RandomState(4)

@@ -1,4 +1,4 @@
-"""Tests of the strict array: NumPy's bits for what it allows, an error for what it refuses."""
+"""The strict array gives NumPy's bits for allowed operations and raises for others."""
 
 from collections.abc import Callable
 from typing import Any

@@ -1,4 +1,4 @@
-"""A batch implements the whole interface of a simulation, as a single one does."""
+"""A batch implements the complete interface of a simulation, like a single one."""
 
 from collections.abc import Callable
 from typing import Any

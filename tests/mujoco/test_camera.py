@@ -1,7 +1,6 @@
 """Tests of limberjack.mujoco.camera.
 
-That pictures are dm_control's is in test_camera_beside_dm_control.py, how OpenGL is reached and how
-long it lasts in rendering/.
+Comparisons with dm_control are in test_camera_beside_dm_control.py, tests of OpenGL in rendering/.
 """
 
 from collections.abc import Callable

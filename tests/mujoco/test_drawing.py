@@ -1,4 +1,4 @@
-"""Pictures of a Physics: shapes that are known before drawing, and arguments that are refused."""
+"""Pictures of a Physics: shapes known before rendering, and rejected arguments."""
 
 import os
 from typing import Any

@@ -1,4 +1,4 @@
-"""Names of the axes of fields, and the fields that simulations may differ in."""
+"""Names of the axes of fields, and the fields that may differ per row."""
 
 import mujoco
 import numpy as np

@@ -364,7 +364,7 @@ def test_fields_are_listed_and_looked_up_by_name(physics: Physics) -> None:
 
 
 def test_every_row_and_column_that_has_names_has_as_many_as_there_are(physics: Physics) -> None:
-    """No rule in `fields` names an axis of another length, in this MuJoCo."""
+    """For the installed MuJoCo, every rule in `fields` matches the length of its axis."""
     for struct, view in (("MjData", physics.named.data), ("MjModel", physics.named.model)):
         seen = 0
         for name, indexer in view._asdict().items():

@@ -1,4 +1,4 @@
-"""`checksums`: numbers of a model by field, and which of them have changed."""
+"""`checksums` of a model's fields, and detection of changed fields."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Pictures: options that go together, and raw pixels made into arrays."""
+"""Pictures: compatible options, and conversion of raw pixels to arrays."""
 
 from types import SimpleNamespace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Arrays and structs that refuse to be written, and say what to do instead."""
+"""Read-only arrays and structs, whose errors say what to do instead."""
 
 import pickle
 

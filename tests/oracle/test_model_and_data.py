@@ -1,4 +1,4 @@
-"""Models and data: constructors, lookups, flags, forces and velocities do as dm_control's."""
+"""Models and data: constructors, lookups, flags, forces and velocities behave as in dm_control."""
 
 import functools
 from collections.abc import Callable

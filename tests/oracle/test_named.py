@@ -46,7 +46,7 @@ def _twin_physics(name: str) -> list[Any]:
 
 
 def _indexers(name: str, struct: str) -> Iterator[tuple[str, Any, Any]]:
-    """Field name, our indexer and dm_control's, of every field that dm_control shows."""
+    """Name, our indexer and dm_control's indexer of every field that dm_control has."""
     # dm_control's indexers do not keep their physics alive: these two names do.
     ours, theirs = _twin_physics(name)
     our_struct, their_struct = getattr(ours.named, struct), getattr(theirs.named, struct)
@@ -100,7 +100,7 @@ def _keys(indexer: Any) -> list[Any]:
 
 
 def _names(axis: Any) -> list[str]:
-    """The axis's names; an axis has none where nothing is named, or where there is nothing."""
+    """The axis's names; empty if no object is named or there are no objects."""
     return list(getattr(axis, "names", []))
 
 

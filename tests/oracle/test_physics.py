@@ -1,4 +1,4 @@
-"""Physics: states, copies, resets, steps and errors are what dm_control's are."""
+"""Physics: states, copies, resets, steps and errors equal dm_control's."""
 
 import copy
 import itertools
@@ -241,10 +241,10 @@ def test_divergence_raises_a_physics_error_with_the_same_message(
             destroy(physics)
         errors.append(error.value)
     our_message, their_message = map(str, errors)
-    # Ours may go on to say what to do.
+    # Our message may continue with advice.
     assert our_message.startswith(their_message)
     twin.assert_same_state()
-    # A warning that was there before is none of the next step's.
+    # Earlier warnings do not count for the next step.
     for physics in twin.both:
         physics.reset()
     twin.play(3)

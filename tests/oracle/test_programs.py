@@ -1,4 +1,4 @@
-"""A program that brings its own model, Physics and Task runs the same on either package."""
+"""A program with its own model, Physics and Task runs the same with either package."""
 
 import collections
 import itertools

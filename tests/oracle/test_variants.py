@@ -1,4 +1,4 @@
-"""Every way to configure, reset and seed an environment gives what dm_control gives."""
+"""Every way to configure, reset and seed an environment gives the same results as dm_control."""
 
 import functools
 import itertools

@@ -1,4 +1,4 @@
-"""The planner: laws over all tasks, and what it refuses."""
+"""The planner: properties for all tasks, and rejected arguments."""
 
 import dataclasses
 from typing import Any

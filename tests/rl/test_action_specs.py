@@ -1,4 +1,4 @@
-"""`bounded_spec`: tasks whose actions are not their actuators' say so, or are refused to agents."""
+"""`bounded_spec`: tasks whose actions differ from the controls must define an action spec."""
 
 import importlib
 from typing import Any

@@ -1,4 +1,4 @@
-"""BatchEnvironment: its checks, divergence, user's tasks, and life in other processes."""
+"""BatchEnvironment: checks, divergence, user tasks, threads and processes."""
 
 import collections
 import logging

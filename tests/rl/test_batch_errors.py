@@ -1,4 +1,4 @@
-"""Messages about tasks that are not batch-safe: what differs, where, and the change to make."""
+"""Error messages about tasks that are not batch-safe: the difference, its location and advice."""
 
 import collections
 from typing import Any

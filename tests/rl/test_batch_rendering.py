@@ -1,4 +1,4 @@
-"""Pictures of a batch: those of the single environments, whatever differs between the rows."""
+"""Pictures of a batch equal those of single environments, whatever differs between the rows."""
 
 import os
 from typing import Any
@@ -36,7 +36,7 @@ def _single(row: int, task: tuple[str, str] = ("manipulator", "bring_peg"), **kw
 
 
 def _assert_pictures_alike(batch: BatchEnvironment, singles: list[Environment], **how: Any) -> None:
-    """Compares rows' pictures with those of single environments at the start and a bit later."""
+    """Compares rows' pictures with those of single environments, at the start and later."""
     actions = np.random.RandomState(1).uniform(-1, 1, (4, *batch.action_spec().shape))
     for step in range(3):
         pictures = batch.render(range(len(singles)), **how)

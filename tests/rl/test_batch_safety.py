@@ -1,4 +1,4 @@
-"""Tasks that would be wrong in a batch are refused when it is made, with what is wrong."""
+"""Tasks that would be wrong in a batch are refused when it is created, with the reason."""
 
 import collections
 import re

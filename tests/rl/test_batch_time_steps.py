@@ -1,4 +1,4 @@
-"""A batch's time steps row by row: rewards, discounts and ends, against what the task says."""
+"""Time steps of a batch: rewards, discounts and step types of each row."""
 
 import collections
 from typing import Any
@@ -26,7 +26,7 @@ _SLIDER = """
 
 
 class _Scripted(base.Task):
-    """A task that, once the batch is made, says of its rows what it is told to."""
+    """A task whose rewards and terminations are set by the test once the batch is created."""
 
     rewards: Any = None
     discounts: Any = None

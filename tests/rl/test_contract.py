@@ -1,4 +1,4 @@
-"""The contracts of `Physics` and `Task`: what is optional, and in which order things happen."""
+"""The contracts of `Physics` and `Task`: optional methods, defaults and the order of calls."""
 
 from typing import Any
 

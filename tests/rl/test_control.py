@@ -1,4 +1,4 @@
-"""Tests of limberjack.rl.control: an environment of a small physics and task of our own."""
+"""Tests of limberjack.rl.control with a small physics and task."""
 
 import collections
 from typing import Any
@@ -48,7 +48,7 @@ class Counter(control.Physics):
 
 
 class Reach(control.Task):
-    """The number is to reach 10, where the episode ends."""
+    """The number should reach 10, at which the episode ends."""
 
     def __init__(self) -> None:
         self.told: list[str] = []

@@ -1,4 +1,4 @@
-"""Checks of what a batch is given: numbers, rows, seeds, actions, memory and threads."""
+"""Validation of a batch's arguments: numbers, rows, seeds, actions, memory and threads."""
 
 import pickle
 import threading

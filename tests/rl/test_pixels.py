@@ -1,4 +1,4 @@
-"""Pictures as observations: what each shows, and that they belong to the state."""
+"""Pixel observations: their content, and their part in snapshots and copies."""
 
 import collections
 import copy
@@ -250,7 +250,7 @@ def test_a_snapshot_restores_into_an_environment_with_the_same_pixels_or_none() 
 
 
 def _restored_into_only(batch: BatchEnvironment) -> BatchEnvironment:
-    """A batch that sees the same and nothing else."""
+    """A batch that observes the same pixels and nothing else."""
     only = _batch(pixels={**_PIXELS, "only": True})
     only.restore(batch.snapshot())
     return only
@@ -307,7 +307,7 @@ def test_specs_and_settings_need_no_opengl() -> None:
 
 
 class _Painter(base.Task):
-    """Observes something called as pictures are."""
+    """Observes something under the name of the pictures."""
 
     def initialize_episode(self, physics: Any) -> None:
         pass

@@ -1,4 +1,4 @@
-"""Domain randomisation: rows and single environments draw the same, and starts stay the same."""
+"""Domain randomisation: rows draw like single environments, and starts do not change."""
 
 from typing import Any
 

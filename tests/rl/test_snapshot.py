@@ -1,4 +1,4 @@
-"""Snapshots and copies: what is refused, and what they show."""
+"""Snapshots and copies: rejected ones, and their quantities."""
 
 import copy
 import dataclasses

@@ -1,4 +1,4 @@
-"""Streams of rows: one for starts, one beside it for the model's fields."""
+"""Random streams of rows: one for starts, a separate one for model fields."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests of limberjack.suite.base: a task of a user's own."""
+"""Tests of limberjack.suite.base with a user task."""
 
 from types import SimpleNamespace
 from typing import Any

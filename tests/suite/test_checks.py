@@ -1,4 +1,4 @@
-"""Checks of a domain's module: everything that is wrong with it, in one message."""
+"""Validation of a domain's module, with all problems in one message."""
 
 from collections.abc import Callable
 from types import ModuleType

@@ -1,4 +1,4 @@
-"""Planting faults: which are caught, which are missed, and what is reported as stale or broken."""
+"""Planting faults: caught, missed, stale and broken ones."""
 
 import importlib
 from pathlib import Path
@@ -28,7 +28,7 @@ def tool(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 @pytest.fixture
 def copy(tool: Any, tmp_path: Path) -> Any:
-    """A copy of a small repository, of a package called as this one."""
+    """A copy of a small repository with a package of the same name as this one."""
     small = tmp_path / "small"
     for name, text in (
         ("src/limberjack/__init__.py", ""),

@@ -222,7 +222,7 @@ def test_bad_arguments_of_one_row_are_refused(bounds: Any, margin: Any, match: s
 
 
 class _Foreign:
-    """An array that is no ndarray, which NumPy's functions take and give back."""
+    """An array other than an ndarray, supported by NumPy's functions through its protocols."""
 
     def __init__(self, values: np.ndarray) -> None:
         self.values, self.shape = values, values.shape

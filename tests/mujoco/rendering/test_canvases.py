@@ -1,4 +1,4 @@
-"""Tests of limberjack.mujoco.rendering.canvases: what is shared, what is freed, what it costs."""
+"""Tests of limberjack.mujoco.rendering.canvases: sharing, freeing, memory."""
 
 import sys
 from collections.abc import Callable
@@ -29,7 +29,7 @@ def _physics(colour: str = ".1 .2 .3", shadow: int = 128) -> Physics:
 
 
 def _context(physics: Physics) -> int:
-    """Which of MuJoCo's contexts draws it: the number of its buffer, and of the context object."""
+    """Identifies the MuJoCo context that draws a physics, by buffer and context object."""
     return call(physics.model._model, id)
 
 

@@ -1,4 +1,4 @@
-"""Calling libraries that are written in C."""
+"""Loading and calling C libraries."""
 
 import ctypes
 import sys

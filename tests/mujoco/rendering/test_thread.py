@@ -25,7 +25,7 @@ _MODEL = """
   </worldbody>
 </mujoco>
 """
-# For scripts: a physics, a way to draw it, and a wait for a child that does not wait for ever.
+# For scripts: a physics, a function that draws it, and a wait for a child with a time limit.
 _PRELUDE = f"""
 import os, signal, sys, threading, time
 import numpy as np

@@ -1,4 +1,4 @@
-"""Tests of limberjack.mujoco.rendering.uploads: pictures show what has changed in a model."""
+"""Tests of limberjack.mujoco.rendering.uploads: pictures show changes of a model."""
 
 import copy
 from collections.abc import Callable
@@ -77,7 +77,7 @@ def _physics() -> Physics:
 
 
 def _fresh(physics: Physics) -> np.ndarray:
-    """A picture of an equal model that has never been drawn, in a context of its own."""
+    """A picture of an equal model that was never drawn before, in a private context."""
     model = wrapper.MjModel(copy.copy(physics.model.ptr))
     other = Physics.from_model(model)
     other.contexts.mujoco.ptr  # noqa: B018

@@ -1,4 +1,4 @@
-"""Compiled models are shared by their source, and kept for the next load."""
+"""Compiled models are shared between equal sources and cached."""
 
 import gc
 import weakref

@@ -1,4 +1,4 @@
-"""`MjModel` as programs for dm_control know it, shared or not."""
+"""`MjModel` has dm_control's interface, whether the model is shared or not."""
 
 import copy
 import pickle

@@ -1,4 +1,4 @@
-"""The part that action wrappers share: delegation, and the check of an action."""
+"""The wrappers' base class: delegation, and action checks."""
 
 import copy
 import pickle
@@ -13,7 +13,7 @@ from limberjack.suite.wrappers._delegating import Wrapper, checked_action
 
 
 class _Environment(dm_env.Environment):
-    """Remembers what it was asked for."""
+    """Records its calls."""
 
     def __init__(self) -> None:
         self.asked: list[Any] = []
