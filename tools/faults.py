@@ -22,7 +22,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "self._replicas.simulation.save(rows, self._s",
             "self._replicas.simulation.save(None, self._s",
         ),
-        ("            self._begins[rows] = True  # until they", "            pass  # until they"),
+        ("            self._begins[rows] = True  # until c", "            pass  # until c"),
         ("self._streams.replace(row, stream)", "self._streams.own[row] = stream"),
     ],
     "rl/endings.py": [

@@ -30,7 +30,7 @@ def test_stand_ins_can_be_imported_as_modules_and_from_packages() -> None:
         real = name.replace("dm_control", "limberjack", 1)
         assert module is sys.modules[name] is sys.modules[real]
         assert module.__name__ == module.__spec__.name == real
-        assert "not built" in module.__doc__
+        assert "not implemented" in module.__doc__
     from dm_control import composer, manipulation, mjcf
     from dm_control.composer.observation import observable
     from dm_control.locomotion.walkers import cmu_humanoid

@@ -52,7 +52,9 @@ def test_texts_and_comments_use_current_words(module: str) -> None:
 
 
 def test_the_search_finds_what_it_looks_for() -> None:
-    source = '"""Where it is."""\n\n\ndef f(x):\n    """How far."""\n    # not in\n    return "Till"\n'
+    source = (
+        '"""Where it is."""\n\n\ndef f(x):\n    """How far."""\n    # not in\n    return "Till"\n'
+    )
     assert list(_bad_docstrings(source)) == ["Where it is.", "How far."]
     assert _bad_words(source) == ["Till"]
     assert _bad_words('x = f"{1} begins anew"  # in vain') == ["in vain", "anew"]

@@ -220,9 +220,7 @@ _MIXED_KEYS: list[Any] = [
 
 
 @pytest.mark.parametrize("key", _MIXED_KEYS, ids=str)
-def test_keys_that_mix_names_with_numbers_and_slices_are_cached(
-    physics: Physics, key: Any
-) -> None:
+def test_keys_that_mix_names_with_numbers_and_slices_are_cached(physics: Physics, key: Any) -> None:
     xpos = named(physics, "xpos")
     batch = FieldIndexer("xpos", np.random.default_rng(0).random((4, *xpos.shape)), xpos.axes, True)
     for indexer in (xpos, batch):

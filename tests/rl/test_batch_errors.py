@@ -90,7 +90,7 @@ def test_an_observation_of_another_type_is_refused_and_a_reward_is_not() -> None
 
 
 def test_attributes_that_starts_set_are_the_advice_if_there_are_any() -> None:
-    with pytest.raises(ValueError, match=r"whose start sets self\._goal, self\.side, as all rows"):
+    with pytest.raises(ValueError, match=r"its start sets self\._goal, self\.side: store"):
         _finding(kept=("_goal", "side")).check(np.zeros(3), np.array(1.0))
 
 
@@ -102,7 +102,7 @@ def test_quantities_set_by_steps_have_advice_on_steps(label: str) -> None:
 
 def test_a_quantity_that_only_one_side_has_is_named() -> None:
     missing = _finding().missing(["observation 'speed'", "the reward"])
-    assert "'angle' of task Swing is missing in a batch after 2 steps, where there are " in str(
+    assert "'angle' of task Swing is missing in a batch after 2 steps, which has only " in str(
         missing
     )
     assert "observation 'speed', the reward: a task must give rows what it gives" in str(missing)

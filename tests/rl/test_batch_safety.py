@@ -251,7 +251,7 @@ def test_names_of_observations_must_not_depend_on_the_batch() -> None:
 
     with pytest.raises(ValueError, match="observation 'to_goal' of task Broken is missing"):
         _batch(_with(get_observation=fewer))
-    with pytest.raises(ValueError, match="observation 'rows' of task Broken is there in a batch"):
+    with pytest.raises(ValueError, match="observation 'rows' of task Broken exists in a batch"):
         _batch(_with(get_observation=more))
 
 
@@ -264,7 +264,9 @@ def test_an_attribute_that_an_episode_sets_is_named() -> None:
         return {"angles": physics.position() - self._offset}  # a shape that fits
 
     task = _with(initialize_episode=initialize_episode, get_observation=get_observation)
-    expected = r"'angles' .* in row 0 .*: keep nothing of the episode in the task, .* self\._offset"
+    expected = (
+        r"'angles' .* in row 0 .*: store nothing about the episode in the task, .* self\._offset"
+    )
     with pytest.raises(ValueError, match=expected):
         _batch(task)
     assert not hasattr(task, "_offset")
@@ -332,7 +334,7 @@ def test_a_start_that_sets_an_undeclared_field_is_refused_with_advice(
     [(_set_hills, "hfield_data"), (_set_sky, "tex_data"), (_set_shard, "mesh_vert")],
 )
 def test_a_start_that_sets_a_shared_field_is_refused(set_model: Any, field: str) -> None:
-    expected = f"Broken sets {field} of the model .*the rows of a batch have {field} in common"
+    expected = f"Broken sets {field} of the model .*the rows of a batch share {field}"
     with pytest.raises(ValueError, match=expected):
         _batch(_starting(set_model))
     task = _starting(set_model)

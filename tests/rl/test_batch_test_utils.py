@@ -83,5 +83,5 @@ def test_a_class_without_an_environment_says_what_to_define() -> None:
     class Laws(BatchEnvironmentTestMixin):
         pass
 
-    with pytest.raises(NotImplementedError, match=r"Laws defines no make_single\(seed\)"):
+    with pytest.raises(NotImplementedError, match=r"Laws does not define make_single\(seed\)"):
         Laws().make_single(0)

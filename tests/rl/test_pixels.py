@@ -218,9 +218,7 @@ def test_a_row_goes_into_another_and_into_a_single_environment_with_its_stack() 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("make", [_single, _batch])
 @pytest.mark.parametrize("steps_before", [None, 0, 2])
-def test_a_copy_observes_the_same_pixels(
-    make: Any, copied: Any, steps_before: int | None
-) -> None:
+def test_a_copy_observes_the_same_pixels(make: Any, copied: Any, steps_before: int | None) -> None:
     env = make()
     actions = _actions(env, _STEPS + 3)
     if steps_before is not None:

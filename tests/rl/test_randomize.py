@@ -102,7 +102,9 @@ def test_the_stream_for_model_fields_depends_on_the_tasks_and_does_not_advance_i
         ({"body_mass": lambda random, nominal: nominal * np.nan}, ValueError, "finite"),
     ],
 )
-def test_fields_that_cannot_be_randomised_are_refused(randomize: Any, error: Any, message: str) -> None:
+def test_fields_that_cannot_be_randomised_are_refused(
+    randomize: Any, error: Any, message: str
+) -> None:
     with pytest.raises(error, match=message):
         suite.load("humanoid", "walk", environment_kwargs={"randomize": randomize}).reset()
 

@@ -86,4 +86,4 @@ if importlib.util.find_spec("mujoco.batch") is None:
         "install 'mujoco>=4.0,<5', in a separate environment if other packages need an older MuJoCo"
     )
 
-mujoco: Any = sys.modules["mujoco"]  # Any: the package's names are not listed here
+mujoco: Any = sys.modules["mujoco"]  # the package's names are not listed here

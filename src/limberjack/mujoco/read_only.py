@@ -67,7 +67,7 @@ class ReadOnlyStruct:
         """Wraps a struct; `name` is used in messages."""
         vars(self).update(_struct=struct, _name=name)
 
-    def __getattr__(self, name: str) -> Any:  # Any: attributes of the struct
+    def __getattr__(self, name: str) -> Any:  # attributes of the struct
         if name.startswith("_"):  # including those of an object not yet initialised
             raise AttributeError(name)
         value = getattr(self._struct, name)

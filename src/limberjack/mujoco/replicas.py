@@ -30,7 +30,7 @@ from limberjack.utils.arrays import any_of
 
 __all__ = ["Replicas"]
 
-# A `Physics`; Any, because its module imports this one.
+# A `Physics`, whose module imports this one.
 _P = TypeVar("_P", bound=Any)
 
 

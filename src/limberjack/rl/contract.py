@@ -26,7 +26,7 @@ __all__ = [
     "Task",
 ]
 
-# Any: an action or a spec is an array or a nested structure of arrays, chosen by the task.
+# An action or a spec is an array or a nested structure of arrays, chosen by the task.
 Nested = Any
 Observation = Mapping[str, Quantity]
 
@@ -103,7 +103,7 @@ class Drawn(Protocol):
         """Number of rows; None for a single simulation."""
         ...
 
-    # Any: keyword arguments of `limberjack.mujoco.Physics.render`, which checks them.
+    # Keyword arguments of `limberjack.mujoco.Physics.render`, which checks them.
     def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
         """Pictures of rows; None for all."""
         ...
@@ -126,7 +126,7 @@ class SimulatedPhysics(Drawn, Protocol):
         """The simulation that steps, saves and loads."""
         ...
 
-    # Any: wrappers of the official structs, whose fields are not listed here.
+    # Wrappers of the official structs, whose fields are not listed here.
     @property
     def model(self) -> Any:
         """The model."""

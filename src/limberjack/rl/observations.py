@@ -78,5 +78,5 @@ def _names(observation: Observation) -> list[str]:
 
 def _same_type(like: Observation, flat: np.ndarray, key: str) -> MutableMapping[str, np.ndarray]:
     """A mapping of one item, of the same type as another."""
-    make: Any = type(like)  # Any: a mapping type whose constructor accepts pairs
+    make: Any = type(like)  # a mapping type whose constructor accepts pairs
     return make([(key, flat)])

@@ -184,7 +184,7 @@ class Frames:
                 f"the task observes {what}; expected a dict without {PIXELS_KEY!r}, to which "
                 "pictures can be added: use pixels with only=True, or no pixels"
             )
-        make: Any = type(state)  # Any: a mapping type whose constructor accepts a mapping
+        make: Any = type(state)  # a mapping type whose constructor accepts a mapping
         both: MutableMapping[str, _V | _P] = make(state)
         both[PIXELS_KEY] = pixels
         return both

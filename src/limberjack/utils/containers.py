@@ -24,7 +24,7 @@ _NAME_ALREADY_EXISTS = (
     "allow_overriding_keys=True to replace it"
 )
 
-# Any: arguments and return type are the domain's own.
+# Arguments and return type are the domain's own.
 _Factory = Callable[..., Any]
 _F = TypeVar("_F", bound=_Factory)
 

@@ -12,7 +12,7 @@ from typing import IO, Any
 __all__ = ["GetResource", "GetResourceAsFile", "GetResourceFilename", "WalkResources"]
 
 
-# Any: bytes or text, depending on the mode.
+# Bytes or text, depending on the mode.
 def GetResource(name: str | os.PathLike[str], mode: str = "rb") -> Any:  # noqa: N802
     """The whole content of a file: bytes, or text if `mode` is 'r'."""
     with GetResourceAsFile(name, mode) as file:
@@ -24,7 +24,7 @@ def GetResourceFilename(name: str, mode: str = "rb") -> str:  # noqa: N802
     return name
 
 
-# Any: keyword arguments of `open`.
+# Keyword arguments of `open`.
 def GetResourceAsFile(  # noqa: N802
     name: str | os.PathLike[str], mode: str = "r", **options: Any
 ) -> IO[Any]:

@@ -17,7 +17,7 @@ from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["find_element", "nested_element", "parse", "remove_element"]
 
-# Any: an Element or ElementTree of xml.etree or lxml, which have no common base class.
+# An Element or ElementTree of xml.etree or lxml, which have no common base class.
 _Node = Any
 _Element = TypeVar("_Element")
 

@@ -40,7 +40,7 @@ _NOT_AFTER_FORK = (
 )
 
 
-# Any: opaque and specific to the backend, such as a number or a library's object.
+# Opaque and specific to the backend, such as a number or a library's object.
 _Context = Any
 
 

@@ -31,7 +31,7 @@ _COUNT_OF_MOVING = {
 class MjData:
     """State and results of a simulation; other fields are those of `mujoco.MjData`."""
 
-    # Any: the official struct's fields are not listed here.
+    # The official struct's fields are not listed here.
     _data: Any
     _model: MjModel
 

@@ -51,7 +51,7 @@ class SharedModel:
 class CopyOnWrite:
     """A wrapper of a model that is shared until an access could change it."""
 
-    _model: Any  # Any: the official struct's fields are not listed here
+    _model: Any  # the official struct's fields are not listed here
     _shared: SharedModel | None  # None once the wrapper has its own copy
     _is_lent: bool  # whether user code may change height fields, textures or meshes unnoticed
 
