@@ -1,6 +1,6 @@
-"""The tests. A folder or module mirrors the one of the source that has its name.
+"""The tests. Folders and modules mirror the source modules of the same name.
 
-Besides: `oracle` compares with dm_control, `laws` holds for every task, `contract` checks the shape
-of the source and what the package promises as a whole, `clients` are programs written for
-dm_control, `browser` drives Chromium.
+In addition: `oracle` compares with dm_control, `laws` holds for every task, `contract` checks the
+structure of the source and the promises of the package as a whole, `clients` are programs written
+for dm_control, `browser` drives Chromium.
 """

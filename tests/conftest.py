@@ -1,6 +1,5 @@
-"""What all tests use: an off-screen renderer, chosen before anything imports OpenGL, and Ctrl-C.
-
-And fixtures of more than one folder.
+"""Setup for all tests (an off-screen renderer, selected before OpenGL is imported; Ctrl-C), and
+fixtures used in more than one folder.
 """
 
 import ctypes.util
@@ -29,7 +28,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Measures memory where that was asked for."""
+    """Measures memory if requested."""
     if config.getoption("--memory"):
         config.pluginmanager.register(MemoryReport(config))
 
@@ -44,7 +43,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 
 @pytest.fixture(params=["own", "shared"])
 def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets each row have an `MjData` of its own, as in a small batch, or not, as in a large one."""
+    """Makes rows share an `MjData`, as in a large batch, or not, as in a small one."""
     from limberjack.mujoco import lazy_batch  # after the renderer is chosen
 
     monkeypatch.setattr(lazy_batch, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])

@@ -33,7 +33,7 @@ _LEAST = 20.0  # megabytes by which a test that is shown raised the peak
 
 
 def _peak() -> float:
-    """The most memory that this process has had so far, megabytes."""
+    """Peak memory of this process so far, megabytes."""
     if resource is None:
         return 0.0
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -41,10 +41,10 @@ def _peak() -> float:
 
 
 def free_what_nobody_uses() -> None:
-    """Collects garbage if the process has grown much, and gives the memory back to the system.
+    """Collects garbage if the process has grown much, and returns the memory to the system.
 
-    A model takes 12 MB that Python does not know of, so that it would wait long with collecting the
-    cycles that environments and wrappers are part of.
+    A model takes 12 MB that Python does not account for, so it would collect the cycles of
+    environments and wrappers late.
     """
     global _after_the_last_look
     if not _RESIDENT.exists() or _resident() < _after_the_last_look + _GROWN:
@@ -56,12 +56,12 @@ def free_what_nobody_uses() -> None:
 
 
 def _resident() -> float:
-    """The memory that this process has now, megabytes."""
+    """Current memory of this process, megabytes."""
     return int(_RESIDENT.read_text().split()[1]) * _PAGE
 
 
 class MemoryReport:
-    """A plugin that measures a process and reports all."""
+    """A plugin that measures memory in each process and reports the results."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._output: dict[str, Any] | None = getattr(config, "workeroutput", None)
@@ -77,7 +77,7 @@ class MemoryReport:
         return result
 
     def pytest_sessionfinish(self) -> None:
-        """Keeps what this process found, for the process that reports."""
+        """Stores this process's measurements for the reporting process."""
         if self._output is not None:
             self._output["memory"] = self._described()
         elif self._raised:
@@ -85,12 +85,12 @@ class MemoryReport:
 
     @pytest.hookimpl(optionalhook=True)  # pytest-xdist's
     def pytest_testnodedown(self, node: Any) -> None:
-        """Takes what a worker of pytest-xdist found."""
+        """Receives the measurements of a pytest-xdist worker."""
         first, *rest = node.workeroutput.get("memory", ["no report"])
         self._lines += [f"{node.gateway.id}: {first}", *rest]
 
     def pytest_terminal_summary(self, terminalreporter: Any) -> None:
-        """Prints all."""
+        """Prints all measurements."""
         terminalreporter.section("memory")
         for line in self._lines:
             terminalreporter.write_line(line)

@@ -1,7 +1,7 @@
-"""A domain whose task keeps only to `rl.control.Task`: no start, no goal, no terms of a reward.
+"""A domain whose task implements only `rl.control.Task`: no starts, no goal, no reward terms.
 
-Its rewards lie outside of 0 to 1 too, its observations are views of the simulation, and its actions
-are another number than its actuators.
+Its rewards also lie outside 0 to 1, its observations are views of the simulation, and it has fewer
+action elements than actuators.
 """
 
 import collections
@@ -39,7 +39,7 @@ SUITE = TaggedTasks()
 
 
 class Push(control.Task):
-    """Rewarded for the place of the cart, which may be negative. One action drives two motors."""
+    """Rewards the position of the cart, which may be negative. One action drives two motors."""
 
     def __init__(self, random: Any = None) -> None:
         self._random = np.random.RandomState(random)
@@ -97,14 +97,14 @@ def endless(seed: int) -> control.Environment:
 
 
 def ticking(seed: int) -> control.Environment:
-    """Differs by more than its random stream."""
+    """An environment that differs from others by more than its random stream."""
     environment = push(random=seed)
     environment.physics.model.opt.gravity[2] = -seed
     return environment
 
 
 def heavier(seed: int) -> control.Environment:
-    """Of the suite, but not by its name."""
+    """An environment of the suite under another name."""
     environment = suite.load("humanoid", "stand", {"random": seed, "time_limit": 0.5})
     environment.physics.model.body_mass[1] *= 2
     return environment

@@ -1,4 +1,4 @@
-"""Running a program in a Python of its own, for what must not happen in the tests' process."""
+"""Runs programs in separate Python processes, to isolate their effects from the tests' process."""
 
 import os
 import subprocess
@@ -27,8 +27,8 @@ def run(
 ) -> str:
     """The program's output; fails unless it exits with status 0 and an empty standard error.
 
-    `path` precedes all other places of imports; `warnings` is the action for warnings; `python` is
-    the interpreter.
+    `path` is put first on the module search path; `warnings` is the warning filter; `python` is the
+    interpreter.
     """
     done = subprocess.run(
         [python, "-W", warnings, "-c", textwrap.dedent(program), *arguments],
@@ -44,7 +44,7 @@ def run(
 
 
 def run_benchmark(script: str, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """What a script of benchmarks/ did."""
+    """The result of running a script of benchmarks/."""
     return subprocess.run(
         [sys.executable, str(_BENCHMARKS / script), *arguments],
         capture_output=True,
@@ -56,7 +56,7 @@ def run_benchmark(script: str, *arguments: str) -> subprocess.CompletedProcess[s
 
 
 def _environment(first: Path | None = None) -> dict[str, str]:
-    """This process' variables, with a path that has the package on it."""
+    """This process's environment variables, with the package on the module search path."""
     places = [str(place) for place in (first, _SOURCE) if place is not None]
     known = os.environ.get("PYTHONPATH")
     return {**os.environ, "PYTHONPATH": os.pathsep.join(places + ([known] if known else []))}

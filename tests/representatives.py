@@ -1,14 +1,14 @@
-"""Tasks that stand for all others where a test depends on a feature and not on the task.
+"""Representative tasks, for tests that depend on a feature rather than on the task.
 
     from tests.representatives import REPRESENTATIVES
 
     @pytest.mark.parametrize("task", REPRESENTATIVES)
     def test_a_picture_has_the_size_asked_for(task: Task) -> None: ...
 
-Numbers and laws are tested over all tasks; pictures, Gymnasium's options, snapshots, memory and
-refused input over these, so that a new domain costs no more than its numbers. A task that brings a
-feature which none of these has is added here. `contract/test_representatives.py` checks that each
-has its feature.
+Numbers and laws are tested for all tasks; pictures, Gymnasium's options, snapshots, memory and
+rejected input only for these, so that a new domain adds little test time. A task with a feature
+that none of these has is added here. `contract/test_representatives.py` checks that each task has
+its feature.
 """
 
 import pytest

@@ -1,4 +1,4 @@
-"""A hook that an older installation has left behind does no harm: see `_gymnasium_plugin`."""
+"""A hook left behind by an older installation is harmless: see `_gymnasium_plugin`."""
 
 import site
 import subprocess

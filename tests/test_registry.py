@@ -1,4 +1,4 @@
-"""The registry: names and modules, listeners, facts about tasks."""
+"""The registry: names and modules, listeners and facts about tasks."""
 
 from collections.abc import Iterator
 from pathlib import Path

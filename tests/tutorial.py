@@ -1,4 +1,4 @@
-"""The domain of docs/adding_a_domain.md as an installed package of its own, `my_package`."""
+"""The domain of docs/adding_a_domain.md as a separately installed package, `my_package`."""
 
 import re
 import subprocess

@@ -1,8 +1,9 @@
-"""Tasks in the manner of ALOHA's simulation (tonyzhaozh/act): actions that are not the actuators'.
+"""Tasks like those of ALOHA's simulation (tonyzhaozh/act), whose actions differ from the controls.
 
-Two arms of six joints and two fingers each, 16 actuators: an action of 14 numbers has one for both
-fingers of a hand. The same hands moved as mocap bodies, with 4 actuators for the fingers: an action
-of 16 numbers has a position, a quaternion and one number for the fingers of each.
+Two arms with six joints and two fingers each have 16 actuators; an action of 14 numbers has one
+number for both fingers of a hand. In a second task the hands are mocap bodies with 4 actuators for
+the fingers; an action of 16 numbers has a position, a quaternion and one number for the fingers of
+each hand.
 """
 
 import collections
@@ -89,7 +90,7 @@ def by_joints(package: Any, spec: Any = None) -> Any:
 
     Args:
       package: gives a package's modules by name; see `oracle`.
-      spec: what the task defines as its action spec; None leaves it to `base.Task`.
+      spec: the action spec that the task defines; None to inherit that of `base.Task`.
     """
     base = package("suite.base")
 

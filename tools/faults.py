@@ -1,13 +1,14 @@
-"""The faults that `plant_faults.py` plants: for each file, texts and what is to stand instead.
+"""The faults planted by `plant_faults.py`: for each file, pairs of a source text and a wrong text.
 
-A good fault is a mistake that a reviewer could overlook: off by one, a wrong axis, a missing copy,
-swapped arguments, a stale cache. To add one, copy enough of the source for the text to occur once.
+A good fault is a mistake that a reviewer could overlook: an off-by-one error, a wrong axis, a
+missing copy, swapped arguments, a stale cache. To add one, quote enough of the source for the text
+to occur exactly once.
 """
 
 __all__ = ["FAULTS", "TESTS"]
 
-# The tests of a part, where they are not simply its folder. The numbers of the suite are
-# dm_control's, so that the tests beside it belong to them.
+# The tests of a part, unless they are just its folder. The suite's numbers are compared with
+# dm_control's, so those tests belong to it.
 TESTS = {"suite": ["tests/suite", "tests/oracle/test_domains.py", "tests/oracle/test_episodes.py"]}
 
 FAULTS: dict[str, list[tuple[str, str]]] = {
@@ -21,7 +22,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "self._replicas.simulation.save(rows, self._s",
             "self._replicas.simulation.save(None, self._s",
         ),
-        ("            self._begins[rows] = True  # until they", "            pass  # until they"),
+        ("            self._begins[rows] = True  # until c", "            pass  # until c"),
         ("self._streams.replace(row, stream)", "self._streams.own[row] = stream"),
     ],
     "rl/endings.py": [

@@ -1,17 +1,18 @@
-"""Plant faults into a copy of the source, one at a time, and report which the tests notice.
+"""Plants faults in a copy of the source, one at a time, and reports which ones the tests detect.
 
     python tools/plant_faults.py                      # every fault of tools/faults.py
-    python tools/plant_faults.py rl/batch gym         # those of files whose paths contain a word
+    python tools/plant_faults.py rl/batch gym         # faults of files whose paths contain a word
     python tools/plant_faults.py --list
 
-A fault is a file of the package, a text in it and a wrong text. The tests that must notice it are
-those of the file's own part: for rl/batch.py, tests/rl/test_batch.py and then the rest of tests/rl.
-All of it happens in a temporary copy of the repository; the working tree is never changed.
+A fault is a file of the package, a text in it and a wrong text. The tests of the file's own part
+must detect it: for rl/batch.py, tests/rl/test_batch.py and then the rest of tests/rl. Everything
+runs in a temporary copy of the repository; the working tree is never changed.
 
-The exit status is 0 if every fault was caught. A fault whose text is not in the file exactly once
-is reported as stale, and is to be corrected or removed. A test that fails without the fault too, or
-tests that cannot be collected with it, are reported as broken. Run it by hand: it takes about ten
-seconds for each fault that is caught, and as long as a part's tests for each that is not.
+The exit status is 0 if every fault was caught. A fault whose text does not occur exactly once in
+the file is reported as stale, and should be corrected or removed. If the test also fails without
+the fault, or the tests cannot be collected with it, it is reported as broken. Run this by hand: it
+takes about ten seconds for each fault that is caught, and the time of all tests of the part for
+each one that is not.
 """
 
 import argparse
@@ -36,7 +37,7 @@ _FAILED, _PASSED = 1, 0  # pytest's exit statuses; every other one is an error o
 
 
 class Fault(NamedTuple):
-    """A plausible mistake: in `file`, below the package, `new` stands where `old` should."""
+    """A plausible mistake: in `file`, below the package, `new` replaces `old`."""
 
     file: str
     old: str
@@ -75,14 +76,14 @@ class Copy:
     """A copy of the repository in which faults are planted and tests run."""
 
     def __init__(self, folder: Path, repository: Path = REPOSITORY) -> None:
-        """Takes an empty folder, which gets all but what git and the tools keep for themselves."""
+        """Copies the repository, except for caches and git's data, into an empty folder."""
         ignored = shutil.ignore_patterns(".*", "__pycache__", "demo", "shared")
         shutil.copytree(repository, folder, ignore=ignored, dirs_exist_ok=True)
         self.folder = folder
         self._passing: dict[str, bool] = {}  # by test: whether it passes without a fault
 
     def verdict(self, fault: Fault) -> tuple[str, str]:
-        """The verdict on a fault, and the test that noticed it or the reason."""
+        """The verdict on a fault, and the test that detected it or the reason."""
         path = self.folder / PACKAGE / fault.file
         source = path.read_text(encoding="utf-8") if path.exists() else ""
         wrong = planted(source, fault)
@@ -135,7 +136,7 @@ class Copy:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Plants the faults that the command line names; returns the exit status."""
+    """Plants the faults named on the command line; returns the exit status."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("words", nargs="*", help="parts of paths; all faults if there are none")
     parser.add_argument("--list", action="store_true", help="print the faults and plant none")

@@ -8,10 +8,10 @@
         time_step = env.step(env.action_spec().generate_value())
 
 The same seed and actions give dm_control's numbers, bit for bit. Programs written for dm_control
-run unchanged after `limberjack.install_as_dm_control()`. In a notebook `limberjack.show(frames)`
-plays them. Importing this package registers Gymnasium's ids, such as
-`limberjack/humanoid-walk-v0`, and imports no MuJoCo: `limberjack.suite`, `limberjack.mujoco` and
-`limberjack.rl` are imported by name.
+run unchanged after `limberjack.install_as_dm_control()`. In a notebook, `limberjack.show(frames)`
+displays pictures and films. Importing this package registers Gymnasium ids such as
+`limberjack/humanoid-walk-v0` but does not import MuJoCo: import `limberjack.suite`,
+`limberjack.mujoco` and `limberjack.rl` explicitly.
 """
 
 import sys
@@ -22,35 +22,34 @@ __version__ = "0.1.0"
 
 
 def install_as_dm_control() -> None:
-    """Makes `import dm_control`, and every module below it, give Limberjack's modules.
+    """Makes `import dm_control`, and its submodules, resolve to Limberjack's modules.
 
-    Call it before anything imports dm_control, at the top of the program:
+    Call this before anything imports dm_control, at the top of the program:
 
         import limberjack
         limberjack.install_as_dm_control()
         from dm_control import suite  # limberjack.suite
 
     Each module is one object under both names, whichever is imported first, and keeps its own
-    `__name__`, so what is pickled here can be read without this call. A dm_control that is
-    installed beside it is never reached. What Limberjack has not built (composer, locomotion,
-    manipulation, mjcf, ...) can be imported and stand in annotations; its use raises
-    NotImplementedError. A name that is neither raises ModuleNotFoundError.
+    `__name__`, so pickles made here can be read without this call. An installed dm_control is
+    never imported. The parts that Limberjack does not implement (composer, locomotion,
+    manipulation, mjcf, ...) can be imported and used in annotations; any other use raises
+    NotImplementedError. Unknown names raise ModuleNotFoundError.
 
-    Calling it again changes nothing, from any thread. It holds for this process and for the
-    processes forked from it; one that is spawned, as by `multiprocessing` with "spawn" or
-    "forkserver", must call it too.
+    Further calls, from any thread, have no effect. The alias applies to this process and to
+    processes forked from it; a spawned process (`multiprocessing` with "spawn" or "forkserver")
+    must call this function itself.
 
     Raises:
-      RuntimeError: the genuine dm_control is already imported; nothing was changed.
+      RuntimeError: the real dm_control is already imported; nothing was changed.
     """
-    # Imported here: only this call needs it.
     from limberjack import _compat
 
     _compat.install()
 
 
 def show(frames: object, fps: float = 30.0) -> object:
-    """A picture or a film that a notebook shows inline; see `limberjack.notebook.show`.
+    """A picture or film displayed inline in a notebook; see `limberjack.notebook.show`.
 
     limberjack.show(env.physics.render())
     limberjack.show(list_of_pictures, fps=40)
@@ -61,7 +60,7 @@ def show(frames: object, fps: float = 30.0) -> object:
 
 
 def _is_imported_by_hook() -> bool:
-    """Whether a line of a .pth file imports this package, as Python starts."""
+    """Whether a .pth file is importing this package while Python starts."""
     frame = sys._getframe(1)
     while frame is not None:
         module = str(frame.f_globals.get("__name__"))

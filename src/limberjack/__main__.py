@@ -1,4 +1,4 @@
-"""`python -m limberjack` is the command `limberjack`."""
+"""Makes `python -m limberjack` run the `limberjack` command."""
 
 from limberjack.cli import main
 

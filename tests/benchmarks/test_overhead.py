@@ -63,7 +63,7 @@ def test_imports_are_measured_of_the_suite_and_of_the_package_alone(
         assert row["details"]["base_ms"]["median"] > 0
 
 
-def test_what_needs_dm_control_is_measured_where_it_is_installed(quick: tuple[str, str]) -> None:
+def test_comparisons_with_dm_control_run_where_it_is_installed(quick: tuple[str, str]) -> None:
     table, text = quick
     rows: list[dict[str, Any]] = json.loads(text)["rows"]
     compared = [row for row in rows if row["measure"] in ("steps per second", "reset")]

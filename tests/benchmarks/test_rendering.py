@@ -36,7 +36,7 @@ def test_every_comparison_has_its_line_at_both_sizes(quick: tuple[str, dict[str,
         assert measure in quick[0]
 
 
-def test_what_is_compared_is_a_ratio_with_its_bar(quick: tuple[str, dict[str, Any]]) -> None:
+def test_each_comparison_is_a_ratio_with_its_bar(quick: tuple[str, dict[str, Any]]) -> None:
     bars = {
         (row["measure"], row["subject"].split()[-1]): row["bar"]["limit"]
         for row in quick[1]["rows"]
@@ -54,7 +54,7 @@ def test_what_is_compared_is_a_ratio_with_its_bar(quick: tuple[str, dict[str, An
             assert row["is_met"] is None
 
 
-def test_what_draws_is_named(quick: tuple[str, dict[str, Any]]) -> None:
+def test_the_renderer_is_named(quick: tuple[str, dict[str, Any]]) -> None:
     renderer = quick[1]["settings"]["renderer"]
     assert f"drawn by {renderer}" in quick[0]
     assert quick[1]["settings"]["quick"] is True

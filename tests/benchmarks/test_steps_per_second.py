@@ -59,14 +59,14 @@ def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[st
 
 
 @pytest.mark.parametrize(("domain", "task"), PAIRS)
-def test_what_is_compared_does_the_same_steps(domain: str, task: str) -> None:
+def test_compared_packages_do_the_same_steps(domain: str, task: str) -> None:
     with bench.Contest(domain, task, 3, 2) as contest:
         actions = contest.actions(4)
         for play in (contest.physics, contest.persistent_physics, contest.batch, contest.vector):
             assert play(actions) > 0
 
 
-def test_steps_that_differ_are_noticed() -> None:
+def test_different_steps_are_detected() -> None:
     with pytest.raises(RuntimeError, match="stacker stack_2: the contestants did not"):  # noqa: SIM117
         with bench.Contest("stacker", "stack_2", 3, 2) as contest:
             contest.batch(contest.actions(1))

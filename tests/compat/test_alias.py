@@ -1,4 +1,4 @@
-"""Tests of limberjack.install_as_dm_control, each in a Python of its own."""
+"""Tests of limberjack.install_as_dm_control, each in a separate Python process."""
 
 import json
 import re
@@ -9,7 +9,7 @@ import pytest
 import limberjack
 from tests.programs import INSTALL, error_of, run
 
-# What programs for dm_control import, and what they take from there.
+# Modules that programs for dm_control import, and the names they use.
 IMPORTED = {
     "dm_control.mujoco": ["Physics", "MovableCamera", "Camera", "TextOverlay", "action_spec"],
     "dm_control.mujoco.engine": ["Physics", "Camera", "MovableCamera"],
@@ -44,7 +44,7 @@ IMPORTED = {
 }
 
 
-# A dm_control that is not Limberjack's, for a folder on the path.
+# Source of a package dm_control that is not Limberjack's.
 GENUINE = {
     "__init__.py": "IS_GENUINE = True\n",
     "only_there.py": "",
@@ -205,8 +205,8 @@ def test_searches_find_what_is_there_and_nothing_else() -> None:
 
 
 def test_threads_that_import_at_once_get_one_module() -> None:
-    # Not limberjack.suite.humanoid and the like: Python itself reports a deadlock where threads
-    # import, by one name and for the first time, a package and what that package imports.
+    # Not limberjack.suite.humanoid and the like: Python itself reports a deadlock if threads
+    # simultaneously import a package and a module that the package imports, for the first time.
     program = """
     import importlib, sys, threading
     import limberjack
@@ -369,11 +369,11 @@ def test_a_domain_that_is_not_built_is_an_import_error_that_lists_the_domains(
     kind, message = error_of(statement)
     assert kind == "ModuleNotFoundError"
     assert "'suite.cartpole'" in message
-    assert "domains that it has are humanoid, manipulator, stacker" in message
-    assert "genuine dm_control" in message
+    assert "Available domains: humanoid, manipulator, stacker" in message
+    assert "install dm_control itself" in message
 
 
-def test_a_name_that_is_not_there_brings_a_suggestion() -> None:
+def test_an_unknown_name_brings_a_suggestion() -> None:
     for statement in (
         "from dm_control.utils import reward",
         "import dm_control.utils.reward",

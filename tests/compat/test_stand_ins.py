@@ -1,4 +1,4 @@
-"""Stand-ins for dm_control's packages that are not built."""
+"""Stand-ins for the parts of dm_control that are not implemented."""
 
 import re
 from pathlib import Path
@@ -30,7 +30,7 @@ def test_stand_ins_can_be_imported_as_modules_and_from_packages() -> None:
         real = name.replace("dm_control", "limberjack", 1)
         assert module is sys.modules[name] is sys.modules[real]
         assert module.__name__ == module.__spec__.name == real
-        assert "not built" in module.__doc__
+        assert "not implemented" in module.__doc__
     from dm_control import composer, manipulation, mjcf
     from dm_control.composer.observation import observable
     from dm_control.locomotion.walkers import cmu_humanoid
@@ -43,7 +43,7 @@ def test_stand_ins_can_be_imported_as_modules_and_from_packages() -> None:
     run(program, *STAND_INS)
 
 
-def test_what_stands_in_serves_in_annotations_and_checks() -> None:
+def test_stand_ins_work_in_annotations_and_checks() -> None:
     program = f"""
     import pickle, typing
     {INSTALL}
@@ -89,11 +89,11 @@ def test_what_stands_in_serves_in_annotations_and_checks() -> None:
         "composer.SomeError('x')",
     ],
 )
-def test_using_what_stands_in_says_what_is_not_built(use: str) -> None:
+def test_using_a_stand_in_names_what_is_not_implemented(use: str) -> None:
     kind, message = error_of(f"from dm_control import composer, manipulation; {use}")
     assert kind == "NotImplementedError"
-    assert re.match(r"dm_control\.(composer|manipulation)\.\w+.* is not built", message)
-    assert "use that in an environment of its own" in message
+    assert re.match(r"dm_control\.(composer|manipulation)\.\w+.* is not implemented", message)
+    assert "in a separate environment" in message
 
 
 def test_private_attributes_of_stand_ins_are_not_there() -> None:

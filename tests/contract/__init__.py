@@ -1,1 +1,1 @@
-"""What holds for the source and the package as a whole."""
+"""Properties of the source and of the package as a whole."""

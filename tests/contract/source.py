@@ -1,4 +1,4 @@
-"""The package's source as the contract tests see it: modules, their trees, what they import."""
+"""The package's source for the contract tests: modules, their syntax trees and their imports."""
 
 import ast
 import functools
@@ -34,10 +34,10 @@ def is_public(module: str) -> bool:
 
 
 def imports(module: str) -> Iterator[str]:
-    """The full name of each module that a module imports, in functions and by `importlib` too.
+    """Full names of all modules that a module imports, also in functions and with `importlib`.
 
-    What is imported from a package is a module of it where there is one of that name, else the
-    package itself.
+    A name imported from a package counts as its submodule if there is one, otherwise as the package
+    itself.
     """
     for node in ast.walk(tree(module)):
         if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""A domain lives in one place: no other code lists domains or tasks, or asks for their classes."""
+"""A domain is defined in one place: no other code lists domains or tasks, or uses their classes."""
 
 import ast
 import importlib
@@ -14,13 +14,13 @@ from .source import modules, tree
 _DOMAINS = by_domain((row.domain, row.task) for row in TASKS)
 _NAMES = {*_DOMAINS, *(row.task for row in TASKS)}
 _GENERATED = "limberjack.registry.table"
-# The domains themselves, and what only a domain's own name leads to: the planner's costs.
+# The domains themselves, and the planner's costs, which are reached only through a domain.
 _OWN = {suite_module(domain) for domain in _DOMAINS}
 _EVERYWHERE_ELSE = [module for module in sorted(modules()) if module not in {*_OWN, _GENERATED}]
 
 
 def _classes() -> set[str]:
-    """The names of the classes that the domains define, but for `Physics`."""
+    """Names of the classes that the domains define, except for `Physics`."""
     found = {"Physics"}
     for module in map(importlib.import_module, sorted(_OWN)):
         classes = [kind for _, kind in inspect.getmembers(module, inspect.isclass)]
@@ -29,7 +29,7 @@ def _classes() -> set[str]:
 
 
 def _strings(node: ast.AST) -> set[str]:
-    """The texts that stand directly in a list, tuple, set or dictionary."""
+    """The strings that are direct elements of a list, tuple, set or dictionary."""
     if isinstance(node, ast.Dict):
         elements = [*node.keys, *node.values]
     elif isinstance(node, ast.List | ast.Tuple | ast.Set):
@@ -40,7 +40,7 @@ def _strings(node: ast.AST) -> set[str]:
 
 
 def _imported_domains(module: str) -> Iterator[str]:
-    """The domains that a module imports, or reads as an attribute of the suite."""
+    """Domains that a module imports, or reads as attributes of the suite."""
     for node in ast.walk(tree(module)):
         if isinstance(node, ast.ImportFrom) and node.module == "limberjack.suite":
             yield from (alias.name for alias in node.names if alias.name in _DOMAINS)

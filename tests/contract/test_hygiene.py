@@ -1,4 +1,4 @@
-"""What is tracked by git is clean text, free of lock files."""
+"""Tracked files are clean text, and there are no lock files."""
 
 import re
 import shutil
@@ -56,8 +56,8 @@ def test_the_library_prints_nothing() -> None:
         assert not re.search(r"^\s*print\(", code, re.MULTILINE), path
 
 
-def test_any_stands_rarely_in_types() -> None:
-    # The planner's modules are left out until they are written again.
+def test_any_is_rare_in_types() -> None:
+    # The planner's modules are excluded until they are rewritten.
     found = {
         module: sum(
             len(re.findall(r"\bAny\b", line))

@@ -1,4 +1,4 @@
-"""The shape of the source: layers, heavy imports, sizes, and what `__all__` says."""
+"""The structure of the source: layers, heavy imports, sizes and `__all__`."""
 
 import ast
 import graphlib
@@ -89,7 +89,7 @@ def _layer(module: str) -> int | None:
 
 
 def _own_imports(module: str) -> set[str]:
-    """The package's modules that a module imports, but for the root, which has the version."""
+    """Modules of the package that a module imports, except for the root, which has the version."""
     return {name for name in imports(module) if name in modules()} - {PACKAGE, module}
 
 
@@ -184,7 +184,7 @@ print(sorted(m for m in new if m.partition(".")[0] not in sys.stdlib_module_name
 
 
 @pytest.mark.parametrize("module", _ALL)
-def test_what_is_heavy_is_imported_in_one_place(module: str) -> None:
+def test_heavy_packages_are_imported_in_one_place(module: str) -> None:
     for name in imports(module):
         root = name.partition(".")[0]
         if root in _EVERYWHERE or root == PACKAGE or root in sys.stdlib_module_names:
@@ -222,7 +222,7 @@ def test_functions_are_short(module: str) -> None:
 
 
 @pytest.mark.parametrize("module", _ALL)
-def test_every_module_says_what_it_is(module: str) -> None:
+def test_every_module_has_a_docstring(module: str) -> None:
     assert ast.get_docstring(tree(module)), f"{module} has no docstring"
 
 

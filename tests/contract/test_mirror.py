@@ -44,13 +44,13 @@ def _only_exports(module: str) -> bool:
 
 
 def _test_of(path: Path) -> Path:
-    """The path below tests/ that a module has to be tested in."""
+    """The path below tests/ of the tests of a module."""
     folder = Path(*(part.lstrip("_") for part in path.parts[:-1]))
     return folder / f"test_{path.name.lstrip('_')}"
 
 
 def _paths(of_packages: bool) -> dict[Path, str]:
-    """Names of modules or of packages that are to be mirrored, by path below the package."""
+    """Names of modules or packages to mirror, by path below the package."""
     found = {}
     for name, path in modules().items():
         below = path.relative_to(SOURCE / PACKAGE)

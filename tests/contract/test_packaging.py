@@ -1,4 +1,4 @@
-"""What is installed, what it needs, and what make and CI do."""
+"""Installed files, requirements, and the targets of make and CI."""
 
 import os
 import re
@@ -111,13 +111,13 @@ def test_make_alone_lists_the_targets() -> None:
         assert f"  {target} " in result.stdout
 
 
-def test_make_says_so_where_there_is_no_python() -> None:
+def test_make_reports_a_missing_python() -> None:
     result = _make("check-python", PYTHON="no-such-python")
     assert result.returncode != 0
     assert "there is no working 'no-such-python'" in result.stderr
 
 
-def test_make_says_so_where_python_is_too_old(tmp_path: Path) -> None:
+def test_make_reports_a_python_that_is_too_old(tmp_path: Path) -> None:
     # This Python, made to believe that it is older.
     old = tmp_path / "python"
     old.write_text(

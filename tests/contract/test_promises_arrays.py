@@ -1,4 +1,4 @@
-"""What was returned never changes later."""
+"""Returned arrays never change later."""
 
 import copy
 import gc
@@ -20,7 +20,7 @@ def arrays(value: Any) -> list[np.ndarray]:
 
 
 def live_arrays(env: Any) -> list[np.ndarray]:
-    """All arrays of the simulation's memory."""
+    """All arrays that are views of the simulation's memory."""
     found = []
     for struct in (env.physics.data._data, env.physics.model._model):
         fields = [getattr(struct, name, None) for name in dir(struct) if name[0] != "_"]
@@ -29,7 +29,7 @@ def live_arrays(env: Any) -> list[np.ndarray]:
 
 
 def methods(physics: Any) -> dict[str, Any]:
-    """What the methods of a domain's physics return, by a description."""
+    """Results of the methods of a domain's physics, by a description."""
     plain = ["get_state", "control", "activation", "state", "position", "velocity"]
     humanoid = (
         "center_of_mass_position center_of_mass_velocity torso_vertical_orientation joint_angles "

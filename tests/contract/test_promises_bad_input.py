@@ -1,4 +1,4 @@
-"""Bad input is refused with a clear error, and the environment goes on as if it had never come."""
+"""Bad input is refused with a clear error and does not affect the environment."""
 
 import re
 from collections.abc import Callable
@@ -18,7 +18,7 @@ _INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION.value
 
 
 def bad_actions(n: int) -> dict[str, tuple[Any, type[Exception], str]]:
-    """Actions that an environment with `n` actuators refuses: kind of error, words of its text."""
+    """Actions that an environment with `n` actuators refuses, the error type and its message."""
     some = np.linspace(-1, 1, n)
     expected = rf"expected \({n},\)"
     with_nan, with_inf = some.copy(), some.copy()
@@ -194,7 +194,7 @@ def test_the_control_step_is_given_once(task: Task) -> None:
 
 
 @pytest.mark.parametrize("name", ["time_limit", "control_timestep"])
-def test_what_is_no_number_is_refused_by_name(name: str) -> None:
+def test_values_that_are_not_numbers_are_refused_by_name(name: str) -> None:
     env = load(("humanoid", "walk"))
     keywords: dict[str, Any] = {name: "ten"}
     with pytest.raises((TypeError, ValueError), match=name):

@@ -1,4 +1,4 @@
-"""Ctrl-C at any point leaves the environment whole, and is answered within a second."""
+"""Ctrl-C at any point leaves the environment intact, and takes effect within a second."""
 
 import os
 import signal
@@ -18,14 +18,14 @@ from limberjack.mujoco import compiled
 from tests.laws.episodes import DOMAINS, Task, actions, bits, load, play
 
 _PACKAGE = os.path.dirname(limberjack.__file__) + os.sep
-_KEEPS_STATE = ("control.py", "simulation.py", "batch_simulation.py")  # looked at more closely
+_KEEPS_STATE = ("control.py", "simulation.py", "batch_simulation.py")  # tested more densely
 
-# What happens at each instruction; it may raise.
+# Called at each instruction; it may raise.
 Visit = Callable[[FrameType], None]
 
 
 def watched(call: Callable[[], Any], visit: Visit) -> None:
-    """Calls, and visits before each instruction that runs in the package."""
+    """Calls the function, and `visit` before each instruction that runs in the package."""
 
     def enter(frame: FrameType, event: str, argument: Any) -> Any:
         if not frame.f_code.co_filename.startswith(_PACKAGE):
@@ -47,10 +47,10 @@ def watched(call: Callable[[], Any], visit: Visit) -> None:
 
 
 def places(call: Callable[[], Any]) -> list[int]:
-    """Where to interrupt: counts of instructions.
+    """Points to interrupt, as instruction counts.
 
-    The first time that each line runs; where state is kept, the first and the last time that each
-    instruction does.
+    The first execution of each line; in modules that keep state, the first and the last execution
+    of each instruction.
     """
     first: dict[Any, int] = {}
     last: dict[Any, int] = {}
@@ -71,7 +71,7 @@ def places(call: Callable[[], Any]) -> list[int]:
 
 
 def interrupted(call: Callable[[], Any], place: int) -> None:
-    """Calls, with Ctrl-C before the instruction of that number."""
+    """Calls the function, with Ctrl-C before the given instruction."""
     left = iter(range(place, -1, -1))
 
     def visit(frame: FrameType) -> None:
@@ -83,7 +83,7 @@ def interrupted(call: Callable[[], Any], place: int) -> None:
         watched(call, visit)
 
 
-# With a model that is shared, becomes its own at the first start, and is edited by the user.
+# With a model that is shared, is copied at the first start, and is edited by the user.
 _CASES = [
     pytest.param(("humanoid", "walk"), False, id="humanoid:walk"),
     pytest.param(("manipulator", "insert_peg"), False, id="manipulator:insert_peg"),
@@ -102,13 +102,13 @@ def under_way(task: Task, is_edited: bool) -> Any:
 
 
 def replayed(env: Any) -> Any:
-    """The bits of an episode that is the same in every whole environment, and its flags."""
+    """The bits of an episode that is the same in every intact environment, and its flags."""
     env.task._random = np.random.RandomState(9)
     return [*play(env, 3), env.physics.model._model.opt.disableflags]
 
 
 @pytest.mark.parametrize(("task", "is_edited"), _CASES)
-def test_a_reset_interrupted_anywhere_is_undone_done_or_made_again(
+def test_a_reset_interrupted_anywhere_is_undone_complete_or_repeated(
     task: Task, is_edited: bool
 ) -> None:
     env = under_way(task, is_edited)
@@ -130,7 +130,7 @@ def test_a_reset_interrupted_anywhere_is_undone_done_or_made_again(
 
 
 @pytest.mark.parametrize(("task", "is_edited"), _CASES)
-def test_a_step_interrupted_anywhere_is_undone_done_or_ends_the_episode(
+def test_a_step_interrupted_anywhere_is_undone_complete_or_ends_the_episode(
     task: Task, is_edited: bool
 ) -> None:
     env = under_way(task, is_edited)
@@ -151,7 +151,7 @@ def test_a_step_interrupted_anywhere_is_undone_done_or_ends_the_episode(
 
 
 @pytest.mark.parametrize("task", DOMAINS)
-def test_a_load_interrupted_anywhere_can_be_made_again(task: Task) -> None:
+def test_a_load_interrupted_anywhere_can_be_repeated(task: Task) -> None:
     def load_and_begin() -> Any:
         return suite.load(*task, {"random": 0}).reset()
 
@@ -161,7 +161,7 @@ def test_a_load_interrupted_anywhere_can_be_made_again(task: Task) -> None:
     assert replayed(load(task)) == expected
 
 
-def test_a_first_load_interrupted_anywhere_can_be_made_again() -> None:
+def test_a_first_load_interrupted_anywhere_can_be_repeated() -> None:
     def compile_and_begin() -> None:
         compiled._in_use.clear()
         compiled.drop_unused()
@@ -175,7 +175,7 @@ def test_a_first_load_interrupted_anywhere_can_be_made_again() -> None:
 
 
 def interrupted_soon(call: Callable[[], Any]) -> float:
-    """Calls again and again, with Ctrl-C a tenth of a second later; returns the seconds it took."""
+    """Calls repeatedly, with Ctrl-C after 0.1 s; returns the seconds that it took to end."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt

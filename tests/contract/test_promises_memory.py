@@ -1,4 +1,4 @@
-"""The memory of a process that makes and closes environments."""
+"""Memory of a process that creates and closes environments."""
 
 import os
 

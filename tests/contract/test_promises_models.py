@@ -1,4 +1,4 @@
-"""Environments of a process share one compiled model, and editing it reaches no other."""
+"""Environments of a process share a compiled model, and editing it affects no other environment."""
 
 import copy
 import gc
@@ -135,7 +135,7 @@ def test_an_edit_has_its_effect_on_the_edited_simulation(task: Task) -> None:
     assert env.physics.time() == pytest.approx(before + _TIMESTEP)
 
 
-def test_the_way_back_from_disable_is_exact() -> None:
+def test_leaving_disable_restores_the_flags_exactly() -> None:
     env, twin = load(("humanoid", "walk")), load(("humanoid", "walk"))
     with env.physics.model.disable("gravity"):
         env.physics.step()
@@ -163,7 +163,7 @@ def test_playing_the_humanoid_leaves_its_model_shared(task: str) -> None:
     assert env.physics.model._model is other.physics.model._model
 
 
-def test_a_model_in_use_by_nobody_is_freed() -> None:
+def test_an_unused_model_is_freed() -> None:
     physics = lj_mujoco.Physics.from_shared_xml("<mujoco model='only here'/>", {})
     twin = lj_mujoco.Physics.from_shared_xml("<mujoco model='only here'/>", {})
     assert twin.model._model is physics.model._model

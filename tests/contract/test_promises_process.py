@@ -1,4 +1,4 @@
-"""What the library does to the process it runs in: nothing. Each test is a Python of its own."""
+"""The library has no side effects on its process. Each test runs in a separate Python process."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""Environments of one task in several threads play what they play one after the other."""
+"""Environments of one task give the same results in parallel threads as one after the other."""
 
 import os
 import sys
@@ -20,7 +20,7 @@ _EPISODES = 6
 
 @pytest.fixture
 def switching_often() -> Iterator[None]:
-    """Threads take turns as often as they can."""
+    """Makes threads switch as often as possible."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     yield
@@ -33,7 +33,7 @@ def episodes(task: Task, seed: int) -> list[Any]:
 
 
 @pytest.mark.parametrize("task", DOMAINS)
-def test_threads_play_what_one_after_the_other_plays(task: Task, switching_often: None) -> None:
+def test_parallel_episodes_equal_sequential_ones(task: Task, switching_often: None) -> None:
     expected = [episodes(task, seed) for seed in range(_THREADS)]
     with futures.ThreadPoolExecutor(_THREADS) as pool:
         assert list(pool.map(episodes, [task] * _THREADS, range(_THREADS))) == expected

@@ -1,4 +1,4 @@
-"""Representatives have the features that they stand for."""
+"""Representatives have the features that they represent."""
 
 from collections.abc import Callable
 from typing import Any

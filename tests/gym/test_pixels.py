@@ -183,7 +183,7 @@ def test_halves_in_turn_see_what_a_batch_sees() -> None:
 @_draws
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("make", [_env, lambda: _envs(2), lambda: _envs(1, 1)])
-def test_a_copy_sees_what_the_original_sees(make: Any, copied: Any) -> None:
+def test_a_copy_observes_the_same_pixels(make: Any, copied: Any) -> None:
     env = make()
     env.reset(seed=0)
     action = np.ones(env.action_space.shape)

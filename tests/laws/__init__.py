@@ -1,1 +1,1 @@
-"""What holds for every task of the suite."""
+"""Properties of every task of the suite."""

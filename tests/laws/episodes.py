@@ -1,8 +1,9 @@
 """Environments and episodes as bits, for the laws and promises: equal bits, equal behaviour.
 
-The laws hold for every domain. They run on the suite's, or on the domain that the variable LAWS_OF
-names, which may be of an installed package: `LAWS_OF=swing pytest tests/laws`. What is specific to
-a task is read from the task, or is in `expectations`, in the folder of the domains' own tests.
+The laws hold for every domain. They run on those of the suite, or on the domain named by the
+variable LAWS_OF, which may be in an installed package: `LAWS_OF=swing pytest tests/laws`. Facts
+specific to a task are read from the task, or from `expectations` in the folder of the domains'
+tests.
 """
 
 import functools
@@ -63,7 +64,7 @@ def short(task: Task, steps: int) -> dict[str, float]:
 
 
 def variant(task: Task) -> dict[str, bool]:
-    """Arguments of the task that turn each of its own switches the other way."""
+    """Arguments of the task that negate each of its boolean options."""
     parameters = inspect.signature(suite.module_of(task[0]).SUITE[task[1]]).parameters
     return {
         name: not parameter.default
@@ -102,15 +103,15 @@ def bits(value: Any) -> Any:
 
 
 def play(env: control.Environment, steps: int, seed: int = 0, reset: bool = True) -> list[Any]:
-    """The bits of an episode's start, unless it goes on with one, and of `steps` random steps."""
+    """The bits of an episode's start, unless `reset` is False, and of `steps` random steps."""
     told = [bits(env.reset())] if reset else []
     return told + [bits(env.step(action)) for action in actions(env, steps, seed)]
 
 
 def snapshot(env: control.Environment) -> Any:
-    """All that the environment's future depends on, as bits."""
+    """Everything that the environment's future depends on, as bits."""
     physics = env.physics
-    # mjSTATE_INTEGRATION and what the first half of the step in progress has computed.
+    # mjSTATE_INTEGRATION and the results of the first half of the step in progress.
     state = physics.get_state(mujoco.mjtState.mjSTATE_INTEGRATION.value)
     data = physics.data
     computed = [data.xpos, data.cvel, data.qfrc_bias, data.sensordata, data.warning.number]

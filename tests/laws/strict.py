@@ -1,15 +1,15 @@
-"""`StrictArray`: an array that allows what an array on a GPU allows, for laws on task code.
+"""`StrictArray`: an array with the restrictions of an array on a GPU, to test task code.
 
     heights = StrictArray(np.arange(3.0))
     np.minimum(heights, 1.0)[..., None] * 2      # a StrictArray again, with NumPy's bits
     float(heights[0])                            # TypeError: float() of a strict array
 
-Task code that runs on it uses operators, indexing and NumPy's functions only. Those reach any kind
-of array through NumPy's protocols `__array_ufunc__` and `__array_function__`. Whatever takes the
-values out, which on a GPU waits for all that is being computed, raises TypeError and says what it
-was: `np.asarray`, `float`, `int`, `bool`, iteration, and `out=` into an array of NumPy's.
+Task code that runs on it uses only operators, indexing and NumPy's functions, which work on any
+kind of array through the protocols `__array_ufunc__` and `__array_function__`. Any operation that
+reads the values, which would synchronise with a GPU, raises TypeError and is named: `np.asarray`,
+`float`, `int`, `bool`, iteration, and `out=` into a NumPy array.
 
-It copies where NumPy copies and is a view where NumPy makes one. `values_of` is for tests.
+It copies where NumPy copies, and returns views where NumPy does. `values_of` is for tests.
 """
 
 import operator
@@ -93,7 +93,7 @@ class StrictArray(np.lib.mixins.NDArrayOperatorsMixin):
         _check_out(name, written)
         return _strict(function(*_open(args), **_open(kwargs)))
 
-    # What takes values out.
+    # Operations that read the values.
 
     def __array__(self, *args: Any, **kwargs: Any) -> NoReturn:
         _refuse("np.asarray()")
@@ -129,7 +129,7 @@ class StrictArray(np.lib.mixins.NDArrayOperatorsMixin):
 
 
 def values_of(array: Any) -> Any:
-    """The values of a strict array, for comparisons in tests; anything else as it is."""
+    """The values of a strict array, for comparisons in tests; other objects unchanged."""
     return array._values if isinstance(array, StrictArray) else array
 
 
@@ -138,7 +138,7 @@ def _refuse(what: str) -> NoReturn:
 
 
 def _check_out(name: str, kwargs: dict[str, Any]) -> None:
-    """Raises if results are to be written into an array of NumPy's."""
+    """Raises TypeError if results would be written into a NumPy array."""
     out = kwargs.get("out")
     for array in out if isinstance(out, tuple) else (out,):
         if array is not None and not isinstance(array, StrictArray):
@@ -148,14 +148,14 @@ def _check_out(name: str, kwargs: dict[str, Any]) -> None:
 
 
 def _check_lists(name: str, inputs: tuple[Any, ...]) -> None:
-    """Raises if an argument is a list that has strict arrays in it."""
+    """Raises TypeError if an argument is a list that contains strict arrays."""
     for given in inputs:
         if isinstance(given, list | tuple) and any(isinstance(each, StrictArray) for each in given):
             raise TypeError(f"{name} is given a list of strict arrays; join them with np.stack")
 
 
 def _key(key: Any) -> Any:
-    """An index of NumPy's for one that may hold strict arrays."""
+    """A NumPy index for one that may contain strict arrays."""
     if isinstance(key, tuple):
         return tuple(map(_key, key))
     if isinstance(key, StrictArray) and key.ndim == 0 and key.dtype != bool:
@@ -164,7 +164,7 @@ def _key(key: Any) -> Any:
 
 
 def _open(given: Any) -> Any:
-    """Arguments with the values of strict arrays in their places."""
+    """Arguments, with strict arrays replaced by their values."""
     if isinstance(given, StrictArray):
         return given._values
     if isinstance(given, tuple | list):
@@ -175,7 +175,7 @@ def _open(given: Any) -> Any:
 
 
 def _strict(result: Any) -> Any:
-    """Results with strict arrays in place of NumPy's arrays and numbers."""
+    """Results, with NumPy arrays and numbers replaced by strict arrays."""
     if isinstance(result, np.ndarray | np.generic):
         return StrictArray(np.asarray(result))
     if isinstance(result, tuple | list):

@@ -18,7 +18,7 @@ _STEPS_OF_AN_EPISODE = 25
 
 
 def _short(task: Task) -> dict[str, Any]:
-    """A time limit that lets rows go through several episodes."""
+    """A time limit short enough for several episodes per row."""
     return dict(short(task, _STEPS_OF_AN_EPISODE))
 
 
@@ -41,7 +41,7 @@ def _actions(batch: BatchEnvironment, steps: int) -> np.ndarray:
 
 
 def _play(task: Task, batch: BatchEnvironment, singles: list[Any], steps: int) -> None:
-    """Plays three episodes and more, with one row reset by itself, and compares every row."""
+    """Plays at least three episodes, with one row reset separately, and compares every row."""
     actions = _actions(batch, steps)
     batched, told = batch.reset(), [env.reset() for env in singles]
     for step, action in enumerate(actions):
@@ -84,7 +84,7 @@ def test_a_task_that_breaks_a_law_fails_it() -> None:
 
         def get_reward(self, physics: Any) -> Any:
             Forgetful.calls += 1
-            # Later than in the few steps that are compared when a batch is made.
+            # After the few steps that are compared when a batch is created.
             is_late = np.asarray(physics.time()) > 0.1
             return super().get_reward(physics) + np.where(is_late, Forgetful.calls, 0)
 
@@ -124,10 +124,10 @@ def test_64_rows_on_any_number_of_threads_are_the_same(task: Task) -> None:
 @pytest.mark.usefixtures("share")
 @pytest.mark.parametrize("whole_steps", [False, True])
 @pytest.mark.parametrize("task", TASKS)
-def test_a_field_that_nobody_asked_for_before_is_the_single_environments(
+def test_a_field_bound_late_equals_that_of_the_single_environments(
     task: Task, whole_steps: bool
 ) -> None:
-    # MuJoCo writes a field from the call on that comes after it was asked for.
+    # MuJoCo writes a field only in calls after it was bound.
     kwargs = _short(task)
     options = {"legacy_step": not whole_steps}
     batch = suite.load_batch(*task, 3, 2, _SEED, task_kwargs=kwargs, environment_kwargs=options)
@@ -191,7 +191,7 @@ def test_what_a_batch_returns_never_changes_later(task: Task) -> None:
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_specs_describe_what_comes(task: Task) -> None:
+def test_specs_describe_the_time_steps(task: Task) -> None:
     batch = suite.load_batch(*task, 5, 1, _SEED)
     single = suite.load(*task)
     batch.reset()

@@ -1,4 +1,4 @@
-"""How an episode of any task runs: reproducible, as long as its time limit, as its specs say."""
+"""Episodes of any task are reproducible, last for the time limit and conform to the specs."""
 
 import collections
 import unittest
@@ -83,7 +83,7 @@ def test_a_step_before_the_first_reset_begins_an_episode(task: Task) -> None:
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_every_observation_is_as_its_spec_says_and_finite(task: Task) -> None:
+def test_every_observation_is_finite_and_conforms_to_its_spec(task: Task) -> None:
     env = load(task)
     spec = env.observation_spec()
     assert isinstance(spec, collections.OrderedDict)
@@ -97,7 +97,7 @@ def test_every_observation_is_as_its_spec_says_and_finite(task: Task) -> None:
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_asking_changes_nothing(task: Task) -> None:
+def test_queries_change_nothing(task: Task) -> None:
     env, twin = load(task), load(task)
     for begin in (lambda env: None, lambda env: play(env, 2)):
         begin(env), begin(twin)
@@ -143,7 +143,7 @@ def test_actions_are_bounded_as_the_actuators_and_reach_them(task: Task) -> None
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_a_task_keeps_nothing_of_an_episode(task: Task) -> None:
+def test_a_task_stores_nothing_about_an_episode(task: Task) -> None:
     env = load(task)
     before = dict(vars(env.task))
     play(env, 5)

@@ -1,4 +1,4 @@
-"""Rewards of any task: between 0 and 1, and made of their terms."""
+"""Rewards of any task lie between 0 and 1 and follow from their terms."""
 
 from typing import Any
 
@@ -28,7 +28,7 @@ def test_rewards_and_terms_are_floats_between_0_and_1(task: Task) -> None:
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_the_reward_is_what_its_terms_make(task: Task) -> None:
+def test_the_reward_follows_from_its_terms(task: Task) -> None:
     env = load(task)
     set_state = expectations.REWARDING.get(task[0], expectations.any_start)
     combine: Any = expectations.COMBINED.get(task, env.task.reward_of)

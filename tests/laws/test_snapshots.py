@@ -1,4 +1,4 @@
-"""A snapshot restored has the future that it was taken before, bit for bit, for every task."""
+"""A restored snapshot has the same future as the original, bit for bit, for every task."""
 
 import copy
 import pickle

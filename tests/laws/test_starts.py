@@ -1,4 +1,4 @@
-"""What an episode of any task starts from."""
+"""Starts of episodes of any task."""
 
 from typing import Any
 
@@ -50,7 +50,7 @@ def test_the_first_observation_is_of_the_state_that_the_episode_starts_from(task
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_every_start_is_another_and_its_kind_is_known(task: Task) -> None:
+def test_starts_differ_and_their_kinds_are_declared(task: Task) -> None:
     env = load(task)
     expected = expectations.STARTS.get(task)
     assert expected is None or expected == kinds(env.task)
@@ -74,7 +74,7 @@ def test_a_start_that_cannot_be_collision_free_is_an_error_naming_task_and_bound
     name = type(env.task).__name__
     with pytest.raises(RuntimeError, match=rf"{name}: none of 30 random starts was free of cont"):
         env.reset()
-    # Whole again as soon as the model is.
+    # Works again once the model is restored.
     env.physics.model.geom_margin[:] = margins
     env.task._random = np.random.RandomState(4)
     twin.task._random = np.random.RandomState(4)

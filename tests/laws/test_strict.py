@@ -1,4 +1,4 @@
-"""Tests of the strict array: NumPy's bits for what it allows, an error for what it refuses."""
+"""The strict array gives NumPy's bits for allowed operations and raises for others."""
 
 from collections.abc import Callable
 from typing import Any
@@ -54,7 +54,7 @@ _ALLOWED: list[Callable[[Any, Any], Any]] = [
 
 
 @pytest.mark.parametrize("number", range(len(_ALLOWED)))
-def test_what_it_allows_gives_numpys_bits(number: int) -> None:
+def test_allowed_operations_give_numpys_bits(number: int) -> None:
     compute = _ALLOWED[number]
     expected, found = compute(_X, _M), compute(StrictArray(_X), StrictArray(_M))
     assert isinstance(found, StrictArray)
@@ -112,7 +112,7 @@ def test_results_are_written_into_strict_arrays() -> None:
         (lambda x: np.putmask(np.empty_like(_X), x > 0, x), "np.putmask"),
     ],
 )
-def test_what_it_refuses_raises_and_says_what_it_was(
+def test_refused_operations_raise_and_are_named(
     refused: Callable[[StrictArray], Any], message: str
 ) -> None:
     with pytest.raises(TypeError) as raised:

@@ -1,6 +1,6 @@
-"""A task's observation and reward need nothing of an array that only NumPy's has.
+"""Observations and rewards of tasks do not rely on features that only NumPy arrays have.
 
-The same code then runs on arrays of other libraries, such as tensors on a GPU, as it is.
+The same code therefore runs unchanged on arrays of other libraries, such as tensors on a GPU.
 """
 
 from typing import Any
@@ -20,7 +20,7 @@ _ROWS, _STEPS = 3, 4
 
 
 class _Strict:
-    """A batch's fields, as strict arrays: what `Fields` asks of those who are only read."""
+    """A batch's fields as strict arrays; implements `Fields`."""
 
     def __init__(self, fields: Fields) -> None:
         self._fields = fields

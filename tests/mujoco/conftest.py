@@ -1,4 +1,4 @@
-"""Scripts in processes of their own, and dm_control to compare with."""
+"""Fixtures: scripts in separate processes, and dm_control for comparison."""
 
 import os
 import subprocess
@@ -9,16 +9,16 @@ from typing import Any
 
 import pytest
 
-_LONGEST = 120  # seconds; a script takes far less, so that one that takes longer hangs
+_LONGEST = 120  # seconds; scripts take far less, so a longer one hangs
 
 
 @pytest.fixture
 def run_script() -> Callable[..., str]:
     """Runs a script in a new process, with environment variables; returns what it printed.
 
-    It fails unless the process ends with status 0 and nothing on the error stream. Warnings are
-    errors there, but for Python's that a process with threads was forked. None unsets a variable.
-    `longest` is for a script that takes more than two minutes, in seconds.
+    It fails unless the process exits with status 0 and an empty standard error. Warnings are errors
+    there, except for Python's warning about forking a process with threads. None unsets a variable.
+    `longest`, in seconds, is for scripts that take more than two minutes.
     """
 
     def run(script: str, longest: float = _LONGEST, **variables: str | None) -> str:

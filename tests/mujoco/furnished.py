@@ -1,4 +1,4 @@
-"""A room with something of all that MuJoCo draws in its own way, for tests of pictures."""
+"""A room with one example of everything that MuJoCo draws differently, for tests of pictures."""
 
 from typing import Any
 

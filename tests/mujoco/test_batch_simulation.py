@@ -1,4 +1,4 @@
-"""A batch implements the whole interface of a simulation, as a single one does."""
+"""A batch implements the complete interface of a simulation, like a single one."""
 
 from collections.abc import Callable
 from typing import Any
@@ -98,21 +98,21 @@ def test_a_row_that_diverges_raises_an_error_that_names_it() -> None:
 )
 def test_a_batch_names_the_call_to_use_instead(call: Callable[[Any], object], message: str) -> None:
     batch, _ = _pair()
-    with pytest.raises(TypeError, match=f"the physics of a batch has no .*{message}"):
+    with pytest.raises(TypeError, match=f"the physics of a batch does not support .*{message}"):
         call(batch)
 
 
-def test_the_model_of_a_batch_is_read_only_but_for_what_rows_have_for_themselves() -> None:
+def test_the_model_of_a_batch_is_read_only_except_for_per_row_fields() -> None:
     batch, _ = _pair()
-    with pytest.raises(ValueError, match=r"geom_size of the model is the same in all rows.*random"):
+    with pytest.raises(ValueError, match=r"geom_size of the model is shared by all rows.*random"):
         batch.model.geom_size[:] = 2
-    with pytest.raises(ValueError, match="same in all rows"):
+    with pytest.raises(ValueError, match="shared by all rows"):
         batch.model.geom_size *= 2
-    with pytest.raises(ValueError, match="same in all rows"):
+    with pytest.raises(ValueError, match="shared by all rows"):
         batch.named.model.geom_size["rod"] = 2
-    with pytest.raises(ValueError, match="timestep is the same in all rows"):
+    with pytest.raises(ValueError, match="timestep is shared by all rows"):
         batch.model.opt.timestep = 1
-    with pytest.raises(ValueError, match="gravity is the same in all rows"):
+    with pytest.raises(ValueError, match="gravity is shared by all rows"):
         batch.model.opt.gravity[2] = 1
     with pytest.raises(ValueError, match="read-only"):
         batch.model.body_parentid[0] = 5
@@ -121,7 +121,7 @@ def test_the_model_of_a_batch_is_read_only_but_for_what_rows_have_for_themselves
     assert batch.named.model.body_mass.shape == (_ROWS, 2)
 
 
-def test_a_batch_task_is_told_to_randomise_instead() -> None:
+def test_writing_to_the_model_of_a_batch_suggests_randomize() -> None:
     batch = suite.load_batch("humanoid", "walk", 2, 1, seed=0)
     with pytest.raises(ValueError, match="randomize"):
         batch.physics.model.body_mass[:] = 1.0
@@ -136,7 +136,7 @@ def test_both_kinds_have_the_whole_interface() -> None:
     assert isinstance(batch.simulation, BatchSimulation)
 
 
-def test_a_saved_row_that_mujoco_would_not_go_on_from_diverges_at_the_next_step() -> None:
+def test_a_saved_row_that_mujoco_would_reject_diverges_at_the_next_step() -> None:
     batch, _ = _pair()
     saved = batch.simulation.save(None, ())
     saved["state"][1, 1] = np.nan

@@ -1,7 +1,6 @@
 """Tests of limberjack.mujoco.camera.
 
-That pictures are dm_control's is in test_camera_beside_dm_control.py, how OpenGL is reached and how
-long it lasts in rendering/.
+Comparisons with dm_control are in test_camera_beside_dm_control.py, tests of OpenGL in rendering/.
 """
 
 from collections.abc import Callable
@@ -269,7 +268,7 @@ def test_an_unknown_camera_is_refused_with_a_suggestion_and_the_list() -> None:
         ({"render_flag_overrides": {"wirefame": True}}, "wirefame"),
     ],
 )
-def test_what_cannot_be_combined_is_refused(kwargs: dict[str, Any], word: str) -> None:
+def test_incompatible_arguments_are_refused(kwargs: dict[str, Any], word: str) -> None:
     physics = furnished()
     expected = physics.render(**SIZE)
     for draw in (lambda **k: render(physics, **SIZE, **k), Camera(physics, **SIZE).render):

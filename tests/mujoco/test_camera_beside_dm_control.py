@@ -1,4 +1,4 @@
-"""Pictures and cameras of limberjack.mujoco.camera are dm_control's, live."""
+"""Pictures and cameras of limberjack.mujoco.camera equal dm_control's, compared live."""
 
 import itertools
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Compiled models are shared by their source, and kept for the next load."""
+"""Compiled models are shared between equal sources and cached."""
 
 import gc
 import weakref
@@ -54,7 +54,7 @@ def test_textures_that_are_not_there_cannot_be_read_or_changed() -> None:
     physics = suite.load("humanoid", "stand").physics
     light = type(physics).from_model(physics.model.without_textures())
     for model in (light.model, light.named.model):
-        with pytest.raises(ValueError, match="no textures: the start of an episode cannot"):
+        with pytest.raises(ValueError, match="without textures: the start of an episode cannot"):
             model.tex_data[:] = 0
     assert physics.model.tex_data.size
 

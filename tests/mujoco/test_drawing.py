@@ -1,4 +1,4 @@
-"""Pictures of a Physics: shapes that are known before drawing, and arguments that are refused."""
+"""Pictures of a Physics: shapes known before rendering, and rejected arguments."""
 
 import os
 from typing import Any
@@ -70,7 +70,7 @@ def test_keywords_are_those_of_render_and_a_wrong_one_is_answered_with_all_of_th
         check_names({"height": 1, "physics": None})
 
 
-def test_a_batch_is_told_which_call_draws_its_rows(physics: Physics) -> None:
+def test_rendering_a_batch_suggests_the_call_for_its_rows(physics: Physics) -> None:
     rows = physics.replicate(2, 1).physics
     with pytest.raises(TypeError, match=r"no render\(\): call render\(rows, \.\.\.\) of its Batch"):
         render(rows)

@@ -196,7 +196,7 @@ def test_a_reset_returns_to_a_keyframe(physics: Physics) -> None:
 
 
 @pytest.mark.parametrize("keyframe", [-1, 2, 99])
-def test_a_keyframe_that_is_not_there_is_refused(physics: Physics, keyframe: int) -> None:
+def test_an_unknown_keyframe_is_refused(physics: Physics, keyframe: int) -> None:
     physics.reset(0)
     match = f"must be between 0 and 1 inclusive, got: {keyframe}"
     with pytest.raises(ValueError, match=match):
@@ -226,7 +226,7 @@ def test_a_diverged_simulation_raises_naming_the_warning(
     physics.step()
 
 
-def test_divergence_is_raised_by_whoever_notices_it(physics: Physics) -> None:
+def test_divergence_is_raised_by_every_method_that_detects_it(physics: Physics) -> None:
     physics.data.ctrl[0] = np.nan
     with pytest.raises(control.PhysicsError, match="mjWARN_BADCTRL"):
         physics.forward()
@@ -287,7 +287,7 @@ def test_the_state_is_positions_velocities_and_activations(physics: Physics) -> 
     "sig",
     [None, _INTEGRATION, mujoco.mjtState.mjSTATE_INTEGRATION, mujoco.mjtState.mjSTATE_QVEL.value],
 )
-def test_a_state_that_is_set_is_the_one_that_is_got(physics: Physics, sig: Any) -> None:
+def test_a_state_that_was_set_is_returned(physics: Physics, sig: Any) -> None:
     swing(physics, 4)
     state = physics.get_state(sig)
     swing(physics, 3)
@@ -333,7 +333,7 @@ def test_a_subclass_stays_itself(physics: Physics) -> None:
         pendulum.angel  # noqa: B018
 
 
-def test_an_unknown_attribute_is_no_closed_physics(physics: Physics) -> None:
+def test_an_unknown_attribute_does_not_report_a_closed_physics(physics: Physics) -> None:
     with pytest.raises(AttributeError, match="nothing"):
         physics.nothing  # noqa: B018
     assert not hasattr(physics, "nothing")
@@ -345,7 +345,7 @@ def test_only_wrapped_data_makes_a_physics(physics: Physics) -> None:
             Physics(bad)  # pyright: ignore[reportArgumentType]
 
 
-def test_controls_are_set_and_told(physics: Physics) -> None:
+def test_controls_are_set_and_returned(physics: Physics) -> None:
     physics.set_control(1.5)
     np.testing.assert_array_equal(physics.control(), [1.5, 1.5])
     with pytest.raises(ValueError, match="broadcast"):

@@ -1,4 +1,4 @@
-"""Names of the axes of fields, and the fields that simulations may differ in."""
+"""Names of the axes of fields, and the fields that may differ per row."""
 
 import mujoco
 import numpy as np
@@ -81,14 +81,14 @@ def test_the_numbers_of_objects_that_have_several_start_where_the_model_says(
 @pytest.mark.parametrize(
     "name", ["body_mass", "geom_priority", "geom_contype", "geom_condim", "opt.gravity"]
 )
-def test_what_is_a_value_may_be_randomised(name: str) -> None:
+def test_fields_that_hold_values_may_be_randomised(name: str) -> None:
     fields.check_randomizable(name)
 
 
 @pytest.mark.parametrize(
     "name", ["geom_type", "body_parentid", "jnt_qposadr", "opt.timestep", "opt.integrator"]
 )
-def test_what_is_structure_may_not(name: str) -> None:
+def test_structural_fields_may_not_be_randomised(name: str) -> None:
     with pytest.raises(ValueError, match=f"'{name}' is part of the model's structure"):
         fields.check_randomizable(name)
 

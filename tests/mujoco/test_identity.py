@@ -1,4 +1,4 @@
-"""What must agree for a state to be loaded elsewhere: MuJoCo's minor version and the model."""
+"""The identity that must match to load a state elsewhere: MuJoCo's minor version and the model."""
 
 import mujoco
 import pytest

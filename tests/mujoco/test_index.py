@@ -189,7 +189,7 @@ def test_a_row_of_names_is_a_view_and_a_list_of_names_is_not(physics: Physics) -
     np.testing.assert_array_equal(physics.data.qpos[:3], [1.0, 1.0, 1.0])
 
 
-def test_remembered_keys_do_not_mix(physics: Physics) -> None:
+def test_cached_keys_do_not_collide(physics: Physics) -> None:
     xpos = named(physics, "xpos")
     for _ in range(2):
         assert xpos["boat", "x"].shape == ()
@@ -220,9 +220,7 @@ _MIXED_KEYS: list[Any] = [
 
 
 @pytest.mark.parametrize("key", _MIXED_KEYS, ids=str)
-def test_keys_that_mix_names_with_numbers_and_slices_are_remembered(
-    physics: Physics, key: Any
-) -> None:
+def test_keys_that_mix_names_with_numbers_and_slices_are_cached(physics: Physics, key: Any) -> None:
     xpos = named(physics, "xpos")
     batch = FieldIndexer("xpos", np.random.default_rng(0).random((4, *xpos.shape)), xpos.axes, True)
     for indexer in (xpos, batch):
@@ -234,7 +232,7 @@ def test_keys_that_mix_names_with_numbers_and_slices_are_remembered(
         assert len(indexer._known) == 1
 
 
-def test_remembered_numbers_are_told_from_truth_values_and_fractions(physics: Physics) -> None:
+def test_cached_keys_distinguish_ints_bools_and_floats(physics: Physics) -> None:
     xpos = named(physics, "xpos")
     mask = [True, True] + [False] * (physics.model.nbody - 2)
     for _ in range(2):
@@ -260,7 +258,7 @@ def test_a_list_of_names_may_change_after_its_use(physics: Physics) -> None:
     np.testing.assert_array_equal(xpos[key], physics.data.xpos[[1, 2]])
 
 
-def test_the_simulation_goes_on_under_remembered_keys(physics: Physics) -> None:
+def test_cached_keys_read_the_current_values(physics: Physics) -> None:
     before = named(physics, "xpos")["boat", "z"], named(physics, "qpos")[["rope", "yaw"]]
     physics.step(20)
     after = named(physics, "xpos")["boat", "z"], named(physics, "qpos")[["rope", "yaw"]]
@@ -286,7 +284,7 @@ def test_the_simulation_goes_on_under_remembered_keys(physics: Physics) -> None:
         (99, IndexError, "out of bounds"),
     ],
 )
-def test_what_is_no_key_is_refused(physics: Physics, key: Any, error: Any, match: str) -> None:
+def test_invalid_keys_are_refused(physics: Physics, key: Any, error: Any, match: str) -> None:
     xpos = named(physics, "xpos")
     batch = FieldIndexer("xpos", np.zeros((2, *xpos.shape)), xpos.axes, batch=True)
     before = physics.data.xpos.copy()
@@ -306,7 +304,7 @@ def test_a_field_without_names_takes_numbers_only(physics: Physics) -> None:
             gravity[key]
 
 
-def test_columns_and_rows_are_told_by_axes(physics: Physics) -> None:
+def test_axes_give_the_names_of_rows_and_columns(physics: Physics) -> None:
     axes = named(physics, "xpos").axes
     assert axes.row.names == ["world", "boat", "mast", "boom", "buoy", "anchor", ""]
     assert axes.col.names == ["x", "y", "z"]
@@ -317,7 +315,7 @@ def test_columns_and_rows_are_told_by_axes(physics: Physics) -> None:
     assert not hasattr(Axis(), "names")
 
 
-def test_an_indexer_is_its_array_in_all_else(physics: Physics) -> None:
+def test_an_indexer_forwards_attributes_to_its_array(physics: Physics) -> None:
     xpos = named(physics, "xpos")
     assert xpos.shape == physics.data.xpos.shape
     assert xpos.dtype == float
@@ -364,7 +362,7 @@ def test_fields_are_listed_and_looked_up_by_name(physics: Physics) -> None:
 
 
 def test_every_row_and_column_that_has_names_has_as_many_as_there_are(physics: Physics) -> None:
-    """No rule in `fields` names an axis of another length, in this MuJoCo."""
+    """For the installed MuJoCo, every rule in `fields` matches the length of its axis."""
     for struct, view in (("MjData", physics.named.data), ("MjModel", physics.named.model)):
         seen = 0
         for name, indexer in view._asdict().items():
@@ -432,7 +430,7 @@ def test_models_without_names_or_objects_have_indexers(xml: str) -> None:
         assert physics.named.data.xpos["größer ☃"].shape == (3,)
 
 
-def test_names_are_read_once_and_only_when_asked_for() -> None:
+def test_names_are_read_lazily_and_once() -> None:
     model = mujoco.MjModel.from_xml_string(_XML)
     names = Names(model)
     assert names.axis("nbody") is names.axis("nbody")

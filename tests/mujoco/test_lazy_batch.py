@@ -1,4 +1,4 @@
-"""A batch computes what is read, as if it had always been read."""
+"""Fields bound late have the same values as fields bound from the start."""
 
 import ctypes
 
@@ -32,7 +32,7 @@ _WORLD = """
 
 
 def _walkers(bound: str | None = None) -> BatchEnvironment:
-    """A batch, one of whose fields may be bound from the beginning."""
+    """A batch, optionally with one field bound from the start."""
     batch = suite.load_batch("humanoid", "walk", _NUM_ENVS, 2, seed=1)
     if bound is not None:
         getattr(batch.physics.data, bound)
@@ -45,7 +45,7 @@ def _actions(batch: BatchEnvironment, count: int) -> np.ndarray:
 
 
 def _disabled(batch: BatchEnvironment) -> list[str]:
-    """The names of the sensors that are not computed."""
+    """Names of the disabled sensors."""
     model = batch.physics.model
     return [
         model.id2name(i, "sensor") for i in np.flatnonzero(batch.physics.simulation._lazy._disabled)

@@ -1,4 +1,4 @@
-"""Leaving the interpreter while threads simulate."""
+"""Interpreter exit while threads simulate."""
 
 import threading
 

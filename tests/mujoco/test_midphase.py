@@ -1,4 +1,4 @@
-"""Contacts with the world's planes, with the tree of its geoms and without."""
+"""Contacts with the world's planes, with and without the bounding volume tree of the world."""
 
 import copy
 
@@ -30,7 +30,7 @@ def _contacts(model: mujoco.MjModel, data: mujoco.MjData, disabled: int) -> list
 
 
 def _differs(height: float) -> bool:
-    """Whether light touches of a floor are not the same without the midphase."""
+    """Whether light contacts with a floor differ without the midphase."""
     random = np.random.default_rng(0)
     for _ in range(200):
         radius = random.uniform(0.05, 0.1)

@@ -1,4 +1,4 @@
-"""`checksums`: numbers of a model by field, and which of them have changed."""
+"""`checksums` of a model's fields, and detection of changed fields."""
 
 from collections.abc import Callable
 
@@ -33,7 +33,7 @@ _EDITS: dict[str, Callable[[mujoco.MjModel], object]] = {
 
 
 @pytest.mark.parametrize("field", _EDITS)
-def test_the_field_that_changes_is_the_one_that_is_named(model: mujoco.MjModel, field: str) -> None:
+def test_a_changed_field_is_named(model: mujoco.MjModel, field: str) -> None:
     before = checksums(model)
     _EDITS[field](model)
     assert changed_fields(before, checksums(model)) == [field]

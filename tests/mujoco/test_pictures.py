@@ -1,4 +1,4 @@
-"""Pictures: options that go together, and raw pixels made into arrays."""
+"""Pictures: compatible options, and conversion of raw pixels to arrays."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -37,8 +37,8 @@ def test_object_numbers_are_drawn_with_flags_of_their_own_at_any_quality() -> No
         {"quality": "fsat"},
     ],
 )
-def test_options_that_do_not_go_together_are_refused(options: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"cannot|colours only|Did you mean 'fast'"):
+def test_incompatible_options_are_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=r"cannot|need an RGB picture|Did you mean 'fast'"):
         Style.of(**options)
 
 

@@ -1,4 +1,4 @@
-"""Arrays and structs that refuse to be written, and say what to do instead."""
+"""Read-only arrays and structs, whose errors say what to do instead."""
 
 import pickle
 
@@ -30,7 +30,7 @@ def test_every_way_of_writing_is_refused_with_the_advice() -> None:
     np.testing.assert_array_equal(array, np.arange(6.0).reshape(2, 3))
 
 
-def test_it_shows_what_the_array_holds_now_and_the_array_can_be_written() -> None:
+def test_a_view_has_the_current_values_and_the_array_stays_writable() -> None:
     array, read_only = _made()
     array[0, 0] = 7.0
     assert read_only[0, 0] == 7.0

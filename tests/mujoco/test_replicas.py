@@ -1,4 +1,4 @@
-"""Replicas: rows that begin, step and are drawn as single simulations of the same model."""
+"""Rows of replicas begin, step and render like single simulations of the same model."""
 
 import os
 from typing import Any
@@ -38,7 +38,7 @@ class _Pole(Physics):
 
 
 def _begin(one: Any, row: int) -> None:
-    """A start of its own for each row."""
+    """Sets a different start for each row."""
     one.named.data.qpos["hinge"] = 0.3 * row
     one.data.qvel[0] = -1.0 * row
     one.named.model.body_mass["pole"] = 2.0 + row

@@ -61,8 +61,8 @@ def test_assigning_a_field_writes_into_every_row(data: Any) -> None:
         data.qpos = np.zeros(5)
 
 
-def test_what_the_data_has_not_is_an_attribute_error_that_says_what_there_is(data: Any) -> None:
-    with pytest.raises(AttributeError, match="data of a batch has no 'qops': it has the arrays of"):
+def test_an_unknown_field_of_the_data_is_an_attribute_error_with_advice(data: Any) -> None:
+    with pytest.raises(AttributeError, match="data of a batch has no 'qops'; it has the arrays of"):
         _ = data.qops
     assert not hasattr(data, "ptr")
     with pytest.raises(AttributeError, match=r"no data.step\(...\): use the methods of physics"):
@@ -72,7 +72,7 @@ def test_what_the_data_has_not_is_an_attribute_error_that_says_what_there_is(dat
 
 
 @pytest.mark.parametrize("kind", [RowsData, RowsModel])
-def test_one_that_is_half_made_has_no_fields_and_does_not_look_for_ever(kind: Any) -> None:
+def test_an_uninitialised_view_has_no_fields_and_does_not_recurse(kind: Any) -> None:
     half: Any = kind.__new__(kind)
     with pytest.raises(AttributeError):
         _ = half.qpos
@@ -87,7 +87,7 @@ def test_fields_of_the_model_have_an_axis_where_rows_have_their_own(model: Any) 
     assert model.opt.gravity.shape == (3,)
 
 
-def test_assigning_a_field_that_rows_have_for_themselves_writes_into_it(model: Any) -> None:
+def test_assigning_a_per_row_field_writes_into_it(model: Any) -> None:
     masses = model.body_mass
     model.body_mass = np.arange(6.0).reshape(3, 2)
     np.testing.assert_array_equal(masses, np.arange(6.0).reshape(3, 2))
@@ -96,16 +96,16 @@ def test_assigning_a_field_that_rows_have_for_themselves_writes_into_it(model: A
 @pytest.mark.parametrize(
     ("name", "value"), [("geom_size", 1.0), ("nq", 2), ("opt", None), ("body_parentid", 0)]
 )
-def test_what_rows_have_in_common_cannot_be_assigned(model: Any, name: str, value: object) -> None:
+def test_fields_shared_by_rows_cannot_be_assigned(model: Any, name: str, value: object) -> None:
     before = copy.copy(model)
-    with pytest.raises(ValueError, match=r"same in all rows|read-only"):
+    with pytest.raises(ValueError, match=r"shared by all rows|read-only"):
         setattr(model, name, value)
     np.testing.assert_array_equal(model.geom_size, before.geom_size)
 
 
 def test_structs_of_the_model_can_be_read_only(model: Any) -> None:
     assert model.opt.timestep == 0.002
-    with pytest.raises(ValueError, match=r"opt\.timestep is the same in all rows"):
+    with pytest.raises(ValueError, match=r"opt\.timestep is shared by all rows"):
         model.opt.timestep = 0.1
 
 

@@ -1,4 +1,4 @@
-"""What both kinds of simulations are read and described by; see `limberjack.mujoco.simulation`."""
+"""Code shared by both kinds of simulations; see `limberjack.mujoco.simulation`."""
 
 import logging
 
@@ -21,7 +21,7 @@ _BAD_VELOCITY = mujoco.mjtWarning.mjWARN_BADQVEL.value
 
 
 class _Counter(CountsWarnings):
-    """Counters of warnings alone, of one simulation or of many."""
+    """Warning counters without a simulation, for one row or many."""
 
     def __init__(self, *rows: int) -> None:
         self.warnings = np.zeros((*rows, _KINDS), int)

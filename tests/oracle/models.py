@@ -1,4 +1,4 @@
-"""MJCF models, small and odd, that hold what the suite's models do not."""
+"""Small, unusual MJCF models with features that the suite's models lack."""
 
 __all__ = ["BY_NAME", "ODD_JOINTS", "PENDULUM", "ZOO"]
 
@@ -126,7 +126,7 @@ PENDULUM = """
 
 BY_NAME = {"zoo": ZOO, "Runge-Kutta": _RUNGE_KUTTA, "pendulum": PENDULUM}
 
-# What randomizers treats one by one: each type, limited and not, and joints in one body.
+# All cases of `randomizers`: each joint type, limited and not, and several joints in one body.
 ODD_JOINTS = {
     "each type, limited and not": """
 <mujoco>

@@ -1,4 +1,4 @@
-"""`assert_same`: equal Python types and equal bits, and a message that says where they part."""
+"""`assert_same`: equal Python types and equal bits, with a message about the first difference."""
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -18,7 +18,7 @@ def assert_same(ours: Any, theirs: Any, where: str) -> None:
     Mappings have the same keys in the same order; arrays the same dtype and shape. NaN equals the
     same NaN, and 0.0 is not -0.0.
     """
-    # Texts for a failure that does not come would cost half the time of the whole-episode tests.
+    # Building messages in advance would take half the time of the whole-episode tests.
     if not _is_same(ours, theirs):
         raise AssertionError(_difference(ours, theirs, where))
 
@@ -42,7 +42,7 @@ def _is_same(ours: Any, theirs: Any) -> bool:
 
 
 def _difference(ours: Any, theirs: Any, where: str) -> str:
-    """Says how two things that are not the same differ."""
+    """Describes the difference between two values."""
     if type(ours) is not type(theirs):
         kinds = f"{type(ours).__name__} {ours!r}, dm_control has {type(theirs).__name__} {theirs!r}"
         return f"{where}: {kinds}"
@@ -67,7 +67,7 @@ def _difference(ours: Any, theirs: Any, where: str) -> str:
 
 
 def _first_difference(ours: np.ndarray, theirs: np.ndarray) -> str:
-    """Where two arrays first differ in dtype, shape or bits, and in how many places."""
+    """The first difference of two arrays in dtype, shape or bits, and the number of differences."""
     if ours.dtype != theirs.dtype or ours.shape != theirs.shape:
         return f"{ours.dtype}{ours.shape}, dm_control has {theirs.dtype}{theirs.shape}"
     places = [
@@ -88,9 +88,9 @@ def assert_same_pair(pair: Iterable[Any], where: str) -> None:
 
 
 def fields(struct: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Name and value of every array, number and text in a MuJoCo struct, and in the structs in it.
+    """Name and value of every array, number and text in a MuJoCo struct, including nested structs.
 
-    Whatever the installed MuJoCo has is found by `dir`, so a new field is compared too.
+    Fields are found by `dir`, so those of newer MuJoCo versions are compared too.
     """
     for name in dir(struct):
         if name.startswith("__") or name in _NOT_CONTENT:
@@ -103,9 +103,9 @@ def fields(struct: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def assert_same_outcome(calls: Iterable[Callable[[], Any]], where: str) -> Exception | None:
-    """Fails unless our call does as dm_control's: returns the same, or raises an error of its type.
+    """Fails unless our call gives dm_control's result or raises an error of the same type.
 
-    Returns the error that ours raised. Messages may differ: ours say more.
+    Returns the error that our call raised. Messages may differ: ours are more detailed.
     """
     (our_value, our_error), (their_value, their_error) = map(_outcome, calls)
     if their_error is None:
@@ -120,8 +120,8 @@ def assert_same_outcome(calls: Iterable[Callable[[], Any]], where: str) -> Excep
 
 
 def _is_kind_of(ours: Exception, theirs: Exception) -> bool:
-    """Whether whoever catches dm_control's error catches ours."""
-    # Where a name meets an axis without names, dm_control leaves the error to NumPy.
+    """Whether code that catches dm_control's error also catches ours."""
+    # For a name on an axis without names, dm_control leaves the error to NumPy.
     if isinstance(theirs, IndexError) and "indices" in str(theirs):
         return isinstance(ours, LookupError)
     # PhysicsError and wrapper.Error are classes of the same name in each package.

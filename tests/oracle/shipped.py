@@ -1,4 +1,4 @@
-"""dm_control's own test files, to be run against Limberjack.
+"""Runs dm_control's own test files against Limberjack.
 
     cases = load_cases("rl.control_test")   # the unittest cases of rl/control_test.py, renamed
     print(run_case(cases["EnvironmentTest.test_timeout0"]))
@@ -8,8 +8,8 @@ A file is read from the installed dm_control, and its imports of `dm_control` be
 that holds the word is left as it is. Three kinds of import become something else:
 
 * test models, and the private layer that opens OpenGL contexts, stay dm_control's;
-* what Limberjack does not have becomes a placeholder, so that the file's other cases run;
-* `mock`, a package of its own, becomes the standard library's.
+* names that Limberjack lacks become placeholders, so that the file's other cases run;
+* the package `mock` becomes the standard library's module.
 """
 
 import ast
@@ -31,7 +31,7 @@ _KEPT = ("dm_control.mujoco.testing", "dm_control._render")
 
 
 class Missing:
-    """Stands for what Limberjack does not have; its use is an error that says so."""
+    """Placeholder for a name that Limberjack lacks; using it raises an error."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -41,7 +41,7 @@ class Missing:
 
 
 class _Renamed(ast.NodeTransformer):
-    """Imports from Limberjack what was imported from dm_control."""
+    """Replaces imports from dm_control by imports from Limberjack."""
 
     def visit_Import(self, node: ast.Import) -> ast.stmt:
         if [name.name for name in node.names] == ["mock"]:
@@ -100,8 +100,8 @@ def _flat(suite: Any) -> list[unittest.TestCase]:
 def run_case(case: unittest.TestCase) -> str:
     """Runs one case with its fixtures: the text of its failures, or "" if it passed."""
     result = unittest.TestResult()
-    # rewards_test compares `x * x` with libm's `pow` at random values, and so fails now and then
-    # with dm_control, too.
+    # rewards_test compares `x * x` with libm's `pow` at random values, and so it occasionally fails
+    # with dm_control too.
     np.random.seed(0)
     unittest.TestSuite([case]).run(result)
     assert result.testsRun + len(result.skipped) >= 1

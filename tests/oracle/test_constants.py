@@ -1,4 +1,4 @@
-"""`mjbindings` enums and constants equal dm_control's, but for what MuJoCo 4.0 changed."""
+"""`mjbindings` enums and constants equal dm_control's, except for changes in MuJoCo 4.0."""
 
 from types import ModuleType
 from typing import Any

@@ -164,7 +164,7 @@ _REFUSED: list[dict[str, Any]] = [
 
 
 @pytest.mark.parametrize("kwargs", _REFUSED)
-def test_what_cannot_be_rendered_is_refused_alike(kwargs: dict[str, Any]) -> None:
+def test_incompatible_arguments_are_refused_alike(kwargs: dict[str, Any]) -> None:
     with _zoo() as twin:
         calls = []
         for package, physics in zip(BOTH, twin, strict=True):
@@ -175,7 +175,7 @@ def test_what_cannot_be_rendered_is_refused_alike(kwargs: dict[str, Any]) -> Non
 
 
 @pytest.mark.parametrize("camera_id", [-1, 0, "fixed", 1])
-def test_cameras_say_the_same(camera_id: Any) -> None:
+def test_cameras_give_the_same(camera_id: Any) -> None:
     with _zoo() as twin:
         cameras = [
             package("mujoco").Camera(physics, 60, 80, camera_id=camera_id)

@@ -1,4 +1,4 @@
-"""Models and data: constructors, lookups, flags, forces and velocities do as dm_control's."""
+"""Models and data: constructors, lookups, flags, forces and velocities behave as in dm_control."""
 
 import functools
 from collections.abc import Callable
@@ -77,7 +77,7 @@ def test_disabled_flags_act_the_same_and_come_back(flags: tuple[Any, ...]) -> No
 
 
 @pytest.mark.parametrize("flag", ["no such flag", "mjDSBL_GRAVITY", 3])
-def test_a_flag_that_is_not_there_is_refused_alike(flag: Any) -> None:
+def test_an_unknown_flag_is_refused_alike(flag: Any) -> None:
     twin = twins.load_physics()
     before = twin.both[0].model.opt.disableflags
 
@@ -186,7 +186,7 @@ def test_malformed_xml_is_refused_alike_and_mujocos_message_is_kept(xml: str) ->
     assert str(native.value).splitlines()[0] in str(error)
 
 
-def test_a_file_that_is_not_there_is_refused_alike(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused_alike(tmp_path: Path) -> None:
     for constructor in ("from_xml_path", "from_binary_path"):
         makes = [getattr(package("mujoco").Physics, constructor) for package in BOTH]
         calls = [functools.partial(make, str(tmp_path / "none.xml")) for make in makes]

@@ -46,7 +46,7 @@ def _twin_physics(name: str) -> list[Any]:
 
 
 def _indexers(name: str, struct: str) -> Iterator[tuple[str, Any, Any]]:
-    """Field name, our indexer and dm_control's, of every field that dm_control shows."""
+    """Name, our indexer and dm_control's indexer of every field that dm_control has."""
     # dm_control's indexers do not keep their physics alive: these two names do.
     ours, theirs = _twin_physics(name)
     our_struct, their_struct = getattr(ours.named, struct), getattr(theirs.named, struct)
@@ -100,7 +100,7 @@ def _keys(indexer: Any) -> list[Any]:
 
 
 def _names(axis: Any) -> list[str]:
-    """The axis's names; an axis has none where nothing is named, or where there is nothing."""
+    """The axis's names; empty if no object is named or there are no objects."""
     return list(getattr(axis, "names", []))
 
 
@@ -139,7 +139,7 @@ def test_every_field_gives_the_same_for_keys_of_every_kind(name: str, struct: st
 
 @pytest.mark.parametrize("name", ["humanoid:walk", "zoo"])
 @both_structs
-def test_what_is_a_view_of_live_memory_is_one_here_too(name: str, struct: str) -> None:
+def test_views_of_live_memory_are_views_here_too(name: str, struct: str) -> None:
     twin = _twin_physics(name)
     for field, their_indexer in getattr(twin[1].named, struct)._asdict().items():
         our_indexer = getattr(getattr(twin[0].named, struct), field)
@@ -183,7 +183,7 @@ def _value_for(indexer: Any, key: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", ["humanoid:walk", "manipulator:insert_peg", "zoo"])
-def test_keys_used_before_read_what_is_there_now(name: str) -> None:
+def test_cached_keys_read_the_current_values(name: str) -> None:
     twin = _twin_physics(name)
     fields = ("qpos", "qvel", "xpos", "xmat", "geom_xpos", "site_xpos", "sensordata", "ctrl")
     for _ in range(3):
@@ -236,7 +236,7 @@ def test_every_field_can_be_printed_and_listed(name: str, struct: str) -> None:
 
 
 @both_structs
-def test_a_field_that_is_not_there_is_an_attribute_error_for_both(struct: str) -> None:
+def test_an_unknown_field_is_an_attribute_error_for_both(struct: str) -> None:
     for physics in _twin_physics("zoo"):
         for field in ("no_such_field", *REMOVED_FIELDS[:1]):
             with pytest.raises(AttributeError):

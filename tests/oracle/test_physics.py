@@ -1,4 +1,4 @@
-"""Physics: states, copies, resets, steps and errors are what dm_control's are."""
+"""Physics: states, copies, resets, steps and errors equal dm_control's."""
 
 import copy
 import itertools
@@ -147,7 +147,7 @@ def test_a_reset_to_a_keyframe_is_the_same(keyframe: int | None) -> None:
 
 
 @pytest.mark.parametrize("keyframe", [-1, 2, 99])
-def test_a_keyframe_that_is_not_there_is_refused_alike(keyframe: int) -> None:
+def test_an_unknown_keyframe_is_refused_alike(keyframe: int) -> None:
     twin = twins.load_physics()
     twin.play(3)
     twin.do(lambda physics: physics.reset(keyframe_id=keyframe))
@@ -173,7 +173,7 @@ def test_forward_after_reset_and_a_reset_context_are_the_same(name: str) -> None
     twin.play(5)
 
 
-def test_what_queries_return_is_no_view_of_live_memory_where_dm_control_copies() -> None:
+def test_results_of_queries_are_copies_where_dm_control_copies() -> None:
     twin = twins.load_physics()
     for query in ("position", "velocity", "control", "activation", "state", "get_state"):
         before = [getattr(physics, query)() for physics in twin.both]
@@ -241,10 +241,10 @@ def test_divergence_raises_a_physics_error_with_the_same_message(
             destroy(physics)
         errors.append(error.value)
     our_message, their_message = map(str, errors)
-    # Ours may go on to say what to do.
+    # Our message may continue with advice.
     assert our_message.startswith(their_message)
     twin.assert_same_state()
-    # A warning that was there before is none of the next step's.
+    # Earlier warnings do not count for the next step.
     for physics in twin.both:
         physics.reset()
     twin.play(3)

@@ -1,4 +1,4 @@
-"""A program that brings its own model, Physics and Task runs the same on either package."""
+"""A program with its own model, Physics and Task runs the same with either package."""
 
 import collections
 import itertools
@@ -64,7 +64,7 @@ def _swing_up(package: Any, **environment_kwargs: Any) -> Any:
         {"legacy_step": False, "n_sub_steps": 2},
     ],
 )
-def test_a_domain_of_ones_own_runs_the_same(kwargs: dict[str, Any]) -> None:
+def test_a_user_domain_runs_the_same(kwargs: dict[str, Any]) -> None:
     env = twins.Twins(*(_swing_up(package, **kwargs) for package in BOTH), where=f"{kwargs}")
     endings = set()
     for episode in range(3):
@@ -75,7 +75,7 @@ def test_a_domain_of_ones_own_runs_the_same(kwargs: dict[str, Any]) -> None:
     assert endings != {400}, "no episode ended of itself"
 
 
-def test_a_task_with_its_own_specs_is_asked_for_them() -> None:
+def test_a_task_that_defines_specs_provides_them() -> None:
     twin = [_swing_up(package) for package in BOTH]
     for env in twin:
         env.task.observation_spec = lambda physics: {"mine": 1}

@@ -1,4 +1,4 @@
-"""Every way to configure, reset and seed an environment gives what dm_control gives."""
+"""Every way to configure, reset and seed an environment gives the same results as dm_control."""
 
 import functools
 import itertools
@@ -238,7 +238,7 @@ _REFUSED: list[tuple[tuple[Any, ...], dict[str, Any]]] = [
 
 
 @pytest.mark.parametrize(("arguments", "kwargs"), _REFUSED)
-def test_what_cannot_be_loaded_is_refused_alike(
+def test_unknown_names_and_keywords_are_refused_alike(
     arguments: tuple[Any, ...], kwargs: dict[str, Any]
 ) -> None:
     calls = [functools.partial(package("suite").load, *arguments, **kwargs) for package in BOTH]

@@ -1,4 +1,4 @@
-"""The wrappers for pixels, scaled actions and noisy actions give what dm_control's give."""
+"""The wrappers for pixels, scaled actions and noisy actions give dm_control's results."""
 
 import functools
 import itertools

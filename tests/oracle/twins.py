@@ -1,4 +1,4 @@
-"""The same environment, or the same Physics, in both packages: driven and compared alike."""
+"""The same environment or Physics in both packages, driven alike and compared."""
 
 import functools
 import operator
@@ -45,7 +45,7 @@ _QUERIES = ("position", "velocity", "control", "activation", "state", "time", "t
 
 
 class Twins:
-    """One environment of Limberjack and its twin of dm_control."""
+    """An environment of Limberjack and the same one of dm_control."""
 
     def __init__(self, our_env: Any, their_env: Any, where: str = "") -> None:
         # `Any`: the two environments are of classes that share no type.
@@ -55,12 +55,12 @@ class Twins:
         self.step_count = 0
 
     def reset(self) -> Any:
-        """Both first time steps are the same; returns dm_control's."""
+        """Resets both and compares the first time steps; returns dm_control's."""
         self.step_count = 0
         return self._compared(self.ours.reset(), self.theirs.reset())
 
     def step(self, action: Any) -> Any:
-        """Both next time steps are the same; returns dm_control's."""
+        """Steps both and compares the time steps; returns dm_control's."""
         self.step_count += 1
         return self._compared(self.ours.step(action), self.theirs.step(action))
 
@@ -86,7 +86,7 @@ class Twins:
                 yield np.where(signs > 0, spec.maximum, spec.minimum)
 
     def assert_same_physics(self, *fields: str) -> None:
-        """The named fields, `data.qpos` for one, are the same."""
+        """Compares the named fields, such as `data.qpos`."""
         for field in fields:
             get = operator.attrgetter(field)
             where = f"{self.where}, step {self.step_count}, {field}"
@@ -108,7 +108,7 @@ def load(domain: str, task: str, seed: int | None = 0, **kwargs: Any) -> Twins:
 
 
 class TwinPhysics:
-    """A Physics of each package, told the same things."""
+    """A Physics of each package, driven alike."""
 
     def __init__(self, ours: Any, theirs: Any, where: str = "") -> None:
         # `Any`: classes of two packages that share no type.
@@ -116,16 +116,16 @@ class TwinPhysics:
         self.where = where
 
     def do(self, act: Callable[[Any], Any]) -> None:
-        """Both do the same, or both raise an error of one type; then their states are the same."""
+        """Applies `act` to both and compares results or error types, then states."""
         assert_same_outcome([functools.partial(act, one) for one in self.both], self.where)
         self.assert_same_state()
 
     def map(self, act: Callable[[Any], Any]) -> "TwinPhysics":
-        """The twins that `act` makes of these."""
+        """The pair of results of `act`."""
         return TwinPhysics(*map(act, self.both), where=self.where)
 
     def assert_same_state(self) -> None:
-        """The whole state, and all that the physics says about it, is the same."""
+        """Compares the whole state and all results of the physics' methods."""
         for field in _STATE_FIELDS:
             assert_same_pair(
                 (getattr(one.data, field) for one in self.both), f"{self.where} {field}"
@@ -138,7 +138,7 @@ class TwinPhysics:
         assert_same_pair((one.data.warning.number for one in self.both), f"{self.where} warnings")
 
     def play(self, steps: int = 20, nstep: int = 1, seed: int = 0) -> None:
-        """Random controls, the same state after each step."""
+        """Steps with random controls and compares the states after each step."""
         random = np.random.RandomState(seed)
         for _ in range(steps):
             control = random.uniform(-1, 1, self.both[1].model.nu)
@@ -149,6 +149,6 @@ class TwinPhysics:
 
 
 def load_physics(name: str = "zoo") -> TwinPhysics:
-    """The named one of `models.BY_NAME` in both packages."""
+    """A model of `models.BY_NAME` in both packages."""
     both = (package("mujoco").Physics.from_xml_string(models.BY_NAME[name]) for package in BOTH)
     return TwinPhysics(*both, where=name)

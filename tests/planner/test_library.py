@@ -53,7 +53,7 @@ def test_a_task_without_a_cost_is_told_what_to_write() -> None:
         ("no_such_module:Cost", "No module named 'no_such_module'"),
         ("limberjack.planner.cost:Cots", "no attribute 'Cots'"),
         ("limberjack.planner.cost", "expected 'module:Class'"),
-        ("limberjack.planner.cost:Settings", "no subclass of limberjack.planner.Cost"),
+        ("limberjack.planner.cost:Settings", "not a subclass of limberjack.planner.Cost"),
     ],
 )
 def test_a_cost_that_cannot_be_found_is_one_sentence(name: str, message: str) -> None:

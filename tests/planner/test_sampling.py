@@ -1,4 +1,4 @@
-"""The planner: laws over all tasks, and what it refuses."""
+"""The planner: properties for all tasks, and rejected arguments."""
 
 import dataclasses
 from typing import Any
@@ -334,7 +334,7 @@ def test_what_is_no_environment_of_ours_is_refused() -> None:
             {"proposal_interval": 2, "anchored": True},
             "proposal_interval is 2; expected 1, as plans are anchored",
         ),
-        ({"finest": 2.0}, "finest is 2.0; expected a part of `noise`, 1 at most"),
+        ({"finest": 2.0}, "finest is 2.0; expected a fraction of `noise`, at most 1"),
         ({"timestep": 0.004}, "must be an integer multiple"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Domains of the registry: the module behind a name, imported or not."""
+"""Domains of the registry and their modules, imported or not."""
 
 import dataclasses
 import importlib
@@ -18,7 +18,7 @@ _NAME = "a_domain_of_these_tests"
 
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """The name of a module that can be imported and has not been."""
+    """The name of an importable module that is not imported yet."""
     (tmp_path / f"{_NAME}.py").write_text('"""A module."""\n', encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     yield _NAME

@@ -1,4 +1,4 @@
-"""`bounded_spec`: tasks whose actions are not their actuators' say so, or are refused to agents."""
+"""`bounded_spec`: tasks whose actions differ from the controls must define an action spec."""
 
 import importlib
 from typing import Any
@@ -102,7 +102,7 @@ def test_a_batch_refuses_actions_that_move_mocap_bodies() -> None:
     # A single simulation's step begins with what was computed before they moved; a batch's rows
     # begin with their states.
     env = two_arms.by_pose(_ours, _spec(16))
-    with pytest.raises(ValueError, match="mocap bodies can be set at an episode's start only"):
+    with pytest.raises(ValueError, match="mocap bodies can be set only at an episode's start"):
         BatchEnvironment.from_environment(env, 3, 1)
 
 

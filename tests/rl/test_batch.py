@@ -1,4 +1,4 @@
-"""BatchEnvironment: its checks, divergence, user's tasks, and life in other processes."""
+"""BatchEnvironment: checks, divergence, user tasks, threads and processes."""
 
 import collections
 import logging
@@ -105,14 +105,14 @@ def test_a_users_batch_safe_task_is_its_single_environment_in_each_row() -> None
     assert {discount for discount, _ in lengths} == {0.0, 1.0}  # both ends are reached
 
 
-def test_a_task_that_is_not_batch_safe_is_told_what_and_how() -> None:
+def test_a_task_that_is_not_batch_safe_is_refused_with_advice() -> None:
     with pytest.raises(
         ValueError, match=r"observation 'pos' of task _Flawed has shape \(3,\) in a"
     ):
         BatchEnvironment.from_environment(_pole(_Flawed), 8, 1)
 
 
-def test_a_task_that_sets_an_undeclared_field_of_the_model_is_told_to_declare_it() -> None:
+def test_a_task_that_sets_an_undeclared_model_field_is_refused_with_advice() -> None:
     with pytest.raises(
         ValueError, match=r"_Mover sets body_pos .* EPISODE_FIELDS = \('body_pos',\)"
     ):
@@ -178,7 +178,7 @@ def test_bad_sizes_are_refused(kwargs: dict[str, Any]) -> None:
         BatchEnvironment.from_environment(_pole(), 2, -1)
     with pytest.raises(ValueError, match="on_divergence is 'maybe'"):
         BatchEnvironment.from_environment(_pole(), 2, 1, on_divergence="maybe")
-    with pytest.raises(TypeError, match="give seed"):
+    with pytest.raises(TypeError, match="pass seed"):
         suite.load_batch("humanoid", "walk", 2, task_kwargs={"random": 0})
 
 
@@ -235,7 +235,7 @@ def test_divergence_can_be_raised_naming_the_rows() -> None:
     assert (batch.step(zero).step_type == 0).all()
 
 
-def test_a_batch_is_closed_once_and_says_so() -> None:
+def test_a_batch_may_be_closed_twice_and_later_use_raises() -> None:
     batch = _walkers()
     batch.close()
     batch.close()
@@ -334,7 +334,7 @@ def test_a_row_can_begin_the_first_episode_of_any_seed() -> None:
         np.testing.assert_array_equal(batch.physics.data.state, state)
 
 
-def test_it_says_which_rows_begin_next_and_which_ran_out_of_time() -> None:
+def test_rows_that_begin_next_and_rows_that_timed_out_are_reported() -> None:
     batch = suite.load_batch("humanoid", "walk", 4, 2, 0, task_kwargs={"time_limit": 0.05})
     assert batch.control_timestep() == 0.025
     action = np.zeros(batch.action_spec().shape)
@@ -393,7 +393,7 @@ def test_a_state_that_was_set_is_stepped_from_as_after_forward() -> None:
         np.testing.assert_array_equal(getattr(batch.physics.data, name)[1], expected, name)
 
 
-def test_an_interrupted_step_lets_every_row_begin_anew() -> None:
+def test_after_an_interrupted_step_every_row_begins_an_episode() -> None:
     batch = _walkers()
 
     def interrupt(physics: Any) -> None:
@@ -408,7 +408,7 @@ def test_an_interrupted_step_lets_every_row_begin_anew() -> None:
     assert (batch.step(zero).step_type == 1).all()
 
 
-def test_an_interrupted_reset_lets_its_rows_begin_anew() -> None:
+def test_after_an_interrupted_reset_its_rows_begin_an_episode() -> None:
     batch = _walkers()
     num_envs, start, calls = batch.num_envs, batch.task.initialize_episode, []
     zero = np.zeros(batch.action_spec().shape)

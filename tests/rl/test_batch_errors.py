@@ -1,4 +1,4 @@
-"""Messages about tasks that are not batch-safe: what differs, where, and the change to make."""
+"""Error messages about tasks that are not batch-safe: the difference, its location and advice."""
 
 import collections
 from typing import Any
@@ -90,19 +90,19 @@ def test_an_observation_of_another_type_is_refused_and_a_reward_is_not() -> None
 
 
 def test_attributes_that_starts_set_are_the_advice_if_there_are_any() -> None:
-    with pytest.raises(ValueError, match=r"whose start sets self\._goal, self\.side, as all rows"):
+    with pytest.raises(ValueError, match=r"its start sets self\._goal, self\.side: store"):
         _finding(kept=("_goal", "side")).check(np.zeros(3), np.array(1.0))
 
 
 @pytest.mark.parametrize("label", ["data.ctrl", "model.body_pos"])
-def test_what_steps_set_has_advice_on_steps(label: str) -> None:
-    with pytest.raises(ValueError, match="before_step and after_step must set each row's part"):
+def test_quantities_set_by_steps_have_advice_on_steps(label: str) -> None:
+    with pytest.raises(ValueError, match="before_step and after_step must set it for each row"):
         _finding(label).check(np.zeros(3), np.array(1.0))
 
 
-def test_what_only_one_side_has_is_named() -> None:
+def test_a_quantity_that_only_one_side_has_is_named() -> None:
     missing = _finding().missing(["observation 'speed'", "the reward"])
-    assert "'angle' of task Swing is missing in a batch after 2 steps, where there are " in str(
+    assert "'angle' of task Swing is missing in a batch after 2 steps, which has only " in str(
         missing
     )
     assert "observation 'speed', the reward: a task must give rows what it gives" in str(missing)
@@ -146,7 +146,7 @@ def test_an_error_in_a_batch_has_the_name_the_rows_the_line_and_the_advice(
 
 
 @pytest.mark.parametrize("error", [PhysicsError("diverged"), OSError("o"), KeyboardInterrupt()])
-def test_errors_that_say_nothing_about_rows_pass(error: BaseException) -> None:
+def test_unrelated_errors_pass(error: BaseException) -> None:
     with pytest.raises(type(error)) as caught, explained("the reward", "Swing", num_rows=3):
         _raise(error)
     assert caught.value is error
@@ -195,7 +195,7 @@ def test_the_observation_that_was_being_made_is_named() -> None:
             get_observation(made)
 
 
-def test_an_observation_that_cannot_be_told_is_that_of_the_whole_method() -> None:
+def test_an_observation_that_cannot_be_inferred_names_the_whole_method() -> None:
     def get_observation() -> Any:
         return {"angle": np.zeros(2) + np.zeros(3)}
 

@@ -1,4 +1,4 @@
-"""Pictures of a batch: those of the single environments, whatever differs between the rows."""
+"""Pictures of a batch equal those of single environments, whatever differs between the rows."""
 
 import os
 from typing import Any
@@ -36,7 +36,7 @@ def _single(row: int, task: tuple[str, str] = ("manipulator", "bring_peg"), **kw
 
 
 def _assert_pictures_alike(batch: BatchEnvironment, singles: list[Environment], **how: Any) -> None:
-    """Compares rows' pictures with those of single environments at the start and a bit later."""
+    """Compares rows' pictures with those of single environments, at the start and later."""
     actions = np.random.RandomState(1).uniform(-1, 1, (4, *batch.action_spec().shape))
     for step in range(3):
         pictures = batch.render(range(len(singles)), **how)
@@ -77,7 +77,7 @@ def test_pictures_do_not_depend_on_how_the_rows_are_kept(num_envs: int, legacy_s
     ids=lambda randomize: "-".join(randomize),
 )
 @pytest.mark.parametrize("task", [("humanoid", "walk"), ("manipulator", "bring_ball")])
-def test_what_differs_in_the_rows_models_is_seen(task: tuple[str, str], randomize: Any) -> None:
+def test_per_row_model_fields_are_visible(task: tuple[str, str], randomize: Any) -> None:
     batch = _batch(3, task, randomize=randomize)
     singles = [_single(row, task, randomize=randomize) for row in range(3)]
     how: dict[str, Any] = {"height": 40, "width": 60, "camera_id": 0}
@@ -157,7 +157,7 @@ def test_no_rows_give_no_pictures_of_the_right_shape_without_opengl() -> None:
 
 
 @pytest.mark.parametrize("rows", [[2], [-1], [1, 0], [0, 0], [0.5], [[0]], np.ones(3, bool)])
-def test_rows_that_are_not_there_are_refused(rows: Any) -> None:
+def test_unknown_rows_are_refused(rows: Any) -> None:
     with pytest.raises(ValueError, match="expected"):
         _batch(2).render(rows, **_SIZE)
 

@@ -1,4 +1,4 @@
-"""Tasks that would be wrong in a batch are refused when it is made, with what is wrong."""
+"""Tasks that would be wrong in a batch are refused when it is created, with the reason."""
 
 import collections
 import re
@@ -251,7 +251,7 @@ def test_names_of_observations_must_not_depend_on_the_batch() -> None:
 
     with pytest.raises(ValueError, match="observation 'to_goal' of task Broken is missing"):
         _batch(_with(get_observation=fewer))
-    with pytest.raises(ValueError, match="observation 'rows' of task Broken is there in a batch"):
+    with pytest.raises(ValueError, match="observation 'rows' of task Broken exists in a batch"):
         _batch(_with(get_observation=more))
 
 
@@ -264,7 +264,9 @@ def test_an_attribute_that_an_episode_sets_is_named() -> None:
         return {"angles": physics.position() - self._offset}  # a shape that fits
 
     task = _with(initialize_episode=initialize_episode, get_observation=get_observation)
-    expected = r"'angles' .* in row 0 .*: keep nothing of the episode in the task, .* self\._offset"
+    expected = (
+        r"'angles' .* in row 0 .*: store nothing about the episode in the task, .* self\._offset"
+    )
     with pytest.raises(ValueError, match=expected):
         _batch(task)
     assert not hasattr(task, "_offset")
@@ -318,7 +320,7 @@ def _set_contacts(physics: Physics, value: float) -> None:
         (_set_contacts, "geom_contype"),
     ],
 )
-def test_a_start_that_sets_an_undeclared_field_is_told_to_declare_it(
+def test_a_start_that_sets_an_undeclared_field_is_refused_with_advice(
     set_model: Any, field: str
 ) -> None:
     declared = rf"\('body_pos', '{field}'\)"
@@ -331,13 +333,13 @@ def test_a_start_that_sets_an_undeclared_field_is_told_to_declare_it(
     ("set_model", "field"),
     [(_set_hills, "hfield_data"), (_set_sky, "tex_data"), (_set_shard, "mesh_vert")],
 )
-def test_a_start_that_sets_what_rows_have_in_common_is_refused(set_model: Any, field: str) -> None:
-    expected = f"Broken sets {field} of the model .*the rows of a batch have {field} in common"
+def test_a_start_that_sets_a_shared_field_is_refused(set_model: Any, field: str) -> None:
+    expected = f"Broken sets {field} of the model .*the rows of a batch share {field}"
     with pytest.raises(ValueError, match=expected):
         _batch(_starting(set_model))
     task = _starting(set_model)
     task.EPISODE_FIELDS = ("body_pos", field)
-    with pytest.raises(ValueError, match=f"declares '{field}' in EPISODE_FIELDS, which a batch"):
+    with pytest.raises(ValueError, match=f"declares '{field}' in EPISODE_FIELDS, which cannot"):
         _batch(task)
 
 
@@ -439,7 +441,7 @@ def test_the_task_is_left_as_it_was() -> None:
     assert batch.begins.all()
 
 
-def test_a_task_that_cannot_be_copied_is_told_why() -> None:
+def test_a_task_that_cannot_be_copied_is_refused_with_the_reason() -> None:
     import threading
 
     task = Reach(random=0)

@@ -1,4 +1,4 @@
-"""The laws of a batch as a test class: a good task passes, and flawed ones fail."""
+"""The test class for batches: a correct task passes, and flawed ones fail."""
 
 import collections
 import unittest
@@ -34,7 +34,7 @@ class _Task(base.Task):
 
 
 class _Remembering(_Task):
-    """Counts its own calls, which rows of a batch have in common and single ones have not."""
+    """Counts its own calls, so rows of a batch share a counter, unlike single environments."""
 
     calls = 0
 
@@ -83,5 +83,5 @@ def test_a_class_without_an_environment_says_what_to_define() -> None:
     class Laws(BatchEnvironmentTestMixin):
         pass
 
-    with pytest.raises(NotImplementedError, match=r"Laws defines no make_single\(seed\)"):
+    with pytest.raises(NotImplementedError, match=r"Laws does not define make_single\(seed\)"):
         Laws().make_single(0)

@@ -1,4 +1,4 @@
-"""A batch's time steps row by row: rewards, discounts and ends, against what the task says."""
+"""Time steps of a batch: rewards, discounts and step types of each row."""
 
 import collections
 from typing import Any
@@ -26,7 +26,7 @@ _SLIDER = """
 
 
 class _Scripted(base.Task):
-    """A task that, once the batch is made, says of its rows what it is told to."""
+    """A task whose rewards and terminations are set by the test once the batch is created."""
 
     rewards: Any = None
     discounts: Any = None
@@ -148,7 +148,7 @@ def test_one_reward_for_all_is_each_rows(made: Any) -> None:
     assert _step(batch).reward.tolist() == [0.0, 5.0, 5.0]
 
 
-def test_which_rows_begin_next_is_told_in_an_array_of_its_own(made: Any) -> None:
+def test_the_mask_of_rows_that_begin_next_is_a_copy(made: Any) -> None:
     batch, _ = made
     batch.begins[:] = True
     assert not batch.begins.any()
@@ -163,7 +163,7 @@ def test_a_reset_of_some_rows_shows_the_others_in_mid_episode(made: Any) -> None
     assert shown.reward.tolist() == [0.0] * _ROWS
 
 
-def test_fields_are_drawn_from_the_stream_beside_each_row() -> None:
+def test_model_fields_are_drawn_from_a_separate_stream_per_row() -> None:
     single = _single(randomize={"body_mass": shift(0, 1)})
     nominal = single.physics.model.body_mass.copy()
     batch = BatchEnvironment.from_environment(single, 2, 1, seed=8)

@@ -1,4 +1,4 @@
-"""The contracts of `Physics` and `Task`: what is optional, and in which order things happen."""
+"""The contracts of `Physics` and `Task`: optional methods, defaults and the order of calls."""
 
 from typing import Any
 
@@ -71,17 +71,17 @@ def test_a_physics_without_a_required_method_cannot_be_made(lacking: str) -> Non
 
 
 @pytest.mark.parametrize("optional", ["step_spec", "observation_spec"])
-def test_a_spec_that_a_task_leaves_out_says_which_task_it_is(optional: str) -> None:
+def test_an_undefined_spec_names_the_task(optional: str) -> None:
     with pytest.raises(NotImplementedError, match=f"_Task does not define {optional}"):
         getattr(_Task(), optional)(None)
 
 
-def test_a_task_that_says_nothing_goes_on_and_does_nothing_after_a_step() -> None:
+def test_by_default_a_task_never_terminates_and_does_nothing_after_a_step() -> None:
     task = _Task()
     assert task.get_termination(None) is None
     task.after_step(None)
 
 
-def test_a_physics_without_controls_says_so() -> None:
+def test_a_physics_without_set_control_is_named() -> None:
     with pytest.raises(NotImplementedError, match="_Physics does not define set_control"):
         _Physics().set_control([0.0])

@@ -1,4 +1,4 @@
-"""Tests of limberjack.rl.control: an environment of a small physics and task of our own."""
+"""Tests of limberjack.rl.control with a small physics and task."""
 
 import collections
 from typing import Any
@@ -48,7 +48,7 @@ class Counter(control.Physics):
 
 
 class Reach(control.Task):
-    """The number is to reach 10, where the episode ends."""
+    """The number should reach 10, at which the episode ends."""
 
     def __init__(self) -> None:
         self.told: list[str] = []
@@ -85,7 +85,7 @@ def make(**kwargs: Any) -> Any:
     return control.Environment(Counter(), Reach(), **kwargs)
 
 
-def test_what_is_called_in_which_order() -> None:
+def test_methods_are_called_in_the_documented_order() -> None:
     env = make(n_sub_steps=3)
     told = env.physics.told
     env.reset()
@@ -102,7 +102,7 @@ def test_what_is_called_in_which_order() -> None:
     ]
 
 
-def test_a_step_returns_what_the_task_says_of_the_state_after_it() -> None:
+def test_a_step_returns_the_tasks_quantities_of_the_new_state() -> None:
     env = make()
     first = env.reset()
     assert (first.reward, first.discount) == (None, None)
@@ -166,7 +166,7 @@ def test_the_control_step_is_given_in_seconds_or_physics_steps(make_control_step
     assert env.physics.time() == 4 * _TIMESTEP
 
 
-def test_the_physics_is_told_of_legacy_step() -> None:
+def test_the_physics_gets_legacy_step() -> None:
     assert make().physics.legacy_step is True
     assert make(legacy_step=False).physics.legacy_step is False
 
@@ -244,7 +244,7 @@ def test_a_wrapped_action_is_looked_into() -> None:
         env.step(Wrapped(np.array([np.nan])))
 
 
-def test_the_shape_of_an_action_is_the_tasks_affair() -> None:
+def test_the_task_checks_the_shape_of_an_action() -> None:
     env = make()
     env.reset()
     env.task.before_step = lambda action, physics: physics.set_control(action.sum(keepdims=True))
@@ -260,7 +260,7 @@ def test_a_physics_without_free_can_be_closed() -> None:
         env.step([0.0])
 
 
-def test_a_physics_that_defines_no_control_says_so() -> None:
+def test_a_physics_that_does_not_define_set_control_is_named() -> None:
     class Still(Counter):
         set_control = control.Physics.set_control
 

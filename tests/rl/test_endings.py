@@ -1,4 +1,4 @@
-"""`Counter`: first and last steps, rewards and discounts of rows whose episodes begin and end."""
+"""`Counter`: step types, rewards and discounts of rows that begin and end episodes."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Checks of what a batch is given: numbers, rows, seeds, actions, memory and threads."""
+"""Validation of a batch's arguments: numbers, rows, seeds, actions, memory and threads."""
 
 import pickle
 import threading
@@ -71,8 +71,8 @@ def test_rows_are_given_by_numbers_or_a_mask(ids: Any, expected: list[int]) -> N
         ([True, False], r"the mask has shape \(2,\); expected \(3,\)"),
         ([0, 3], "expected numbers from 0 to 2"),
         ([-1], "expected numbers from 0 to 2"),
-        ([2, 0], "expected them sorted and without repeats"),
-        ([1, 1], "expected them sorted and without repeats"),
+        ([2, 0], "expected sorted numbers without repeats"),
+        ([1, 1], "expected sorted numbers without repeats"),
         ([0.0], "expected a list of row numbers or a mask"),
         (1, "expected a list of row numbers or a mask"),
         ([[0, 1]], "expected a list of row numbers or a mask"),
@@ -202,7 +202,7 @@ def test_one_thread_may_enter_again_after_an_interrupt_that_left_it_within() -> 
     assert _in_another_thread(use) == []
 
 
-def test_what_is_wrong_is_said_to_whoever_enters_or_checks() -> None:
+def test_entering_or_checking_an_unusable_context_raises_its_reason() -> None:
     use = guards.OneUser("batch")
     use.check()
     use.what_is_wrong = "this batch is closed"

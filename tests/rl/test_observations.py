@@ -1,4 +1,4 @@
-"""The form of observations: flat or by name, of one simulation or of many."""
+"""Observations: flat or by name, of a single simulation or of a batch."""
 
 from collections import OrderedDict
 

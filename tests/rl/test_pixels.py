@@ -1,4 +1,4 @@
-"""Pictures as observations: what each shows, and that they belong to the state."""
+"""Pixel observations: their content, and their part in snapshots and copies."""
 
 import collections
 import copy
@@ -80,7 +80,7 @@ def test_the_stack_holds_the_last_pictures_and_an_episode_begins_with_its_first(
 
 @_draws
 @pytest.mark.parametrize("task", REPRESENTATIVES)
-def test_rows_see_what_single_environments_see_through_the_ends_of_episodes(
+def test_rows_observe_the_pixels_of_single_environments_across_episodes(
     task: tuple[str, str],
 ) -> None:
     batch, singles = _batch(2, task), [_single(row, task) for row in range(2)]
@@ -138,7 +138,7 @@ def test_a_user_may_change_what_was_observed() -> None:
 
 
 @_draws
-def test_a_reset_of_some_rows_leaves_what_the_others_see_alone() -> None:
+def test_a_reset_of_some_rows_leaves_the_pixels_of_others_alone() -> None:
     batch, twin = _batch(3), _batch(3)
     actions = _actions(batch, 3)
     for each in (batch, twin):
@@ -187,7 +187,7 @@ def test_a_snapshot_holds_the_stack(steps_before: int) -> None:
 
 @pytest.mark.parametrize("make", [_single, _batch])
 @_draws
-def test_a_snapshot_does_not_go_on_with_what_is_seen(make: Any) -> None:
+def test_a_snapshot_does_not_change_with_later_pixels(make: Any) -> None:
     env = make()
     env.reset()
     snapshot = env.snapshot()
@@ -218,9 +218,7 @@ def test_a_row_goes_into_another_and_into_a_single_environment_with_its_stack() 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 @pytest.mark.parametrize("make", [_single, _batch])
 @pytest.mark.parametrize("steps_before", [None, 0, 2])
-def test_a_copy_sees_what_the_original_sees(
-    make: Any, copied: Any, steps_before: int | None
-) -> None:
+def test_a_copy_observes_the_same_pixels(make: Any, copied: Any, steps_before: int | None) -> None:
     env = make()
     actions = _actions(env, _STEPS + 3)
     if steps_before is not None:
@@ -233,7 +231,7 @@ def test_a_copy_sees_what_the_original_sees(
 
 
 @_draws
-def test_a_snapshot_fits_what_sees_as_much_or_less() -> None:
+def test_a_snapshot_restores_into_an_environment_with_the_same_pixels_or_none() -> None:
     seeing, blind = _batch(), _batch(pixels=None)
     seeing.reset()
     blind.restore(seeing.snapshot())
@@ -250,7 +248,7 @@ def test_a_snapshot_fits_what_sees_as_much_or_less() -> None:
 
 
 def _restored_into_only(batch: BatchEnvironment) -> BatchEnvironment:
-    """A batch that sees the same and nothing else."""
+    """A batch that observes the same pixels and nothing else."""
     only = _batch(pixels={**_PIXELS, "only": True})
     only.restore(batch.snapshot())
     return only
@@ -307,7 +305,7 @@ def test_specs_and_settings_need_no_opengl() -> None:
 
 
 class _Painter(base.Task):
-    """Observes something called as pictures are."""
+    """Observes something under the name of the pictures."""
 
     def initialize_episode(self, physics: Any) -> None:
         pass
@@ -328,14 +326,14 @@ def test_a_task_that_observes_pixels_of_its_own_is_refused() -> None:
     assert list(only.observation_spec()) == ["pixels"]
 
 
-def test_what_cannot_be_drawn_cannot_be_observed() -> None:
-    with pytest.raises(TypeError, match="a str cannot be drawn; pixels need a limberjack"):
+def test_a_physics_that_cannot_be_rendered_cannot_be_observed() -> None:
+    with pytest.raises(TypeError, match="a str cannot be rendered; pixels need a limberjack"):
         Frames(Pixels(), "a picture")  # pyright: ignore[reportArgumentType]
 
 
 @_draws
 @pytest.mark.parametrize("is_reset", [False, True])
-def test_an_interrupted_picture_lets_the_rows_begin_anew(
+def test_after_an_interrupted_picture_the_rows_begin_an_episode(
     monkeypatch: pytest.MonkeyPatch, is_reset: bool
 ) -> None:
     batch = _batch(2)

@@ -1,4 +1,4 @@
-"""Domain randomisation: rows and single environments draw the same, and starts stay the same."""
+"""Domain randomisation: rows draw like single environments, and starts do not change."""
 
 from typing import Any
 
@@ -82,7 +82,7 @@ def test_other_environments_keep_their_model() -> None:
     np.testing.assert_array_equal(one.physics.model.body_mass, before)
 
 
-def test_the_stream_beside_follows_from_the_other_and_leaves_it_alone() -> None:
+def test_the_stream_for_model_fields_depends_on_the_tasks_and_does_not_advance_it() -> None:
     stream, twin = np.random.RandomState(3), np.random.RandomState(3)
     assert stream_beside(stream).rand() == stream_beside(twin).rand()
     assert stream.rand() == twin.rand()
@@ -102,7 +102,9 @@ def test_the_stream_beside_follows_from_the_other_and_leaves_it_alone() -> None:
         ({"body_mass": lambda random, nominal: nominal * np.nan}, ValueError, "finite"),
     ],
 )
-def test_what_cannot_be_randomised_is_said(randomize: Any, error: Any, message: str) -> None:
+def test_fields_that_cannot_be_randomised_are_refused(
+    randomize: Any, error: Any, message: str
+) -> None:
     with pytest.raises(error, match=message):
         suite.load("humanoid", "walk", environment_kwargs={"randomize": randomize}).reset()
 
@@ -148,7 +150,7 @@ def test_a_draw_of_another_shape_is_refused_though_it_has_as_many_numbers() -> N
         env.reset()
 
 
-def test_the_stream_beside_depends_on_how_far_the_other_has_drawn() -> None:
+def test_the_stream_for_model_fields_depends_on_the_position_of_the_tasks() -> None:
     stream = np.random.RandomState(3)
     stream.rand()
     first = stream_beside(stream).rand()

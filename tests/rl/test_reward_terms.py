@@ -1,4 +1,4 @@
-"""`reward_and_terms`: which rewards are made of terms."""
+"""`reward_and_terms`: rewards with and without terms."""
 
 import collections
 from typing import Any

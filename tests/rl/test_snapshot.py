@@ -1,4 +1,4 @@
-"""Snapshots and copies: what is refused, and what they show."""
+"""Snapshots and copies: rejected ones, and their quantities."""
 
 import copy
 import dataclasses
@@ -141,7 +141,7 @@ def test_colours_do_not_matter_and_neither_do_fields_of_the_episode() -> None:
     assert _future(other) == _future(env)
 
 
-def test_what_is_randomised_does_not_matter() -> None:
+def test_randomised_fields_do_not_matter() -> None:
     randomize = {"body_mass": scale(0.5, 2), "opt.gravity": scale(0.9, 1.1)}
     env, other = _single(randomize=randomize), _single(randomize=randomize)
     other.reset()
@@ -211,7 +211,7 @@ def _quantities(env: Any, leave_out: tuple[str, ...] = ()) -> dict[str, bytes]:
 @_COPIES
 @pytest.mark.parametrize("legacy_step", [True, False])
 @pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
-def test_a_copied_environment_shows_what_the_original_shows(
+def test_a_copied_environment_has_the_same_quantities(
     task: tuple[str, str], legacy_step: bool, copied: Any
 ) -> None:
     env = _single(task, legacy_step=legacy_step)
@@ -221,7 +221,7 @@ def test_a_copied_environment_shows_what_the_original_shows(
 
 
 @pytest.mark.parametrize("task", [("humanoid", "walk"), _TASK], ids="-".join)
-def test_a_restored_environment_shows_what_the_original_shows_after_whole_steps(
+def test_a_restored_environment_has_the_same_quantities_after_whole_steps(
     task: tuple[str, str],
 ) -> None:
     env, other = (_single(task, legacy_step=False) for _ in range(2))
@@ -233,7 +233,7 @@ def test_a_restored_environment_shows_what_the_original_shows_after_whole_steps(
 
 
 @pytest.mark.parametrize("task", [("humanoid", "walk"), _TASK], ids="-".join)
-def test_a_restored_environment_shows_accelerations_and_forces_of_the_original(
+def test_a_restored_environment_has_the_same_accelerations_and_forces(
     task: tuple[str, str],
 ) -> None:
     env, other = (_single(task) for _ in range(2))

@@ -1,4 +1,4 @@
-"""Streams of rows: one for starts, one beside it for the model's fields."""
+"""Random streams of rows: one for starts, a separate one for model fields."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_without_a_seed_rows_differ_from_each_other_and_from_time_to_time() -> N
     assert len(set(drawn)) == 6
 
 
-def test_a_replaced_stream_has_its_own_one_beside() -> None:
+def test_replacing_a_stream_replaces_the_one_for_model_fields() -> None:
     streams = Streams(seed=0, count=2)
     streams.replace(1, np.random.RandomState(40))
     assert streams.own[1].rand() == np.random.RandomState(40).rand()
@@ -31,7 +31,7 @@ def test_a_replaced_stream_has_its_own_one_beside() -> None:
 
 
 @pytest.mark.parametrize("with_beside", [True, False])
-def test_what_was_saved_goes_on_in_other_rows_of_other_streams(with_beside: bool) -> None:
+def test_saved_streams_continue_in_other_rows(with_beside: bool) -> None:
     source = Streams(seed=3, count=4)
     for stream in (*source.own, *source.beside):
         stream.rand(5)
@@ -47,7 +47,7 @@ def test_what_was_saved_goes_on_in_other_rows_of_other_streams(with_beside: bool
         assert target.beside[0].rand() == Streams(seed=90, count=4).beside[0].rand()
 
 
-def test_what_was_saved_does_not_go_on_with_the_stream() -> None:
+def test_saved_states_do_not_advance_with_the_stream() -> None:
     streams = Streams(seed=3, count=1)
     saved = streams.save(np.array([0]), with_beside=True)
     drawn = streams.own[0].rand(3), streams.beside[0].rand(3)
@@ -55,7 +55,7 @@ def test_what_was_saved_does_not_go_on_with_the_stream() -> None:
     np.testing.assert_array_equal(drawn, (streams.own[0].rand(3), streams.beside[0].rand(3)))
 
 
-def test_the_largest_seed_is_one_and_the_next_is_none() -> None:
+def test_the_largest_seed_is_accepted_and_the_next_is_refused() -> None:
     assert (
         Streams(seed=_LARGEST - 2, count=3).own[2].rand() == np.random.RandomState(_LARGEST).rand()
     )

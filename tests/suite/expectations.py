@@ -1,6 +1,6 @@
-"""Expectations of single domains, for laws that cannot read them from the tasks.
+"""Facts about particular domains, for laws that cannot read them from the tasks.
 
-A domain that is not named here passes the laws as well; a line here makes them stricter for it.
+Domains not listed here are tested too; an entry makes the laws stricter for its domain.
 """
 
 import math

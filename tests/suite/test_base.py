@@ -1,4 +1,4 @@
-"""Tests of limberjack.suite.base: a task of a user's own."""
+"""Tests of limberjack.suite.base with a user task."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -48,7 +48,7 @@ def make(random: Any = None) -> control.Environment:
     return control.Environment(physics, Stay(random), time_limit=0.02)
 
 
-def test_a_task_of_ones_own_runs() -> None:
+def test_a_user_task_runs() -> None:
     env = make(random=0)
     first = env.reset()
     assert first.observation["position"] == np.random.RandomState(0).uniform(-1, 1)
@@ -58,7 +58,7 @@ def test_a_task_of_ones_own_runs() -> None:
     np.testing.assert_array_equal(env.physics.control(), [0.5])
 
 
-def test_random_is_a_stream_a_seed_or_anything() -> None:
+def test_random_is_a_stream_a_seed_or_none() -> None:
     stream = np.random.RandomState(5)
     assert Stay(stream).random is stream
     assert Stay(7).random.uniform() == np.random.RandomState(7).uniform()
@@ -123,7 +123,7 @@ def test_a_start_is_drawn_until_nothing_touches() -> None:
     assert physics.data.ncon == 0
 
 
-def test_what_a_task_does_not_define_it_names() -> None:
+def test_a_missing_method_of_a_task_is_named() -> None:
     class Nothing(base.Task):
         def get_observation(self, physics: Any) -> dict:
             return {}

@@ -1,4 +1,4 @@
-"""Checks of a domain's module: everything that is wrong with it, in one message."""
+"""Validation of a domain's module, with all problems in one message."""
 
 from collections.abc import Callable
 from types import ModuleType
@@ -73,10 +73,10 @@ def test_everything_that_is_wrong_is_in_one_numbered_message() -> None:
     with pytest.raises(ValueError, match="domain 'my-broken', module made, cannot be") as error:
         _checks.rows_of("my-broken", broken)
     for part in (
-        ": (1) the name 'my-broken' is no Python identifier; (2) ",
+        ": (1) the name 'my-broken' is not a Python identifier; (2) ",
         "PICTURES has a task 'none', SUITE has not",
         "PICTURES['none'] is 3; expected a limberjack.suite.base.Picture",
-        "factory takes_nothing does not take time_limit, random, environment_kwargs",
+        "factory takes_nothing does not accept time_limit, random, environment_kwargs",
         "factory fails raises KeyError: 'no model'",
         "(6) factory returns_nothing returns a NoneType; expected a control.Environment",
     ):
@@ -115,7 +115,7 @@ def test_a_keyword_that_a_factory_does_not_take_is_named(keyword: str) -> None:
     }
     lacking = factories[keyword]
     lacking.__name__ = "lacking"
-    with pytest.raises(ValueError, match=f"factory lacking does not take {keyword}$"):
+    with pytest.raises(ValueError, match=f"factory lacking does not accept {keyword}$"):
         _checks.rows_of("body", _module(lacking))
 
 
@@ -149,5 +149,5 @@ def test_a_task_that_no_id_can_name_is_refused() -> None:
     factory.__name__ = "no-name"
     tasks.add()(factory)
     module.SUITE = tasks  # pyright: ignore[reportAttributeAccessIssue]
-    with pytest.raises(ValueError, match="the task name 'no-name' is no Python identifier"):
+    with pytest.raises(ValueError, match="the task name 'no-name' is not a Python identifier"):
         _checks.rows_of("body", module)

@@ -154,7 +154,7 @@ def test_the_model_is_given_with_the_files_it_includes() -> None:
     assert (physics.model.nq, physics.model.nv, physics.model.nu) == (28, 27, 21)
 
 
-def test_a_task_for_a_speed_of_ones_own() -> None:
+def test_a_task_with_another_speed() -> None:
     env = suite.load("humanoid", "walk")
     task = humanoid.Humanoid(move_speed=4, pure_state=True, random=0)
     set_pose(env.physics, 1.3)

@@ -1,4 +1,4 @@
-"""The planar arm's measurements, its random poses and its tasks' shared parts."""
+"""The planar arm: measurements, random poses and the base class of its tasks."""
 
 import collections
 from typing import Any

@@ -153,7 +153,7 @@ def test_a_domain_that_was_assigned_is_registered_if_it_is_the_same_module(
 def test_only_registered_domains_can_be_unregistered() -> None:
     with pytest.raises(ValueError, match="no domain 'swing'"):
         suite.unregister("swing")
-    with pytest.raises(ValueError, match="'humanoid' is the suite's own"):
+    with pytest.raises(ValueError, match="'humanoid' belongs to the suite"):
         suite.unregister("humanoid")
 
 
@@ -167,8 +167,8 @@ def test_a_module_that_fails_the_checks_is_not_registered(swing: ModuleType) -> 
     assert _ID not in gymnasium.registry
 
 
-def test_what_is_no_module_is_a_type_error() -> None:
-    with pytest.raises(TypeError, match="expected a module, or its name in dots"):
+def test_values_that_are_not_modules_are_type_errors() -> None:
+    with pytest.raises(TypeError, match="expected a module, or its dotted name"):
         suite.register("swing", 3)  # pyright: ignore[reportArgumentType]
     with pytest.raises(ModuleNotFoundError, match="no_such_module"):
         suite.register("swing", "no_such_module")
@@ -198,7 +198,7 @@ def test_a_domain_of_the_suite_can_be_replaced_in_the_mapping(swing: ModuleType)
     assert "limberjack/stacker-stack_2-v0" not in gymnasium.registry
 
 
-def test_asking_whether_a_domain_is_there_imports_nothing() -> None:
+def test_checking_whether_a_domain_exists_imports_nothing() -> None:
     run(
         """
         import sys
@@ -215,7 +215,7 @@ def test_asking_whether_a_domain_is_there_imports_nothing() -> None:
     )
 
 
-def test_what_is_no_domain_is_no_attribute() -> None:
+def test_an_unknown_domain_is_not_an_attribute() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'walker'"):
         _ = suite.walker
 
@@ -272,7 +272,7 @@ def test_entry_points_are_not_read_before_a_name_is_missing(site: Path) -> None:
 # Gymnasium, pickles, other processes.
 
 
-def test_gymnasium_knows_a_domain_from_its_registration_on(swing: ModuleType) -> None:
+def test_registering_a_domain_registers_its_gymnasium_ids(swing: ModuleType) -> None:
     assert _ID not in gymnasium.registry
     suite.register("swing", swing)
     spec = gymnasium.spec(_ID)
@@ -379,7 +379,7 @@ def test_a_domain_without_a_module_is_copied_and_refused_when_pickled(swing: Mod
     assert copy.deepcopy(env).step([0.5]).reward == env.step([0.5]).reward
     assert isinstance(copy.deepcopy(batch), BatchEnvironment)
     for what in (env, batch, env.snapshot(), gymnasium.spec(_ID)):
-        with pytest.raises(pickle.PicklingError, match="move it into a module of its own"):
+        with pytest.raises(pickle.PicklingError, match="move it into its own module"):
             pickle.dumps(what)
     assert gymnasium.make(_ID).reset(seed=0)[0]["velocity"].shape == (1,)
 

@@ -1,4 +1,4 @@
-"""Tests of limberjack.suite: which tasks there are, and how they are loaded."""
+"""Tests of limberjack.suite: the list of tasks, and loading."""
 
 import inspect
 from types import ModuleType
@@ -14,7 +14,7 @@ _HUMANOID = ("stand", "walk", "run", "run_pure_state")
 _MANIPULATOR = ("bring_ball", "bring_peg", "insert_ball", "insert_peg")
 _STACKER = ("stack_2", "stack_4")
 
-# Lines of dm_control's files, whose place these take.
+# Numbers of lines of the dm_control files that these replace.
 _LONGEST = {humanoid: 206, manipulator: 287, stacker: 203}
 _NAMES_FOR_OTHERS = 10  # lines around the pictures, figures of starts, the planner's cost
 
@@ -39,7 +39,7 @@ def test_tags_are_dm_controls() -> None:
     assert all(type(getattr(suite, name)) is tuple for name in expected)
 
 
-def test_programs_that_look_inside_find_the_domains_and_tags() -> None:
+def test_private_names_that_programs_use_exist() -> None:
     assert dict(suite._DOMAINS) == {
         "humanoid": humanoid,
         "manipulator": manipulator,

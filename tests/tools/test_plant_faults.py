@@ -1,4 +1,4 @@
-"""Planting faults: which are caught, which are missed, and what is reported as stale or broken."""
+"""Planting faults: caught, missed, stale and broken ones."""
 
 import importlib
 from pathlib import Path
@@ -28,7 +28,7 @@ def tool(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 @pytest.fixture
 def copy(tool: Any, tmp_path: Path) -> Any:
-    """A copy of a small repository, of a package called as this one."""
+    """A copy of a small repository with a package of the same name as this one."""
     small = tmp_path / "small"
     for name, text in (
         ("src/limberjack/__init__.py", ""),
@@ -57,7 +57,7 @@ def test_a_fault_that_no_test_notices_is_missed(tool: Any, copy: Any) -> None:
 
 
 @pytest.mark.parametrize(("old", "count"), [("3 * x", 0), ("x", 2)])
-def test_a_text_that_is_not_there_exactly_once_is_stale(
+def test_a_text_that_does_not_occur_exactly_once_is_stale(
     tool: Any, copy: Any, old: str, count: int
 ) -> None:
     kind, why = _planted(tool, copy, old, "y")
@@ -65,7 +65,7 @@ def test_a_text_that_is_not_there_exactly_once_is_stale(
     assert f"{count} times" in why
 
 
-def test_a_file_that_is_not_there_is_stale(tool: Any, copy: Any) -> None:
+def test_a_missing_file_is_stale(tool: Any, copy: Any) -> None:
     assert copy.verdict(tool.Fault("sums/treble.py", "x", "y"))[0] == tool.STALE
 
 

@@ -1,4 +1,4 @@
-"""Tests of limberjack.utils.arrays: a batch has the bits of its rows one by one."""
+"""Tests of limberjack.utils.arrays: a batch gives the same bits as its rows individually."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""Cores that may be used: by affinity and by the quotas of control groups."""
+"""Usable cores, according to affinity and cgroup quotas."""
 
 import os
 from pathlib import Path

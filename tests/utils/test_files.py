@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and folders that one process at a time writes to."""
+"""Atomic file replacement, and locks on folders and files."""
 
 import contextlib
 import errno

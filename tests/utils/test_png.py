@@ -39,6 +39,6 @@ def test_smooth_pictures_are_small() -> None:
         np.zeros((0, 4, 3), np.uint8),
     ],
 )
-def test_what_is_no_rgb_picture_is_refused(picture: np.ndarray) -> None:
+def test_arrays_that_are_not_rgb_pictures_are_refused(picture: np.ndarray) -> None:
     with pytest.raises(ValueError, match=r"expected \(height, width, 3\) and uint8"):
         png.encode(picture)

@@ -222,7 +222,7 @@ def test_bad_arguments_of_one_row_are_refused(bounds: Any, margin: Any, match: s
 
 
 class _Foreign:
-    """An array that is no ndarray, which NumPy's functions take and give back."""
+    """An array other than an ndarray, supported by NumPy's functions through its protocols."""
 
     def __init__(self, values: np.ndarray) -> None:
         self.values, self.shape = values, values.shape
@@ -292,7 +292,7 @@ def test_infinitely_far_away_it_is_0_and_nan_is_not_1(sigmoid: str) -> None:
 
 
 @pytest.mark.parametrize("sigmoid", _REACH_ZERO)
-def test_what_reaches_0_is_0_for_nan_too(sigmoid: str) -> None:
+def test_sigmoids_that_reach_0_are_0_for_nan(sigmoid: str) -> None:
     for value in (float("nan"), np.array([np.nan, 0.0])):
         assert np.ravel(rewards.tolerance(value, (-1, 1), 1.0, sigmoid))[0] == 0.0
 

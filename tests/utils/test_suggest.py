@@ -20,7 +20,7 @@ def test_a_name_unlike_any_choice_brings_nothing() -> None:
     assert did_you_mean("humanoid", []) == ""
 
 
-def test_what_is_no_string_brings_nothing() -> None:
+def test_values_that_are_not_strings_bring_nothing() -> None:
     assert did_you_mean(3, DOMAINS) == ""
     assert did_you_mean(None, DOMAINS) == ""
 

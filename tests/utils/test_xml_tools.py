@@ -85,7 +85,7 @@ def test_a_removed_element_is_gone_with_its_content_and_nothing_else_is(etree: M
     ]
 
 
-def test_equal_elements_are_told_apart(etree: ModuleType) -> None:
+def test_equal_elements_are_distinguished(etree: ModuleType) -> None:
     root = etree.fromstring("<a><b/><c><b/></c></a>")
     inner = root[1][0]
     xml_tools.remove_element(root, inner)
@@ -130,7 +130,7 @@ def test_parsing_drops_the_space_between_elements_and_keeps_text() -> None:
 
 
 @pytest.mark.usefixtures("without_lxml")
-def test_what_was_parsed_can_be_laid_out_anew() -> None:
+def test_parsed_xml_can_be_indented_again() -> None:
     tree = xml_tools.parse(io.StringIO("<a>  <b/></a>"))
     assert isinstance(tree, ElementTree.ElementTree)
     ElementTree.indent(tree)

@@ -1,7 +1,7 @@
-"""What makes Limberjack answer to the name dm_control: see `limberjack.install_as_dm_control`.
+"""Import machinery behind `limberjack.install_as_dm_control`.
 
-`alias` gives every module of Limberjack a second name; `stand_ins` makes what is not built
-importable. Neither imports anything of Limberjack but the package itself.
+`alias` gives every Limberjack module a second name; `stand_ins` makes the parts of dm_control that
+are not implemented importable. Neither imports other Limberjack modules beyond the package itself.
 """
 
 from limberjack._compat.alias import install

@@ -1,9 +1,9 @@
-"""Every module of Limberjack under the name of its counterpart in dm_control.
+"""Aliases every Limberjack module under the name of its dm_control counterpart.
 
-Two finders on `sys.meta_path` do it. The first, before all others, answers for `dm_control` and
-what is below it with the module of Limberjack itself, so nothing is ever loaded twice and no other
-finder is asked. The last, after all others, answers for what Limberjack does not have: a stand-in
-for the parts of dm_control that are not built, and for all else an error that says what there is.
+This takes two finders on `sys.meta_path`. The first, ahead of all others, resolves `dm_control` and
+its submodules to the Limberjack module itself, so no module is loaded twice and no other finder is
+consulted. The last, after all others, handles modules that Limberjack lacks: a stand-in for the
+parts of dm_control that are not implemented, otherwise an error that lists what is available.
 """
 
 import importlib
@@ -31,17 +31,17 @@ def install() -> None:
     """Installs both finders; see `limberjack.install_as_dm_control`."""
     with _lock:
         _refuse_genuine()
-        if sys.modules.get(_ALIAS, limberjack) is None:  # somebody blocked its import
+        if sys.modules.get(_ALIAS, limberjack) is None:  # the program blocked its import
             del sys.modules[_ALIAS]
         _place_finders()
         if sys.modules.setdefault(_ALIAS, limberjack) is not limberjack:
-            # Another thread began to import the genuine one after the look above.
+            # Another thread began to import the real dm_control after the check above.
             _remove_finders()
             _refuse_genuine()
 
 
 def _refuse_genuine() -> None:
-    """Raises if a module named dm_control or below it is not Limberjack's."""
+    """Raises RuntimeError if dm_control or a submodule of it is imported and not Limberjack's."""
     foreign = [
         module
         for name, module in list(sys.modules.items())
@@ -50,7 +50,7 @@ def _refuse_genuine() -> None:
         and module is not sys.modules.get(_real_name(name))
     ]
     if foreign:
-        origin = getattr(foreign[0], "__file__", None) or "an unknown place"
+        origin = getattr(foreign[0], "__file__", None) or "an unknown location"
         raise RuntimeError(
             f"dm_control is already imported, from {origin} ({len(foreign)} modules), and cannot "
             "be replaced: call limberjack.install_as_dm_control() before anything imports "
@@ -59,9 +59,9 @@ def _refuse_genuine() -> None:
 
 
 def _place_finders() -> None:
-    """Puts the finders first and last on `sys.meta_path`; at no time is one that was there missing.
+    """Puts the finders first and last on `sys.meta_path`.
 
-    Meanwhile other threads may import.
+    No existing finder is ever missing in between, since other threads may import meanwhile.
     """
     finders = sys.meta_path
     if finders[0] is not _alias_finder:
@@ -75,51 +75,51 @@ def _place_finders() -> None:
 
 
 def _remove_finders() -> None:
-    """Takes both finders off `sys.meta_path`."""
+    """Removes both finders from `sys.meta_path`."""
     for finder in (_alias_finder, _last_finder):
         sys.meta_path.remove(finder)
 
 
 class _AliasLoader(Loader):
-    """Loads a module of Limberjack, by its own name, as the module that was asked for."""
+    """Loads a Limberjack module under its own name in place of the requested one."""
 
     def __init__(self, real_name: str) -> None:
         self.real_name = real_name
         self._spec: ModuleSpec | None = None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
-        """The one module, imported if it was not."""
+        """The Limberjack module, imported if necessary."""
         module = importlib.import_module(self.real_name)
         self._spec = module.__spec__
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """Nothing is executed again; the spec that the import system has just set is taken back."""
+        """Restores the module's own spec, which the import system has just replaced."""
         module.__spec__ = self._spec
 
 
 class _AliasSpec(ModuleSpec):
-    """The spec of an alias, whose package is that of the real module.
+    """Spec of an alias that reports the real module's package as its parent.
 
-    The import system sets it on the module for a moment, in which another thread may resolve a
-    relative import there.
+    The import system sets this spec on the module briefly, and another thread may resolve a
+    relative import in the module during that time.
     """
 
     @property
     def parent(self) -> str:
-        """The package that relative imports in the module start from."""
+        """The package from which relative imports in the module start."""
         assert isinstance(self.loader, _AliasLoader)
         is_package = self.submodule_search_locations is not None
         return self.loader.real_name if is_package else self.loader.real_name.rpartition(".")[0]
 
 
 class _AliasFinder(MetaPathFinder):
-    """Finds `dm_control` and what is below it in Limberjack, or nowhere."""
+    """Resolves `dm_control` and its submodules to Limberjack's modules, never to others."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The spec of Limberjack's module; else an error, or None for a mere search."""
+        """Spec of Limberjack's module; if there is none, an error on import, None on a search."""
         if not _is_below(fullname, _ALIAS):
             return None
         real_name = _real_name(fullname)
@@ -133,7 +133,7 @@ class _AliasFinder(MetaPathFinder):
         return spec
 
     def _is_found_elsewhere(self, fullname: str, path: Sequence[str] | None) -> bool:
-        """Whether another finder would answer, as that of an editable dm_control does."""
+        """Whether another finder would find the module, such as that of an editable dm_control."""
         others = [finder for finder in sys.meta_path if finder is not self]
         return any(
             find_spec(fullname, path) is not None
@@ -143,22 +143,22 @@ class _AliasFinder(MetaPathFinder):
 
 
 class _LastFinder(MetaPathFinder):
-    """Answers for the modules below `limberjack` that no other finder has found.
+    """Handles modules below `limberjack` that no other finder has found.
 
-    `from dm_control import composer` looks for `limberjack.composer`, since that is the package's
-    own name.
+    `from dm_control import composer` looks for `limberjack.composer`, because the aliased package
+    keeps its own name.
     """
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The spec of a stand-in; else an error, or None for a mere search."""
+        """Spec of a stand-in; if there is none, an error on import, None on a search."""
         if not fullname.startswith(f"{_REAL}."):
             return None
         if stand_ins.is_stand_in(fullname.removeprefix(f"{_REAL}.")):
             return ModuleSpec(fullname, stand_ins.StandInLoader(), is_package=True)
         if _importing():
-            # Not `name=fullname`: `from package import name` swallows an error of that name.
+            # Not `name=fullname`: `from package import name` swallows an error with that name.
             alias = _ALIAS + fullname.removeprefix(_REAL)
             raise ModuleNotFoundError(_missing(fullname, fullname), name=alias)
         return None
@@ -177,11 +177,11 @@ def _real_name(alias: str) -> str:
 
 
 def _importing() -> bool:
-    """Whether the calling finder was asked by an import, which deserves an error that says why.
+    """Whether the calling finder serves an import, which gets an error with an explanation.
 
-    A search, as by `importlib.util.find_spec`, must get None for a module that is not there, and
-    finders are not told which of the two it is. Where Python's import system renames the function
-    looked for here, imports fail with Python's own plain message.
+    A search, such as `importlib.util.find_spec`, must return None for a missing module, and the
+    import system does not say which of the two is under way. If a Python release renames the
+    function checked here, imports fail with Python's plain message.
     """
     try:
         asking = sys._getframe(3)  # this function, the finder, importlib's _find_spec
@@ -191,7 +191,7 @@ def _importing() -> bool:
 
 
 def _missing(asked: str, real_name: str) -> str:
-    """What to say about a module, asked for by either name, that is not built nor stood in for."""
+    """Error message for a missing module, requested under either name, without a stand-in."""
     package_name, _, name = real_name.rpartition(".")
     below = real_name.removeprefix(f"{_REAL}.")
     package = sys.modules.get(package_name)
@@ -200,7 +200,7 @@ def _missing(asked: str, real_name: str) -> str:
     domains = ""
     if package_name == f"{_REAL}.suite":
         built = ", ".join(getattr(package, "TASKS_BY_DOMAIN", ()))
-        domains = f" The domains that it has are {built}."
+        domains = f" Available domains: {built}."
     hint = did_you_mean(name, [choice for choice in choices if not choice.startswith("_")])
     return (
         f"No module named {asked!r}: limberjack, which stands in for dm_control here, has no "

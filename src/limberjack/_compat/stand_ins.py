@@ -1,9 +1,10 @@
-"""Importable stand-ins for the parts of dm_control that are not built.
+"""Importable stand-ins for the parts of dm_control that are not implemented.
 
-Programs, and bridges to other libraries above all, import those parts beside the suite, put their
-classes into annotations and ask `isinstance(env, composer.Environment)`, and then run a suite task.
-So importing them works, submodules included; every public attribute is a class without instances;
-and whatever would need the real thing - a call, a subclass, a loop - raises NotImplementedError.
+Many programs, above all bridges to other libraries, import those parts along with the suite, use
+their classes in annotations and in checks such as `isinstance(env, composer.Environment)`, and then
+run a suite task. Importing the parts therefore works, submodules included; every public attribute
+is a class without instances; anything that needs the real class (a call, a subclass, a loop) raises
+NotImplementedError.
 """
 
 import abc
@@ -16,11 +17,11 @@ from typing import NoReturn
 __all__ = ["WHERE_TO_FIND_IT", "StandInLoader", "is_stand_in"]
 
 WHERE_TO_FIND_IT = (
-    "What limberjack lacks is in the genuine dm_control: use that in an environment of its own, "
-    "without limberjack.install_as_dm_control()."
+    "To use it, install dm_control itself in a separate environment, without "
+    "limberjack.install_as_dm_control()."
 )
 
-# Below dm_control, each with all its submodules. A module that Limberjack has comes first.
+# Below dm_control, each with all its submodules. Modules that Limberjack has take precedence.
 _NOT_BUILT = (
     "composer",
     "entities",
@@ -31,14 +32,14 @@ _NOT_BUILT = (
     "suite.wrappers.mujoco_profiling",
     "utils.inverse_kinematics",
     "utils.transformations",
-    "viewer",  # but for the module itself: what is below it
+    "viewer",  # its submodules only: Limberjack has the module itself
 )
 
 _made: dict[str, "_StandInClass"] = {}
 
 
 def is_stand_in(name: str) -> bool:
-    """Whether the module of this name, without the package's, is a part that is not built."""
+    """Whether the module, named without the package, belongs to a part that is not implemented."""
     if any(part.startswith("__") for part in name.split(".")):  # such as __main__
         return False
     return any(name == part or name.startswith(f"{part}.") for part in _NOT_BUILT)
@@ -52,20 +53,20 @@ class StandInLoader(Loader):
         return _StandInModule(spec.name)
 
     def exec_module(self, module: ModuleType) -> None:
-        """Says in the module's docstring what it is."""
+        """Sets the module's docstring."""
         module.__doc__ = f"A stand-in: {_not_built(module.__name__)}"
 
 
 class _StandInModule(ModuleType):
-    """A module that has every public name."""
+    """A module with a stand-in class for every public name."""
 
     def __getattr__(self, name: str) -> "_StandInClass":
         return _attribute(self.__name__, name)
 
 
-# ABCMeta, so that `class Task(composer.Task, abc.ABC)` gets our error, not a metaclass conflict.
+# ABCMeta, so that `class Task(composer.Task, abc.ABC)` raises our error, not a metaclass conflict.
 class _StandInClass(abc.ABCMeta):
-    """The class of the stand-in classes: what must not be done with them is defined here."""
+    """Metaclass of the stand-in classes; defines the operations that raise."""
 
     def __getattr__(cls, name: str) -> "_StandInClass":
         return _attribute(f"{cls.__module__}.{cls.__name__}", name)
@@ -86,17 +87,17 @@ class _StandInClass(abc.ABCMeta):
         _refuse(cls)
 
     def __bool__(cls) -> bool:
-        return True  # as of any class, though it has a length
+        return True  # as for any class, although `__len__` is defined
 
 
 def _attribute(owner: str, name: str) -> _StandInClass:
-    """The stand-in class of that name in a stand-in module or class."""
+    """The stand-in class with the given name in a stand-in module or class."""
     path = f"{owner}.{name}"
     if name.startswith("_"):
-        # Tools look for private attributes to learn what an object can do.
+        # Tools probe private attributes to find out what an object supports.
         raise AttributeError(f"{path}: {_not_built(owner)}")
     if path not in _made:
-        # An `except` clause takes only exceptions.
+        # An `except` clause accepts only exceptions.
         bases = (Exception,) if name.endswith(("Error", "Exception")) else ()
         names = {
             "__module__": owner,
@@ -112,10 +113,10 @@ def _refuse(cls: type) -> NoReturn:
 
 
 def _refuse_subclass(cls: type, **kwargs: object) -> NoReturn:
-    """In place of `__init_subclass__`; `cls` is the subclass in the making."""
+    """Replaces `__init_subclass__`; `cls` is the subclass being created."""
     _refuse(next(base for base in cls.__mro__ if base in _made.values()))
 
 
 def _not_built(name: str) -> str:
     alias = f"dm_control.{name.partition('.')[2]}"
-    return f"{alias} is not built in limberjack, which stands in for dm_control. {WHERE_TO_FIND_IT}"
+    return f"{alias} is not implemented in limberjack, in use as dm_control. {WHERE_TO_FIND_IT}"

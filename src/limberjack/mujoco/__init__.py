@@ -1,11 +1,11 @@
 """MuJoCo for control tasks: `Physics`, cameras, and every name of the official package.
 
-Importing it does not import OpenGL; that waits for the first frame.
+Importing it does not import OpenGL, which is loaded for the first frame.
 """
 
 from typing import Any
 
-# First, so that every `import mujoco` below finds the official package without OpenGL.
+# Must come first, so that every `import mujoco` below gets the official package without OpenGL.
 from limberjack.mujoco import official as _official  # isort: split
 
 from limberjack.mujoco.engine import (
@@ -30,7 +30,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Official names: `limberjack.mujoco.mj_step`, `limberjack.mujoco.mjtObj`."""
+    """Names of the official package: `limberjack.mujoco.mj_step`, `limberjack.mujoco.mjtObj`."""
     return getattr(_official.mujoco, name)
 
 

@@ -1,4 +1,4 @@
-"""`action_spec`: the controls of a model's actuators, as dm_env describes actions."""
+"""`action_spec`: a model's actuator controls as a dm_env spec."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ __all__ = ["action_spec"]
 
 
 def action_spec(physics: Any) -> specs.BoundedArray:
-    """The spec of the controls, (nu,); an unlimited one is bounded by MuJoCo's maximum."""
+    """Spec of the controls, (nu,); an unlimited control is bounded by MuJoCo's maximum value."""
     model = physics.model._model
     limited = model.actuator_ctrllimited.ravel().astype(bool)[:, None]
     bounds = np.where(limited, model.actuator_ctrlrange, [-mujoco.mjMAXVAL, mujoco.mjMAXVAL])

@@ -1,12 +1,11 @@
-"""`BatchSimulation`: many simulations of one model, stepped on a pool of threads.
+"""`BatchSimulation`: many simulations of one model, stepped by a thread pool.
 
     simulation = BatchSimulation(model, num_envs=256, num_threads=8, own_fields=("body_pos",))
     simulation.step(5)
     heights = simulation.data_field("xpos")[0][:, 3, 2]     # (256,)
 
-Its interface is `Simulation`; `SingleSimulation` is the other one. What makes it fast is in
-`lazy_batch`. In a forked child, where a batch's threads are not, it is made again in the state that
-it was in.
+It implements `Simulation`, as `SingleSimulation` does; the optimisations are in `lazy_batch`. A
+forked child lacks the batch's threads, so the batch is rebuilt there in its current state.
 """
 
 import ctypes
@@ -41,7 +40,7 @@ __all__ = ["BatchSimulation"]
 _T = TypeVar("_T")
 _NOTHING = mujoco.mjtStage.mjSTAGE_NONE.value
 _COMMON = (
-    "{} of the model is the same in all rows and read-only: to vary it from row to row, give "
+    "{} of the model is shared by all rows and read-only: to vary it from row to row, give "
     "environment_kwargs={{'randomize': ...}}, or name it in the task's EPISODE_FIELDS"
 )
 
@@ -55,18 +54,18 @@ class BatchSimulation(CountsWarnings):
         """Makes simulations in the model's default state.
 
         Args:
-          model: what they have in common.
+          model: the shared model.
           num_envs: number of simulations.
-          num_threads: threads that step them, the caller's included.
-          own_fields: fields of the model that each of them has for itself.
+          num_threads: number of threads, the caller's included.
+          own_fields: model fields of which each simulation has its own copy.
         """
         self.num_envs: int | None = num_envs
         self.num_threads = num_threads
         self.sets_constants = False
         self._model = model
-        # Called in a forked child, where the arrays that were handed out are no longer live.
+        # Called in a forked child, where arrays returned earlier are no longer live.
         self.forget_arrays: Callable[[], Callable[[], None] | None] = lambda: None
-        # MuJoCo copies the model: 12 MB for each batch with textures.
+        # MuJoCo copies the model for each batch: 12 MB with textures.
         light = model.without_textures()._model
         self._use(LazyBatch(light, num_envs, num_threads, own_fields))
         _alive.add(self)
@@ -81,22 +80,22 @@ class BatchSimulation(CountsWarnings):
 
     @property
     def model(self) -> MjModel:
-        """The model that the simulations have in common."""
+        """The model shared by the simulations."""
         return self._model
 
     @property
     def state(self) -> np.ndarray:
-        """What a time step depends on, (num_envs, nstate), live."""
+        """Integration state, (num_envs, nstate), live."""
         return self._living().state
 
     @property
     def remembers(self) -> bool:
-        """Whether MuJoCo remembers more of a row than its state; `reset` makes it forget."""
+        """Whether MuJoCo keeps more per row than its state; `reset` clears that."""
         return self._lazy.remembers
 
     @property
     def own_fields(self) -> Mapping[str, np.ndarray]:
-        """Fields of the model that each simulation has for itself, (num_envs, ...), live."""
+        """Per-row model fields, (num_envs, ...), live."""
         return self._living().own
 
     def step(self, nstep: int, rows: Rows = None) -> None:
@@ -158,11 +157,11 @@ class BatchSimulation(CountsWarnings):
         return lazy.save(rows) | {name: np.array(lazy.own[name][index]) for name in fields}
 
     def seen(self, row: int) -> dict[str, np.ndarray]:
-        """What a single simulation loads to show the positions and velocities that a row shows."""
+        """Data that, once loaded, gives a single simulation the row's positions and velocities."""
         return self._living().seen(row)
 
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
-        """See `Simulation`. States that MuJoCo would not go on from diverge at the next step."""
+        """See `Simulation`. States that MuJoCo would reject diverge at the next step."""
         lazy = self._living()
         index = slice(None) if rows is None else rows
         for name, value in saved.items():
@@ -175,9 +174,9 @@ class BatchSimulation(CountsWarnings):
         self.busy_in = None
 
     def call_directly(self, call: Callable[[mujoco.batch.Batch], _T]) -> _T:
-        """What `call` returns, which is given the `mujoco.batch.Batch` and may advance all rows.
+        """The result of `call`, which receives the `mujoco.batch.Batch` and may advance all rows.
 
-        Quantities that depend on accelerations are not known afterwards.
+        Quantities that depend on accelerations are unavailable afterwards.
         """
         lazy = self._living()
         begin(self)
@@ -212,7 +211,7 @@ class BatchSimulation(CountsWarnings):
         return ReadOnly.of(field, _COMMON.format(name)) if is_array else field, False
 
     def abandon(self) -> None:
-        """Called in a forked child, where the batch's threads are not: it must not be touched."""
+        """Marks the batch as unusable in a forked child, which lacks the batch's threads."""
         self._is_orphan = True
         # Never freed: its destructor would wait for threads that do not exist here.
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._lazy.official._b))
@@ -221,7 +220,7 @@ class BatchSimulation(CountsWarnings):
             forget()
 
     def _living(self) -> LazyBatch:
-        """The batch; made again in a forked child."""
+        """The batch; rebuilt on first use in a forked child."""
         if self._is_orphan:
             self._use(self._lazy.made_again(self.sets_constants))
         return self._lazy
@@ -230,7 +229,7 @@ class BatchSimulation(CountsWarnings):
         raise AttributeError(f"a batch of simulations has no {name!r}")
 
 
-# Batches whose threads a fork would leave behind.
+# Batches to abandon in a forked child, which lacks their threads.
 _alive: "weakref.WeakSet[BatchSimulation]" = weakref.WeakSet()
 
 

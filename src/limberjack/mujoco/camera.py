@@ -1,13 +1,12 @@
-"""Cameras: pictures of a physics in colours, as distances or as object numbers.
+"""Cameras: RGB, depth and segmentation images of a physics.
 
     camera = Camera(physics, height=240, width=320, camera_id="side")
     rgb = camera.render()
     metres = camera.render(depth=True)
     numbers = camera.render(segmentation=True)[..., 0]
 
-The pixels are dm_control's. Every picture is an array of its own that nothing changes later. A
-camera can be made and moved, and its matrix asked for, where there is no OpenGL: only a picture
-needs that (`rendering`).
+The pixels equal dm_control's. Every picture is a fresh array. Creating and moving a camera and
+computing its matrix do not need OpenGL; only pictures do (see `rendering`).
 """
 
 import threading
@@ -43,9 +42,9 @@ __all__ = [
 _SceneCallback = Callable[..., None]
 
 _EVERYTHING = mujoco.mjtCatBit.mjCAT_ALL.value
-# What `render` draws unless told otherwise.
+# The default visualisation options of `render`.
 _DEFAULT_OPTION = MjvOption()
-# Scenes for `render`, by model: making one takes much longer than filling it.
+# Scenes for reuse by `render`, per model: creating one takes much longer than filling it.
 _spare_scenes: weakref.WeakKeyDictionary[mujoco.MjModel, list[MjvScene]] = (
     weakref.WeakKeyDictionary()
 )
@@ -53,7 +52,7 @@ _MOST_SPARE_SCENES = 4
 
 
 class Selected(NamedTuple):
-    """What is seen at a point of a picture: object numbers, None for none."""
+    """Ids of the objects visible at a point of a picture, None for none."""
 
     body: int | None
     geom: int | None
@@ -63,7 +62,7 @@ class Selected(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Where a free camera is: the point it looks at, metres from it, and two angles in degrees."""
+    """Pose of a free camera: the point it looks at, the distance (metres), two angles (degrees)."""
 
     lookat: np.ndarray
     distance: float
@@ -72,7 +71,7 @@ class Pose(NamedTuple):
 
 
 class CameraMatrices(NamedTuple):
-    """The factors of a camera matrix: `image @ focal @ rotation @ translation`."""
+    """Factors of a camera matrix: `image @ focal @ rotation @ translation`."""
 
     image: np.ndarray
     focal: np.ndarray
@@ -81,9 +80,9 @@ class CameraMatrices(NamedTuple):
 
 
 class Camera:
-    """A view of a physics, of a fixed size.
+    """A view of a physics, with a fixed size.
 
-    `camera.scene.flags` and `camera.option` change how it is drawn, for good.
+    Changes to `camera.scene.flags` and `camera.option` apply to all later pictures.
     """
 
     def __init__(
@@ -98,18 +97,18 @@ class Camera:
         """Makes a camera; does not need OpenGL.
 
         Args:
-          physics: what to look at.
+          physics: the simulation to draw.
           height: pixels.
           width: pixels.
           camera_id: name or number of a camera of the model; -1 is the free camera.
-          max_geom: the most geoms that can be drawn; by default enough for the model with its
+          max_geom: maximum number of geoms in the scene; by default enough for the model and its
             decorations.
           scene_callback: called with the physics and the scene before the scene is drawn; it may
             add geoms.
 
         Raises:
-          ValueError: there is no such camera, or the size is none or more than the model's
-            off-screen buffer has.
+          ValueError: there is no such camera, or the size is not positive or exceeds the model's
+            off-screen buffer.
         """
         self._height, self._width = checked_size(physics, height, width)
         self._physics = physics
@@ -131,7 +130,7 @@ class Camera:
 
     @property
     def option(self) -> MjvOption:
-        """What is drawn, unless `render` is told otherwise."""
+        """Visualisation options used unless `render` is given others."""
         return self._scene_option
 
     @property
@@ -150,7 +149,7 @@ class Camera:
         model, data = self._physics.model._model, self._physics.data._data
         number = self._render_camera.fixedcamid
         if number == FREE_CAMERA:
-            # Known to the scene only, for a left and a right eye; the camera is between the two.
+            # Only the scene knows the pose, for a left and a right eye; the camera is in between.
             self.update()
             eyes = self.scene.camera
             position = np.mean([eye.pos for eye in eyes], axis=0)
@@ -166,13 +165,13 @@ class Camera:
         image[:2, 2] = (self.width - 1) / 2.0, (self.height - 1) / 2.0
         rotation[:3, :3] = axes
         translation[:3, 3] = -position
-        # As dm_control, operation by operation, for the last bit.
+        # The same order of operations as in dm_control, for bitwise equality.
         scale = (1.0 / np.tan(np.deg2rad(fovy) / 2)) * self.height / 2.0
         focal = np.diag([-scale, scale, 1.0, 0])[:3]
         return CameraMatrices(image, focal, rotation, translation)
 
     def update(self, scene_option: mujoco.MjvOption | None = None) -> None:
-        """Takes the physics' present state into the scene.
+        """Updates the scene to the physics' current state.
 
         Args:
           scene_option: a `wrapper.MjvOption` to use instead of the camera's.
@@ -192,26 +191,26 @@ class Camera:
         render_flag_overrides: Mapping[RenderFlag, bool] | None = None,
         quality: str = "full",
     ) -> np.ndarray:
-        """A picture of the physics' present state.
+        """A picture of the physics' current state.
 
         Args:
-          overlays: texts to draw on it, in colours only.
-          depth: distances instead of colours.
-          segmentation: object numbers instead of colours.
+          overlays: text to draw on the picture, RGB only.
+          depth: return depth instead of RGB.
+          segmentation: return object ids instead of RGB.
           scene_option: a `wrapper.MjvOption` to use instead of the camera's.
           render_flag_overrides: rendering flags for this picture, by name ('wireframe', 'shadow')
-            or `mujoco.mjtRndFlag`, in colours only.
-          quality: 'full', whose pixels are dm_control's, or 'fast', without shadows, reflections
+            or `mujoco.mjtRndFlag`, RGB only.
+          quality: 'full', whose pixels equal dm_control's, or 'fast', without shadows, reflections
             and sky: several times as fast with a software renderer.
 
         Returns:
-          (height, width, 3) uint8 colours; or (height, width) float32 distances in metres along the
-          camera's axis; or (height, width, 2) int32 of an object's number and its `mjtObj` type, -1
-          and -1 for the background.
+          (height, width, 3) uint8 RGB; or (height, width) float32 depth in metres along the
+          camera's axis; or (height, width, 2) int32 object id and `mjtObj` type, both -1 for the
+          background.
 
         Raises:
-          ValueError: what cannot be combined, or an unknown flag or quality.
-          RenderingError: OpenGL cannot be had.
+          ValueError: incompatible arguments, or an unknown flag or quality.
+          RenderingError: OpenGL is not available.
         """
         style = Style.of(overlays, depth, segmentation, render_flag_overrides, quality)
         model, size = self._physics.model._model, (self._height, self._width)
@@ -232,10 +231,10 @@ class Camera:
             return finished(raw, style, model, self._scene)
 
     def select(self, cursor_position: tuple[float, float]) -> Selected:
-        """What is seen at a point of the picture.
+        """Objects visible at a point of the picture.
 
         Args:
-          cursor_position: x and y from 0 to 1, from the lower left corner.
+          cursor_position: x and y from 0 to 1, measured from the lower left corner.
         """
         model, data = self._physics.model._model, self._physics.data._data
         position = np.empty(3)
@@ -256,12 +255,12 @@ class Camera:
             )
         found = (body, geom[0], flex[0], skin[0])
         body, geom, flex, skin = (None if number == -1 else number for number in found)
-        is_nothing = body is geom is skin is None  # As dm_control, which asks for no flex.
+        is_nothing = body is geom is skin is None  # as in dm_control, which ignores flexes
         return Selected(body, geom, flex, skin, None if is_nothing else position)
 
 
 class MovableCamera(Camera):
-    """A free camera that can be moved."""
+    """A movable free camera."""
 
     def __init__(
         self,
@@ -271,11 +270,11 @@ class MovableCamera(Camera):
         max_geom: int | None = None,
         scene_callback: _SceneCallback | None = None,
     ) -> None:
-        """Makes a camera where the model's free camera is; arguments are those of `Camera`."""
+        """Starts at the pose of the model's free camera; arguments are those of `Camera`."""
         super().__init__(physics, height, width, FREE_CAMERA, max_geom, scene_callback)
 
     def get_pose(self) -> Pose:
-        """Where the camera is."""
+        """The camera's pose."""
         camera = self._render_camera
         return Pose(camera.lookat.copy(), camera.distance, camera.azimuth, camera.elevation)
 
@@ -285,10 +284,10 @@ class MovableCamera(Camera):
         """Moves the camera.
 
         Args:
-          lookat: the point it looks at, (3,), metres.
-          distance: from that point, metres.
-          azimuth: degrees about the vertical.
-          elevation: degrees above the horizontal.
+          lookat: the point to look at, (3,), metres.
+          distance: distance from that point, metres.
+          azimuth: angle about the vertical axis, degrees.
+          elevation: angle above the horizontal, degrees.
         """
         np.copyto(self._render_camera.lookat, lookat)
         self._render_camera.distance = distance
@@ -309,7 +308,7 @@ def render(
     scene_callback: _SceneCallback | None = None,
     quality: str = "full",
 ) -> np.ndarray:
-    """A picture, as by a new `Camera`; what it needs is kept for the next one.
+    """A picture as from a new `Camera`; scenes are cached for later pictures.
 
     Arguments, result and errors are those of `Camera` and `Camera.render`.
     """
@@ -318,8 +317,8 @@ def render(
     style = Style.of(overlays, depth, segmentation, render_flag_overrides, quality)
     model = physics.model._model
     spares = _spare_scenes.setdefault(model, [])
-    # A callback may keep the scene or change it for good. Flexible bodies and skins that an option
-    # hides would stay in it.
+    # A callback may keep the scene or change it permanently, and flexes and skins hidden by an
+    # option would stay in it.
     is_reusable = scene_callback is None and (
         scene_option is None or not (model.nflex or model.nskin)
     )
@@ -338,29 +337,29 @@ def render(
 
 
 def _may_have_changed(physics: Drawable) -> bool:
-    """Whether the model's height fields, textures or meshes may have changed since they were drawn.
+    """Whether the model's height fields, textures or meshes may differ from the last upload.
 
-    They cannot until somebody is given them.
+    They cannot change until user code has obtained them.
     """
     return physics.model._is_lent
 
 
 def _contents(physics: Drawable, view: MjvCamera, option: mujoco.MjvOption) -> tuple:
-    """What `mjv_updateScene` takes into a scene: the physics' present state."""
+    """Arguments of `mjv_updateScene` for the physics' current state."""
     return physics.model._model, physics.data._data, option, None, view, _EVERYTHING
 
 
 def _with_callback(
     contents: tuple, physics: Drawable, scene: MjvScene, callback: _SceneCallback
 ) -> None:
-    """Takes the contents into the scene and has the callback change it, in the caller's thread."""
+    """Updates the scene and applies the callback, in the caller's thread."""
     mujoco.mjv_updateScene(*contents, scene)
     callback(physics, scene)
 
 
 def _renewed(scene: MjvScene) -> MjvScene:
-    """The scene as if it had never been filled."""
-    # MuJoCo centres infinite planes, and with them their textures, where the camera was before.
+    """The scene, reset to its state before it was first filled."""
+    # MuJoCo centres infinite planes, and so their textures, on the camera's previous position.
     for eye in scene.camera:
         eye.pos[:] = 0.0
     return scene

@@ -1,10 +1,10 @@
-"""Compiled models by their source: shared while they are in use, and kept for the next load.
+"""`compiled`: a cache of compiled models by source, shared while in use.
 
     shared = compiled(source, compile_it)
     assert compiled(source, compile_it) is shared     # `compile_it` was not called again
 
-Compiling a model of the suite takes about 70 ms. The models that were used last are kept, up to a
-number of bytes, even if no simulation uses them any more.
+Compiling a suite model takes about 70 ms. The most recently used models stay in the cache, up to a
+total size, even if no simulation uses them.
 """
 
 import collections
@@ -17,14 +17,14 @@ from limberjack.mujoco.wrapper.sharing import SharedModel
 
 __all__ = ["compiled", "drop_unused"]
 
-_MOST_KEPT = 256 * 2**20  # bytes of models that no simulation may be using
+_MOST_KEPT = 256 * 2**20  # bytes; total size of the cached models
 
 _in_use: "weakref.WeakValueDictionary[Hashable, SharedModel]" = weakref.WeakValueDictionary()
 _last_used: "collections.OrderedDict[Hashable, SharedModel]" = collections.OrderedDict()
 
 
 def compiled(source: Hashable, compile_it: Callable[[], mujoco.MjModel]) -> SharedModel:
-    """The model that `compile_it` made for this source: now, or earlier if it is still there."""
+    """The cached model for this source, compiled by `compile_it` if necessary."""
     shared = _in_use.get(source)
     if shared is None:
         shared = _in_use[source] = SharedModel(compile_it())
@@ -38,5 +38,5 @@ def compiled(source: Hashable, compile_it: Callable[[], mujoco.MjModel]) -> Shar
 
 
 def drop_unused() -> None:
-    """Drops the models that no simulation uses."""
+    """Drops cached models that no simulation uses."""
     _last_used.clear()

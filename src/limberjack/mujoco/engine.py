@@ -7,8 +7,8 @@
     physics.step()
     frame = physics.render(240, 320, camera_id="fixed")
 
-A domain subclasses it with the quantities its tasks measure. It does not step (`simulation.py`),
-resolve names (`index.py`) or draw (`camera.py`) by itself.
+A domain subclasses it with the quantities its tasks measure. Stepping is done by `simulation.py`,
+name lookup by `index.py` and drawing by `camera.py`.
 """
 
 import contextlib
@@ -60,20 +60,20 @@ __all__ = [
     "action_spec",
 ]
 
-_SETTINGS = ("legacy_step",)  # how a simulation is run, which its copies have too
+_SETTINGS = ("legacy_step",)  # attributes that copies keep
 
 
 class Physics(_control.Physics):
     """A MuJoCo simulation, or a batch of them; see the module's docstring."""
 
-    # In the class, because programs override `__init__` without calling it.
+    # A class attribute, because programs override `__init__` without calling it.
     _warnings_cause_exception = True
     # Any: a `wrapper.MjData`, or a `RowsData` with the same fields.
     _data: Any
     _simulation: Simulation
 
     def __init__(self, data: wrapper.MjData) -> None:
-        """Takes a `wrapper.MjData`; see the `from_...` constructors."""
+        """Wraps a `wrapper.MjData`; see also the `from_...` constructors."""
         self._reload_from_data(data)
 
     @classmethod
@@ -87,19 +87,19 @@ class Physics(_control.Physics):
 
         Args:
           xml_string: the MJCF.
-          assets: contents of the files that it names, by name.
+          assets: contents of the files it refers to, by name.
 
         Raises:
-          ValueError: MuJoCo's message on what is wrong with the MJCF.
+          ValueError: MuJoCo's error message about the MJCF.
         """
         return cls.from_model(wrapper.MjModel.from_xml_string(xml_string, assets=assets))
 
     @classmethod
     def from_shared_xml(cls, xml_string: str | bytes, assets: dict) -> Self:
-        """As `from_xml_string`, sharing the compiled model with others of the same source.
+        """Like `from_xml_string`, but shares the compiled model between equal sources.
 
-        The MJCF must name no file that is not in `assets`. A simulation whose model is changed
-        takes a copy first, so that sharing is never noticed.
+        The MJCF must refer only to files in `assets`. The model is copied on write, so sharing has
+        no visible effect.
         """
         source = (xml_string, *sorted(assets.items()))
         shared = compiled(source, lambda: wrapper.MjModel.from_xml_string(xml_string, assets).ptr)
@@ -107,7 +107,7 @@ class Physics(_control.Physics):
 
     @classmethod
     def from_byte_string(cls, byte_string: bytes) -> Self:
-        """A simulation of a model in MuJoCo's binary form."""
+        """A simulation of a model in MuJoCo's binary format (MJB)."""
         return cls.from_model(wrapper.MjModel.from_byte_string(byte_string))
 
     @classmethod
@@ -121,15 +121,15 @@ class Physics(_control.Physics):
         return cls.from_model(wrapper.MjModel.from_binary_path(file_path))
 
     def reload_from_xml_string(self, xml_string: str | bytes, assets: dict | None = None) -> None:
-        """Becomes a simulation of another model, as if made by `from_xml_string`."""
+        """Replaces the simulation by one of another model, as from `from_xml_string`."""
         self._reload_from_data(wrapper.MjData(wrapper.MjModel.from_xml_string(xml_string, assets)))
 
     def reload_from_xml_path(self, file_path: str) -> None:
-        """Becomes one of another model, as if made by `from_xml_path`."""
+        """Replaces the simulation by one of another model, as from `from_xml_path`."""
         self._reload_from_data(wrapper.MjData(wrapper.MjModel.from_xml_path(file_path)))
 
     def _reload_from_data(self, data: wrapper.MjData) -> None:
-        """Takes over a state and its model, and computes every quantity of it."""
+        """Adopts a state and its model, and computes all derived quantities."""
         if not isinstance(data, wrapper.MjData):
             raise TypeError(f"Expected wrapper.MjData. Got: {type(data)}.")
         vars(self).pop("named", None)
@@ -148,29 +148,29 @@ class Physics(_control.Physics):
     def __getattr__(self, name: str) -> NoReturn:
         if name in ("_data", "_simulation"):
             raise RuntimeError(
-                "this Physics is closed or was never initialised: make one with a from_... "
+                "this Physics is closed or was never initialised: create one with a from_... "
                 "constructor, or load an environment"
             )
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     @property
     def simulation(self) -> Simulation:
-        """What steps, saves and loads."""
+        """The simulation that steps, saves and loads."""
         return self._simulation
 
     @property
     def num_envs(self) -> int | None:
-        """Number of simulations of a batch; None for a single one."""
+        """Number of rows of a batch; None for a single simulation."""
         return self._simulation.num_envs
 
     @property
     def model(self) -> wrapper.MjModel:
-        """The model; editing it changes this simulation alone. That of a batch is read-only."""
+        """The model; edits affect only this simulation. A batch's model is read-only."""
         return self._data.model
 
     @property
-    def data(self) -> Any:  # Any: the official struct's fields, which nothing lists
-        """The state and all quantities computed from it."""
+    def data(self) -> Any:  # Any: the official struct's fields are not listed anywhere
+        """The state and all quantities derived from it."""
         return self._data
 
     @functools.cached_property
@@ -184,22 +184,22 @@ class Physics(_control.Physics):
     def replicate(
         self, num_envs: int, num_threads: int, own_fields: Sequence[str] = ()
     ) -> "replicas.Replicas[Self]":
-        """Many simulations of this one's model, in its default state; see `Replicas`.
+        """Many simulations of this model, in its default state; see `Replicas`.
 
         Args:
           num_envs: number of simulations.
-          num_threads: threads that step them, the caller's included.
-          own_fields: fields of the model that an episode's start may set, for its own row.
+          num_threads: number of threads, the caller's included.
+          own_fields: model fields that an episode's start may set for its own row.
         """
         return replicas.Replicas(self, num_envs, num_threads, own_fields)
 
     def seen_through(self, fields: Fields) -> Self:
-        """The same quantities of other fields, such as those of a `BatchSimulation`."""
+        """This physics evaluated on other fields, such as those of a `BatchSimulation`."""
         cls: type[Self] = type(self)
         other = cls.__new__(cls)
         own = ("_data", "_simulation", "named")
         vars(other).update((k, v) for k, v in vars(self).items() if k not in own)
-        other._simulation = cast(Simulation, fields)  # one that can only be read says so itself
+        other._simulation = cast(Simulation, fields)  # read-only ones raise when stepped
         other._forget_arrays()
         return other
 
@@ -209,14 +209,14 @@ class Physics(_control.Physics):
 
     def _refuse_rows(self, what: str, instead: str) -> None:
         if self._simulation.num_envs is not None:
-            raise TypeError(f"the physics of a batch has no {what}: {instead}")
+            raise TypeError(f"the physics of a batch does not support {what}: {instead}")
 
     def origin(self, varying: Sequence[str] = ()) -> dict[str, object]:
-        """What must agree for a saved state to be loaded; see `limberjack.mujoco.identity`."""
+        """Facts that must match for a saved state to load; see `limberjack.mujoco.identity`."""
         return identity(self._simulation.model, varying)
 
     def nominal_fields(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """The model's present values of fields that are going to be randomised, by name.
+        """Current model values of the fields to be randomised, by name.
 
         Raises:
           ValueError: there is no such field, or it is part of the model's structure.
@@ -255,7 +255,7 @@ class Physics(_control.Physics):
             self._simulation.forward()
 
     def reset(self, keyframe_id: int | None = None) -> None:
-        """Returns to the default state or a keyframe; ValueError if there is none such."""
+        """Resets to the default state or a keyframe; ValueError if there is no such keyframe."""
         if keyframe_id is not None and not self.model.nkey:
             raise ValueError(f"keyframe_id is {keyframe_id}, but the model has no keyframes")
         if keyframe_id is not None and not 0 <= keyframe_id < self.model.nkey:
@@ -267,7 +267,7 @@ class Physics(_control.Physics):
         self.after_reset()
 
     def after_reset(self) -> None:
-        """Recomputes every quantity with actuation disabled, as there are no controls yet."""
+        """Recomputes every quantity with actuation disabled: there are no controls yet."""
         earlier = self._simulation.set_warnings_aside()
         self._simulation.forward_without_actuation()
         self._check_warnings(earlier)
@@ -281,7 +281,7 @@ class Physics(_control.Physics):
 
     @contextlib.contextmanager
     def suppress_physics_errors(self) -> Iterator[None]:
-        """Within the context a diverged simulation is logged instead of raised."""
+        """Context in which divergence is logged instead of raised."""
         before = self._warnings_cause_exception
         self._warnings_cause_exception = False
         try:
@@ -290,7 +290,7 @@ class Physics(_control.Physics):
             self._warnings_cause_exception = before
 
     def _check_warnings(self, earlier: np.ndarray | None) -> None:
-        """Raises or logs, naming their kinds, if there are warnings besides the earlier ones."""
+        """Raises or logs if there are warnings other than the earlier ones, and names them."""
         new = self._simulation.new_warnings(earlier)
         if new is None:
             return
@@ -300,7 +300,7 @@ class Physics(_control.Physics):
         log.warning(message)
 
     def enable_profiling(self) -> None:
-        """Lets MuJoCo time its stages."""
+        """Enables MuJoCo's stage timers."""
         wrapper.enable_timer(True)
 
     # State.
@@ -317,25 +317,25 @@ class Physics(_control.Physics):
         """A simulation in the same state, except for the solver's warm start, as in dm_control.
 
         Args:
-          share_model: let both use one model, so that editing it changes both.
+          share_model: whether both use one model, so that edits affect both.
         """
-        self._refuse_rows("copy()", "take a snapshot() of its BatchEnvironment, or deepcopy that")
+        self._refuse_rows("copy()", "take a snapshot() of its BatchEnvironment, or deepcopy it")
         new = type(self).__new__(type(self))
         simulation = cast(SingleSimulation, self._simulation).copy(share_model)
         new.__setstate__((simulation, self._settings()))
         return new
 
     def __getstate__(self) -> tuple[Simulation, dict[str, object]]:
-        self._refuse_rows("pickled form", "pickle its BatchEnvironment")
+        self._refuse_rows("pickling", "pickle its BatchEnvironment")
         return self._simulation, self._settings()
 
     def __setstate__(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
         self.become(state)
-        with self.suppress_physics_errors():  # as dm_control, which changes the warm start
+        with self.suppress_physics_errors():  # as in dm_control; this changes the warm start
             self.after_reset()
 
     def become(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
-        """Goes on exactly as the simulation whose `__getstate__` gave this."""
+        """Adopts the exact state returned by another simulation's `__getstate__`."""
         self._simulation, settings = state
         self._data = state[0].data
         vars(self).update(settings)
@@ -356,11 +356,11 @@ class Physics(_control.Physics):
         return self.get_state()
 
     def position(self) -> np.ndarray:
-        """The generalised positions, (nq,)."""
+        """Generalised positions, (nq,)."""
         return self._data._data.qpos.copy()
 
     def velocity(self) -> np.ndarray:
-        """The generalised velocities, (nv,)."""
+        """Generalised velocities, (nv,)."""
         return self._data._data.qvel.copy()
 
     def timestep(self) -> float:
@@ -368,20 +368,20 @@ class Physics(_control.Physics):
         return self.model._model.opt.timestep
 
     def time(self) -> float:
-        """Simulated time since the reset, seconds."""
+        """Simulated time since the last reset, seconds."""
         return self._data._data.time
 
     # Drawing.
 
     render = drawing.render
 
-    # Any: each keyword has a type of its own.
+    # Any: each keyword has its own type.
     def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
-        """A picture of the only row of a single simulation, (1, height, width, ...)."""
+        """A picture of a single simulation as its only row, (1, height, width, ...)."""
         return self.render(**kwargs)[None]
 
     def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
-        """Shape and type of the picture that `render` gives; see `drawing.picture_spec`."""
+        """Shape and dtype of the picture that `render` returns; see `drawing.picture_spec`."""
         return drawing.picture_spec(self, kwargs)
 
     @property

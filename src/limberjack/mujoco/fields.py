@@ -1,8 +1,8 @@
-"""Which axis of which MuJoCo field is named after what.
+"""Names along the axes of MuJoCo's fields.
 
 The rules follow MuJoCo's own naming of its struct fields: `geom_pos` has one row per geom, `dof_*`
-one per degree of freedom. A field that fits no rule has unnamed axes, so new fields need no change
-here.
+one per degree of freedom. A field that matches no rule has unnamed axes, so new fields need no
+change here.
 """
 
 import functools
@@ -26,7 +26,7 @@ __all__ = [
     "of_floats",
 ]
 
-# Objects counted by each size, by the spelling used in `MjModel.name_<kind>adr`.
+# Object kind counted by each size, spelled as in `MjModel.name_<kind>adr`.
 OBJECTS = {
     "nbody": "body",
     "njnt": "jnt",
@@ -55,8 +55,8 @@ OBJECTS = {
     "nplugin": "plugin",
 }
 
-# Sizes along which an object may have several numbers: the object's kind and the field that says
-# where each one's numbers start.
+# Sizes along which an object may span several elements: the object's kind, and the field with the
+# address of each object's first element.
 RAGGED = {
     "nq": ("jnt", "jnt_qposadr"),
     "nv": ("jnt", "jnt_dofadr"),
@@ -72,12 +72,12 @@ COLUMN_NAMES = {
     "rgba": ["r", "g", "b", "a"],
 }
 
-# Fields of MjModel: the size of the rows by what comes before the first underscore.
+# Fields of MjModel: the size of the rows by the prefix before the first underscore.
 _MODEL_PREFIXES = {
     **{size.removeprefix("n"): size for size in OBJECTS if size not in ("nu", "nout", "nplugin")},
     "dof": "nv",
 }
-# ... and the exceptions, whose rows are something else than their prefix says.
+# Exceptions, whose rows do not follow from their prefix.
 _MODEL_ROWS = {
     "qpos0": "nq",
     "qpos_spring": "nq",
@@ -93,7 +93,7 @@ _MODEL_ROWS = {
     **dict.fromkeys(("ten_J_rowadr", "ten_J_rownnz"), "ntendon"),
     **{f"name_{kind}adr": size for size, kind in OBJECTS.items() if size not in ("nu", "nout")},
 }
-# Fields that hold the data of all objects of a kind together, so that rows are no objects.
+# Fields that pool the data of all objects of a kind, so that rows do not correspond to objects.
 _MODEL_POOLS = (
     "hfield_data tex_data text_data tuple_objid tuple_objprm tuple_objtype "
     "mesh_face mesh_facenormal mesh_facetexcoord mesh_graph mesh_normal mesh_polynormal "
@@ -106,7 +106,7 @@ _MODEL_POOLS = (
 )
 _MODEL_COLUMNS = {"key_qpos": "nq", "key_qvel": "nv", "key_act": "na", "key_ctrl": "nu"}
 
-# Fields of MjData, by the size of their rows.
+# Fields of MjData by the size of their rows.
 _DATA_FIELDS = {
     "nq": "qpos",
     "nv": (
@@ -135,7 +135,7 @@ _DATA_FIELDS = {
 }
 _DATA_ROWS = {name: size for size, names in _DATA_FIELDS.items() for name in names.split()}
 
-# Fields whose columns are named, by the names that they take.
+# Fields with named columns, by the kind of names.
 _COLUMN_FIELDS = {
     "xyz": (
         "body_pos body_ipos body_inertia jnt_pos jnt_axis geom_size geom_pos site_size site_pos "
@@ -153,7 +153,7 @@ _COLUMNS = {name: column for column, names in _COLUMN_FIELDS.items() for name in
 def axes_of(
     struct_name: str, field: str, shape: tuple[int, ...], model: mujoco.MjModel
 ) -> tuple[str | None, ...]:
-    """The size names of a field's first two axes, such as ('nbody', 'xyz'); None for unnamed ones.
+    """Size names of a field's first two axes, such as ('nbody', 'xyz'); None if unnamed.
 
     Args:
       struct_name: 'MjModel' or 'MjData'.
@@ -170,7 +170,7 @@ def axes_of(
 
 
 def _model_row(field: str, shape: tuple[int, ...], model: mujoco.MjModel) -> str | None:
-    """The size that a field's prefix stands for, if its length is that size."""
+    """The size implied by a field's prefix, if it matches the field's length."""
     if field in _MODEL_POOLS.split():
         return None
     size = _MODEL_PREFIXES.get(field.split("_")[0])
@@ -179,31 +179,34 @@ def _model_row(field: str, shape: tuple[int, ...], model: mujoco.MjModel) -> str
     return size if size is not None and shape and shape[0] == getattr(model, size) else None
 
 
-# Options that a run is built on.
+# Options that must stay constant during a run.
 _FIXED_OPTIONS = ("opt.timestep", "opt.integrator", "opt.disableflags", "opt.enableflags")
-# Integers that are values and no addresses, counts or kinds.
+# Integer fields that hold values, as opposed to addresses, counts or types.
 _VALUES = ("contype", "conaffinity", "condim", "priority")
 
 
 def fields_of_rows() -> frozenset[str]:
-    """The fields of MjModel that each row of a batch can have for itself, options as 'opt.*'."""
+    """Fields of MjModel that can differ per row of a batch; options as 'opt.*'."""
     return mujoco.batch.MODEL_FIELDS
 
 
 def check_randomizable(name: str) -> None:
-    """Raises ValueError unless simulations of one model may differ in this field of it."""
+    """Raises ValueError unless rows of a batch may differ in this model field."""
     known = mujoco.batch.MODEL_FIELDS
     if name not in known:
         raise ValueError(
             f"MjModel has no field {name!r} to randomise.{did_you_mean(name, sorted(known))} "
-            "Name one as mujoco.MjModel does, or as 'opt.gravity'."
+            "Use a field name of mujoco.MjModel, or one such as 'opt.gravity'."
         )
     if name in _FIXED_OPTIONS or not (name.startswith("opt.") or _is_value(name)):
-        raise ValueError(f"{name!r} is part of the model's structure, and the same in every row")
+        raise ValueError(
+            f"{name!r} is part of the model's structure, which all rows share; it cannot be "
+            "randomised"
+        )
 
 
 def nominal(model: mujoco.MjModel, names: Iterable[str]) -> dict[str, np.ndarray]:
-    """The model's values of fields that are going to be randomised, by name.
+    """The model's values of the fields to be randomised, by name.
 
     Raises:
       ValueError: there is no such field, or it is part of the model's structure.
@@ -216,21 +219,21 @@ def nominal(model: mujoco.MjModel, names: Iterable[str]) -> dict[str, np.ndarray
 
 
 def have_constants(names: Iterable[str]) -> bool:
-    """Whether constants of the model follow from any of these fields (MuJoCo's mj_setConst)."""
+    """Whether constants of the model are derived from any of these fields (mj_setConst)."""
     inputs = mujoco.MjModel._setconst_inputs
     return any(name in inputs or name.startswith("opt.") for name in names)
 
 
 @functools.cache
 def of_floats() -> tuple[str, ...]:
-    """Fields of MjModel that are arrays of floating point."""
+    """Fields of MjModel that are floating-point arrays."""
     model = _empty_model()
     found = ((name, getattr(model, name)) for name in dir(model) if not name.startswith("_"))
     return tuple(n for n, f in found if isinstance(f, np.ndarray) and f.dtype.kind == "f")
 
 
 def _is_value(name: str) -> bool:
-    """Whether a field of MjModel is of floating point, or an integer that is a value."""
+    """Whether a field of MjModel is floating point, or an integer field that holds values."""
     field = getattr(_empty_model(), name)
     return np.issubdtype(field.dtype, np.floating) or name.endswith(_VALUES)
 

@@ -1,4 +1,4 @@
-"""What must agree for the state of one simulation to be loaded into another: `identity`.
+"""`identity`: facts that must match for one simulation's state to load into another.
 
 identity(physics.model, varying=("body_mass",))
 # {'MuJoCo': '4.0', 'model': 'humanoid', 'model sizes': [...], ..., 'numbers of the model': {...}}
@@ -14,17 +14,17 @@ from limberjack.mujoco.wrapper.core import MjModel
 
 __all__ = ["identity"]
 
-_DRAWN_ONLY = ("_rgba", "tex_data")  # ends of names of fields that nothing but pictures show
+_DRAWN_ONLY = ("_rgba", "tex_data")  # suffixes of fields that affect only pictures
 
 
 def identity(model: MjModel, varying: Sequence[str] = ()) -> dict[str, object]:
-    """MuJoCo's major and minor version, and the model's name, sizes, names and numbers by field.
+    """MuJoCo's major and minor version; the model's name, sizes, object names and field checksums.
 
-    Patch versions of MuJoCo give the same numbers.
+    MuJoCo's patch version is left out, because patch releases give the same numbers.
 
     Args:
       model: the model.
-      varying: its fields that episodes set, which are saved with each state instead.
+      varying: model fields set per episode, which are saved with each state instead.
     """
     official, shared = model._model, model._shared
     sizes = [official.nq, official.nv, official.na, official.nu, official.nbody, official.ngeom]
@@ -41,7 +41,7 @@ def identity(model: MjModel, varying: Sequence[str] = ()) -> dict[str, object]:
 
 
 def _numbers(model: mujoco.MjModel, varying: Sequence[str]) -> dict[str, int]:
-    """A checksum of each field that neither varies nor follows from those that do."""
+    """A checksum of each field that neither varies nor is derived from fields that do."""
     leave_out = {*varying, *model_values.derived_fields(varying), "tex_data"}
     checksums = model_values.checksums(model, leave_out)
     return {name: n for name, n in checksums.items() if not name.endswith(_DRAWN_ONLY)}

@@ -1,16 +1,16 @@
-"""Named indexing: the fields of MuJoCo's structs, indexed by the names of the model's objects.
+"""Named indexing: fields of MuJoCo's structs, indexed by the names of the model's objects.
 
     physics.named.data.xpos["head", "z"]
     physics.named.data.qpos[["shoulder", "elbow"]]
     physics.named.model.geom_rgba["ball"] = 1, 0, 0, 1
 
-A field's rows are named after the model's objects: `xpos` after its bodies, `qpos` after its
-joints (of which some have more than one number), and its columns, where it is a position, a
-quaternion, a matrix or a colour, after `x y z`, `qw qx qy qz`, `xx xy ... zz` or `r g b a`. Which
-objects those are follows from the field's own name; a field is looked at only when it is asked for.
+The rows of a field are named after the model's objects: those of `xpos` after bodies, those of
+`qpos` after joints (some of which span several elements). Columns of positions, quaternions,
+matrices and colours are named `x y z`, `qw qx qy qz`, `xx xy ... zz` and `r g b a`. The object kind
+follows from the field's name; indexers are created lazily.
 
-A key is turned into a NumPy index once and remembered: names, numbers, slices and lists of them. In
-a batch the index gets `...` in front, so that `xpos["head", "z"]` is one number per simulation.
+Keys made of names, numbers, slices and lists of them are converted to a NumPy index once and
+cached. In a batch the index is prefixed with `...`, so `xpos["head", "z"]` has one number per row.
 """
 
 import collections
@@ -36,9 +36,9 @@ __all__ = [
 
 Axes = collections.namedtuple("Axes", ["row", "col"], defaults=(None,))
 
-_Resolved = tuple[AnyArray, AnyArray]  # an array, and what of it a key stands for
-_MOST_KEYS = 1000  # that a field remembers; a loop over many numbers must not fill the memory
-_ENDS = (int, type(None))  # of a slice that is remembered
+_Resolved = tuple[AnyArray, AnyArray]  # an array, and the index into it that a key stands for
+_MOST_KEYS = 1000  # cached per field; a loop over many numbers must not fill the memory
+_ENDS = (int, type(None))  # types of the parts of a slice that can be cached
 
 
 class Axis:
@@ -51,15 +51,15 @@ class Axis:
         singletons_are_scalars: bool = False,
         what: str = "",
     ) -> None:
-        """Makes an axis.
+        """Creates an axis.
 
         Args:
-          names: the name of each element in order, empty for an element without one; None for an
-            axis that has no names.
-          sizes: how many numbers each element has along this axis; None for one number each,
-            which a name then picks as a scalar.
-          singletons_are_scalars: a name of an element with one number picks a scalar, too.
-          what: the objects, for messages.
+          names: names of the objects in order, empty for an unnamed object; None for an axis
+            without names.
+          sizes: number of elements of each object along this axis; None for one each, which a name
+            then selects as a scalar.
+          singletons_are_scalars: whether the name of an object with one element selects a scalar.
+          what: the kind of object, for messages.
         """
         if names is not None:
             self.names = list(names)
@@ -77,7 +77,7 @@ class Axis:
         self._ragged = sizes is not None
 
     def convert_key_item(self, item: object) -> Any:  # Any: what NumPy indexes with
-        """The NumPy index for one item of a key: a name, a list of names, or as it is.
+        """The NumPy index for one item of a key; items without names are returned unchanged.
 
         Raises:
           KeyError: an unknown name, with a suggestion.
@@ -109,10 +109,10 @@ _UNNAMED = Axis()
 
 
 class Names:
-    """The axes of one compiled model, made when they are first needed."""
+    """The axes of one compiled model, created on first use."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Takes the raw `mujoco.MjModel`, which it reads and does not keep alive needlessly."""
+        """Keeps a reference to the raw `mujoco.MjModel`, which it only reads."""
         self.model = model
         self._axes: dict[str | None, Axis] = {None: _UNNAMED}
 
@@ -142,17 +142,17 @@ class Names:
         return Axis(self._object_names(kind), what=kind)
 
     def _object_names(self, kind: str) -> list[str]:
-        """Names of all objects of a kind in order, empty for those without."""
+        """Names of all objects of a kind in order, empty for unnamed objects."""
         starts = getattr(self.model, f"name_{kind}adr").ravel()
         names = self.model.names
         return [names[start : names.find(b"\0", start)].decode() for start in starts]
 
 
 class FieldIndexer:
-    """An array of the simulation that also takes names as indices.
+    """An array of the simulation that also accepts names as indices.
 
-    Indexes with names, lists of names and whatever NumPy takes, except Ellipsis and None; any other
-    attribute is the array's.
+    Keys may be names, lists of names and anything NumPy accepts except Ellipsis and None.
+    Attributes are forwarded to the array.
     """
 
     __slots__ = ("_axes", "_batch", "_field", "_known", "_name")
@@ -174,7 +174,7 @@ class FieldIndexer:
 
     @property
     def axes(self) -> Axes:
-        """The named tuple of row and column axis."""
+        """Row and column axis, a named tuple."""
         return self._axes
 
     def __getitem__(self, key: object) -> AnyArray:
@@ -186,13 +186,13 @@ class FieldIndexer:
         array[index] = value
 
     def _lookup(self, key: object) -> _Resolved | None:
-        """What a key was resolved to before."""
+        """The cached result of resolving a key, if any."""
         if type(key) is str:
             return self._known.get(key)
         return self._known.get(_frozen(key))
 
     def _resolve(self, key: object) -> _Resolved:
-        """The array and the index that a key stands for; remembered if it is not an array."""
+        """The array and index that a key stands for; cached if the key is hashable in some form."""
         items = key if isinstance(key, tuple) else (key,)
         dimensions = self._field.ndim - self._batch
         if len(items) > dimensions:
@@ -211,12 +211,12 @@ class FieldIndexer:
         return resolved
 
     def _in_batch(self, index: tuple) -> tuple:
-        """The index for arrays with a leading axis: `...` reaches the last axes from behind."""
+        """The index for an array with a leading batch axis: `...`, then one item per other axis."""
         rest = self._field.ndim - 1 - len(index)
         return (..., *index, *(slice(None),) * rest)
 
     def _flattened(self, index: tuple) -> _Resolved:
-        """The same elements by one array of positions, which is gathered fastest."""
+        """The same elements as flat positions in one array, which is the fastest gather."""
         shape = tuple(self._field.shape[self._batch :])
         positions = np.arange(math.prod(shape)).reshape(shape)[index]
         if self._batch:
@@ -225,7 +225,7 @@ class FieldIndexer:
         flat = self._field.reshape(-1)
         return flat, index_for(flat, positions)
 
-    def __getattr__(self, name: str) -> Any:  # Any: as the array has it
+    def __getattr__(self, name: str) -> Any:  # Any: attributes of the array
         return getattr(self._field, name)
 
     def __array__(
@@ -259,7 +259,7 @@ class FieldIndexer:
 
 
 class NamedFields:
-    """The fields of one struct as `FieldIndexer`s, made when they are first asked for."""
+    """The fields of one struct as `FieldIndexer`s, created on first use."""
 
     def __init__(
         self,
@@ -268,14 +268,13 @@ class NamedFields:
         names: Names,
         indexer: Callable[[str, AnyArray, Axes, bool], FieldIndexer] = FieldIndexer,
     ) -> None:
-        """Makes the view.
+        """Creates the view.
 
         Args:
           struct_name: 'MjModel' or 'MjData'.
-          read: gives a field's live array by name, and whether it has a leading axis of
-            simulations.
+          read: returns a field's live array by name, and whether it has a leading batch axis.
           names: the model's axes.
-          indexer: makes the index of a field; arguments as `FieldIndexer`'s.
+          indexer: creates the indexer of a field; the arguments are those of `FieldIndexer`.
         """
         self._struct_name = struct_name
         self._read = read
@@ -297,7 +296,7 @@ class NamedFields:
         axes = Axes(*(self._names.axis(size) for size in sizes or (None,)))
         indexer = self._indexer(name, field, axes, batch)
         if sizes[:1] != (None,):
-            # Arrays without named rows may move in memory from step to step: do not keep them.
+            # Arrays without named rows may be reallocated between steps, so they are not cached.
             self.__dict__[name] = indexer
         return indexer
 
@@ -312,14 +311,14 @@ class NamedFields:
 
 
 class NamedIndexStructs(NamedTuple):
-    """What `physics.named` is."""
+    """The type of `physics.named`."""
 
     model: NamedFields
     data: NamedFields
 
     @classmethod
     def of(cls, source: Any, names: Names) -> Self:
-        """Those of a `Fields`, whose module imports this one, hence Any."""
+        """The structs of a `Fields` (Any, because its module imports this one)."""
         return cls(
             NamedFields("MjModel", source.model_field, names),
             NamedFields("MjData", source.field_for_names, names, source.indexer),
@@ -327,7 +326,7 @@ class NamedIndexStructs(NamedTuple):
 
 
 def _refuse(item: object) -> None:
-    """Raises for what named indexing does not take."""
+    """Raises IndexError for items that named indexing does not support."""
     if isinstance(item, (list, np.ndarray)):
         for part in item if np.ndim(item) else ():
             _refuse(part)
@@ -340,10 +339,10 @@ def _refuse(item: object) -> None:
 
 
 def _frozen(key: object) -> Hashable:
-    """A key in hashable form; None if it has none, as an array.
+    """A hashable form of a key; None if there is none, as for an array.
 
-    Equal forms are equal keys: types are part of it, as 1, 1.0 and True are different keys, and so
-    are `a["x", "y"]` and `a[["x", "y"]]`.
+    The form includes types, because 1, 1.0 and True are different keys, as are `a["x", "y"]` and
+    `a[["x", "y"]]`.
     """
     if type(key) is tuple:
         if len(key) == 2 and type(key[0]) is str:
@@ -351,7 +350,7 @@ def _frozen(key: object) -> Hashable:
             if type(column) is str:
                 return key
             is_head = type(column) is slice and column.start is column.step is None
-            if is_head and type(column.stop) is int:  # as `["target", :2]`, which is common
+            if is_head and type(column.stop) is int:  # fast path for keys such as ["target", :2]
                 return name, slice, column.stop
         parts = tuple([part if type(part) is str else _frozen(part) for part in key])
         return None if None in parts else parts
@@ -375,7 +374,7 @@ def _frozen_list(key: list) -> Hashable:
 
 
 def _row_labels(axis: Axis, rows: int) -> list[str]:
-    """A label for each row: the name of the element that it belongs to."""
+    """A label for each row: the name of the object that it belongs to."""
     labels = [""] * rows
     for name in filter(None, getattr(axis, "names", ())):
         index = axis.convert_key_item([name])

@@ -1,23 +1,24 @@
-"""`LazyBatch`: MuJoCo's batch, which computes and keeps only what is read.
+"""`LazyBatch`: a MuJoCo batch that computes and copies only the fields that are read.
 
-All that makes batches fast is in this file; no other code knows of it. A reader of a field sees
-the values that a single simulation would have, always. To that end it does the following.
+All optimisations of batches are in this file, and no other code depends on them. A field always has
+the values that it would have in a single simulation. The techniques:
 
-- **Rows share an `MjData`.** In a large batch the rows of a thread share one: it stays in the
+- **Rows share an `MjData`.** In a large batch, all rows of a thread share one: it stays in the
   processor's caches, and memory hardly grows with the number of rows. In a small batch each row has
-  its own, so that a step goes on from where the last one ended.
-- **Fields are bound when they are first read.** What a thread computes for a row is copied out at
-  once, as the next row overwrites it; only bound fields are copied. A field that is bound late was
-  not copied in the last call, so that call is replayed.
-- **Calls are replayed.** Each row's last call, and the state that it began with, are remembered.
-  Doing it again gives every quantity again, in every bit. A snapshot is restored the same way.
-- **Sensors of accelerations and forces are disabled until they are read.** Nothing that a
-  simulation does depends on them. The humanoid has 31, which no task observes and which take 6 % of
-  a step. From their first reading on they are computed, the last call included.
-- **The world has no bounding volumes** where contacts are the same without: see `midphase`.
+  its own, so that a step continues from the results of the last one.
+- **Fields are bound on first use.** The values that a thread computes for a row are copied out
+  before the next row overwrites them, but only for bound fields. A field bound late was not copied
+  in the last call, so it is recomputed by replaying that call.
+- **Calls are replayed.** Each row's last call and the state before it are recorded. Repeating the
+  call reproduces every quantity bit for bit. Snapshots are restored in the same way.
+- **Acceleration and force sensors are disabled until they are read.** They do not affect the
+  simulation. The humanoid has 31, which no task observes and which take 6 % of a step. Once read,
+  they are enabled, and the last call is replayed.
+- **The world body has no bounding volume tree** if contacts are the same without it: see
+  `midphase`.
 
-What MuJoCo remembers besides its state (plugins, sleeping islands) cannot be replayed or shared:
-such models have an `MjData` for each row, and all sensors.
+Data that MuJoCo keeps outside its state (plugins, sleeping islands) can be neither replayed nor
+shared: for such models every row has an `MjData`, and all sensors are enabled.
 """
 
 from collections.abc import Iterable, Mapping
@@ -34,7 +35,7 @@ from limberjack.utils.arrays import AnyArray
 
 __all__ = ["LazyBatch"]
 
-_A_FEW = 128  # rows; beyond it, sharing is as quick and takes a twentieth of the memory
+_A_FEW = 128  # rows; in larger batches sharing is as fast and takes a twentieth of the memory
 
 _STAGE = mujoco.mjtStage
 _NEVER, _UP_TO_VELOCITY = _STAGE.mjSTAGE_NONE.value, _STAGE.mjSTAGE_VEL.value
@@ -42,9 +43,9 @@ _FROM_ACCELERATION = _STAGE.mjSTAGE_ACC.value
 _SLEEP_OR_IPC = mujoco.mjtEnableBit.mjENBL_SLEEP.value | mujoco.mjtEnableBit.mjENBL_IPC.value
 
 _READINGS = "sensordata"
-# What depends on disabled sensors: their readings, and what MuJoCo computes for some of them only.
+# Fields that depend on disabled sensors: the readings, and quantities computed only for sensors.
 _OF_SENSORS = (_READINGS, "cacc", "cfrc_int", "cfrc_ext")
-# They read accelerations and forces and write their readings, nothing else.
+# Sensors that read accelerations and forces, and write nothing but their readings.
 _WITHOUT_EFFECT = [
     getattr(mujoco.mjtSensor, f"mjSENS_{name}").value
     for name in (
@@ -60,10 +61,10 @@ class LazyBatch:
 
     Attributes:
       official: the `mujoco.batch.Batch`.
-      state: what a time step depends on, (num_envs, nstate), live.
-      warning: MuJoCo's warnings: last information and number by kind, (num_envs, 7, 2), live.
-      own: fields of the model that each row has for itself, (num_envs, ...), live, by name.
-      remembers: whether MuJoCo remembers more of a row than its state.
+      state: integration state, (num_envs, nstate), live.
+      warning: MuJoCo's warnings by type: last info and count, (num_envs, 7, 2), live.
+      own: per-row model fields by name, (num_envs, ...), live.
+      remembers: whether MuJoCo keeps more per row than its state.
     """
 
     def __init__(
@@ -74,14 +75,14 @@ class LazyBatch:
         own: Iterable[str],
         read_sensors: np.ndarray | None = None,
     ) -> None:
-        """Makes a batch in the model's default state.
+        """Creates a batch in the model's default state.
 
         Args:
-          model: what the rows have in common.
+          model: the shared model.
           num_envs: number of rows.
-          num_threads: threads that step them.
-          own: fields of the model that each row has for itself.
-          read_sensors: mask of sensors that are enabled from the beginning; none by default.
+          num_threads: number of threads.
+          own: model fields of which each row has its own copy.
+          read_sensors: mask of sensors to enable from the start; none by default.
         """
         self.remembers = model.nplugin > 0 or bool(model.opt.enableflags & _SLEEP_OR_IPC)
         self._shares = num_envs > _A_FEW and not self.remembers
@@ -95,7 +96,7 @@ class LazyBatch:
         self.own: dict[str, np.ndarray] = {name: self.official.expand(name) for name in own}
         self._disableflags: np.ndarray = self.official.expand("opt.disableflags")
         if midphase.is_needless(model, self.own):
-            self.official.expand("body_bvhadr")[:, 0] = -1  # the world has no tree
+            self.official.expand("body_bvhadr")[:, 0] = -1  # no tree for the world body
         none = np.zeros(model.nsensor, bool)
         self._read_sensors = none if read_sensors is None else read_sensors
         self._disabled = none if self.remembers else _can_be_disabled(model, self.own)
@@ -109,7 +110,7 @@ class LazyBatch:
         self.before_call = self.state.copy()
 
     def call(self, kind: int, rows: Rows = None) -> None:
-        """Lets MuJoCo do something with rows: so many steps, or `START`, `FORWARD`, `LOAD`."""
+        """Runs and records a MuJoCo call: a number of steps, or `START`, `FORWARD`, `LOAD`."""
         if rows is None:
             np.copyto(self.before_call, self.state)
             self.last_call.fill(kind)
@@ -120,7 +121,7 @@ class LazyBatch:
         self._run(kind, rows)
 
     def forget_calls(self) -> None:
-        """Takes it that the present state of each row was loaded: what led to it is unknown."""
+        """Records the current state of each row as loaded, since what led to it is unknown."""
         self._was_called = True
         self.last_call[:] = LOAD
         self.before_call[...] = self.state
@@ -145,7 +146,7 @@ class LazyBatch:
             batch.step(rows, -kind)
 
     def _replay(self, rows: Rows = None) -> None:
-        """Does rows' last calls again, which writes all bound fields and leaves all else as is."""
+        """Repeats the last calls to write all bound fields; changes nothing else."""
         kept = [(live, live.copy()) for live in (self.state, self.warning)]
         readings = self.official.sensordata.copy() if _READINGS in self._bound else None
         np.copyto(self.state, self.before_call)
@@ -160,7 +161,7 @@ class LazyBatch:
             self._set_readings(loaded, readings[loaded])
 
     def field(self, name: str) -> np.ndarray:
-        """A field of the data, (num_envs, ...), live; all that it depends on is computed."""
+        """A field of the data, (num_envs, ...), live, with the sensors it needs enabled."""
         field = self._bound_field(name)
         if name in _OF_SENSORS:
             self.enable_sensors(slice(None))
@@ -175,20 +176,20 @@ class LazyBatch:
         return field
 
     def field_for_names(self, name: str) -> np.ndarray:
-        """As `field`, for an index that enables the sensors that it reads: see `indexer`."""
+        """Like `field`, for an indexer that enables only the sensors it reads: see `indexer`."""
         return self._bound_field(name) if name == _READINGS else self.field(name)
 
     def indexer(self, name: str, field: AnyArray, axes: Axes, batch: bool) -> FieldIndexer:
-        """What a field that `field_for_names` gave is indexed by names with."""
+        """The indexer of a field returned by `field_for_names`."""
         if name == _READINGS:
             return _Sensors(self, name, field, axes, batch)
         return FieldIndexer(name, field, axes, batch)
 
     def enable_sensors(self, columns: AnyArray | slice) -> None:
-        """Has the sensors of some columns of `sensordata` computed, the last call included.
+        """Enables the sensors of some columns of `sensordata`, and recomputes their readings.
 
         Args:
-          columns: an index for them.
+          columns: an index into the columns.
         """
         if not self._disabled.any():
             return
@@ -206,14 +207,14 @@ class LazyBatch:
             self._replay()
 
     def _set_readings(self, rows: np.ndarray | slice, values: np.ndarray) -> None:
-        """Sets readings that belong to the time step before a state that was loaded."""
+        """Sets readings, which a loaded state keeps from the time step before it."""
         readings = self.official.sensordata
-        readings.flags.writeable = True  # an output otherwise, so not to be written
+        readings.flags.writeable = True  # read-only for users, as an output
         readings[rows] = values
         readings.flags.writeable = False
 
     def save(self, rows: Rows) -> dict[str, np.ndarray]:
-        """See `Simulation.save`; without fields of the model."""
+        """See `Simulation.save`; without model fields."""
         index = slice(None) if rows is None else rows
         saved = {"state": self.state, "sensordata": self.field(_READINGS)}
         saved |= {"before": self.before_call, "call": self.last_call}
@@ -222,17 +223,17 @@ class LazyBatch:
     def seen(self, row: int) -> dict[str, np.ndarray]:
         """See `BatchSimulation.seen`."""
         call = self.last_call[row]
-        if 0 < call < LOAD:  # positions and velocities belong to the state that it led to
+        if 0 < call < LOAD:  # positions and velocities belong to the state after the call
             return {"state": self.state[row, None]}
         saved = {"state": self.state, "before": self.before_call, "call": self.last_call}
         return {name: values[row, None] for name, values in saved.items()}
 
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows) -> None:
-        """Sets what `save` gave; the rows' own fields have been set already."""
+        """Restores the result of `save`; per-row model fields must be set before."""
         rows = np.arange(len(self.state)) if rows is None else rows
         state = saved["state"]
         self._bound_field(_READINGS)
-        if self.remembers:  # such as what has been lying still, and for how long
+        if self.remembers:  # such as which bodies have been at rest, and for how long
             self.official.reset(rows, stage=_NEVER)
         counted = self.warning.copy()
         is_reached = self._repeat(saved, rows) if "call" in saved else np.zeros(len(rows), bool)
@@ -240,8 +241,8 @@ class LazyBatch:
         if left.size:
             self.state[left] = self.before_call[left] = state[~is_reached]
             self.last_call[left] = LOAD
-            # MuJoCo would replace a bad state by the default pose here, and not say so: the next
-            # step does both.
+            # Here MuJoCo would silently replace a bad state by the default pose. The next step
+            # replaces it with a warning.
             is_good = ~is_bad_state(self._model, state[~is_reached])
             if is_good.any():
                 self.call(LOAD, left[is_good])
@@ -250,9 +251,9 @@ class LazyBatch:
         np.copyto(self.warning, counted)
 
     def _repeat(self, saved: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-        """Makes the saved calls again; which of them led to the saved states, (n,) booleans.
+        """Repeats the saved calls; returns which rows reach the saved states, (n,) booleans.
 
-        Others lead elsewhere, as somebody has changed the state or the model since that call.
+        A row misses its saved state if the state or the model was changed after that call.
         """
         calls, state = saved["call"], saved["state"]
         self.state[rows] = saved["before"]
@@ -265,7 +266,7 @@ class LazyBatch:
         return can_be & same.all(axis=-1)
 
     def made_again(self, sets_constants: bool) -> Self:
-        """A batch in the same state as this one, which may only be read, as in a forked child."""
+        """A new batch in the same state as this one, which is only read, as in a forked child."""
         new = type(self)(
             self._model, len(self.state), self._num_threads, self.own, self._read_sensors
         )
@@ -286,7 +287,7 @@ class LazyBatch:
 
 
 class _Sensors(FieldIndexer):
-    """The index of `sensordata`, which enables the sensors that it reads."""
+    """Indexer of `sensordata` that enables the sensors it reads."""
 
     __slots__ = ("_lazy",)
 
@@ -301,7 +302,7 @@ class _Sensors(FieldIndexer):
         self._lazy.enable_sensors(np.arange(array.shape[-1])[None][index])
         return array, index
 
-    def __getattr__(self, name: str) -> Any:  # Any: as the array has it
+    def __getattr__(self, name: str) -> Any:  # Any: attributes of the array
         self._lazy.enable_sensors(slice(None))
         return getattr(self._field, name)
 
@@ -313,8 +314,8 @@ class _Sensors(FieldIndexer):
 
 
 def _can_be_disabled(model: mujoco.MjModel, own: Iterable[str]) -> np.ndarray:
-    """The sensors without which all but `_OF_SENSORS` is the same, bit for bit, (nsensor,)."""
-    # Plugins and callbacks may read readings; sensors with a delay remember them.
+    """Mask of sensors that affect only `_OF_SENSORS`, bit for bit, (nsensor,)."""
+    # Plugins and callbacks may use the readings; sensors with a delay store them.
     remembered = model.nhistory or model.sensor_interval.any() or model.sensor_delay.any()
     if model.nplugin or remembered or _any_callback():
         return np.zeros(model.nsensor, bool)
@@ -325,6 +326,6 @@ def _can_be_disabled(model: mujoco.MjModel, own: Iterable[str]) -> np.ndarray:
 
 
 def _any_callback() -> bool:
-    """Whether physics is extended by functions of the user's."""
+    """Whether the user has installed MuJoCo callbacks."""
     getters = (getattr(mujoco, name) for name in dir(mujoco) if name.startswith("get_mjcb_"))
     return any(get() is not None for get in getters)

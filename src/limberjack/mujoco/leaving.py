@@ -1,8 +1,8 @@
-"""Leaving the interpreter while threads simulate.
+"""Safe interpreter exit while threads are simulating.
 
-A daemon thread that is inside MuJoCo when the interpreter is taken down would crash it. So every
-call into MuJoCo that runs without the interpreter's lock says that it is running; at exit the
-calls that are under way are waited for, and no thread begins another.
+A daemon thread inside MuJoCo during interpreter shutdown would crash the process. Therefore every
+call into MuJoCo that releases the GIL marks itself as running; at exit, calls in progress are
+awaited and no thread starts another.
 """
 
 import atexit
@@ -19,22 +19,22 @@ _watched: "weakref.WeakSet[Busy]" = weakref.WeakSet()
 
 
 class Busy:
-    """Something that may be inside MuJoCo.
+    """An object that may be inside a MuJoCo call.
 
-    `busy_in` is the number of the thread that is inside, set by `begin`; its owner sets it back to
-    None. A call that Ctrl-C cuts short leaves it set, which does no harm: see `_wait_for_calls`.
+    `busy_in` is the id of the thread inside the call, set by `begin`; the owner resets it to None.
+    A call interrupted by Ctrl-C leaves it set, which is harmless: see `_wait_for_calls`.
     """
 
     busy_in: int | None = None
 
 
 def watch(busy: Busy) -> None:
-    """Has the exit wait for `busy`."""
+    """Registers `busy`, so that interpreter exit waits for its calls."""
     _watched.add(busy)
 
 
 def begin(busy: Busy) -> None:
-    """Marks the beginning of a call; never returns to a thread that is left behind at exit."""
+    """Marks the start of a call; during exit, blocks every thread but the main one forever."""
     busy.busy_in = threading.get_ident()
     if _is_leaving and threading.current_thread() is not threading.main_thread():
         busy.busy_in = None
@@ -46,7 +46,7 @@ def _wait_for_calls() -> None:
     global _is_leaving
     _is_leaving = True
     end = time.monotonic() + _LONGEST_WAIT
-    # Threads that live; this one is in no call, whatever an interrupted one says.
+    # Living threads except this one, which is in no call, although an interrupted one may say so.
     others = {thread.ident for thread in threading.enumerate()} - {threading.get_ident()}
     while any(busy.busy_in in others for busy in list(_watched)) and time.monotonic() < end:
         time.sleep(0.001)

@@ -22,26 +22,26 @@ def euler2quat(ax: float, ay: float, az: float) -> np.ndarray:
 
 
 def mj_quatprod(q: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """The product of two quaternions: the rotation `r`, then `q`."""
+    """Product of two quaternions: the rotation `r` followed by `q`."""
     product = np.empty(4)
     mujoco.mju_mulQuat(product, np.ascontiguousarray(q), np.ascontiguousarray(r))
     return product
 
 
 def mj_quat2vel(q: np.ndarray, dt: float) -> np.ndarray:
-    """The angular velocity, (3,) radians per second, that makes the rotation in `dt` seconds."""
+    """Angular velocity that performs the rotation in `dt` seconds, (3,), radians per second."""
     velocity = np.empty(3)
     mujoco.mju_quat2Vel(velocity, np.ascontiguousarray(q), dt)
     return velocity
 
 
 def mj_quatneg(q: np.ndarray) -> np.ndarray:
-    """The opposite rotation."""
+    """The inverse rotation."""
     negated = np.empty(4)
     mujoco.mju_negQuat(negated, np.ascontiguousarray(q))
     return negated
 
 
 def mj_quatdiff(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """The rotation that leads from `source` to `target`, in the frame of `source`."""
+    """The rotation from `source` to `target`, in the frame of `source`."""
     return mj_quatprod(mj_quatneg(source), target)

@@ -1,17 +1,18 @@
-"""Whether simulations of a model find contacts with the world's planes without a midphase.
+"""`is_needless`: whether a model's midphase for the world's planes can be skipped.
 
-Before MuJoCo looks for contacts of two bodies with several geoms, it goes through two trees of
-boxes around these, its midphase. With a world of planes it does so in vain: a plane's box is half
-of all space. Where the world has no tree each geom is tried with each plane at once, which makes a
-step of the arm's tasks a tenth quicker and one of the humanoid's a little.
+To find contacts between two bodies with several geoms, MuJoCo first traverses their trees of
+bounding boxes (the midphase). If the world's geoms are planes this is wasted work, since a plane's
+box is half of all space. Without the world's tree, every geom is tested against every plane
+directly, which makes a step of the arm's tasks 10 % faster and one of the humanoid slightly faster.
 
-That must not change a bit. The contacts come in the same order, plane by plane. They are the same
-if no box rules out what touches, which it may:
+The result must be bitwise equal. Contacts come in the same order, plane by plane. They are the same
+ones unless a box rules out geoms that touch, which can happen in two ways:
 
-- Boxes of 1e10 metres are rounded to a micrometre. For a plane through the origin along the axes
-  nothing is; for any other the error never changes, and only its sign counts. MuJoCo itself tells
-  it: spheres touch the plane by a picometre, with radii for which rounding does the most harm.
-- Who changes a geom's size or place in the model leaves its boxes behind.
+- Boxes of 1e10 metres are rounded to about a micrometre. For an axis-aligned plane through the
+  origin there is no rounding; for any other plane the error is constant, and only its sign matters.
+  The sign is found with MuJoCo itself: spheres penetrate the plane by a picometre, with radii for
+  which rounding has the largest effect.
+- Code that changes a geom's size or position in the model does not update the boxes.
 """
 
 import functools
@@ -25,9 +26,9 @@ __all__ = ["is_needless"]
 _PLANE = mujoco.mjtGeom.mjGEOM_PLANE.value
 _MIDPHASE = mujoco.mjtDisableBit.mjDSBL_MIDPHASE.value
 _OVERRIDE = mujoco.mjtEnableBit.mjENBL_OVERRIDE.value
-# Sensors that may look for geoms in the trees, too.
+# Sensors that also search the trees for geoms.
 _SEEING = [mujoco.mjtSensor.mjSENS_RANGEFINDER.value, mujoco.mjtSensor.mjSENS_TACTILE.value]
-# What a simulation may have for itself, as no box depends on it: of these, and besides.
+# Prefixes of model fields on which no box depends, so that they may differ per row.
 _HARMLESS = (
     "actuator_",
     "cam_",
@@ -40,25 +41,25 @@ _HARMLESS = (
     "site_",
     "tendon_",
 )
-_HARMLESS_TOO = {
+_HARMLESS_TOO = {  # further such fields
     *("body_gravcomp", "body_inertia", "body_mass", "body_pos", "body_quat"),
     *("geom_condim", "geom_friction", "geom_priority", "geom_rgba"),
     *("geom_solimp", "geom_solmix", "geom_solref"),
     *("opt.density", "opt.gravity", "opt.timestep", "opt.viscosity", "opt.wind"),
 }
 _FEW = 8  # planes
-_GRID = 2.0**-20  # metres; to which numbers of 5e9 metres, half of a plane's box, are rounded
+_GRID = 2.0**-20  # metres; spacing of floats near 5e9 metres, half the size of a plane's box
 _TOUCH = 1e-12  # metres
-_RADII = (2**14 + 5003 * np.arange(8) + 0.5) * _GRID - _TOUCH  # metres; just rounded down
-_ROUNDED = 1e-12  # metres; by so much a box may be smaller than what it is made for
+_RADII = (2**14 + 5003 * np.arange(8) + 0.5) * _GRID - _TOUCH  # metres; barely rounded down
+_ROUNDED = 1e-12  # metres; tolerance for a box that is smaller than its geoms
 
 
 def is_needless(model: mujoco.MjModel, own_fields: Iterable[str] = ()) -> bool:
-    """Whether contacts are the same, bit for bit, without the tree of the world's geoms.
+    """Whether contacts are bitwise equal without the bounding volume tree of the world body.
 
     Args:
       model: an `mujoco.MjModel`.
-      own_fields: of the model, that each simulation has for itself.
+      own_fields: model fields that differ per row.
     """
     planes = np.flatnonzero(_collides(model) & (model.geom_bodyid == 0))
     if not 0 < len(planes) <= _FEW or (model.geom_type[planes] != _PLANE).any():
@@ -74,7 +75,7 @@ def _collides(model: mujoco.MjModel) -> np.ndarray:
 
 
 def _is_usual(model: mujoco.MjModel) -> bool:
-    """Whether nothing but the geoms' shapes and places says what touches."""
+    """Whether contacts depend only on the shapes and poses of the geoms."""
     special = model.nflex or model.npair or model.nplugin or model.opt.enableflags & _OVERRIDE
     margins = model.geom_margin.any() or model.geom_gap.any()
     return not (special or margins or np.isin(model.sensor_type, _SEEING).any())
@@ -85,7 +86,7 @@ def _is_harmless(field: str) -> bool:
 
 
 def _are_in_their_boxes(model: mujoco.MjModel) -> bool:
-    """Whether all boxes of the bodies' trees hold the geoms that they are made for."""
+    """Whether all boxes of the bodies' trees still enclose their geoms."""
     for body in range(1, model.nbody):
         turn, place = _matrix(model.body_iquat[body]).T, model.body_ipos[body]
         first = model.body_bvhadr[body]
@@ -103,7 +104,7 @@ def _are_in_their_boxes(model: mujoco.MjModel) -> bool:
 
 
 def _leaves(model: mujoco.MjModel, first: int) -> Iterator[tuple[int, list[int]]]:
-    """The geoms of a tree, each with the nodes from the root to its own."""
+    """The geoms of a tree, each with its path of nodes from the root."""
     paths = [[0]]
     while paths:
         path = paths.pop()
@@ -114,7 +115,7 @@ def _leaves(model: mujoco.MjModel, first: int) -> Iterator[tuple[int, list[int]]
 
 
 def _half_sizes(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Half of a geom's extent along its axes, (3,)."""
+    """Half extents of a geom along its axes, (3,), metres."""
     size, geoms = model.geom_size[geom], mujoco.mjtGeom
     match geoms(model.geom_type[geom]):
         case geoms.mjGEOM_SPHERE:
@@ -125,7 +126,7 @@ def _half_sizes(model: mujoco.MjModel, geom: int) -> np.ndarray:
             return size[[0, 0, 1]]
         case geoms.mjGEOM_BOX | geoms.mjGEOM_ELLIPSOID:
             return size
-        case _:  # of a mesh it is known from the box alone
+        case _:  # the box is all that is known of a mesh
             return model.geom_aabb[geom, 3:]
 
 
@@ -138,10 +139,10 @@ def _matrix(quaternion: np.ndarray) -> np.ndarray:
 
 @functools.lru_cache(maxsize=64)
 def _finds_touches(frames: tuple[tuple[float, ...], ...]) -> bool:
-    """Whether the midphase rules out no sphere that touches a plane.
+    """Whether the midphase keeps every sphere that touches a plane.
 
     Args:
-      frames: position and quaternion of each plane of the world.
+      frames: position and quaternion of each of the world's planes.
     """
     for radius in _RADII.tolist():
         model = _world_with_spheres(frames, radius)
@@ -156,7 +157,7 @@ def _finds_touches(frames: tuple[tuple[float, ...], ...]) -> bool:
 
 
 def _world_with_spheres(frames: tuple[tuple[float, ...], ...], radius: float) -> mujoco.MjModel:
-    """A world of planes, and a body of two spheres: one alone needs no tree."""
+    """A world of planes and a body with two spheres, since a single geom has no tree."""
     spec = mujoco.MjSpec()
     for frame in frames:
         plane = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1, 1, 1])
@@ -169,7 +170,7 @@ def _world_with_spheres(frames: tuple[tuple[float, ...], ...], radius: float) ->
 
 
 def _touches(model: mujoco.MjModel, data: mujoco.MjData, disabled: int) -> list:
-    """Which geoms touch, in MuJoCo's order."""
+    """Pairs of geoms in contact, in MuJoCo's order."""
     model.opt.disableflags = disabled
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)

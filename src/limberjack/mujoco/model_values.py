@@ -1,4 +1,4 @@
-"""`checksums`: the numbers of a compiled model, field by field, in a form that is quick to compare.
+"""`checksums`: the numbers of a compiled model, one checksum per field, for fast comparison.
 
 before = checksums(model)
 ...
@@ -18,9 +18,9 @@ __all__ = ["changed_fields", "checksums", "derived_fields"]
 
 
 def checksums(model: mujoco.MjModel, leave_out: Container[str] = ()) -> dict[str, int]:
-    """A checksum of each field of the model that is not empty, options as 'opt.gravity'.
+    """A checksum per non-empty model field; options are named as 'opt.gravity'.
 
-    It takes 0.2 ms, and 2 ms with the pixels of textures, `tex_data`.
+    Takes 0.2 ms, or 2 ms including texture pixels (`tex_data`).
     """
     found = {}
     for name in _array_names():
@@ -36,14 +36,14 @@ def checksums(model: mujoco.MjModel, leave_out: Container[str] = ()) -> dict[str
 
 
 def changed_fields(before: dict[str, int], after: dict[str, int]) -> list[str]:
-    """The fields whose numbers differ, or that only one model has, sorted."""
+    """Sorted names of the fields whose numbers differ or that only one model has."""
     return sorted(
         name for name in before.keys() | after.keys() if before.get(name) != after.get(name)
     )
 
 
 def derived_fields(fields: Iterable[str]) -> frozenset[str]:
-    """Fields that MuJoCo computes anew (mj_setConst) where these are set for each episode."""
+    """Fields that MuJoCo recomputes (mj_setConst) if these are set per episode."""
     inputs = mujoco.MjModel._setconst_inputs
     if any(name in inputs or name.startswith("opt.") for name in fields):
         return frozenset(mujoco.MjModel._setconst_outputs)
@@ -52,13 +52,13 @@ def derived_fields(fields: Iterable[str]) -> frozenset[str]:
 
 @functools.cache
 def _array_names() -> tuple[str, ...]:
-    """The fields of MjModel that are arrays, the same in all models."""
+    """Array fields of MjModel, which are the same for all models."""
     return _names_of(_empty_model(), np.ndarray)
 
 
 @functools.cache
 def _option_names() -> tuple[str, ...]:
-    """The fields of a model's options, as 'opt.gravity'."""
+    """Fields of a model's options, as 'opt.gravity'."""
     kinds = np.ndarray | int | float
     return tuple(f"opt.{name}" for name in _names_of(_empty_model().opt, kinds))
 

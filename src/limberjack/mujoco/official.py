@@ -2,12 +2,12 @@
 
     from limberjack.mujoco.official import mujoco
 
-`import mujoco` by itself loads the OpenGL backend that the variable MUJOCO_GL names, and fails
-where it names nonsense. Here that waits until somebody asks for `mujoco.GLContext` or makes a
-`mujoco.Renderer`; MUJOCO_GL is read then, by MuJoCo's own code, with the same results and errors.
-A `mujoco` that the program imported before is left as it is. Environment variables are unchanged.
+A plain `import mujoco` loads the OpenGL backend selected by the variable MUJOCO_GL, and fails if
+the value is invalid. Here this is deferred to the first use of `mujoco.GLContext` or
+`mujoco.Renderer`, when MuJoCo's own code reads MUJOCO_GL, with the same results and errors. If the
+program has already imported `mujoco`, that module stays unchanged. So do environment variables.
 
-Modules that are imported after this one may write `import mujoco`.
+Modules imported after this one may use `import mujoco`.
 """
 
 import importlib
@@ -21,15 +21,15 @@ from typing import Any
 __all__ = ["mujoco"]
 
 _VARIABLE = "MUJOCO_GL"
-_WITHOUT_OPENGL = "disable"  # MuJoCo's word for it
+_WITHOUT_OPENGL = "disable"  # the value that MuJoCo defines
 _CONTEXT = "GLContext"
-# The module that reads MUJOCO_GL when it is executed, and those that take `GLContext` from it.
+# The module that reads MUJOCO_GL on import, and the modules that import `GLContext` from it.
 _SELECTING = "mujoco.rendering.classic.gl_context"
 _TAKING = ("mujoco", "mujoco.rendering.classic.renderer")
 
 
 def _import_without_opengl() -> None:
-    """Imports `mujoco` with OpenGL put off."""
+    """Imports `mujoco` and defers OpenGL to first use."""
     before = os.environ.get(_VARIABLE)
     os.environ[_VARIABLE] = _WITHOUT_OPENGL
     try:
@@ -43,13 +43,13 @@ def _import_without_opengl() -> None:
     if selecting is None:  # a MuJoCo built without rendering
         return
     for module in filter(None, map(sys.modules.get, (_SELECTING, *_TAKING))):
-        # The renderer's module says None where there is no context class.
+        # The renderer's module has None if there is no context class.
         vars(module).pop(_CONTEXT, None)
         vars(module)["__getattr__"] = _lazy_getattr(module, selecting)
 
 
 def _lazy_getattr(module: ModuleType, selecting: ModuleType) -> Callable[[str], Any]:
-    """A `__getattr__` for `module` that finds `GLContext`, and all that its own one finds."""
+    """A `__getattr__` for `module` that resolves `GLContext`, then falls back to its own."""
     own = vars(module).get("__getattr__")
 
     def getattr_(name: str) -> Any:
@@ -65,9 +65,9 @@ def _lazy_getattr(module: ModuleType, selecting: ModuleType) -> Callable[[str], 
 
 
 def _select(selecting: ModuleType) -> None:
-    """Makes `GLContext` as MUJOCO_GL says now, or raises what MuJoCo raises.
+    """Defines `GLContext` according to MUJOCO_GL's current value, or raises MuJoCo's error.
 
-    `__all__` leads here too: `from ... import *` asks for it first, then takes what is there.
+    Looking up `__all__` also leads here, since `from ... import *` reads it first.
     """
     if _CONTEXT not in vars(selecting):
         importlib.reload(selecting)
@@ -81,9 +81,9 @@ if "mujoco" not in sys.modules:
 
 if importlib.util.find_spec("mujoco.batch") is None:
     raise ImportError(
-        f"limberjack needs mujoco.batch, which MuJoCo has from 4.0 on, but mujoco "
+        f"limberjack needs mujoco.batch, which requires MuJoCo 4.0 or later, but mujoco "
         f"{getattr(sys.modules['mujoco'], '__version__', 'of an unknown version')} is installed: "
-        "install 'mujoco>=4.0,<5', in an environment of its own if others need an older one"
+        "install 'mujoco>=4.0,<5', in a separate environment if other packages need an older MuJoCo"
     )
 
-mujoco: Any = sys.modules["mujoco"]  # its names are MuJoCo's to define
+mujoco: Any = sys.modules["mujoco"]  # the package's names are not listed here

@@ -1,4 +1,4 @@
-"""Text drawn over a picture.
+"""`TextOverlay`: text drawn over a picture.
 
 physics.render(overlays=[TextOverlay("reward", "0.93", position="bottom left")])
 """
@@ -41,7 +41,7 @@ class TextOverlay:
         style: str = "normal",
         position: str = "top left",
     ) -> None:
-        """Makes an overlay.
+        """Creates an overlay.
 
         Args:
           title: the left column.
@@ -58,13 +58,13 @@ class TextOverlay:
         self.position = _one_of("position", position, _POSITIONS)
 
     def draw(self, context: mujoco.MjrContext, rect: mujoco.MjrRect) -> None:
-        """Draws it; called on the rendering thread with a `mujoco.MjrContext`."""
+        """Draws the text; called on the rendering thread."""
         title, body = to_binary_string(self.title), to_binary_string(self.body)
         mujoco.mjr_overlay(self.style, self.position, rect, title, body, context)
 
 
 def _one_of(what: str, name: str, values: Mapping[str, _T]) -> _T:
-    """The value of that name."""
+    """The value with the given name; raises ValueError if there is none."""
     if name not in values:
         choices = ", ".join(map(repr, values))
         raise ValueError(

@@ -1,9 +1,9 @@
-"""`get_state` and `set_state`: the state of a `Physics` as one array; both are its methods.
+"""`get_state` and `set_state`: the state of a `Physics` as one array; both become its methods.
 
     state = physics.get_state()
     physics.set_state(state)
 
-The state of a batch has a leading axis of simulations.
+The state of a batch has a leading batch axis.
 """
 
 from typing import Any
@@ -18,10 +18,10 @@ def get_state(physics: Any, sig: int | None = None) -> np.ndarray:
     """The state as one array, (..., size).
 
     Args:
-      physics: a `Physics`, whose module imports this one, hence Any.
-      sig: which parts, as `mujoco.mjtState` bits. By default positions, velocities and
-        activations, and plugins' states: what dm_control means by state. That misses the solver's
-        warm start; `mjSTATE_INTEGRATION` is everything a step depends on.
+      physics: a `Physics` (Any, because its module imports this one).
+      sig: the components to include, as `mujoco.mjtState` bits. The default is dm_control's state:
+        positions, velocities, activations and plugin states. It lacks the solver's warm start;
+        `mjSTATE_INTEGRATION` is everything a step depends on.
     """
     if sig is None:
         return np.concatenate(physics._physics_state_items(), axis=-1)
@@ -29,7 +29,7 @@ def get_state(physics: Any, sig: int | None = None) -> np.ndarray:
 
 
 def set_state(physics: Any, physics_state: np.ndarray, sig: int | None = None) -> None:
-    """Sets the state, an array as returned by `get_state(sig)`; computes nothing.
+    """Sets the state to an array from `get_state(sig)`; does not recompute derived quantities.
 
     Args:
       physics: a `Physics`.

@@ -1,11 +1,11 @@
-"""What a picture is: a scene drawn and read back, as colours, distances or object numbers.
+"""Pictures of a scene: RGB, depth or segmentation, drawn and read back.
 
     style = Style.of(depth=True)
     with scene.override_flags(style.flags):
         raw = call(model, draw, scene, style, 240, 320, size=(240, 320))
     metres = finished(raw, style, model, scene)
 
-`draw` runs on the rendering thread; all else is for the caller's.
+`draw` runs on the rendering thread; everything else runs on the caller's.
 """
 
 from collections.abc import Iterable, Mapping
@@ -20,29 +20,29 @@ from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["Overlay", "Style", "draw", "finished"]
 
-# Flags by what is asked for: 'full' draws all that the scene's flags say, as dm_control does.
+# Flag overrides per quality: 'full' uses the scene's own flags, as dm_control does.
 _QUALITIES: dict[str, dict[str, bool]] = {
     "full": {},
-    # What takes three quarters of a small picture's time with a software renderer.
+    # These take three quarters of the time of a small picture with a software renderer.
     "fast": {"shadow": False, "reflection": False, "skybox": False},
 }
 _BACKGROUND = -1
-_NUMBERED = {  # Each object in a colour that is its number in the scene, plus one.
+_NUMBERED = {  # draws each object in a colour that encodes its id in the scene plus one
     mujoco.mjtRndFlag.mjRND_SEGMENT.value: True,
     mujoco.mjtRndFlag.mjRND_IDCOLOR.value: True,
 }
 
 
 class Overlay(Protocol):
-    """What is drawn on a picture, such as a `TextOverlay`."""
+    """Something drawn over a picture, such as a `TextOverlay`."""
 
     def draw(self, context: mujoco.MjrContext, rect: mujoco.MjrRect) -> None:
-        """Draws it; called on the rendering thread."""
+        """Draws the overlay; called on the rendering thread."""
         ...
 
 
 class Style(NamedTuple):
-    """What is drawn of a scene."""
+    """The kind of picture to draw, with overlays and flag overrides."""
 
     overlays: tuple[Overlay, ...]
     depth: bool
@@ -58,10 +58,10 @@ class Style(NamedTuple):
         render_flag_overrides: Mapping[RenderFlag, bool] | None = None,
         quality: str = "full",
     ) -> "Style":
-        """The style of dm_control's arguments, and of a quality, which the overrides come before.
+        """The style for these `render` arguments; flag overrides take precedence over the quality.
 
         Raises:
-          ValueError: they cannot be combined, or there is no such quality.
+          ValueError: incompatible arguments, or an unknown quality.
         """
         overlays = tuple(overlays)
         if not isinstance(quality, str) or quality not in _QUALITIES:
@@ -72,10 +72,10 @@ class Style(NamedTuple):
         if depth and segmentation:
             raise ValueError("`depth` and `segmentation` cannot both be true: render twice")
         if overlays and (depth or segmentation):
-            raise ValueError("`overlays` are drawn in colours only, without depth or segmentation")
+            raise ValueError("`overlays` need an RGB picture: omit `depth` and `segmentation`")
         if render_flag_overrides and (depth or segmentation):
             raise ValueError(
-                "`render_flag_overrides` are for colours only, without depth or segmentation"
+                "`render_flag_overrides` need an RGB picture: omit `depth` and `segmentation`"
             )
         drawn = {**_QUALITIES[quality], **(render_flag_overrides or {})}
         flags = _NUMBERED if segmentation else drawn
@@ -90,15 +90,16 @@ def draw(
     width: int,
     contents: tuple | None = None,
 ) -> np.ndarray:
-    """The pixels or the depth buffer, (height, width, 3) uint8 or float32, lowest row first.
+    """Pixels, (height, width, 3) uint8, or depth buffer, (height, width) float32; bottom row first.
 
     Args:
-      context: what to draw in.
-      scene: what to draw.
-      style: how.
+      context: MuJoCo's rendering context.
+      scene: the scene to draw.
+      style: the kind of picture.
       height: pixels.
       width: pixels.
-      contents: what `mjv_updateScene` is to take into the scene before; None if it is there.
+      contents: arguments of `mjv_updateScene`, to update the scene before drawing; None if it is
+        up to date.
     """
     if contents is not None:
         mujoco.mjv_updateScene(*contents, scene)
@@ -116,7 +117,7 @@ def draw(
 
 
 def finished(raw: np.ndarray, style: Style, model: mujoco.MjModel, scene: MjvScene) -> np.ndarray:
-    """The picture, uppermost row first, from what `draw` returned: an array of its own."""
+    """The final picture, top row first, from the result of `draw`; always a new array."""
     if style.depth:
         raw = _metres(raw, model)
     elif style.segmentation:
@@ -125,20 +126,20 @@ def finished(raw: np.ndarray, style: Style, model: mujoco.MjModel, scene: MjvSce
 
 
 def _metres(depth: np.ndarray, model: mujoco.MjModel) -> np.ndarray:
-    """Distances along the camera's axis, float32, from the depth buffer's 0 to 1."""
+    """Depth along the camera's axis, float32 metres, from depth buffer values in 0 to 1."""
     near = model.vis.map.znear * model.stat.extent
     far = model.vis.map.zfar * model.stat.extent
-    # The inverse of the perspective division; as dm_control, operation by operation.
+    # Inverts the perspective division, with dm_control's order of operations.
     return near / (1 - depth * (1 - near / far))
 
 
 def _object_numbers(rgb: np.ndarray, scene: MjvScene) -> np.ndarray:
-    """(height, width, 2) int32 of each pixel's object number and type."""
+    """Object id and `mjtObj` type of each pixel, (height, width, 2) int32."""
     pairs = np.full((scene.ngeom + 1, 2), _BACKGROUND, np.int32)
     for geom in scene.geoms:
         if 0 <= geom.segid < scene.ngeom:
             pairs[geom.segid + 1] = geom.objid, geom.objtype
     codes = rgb.astype(np.uint32)
     codes = codes[..., 0] + (codes[..., 1] << 8) + (codes[..., 2] << 16)
-    codes[codes > scene.ngeom] = 0  # A geom that a callback added without a number.
+    codes[codes > scene.ngeom] = 0  # a geom that a callback added without an id
     return pairs[codes]

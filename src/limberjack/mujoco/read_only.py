@@ -1,11 +1,11 @@
-"""`ReadOnly`: an array that refuses to be written, and says what to do instead; and so for structs.
+"""`ReadOnly` and `ReadOnlyStruct`: read-only views whose write errors say what to do instead.
 
-    masses = ReadOnly.of(model.body_mass, "body_mass is the same in all rows: use randomize")
-    masses[0] = 2.0     # ValueError, with that sentence
+    masses = ReadOnly.of(model.body_mass, "body_mass is shared by all rows: use randomize")
+    masses[0] = 2.0     # ValueError with that message
     masses.copy()[0] = 2.0
 
-It shares the memory of the array that it is made of, so it shows what that holds now. Results of
-arithmetic are ordinary arrays.
+A view shares the memory of its array, so it always has the current values. Results of arithmetic
+are ordinary arrays.
 """
 
 from typing import Any, Self
@@ -17,7 +17,7 @@ from limberjack.utils.arrays import AnyArray
 __all__ = ["ReadOnly", "ReadOnlyStruct"]
 
 _COMMON = (
-    "{} is the same in all rows and read-only: change it before the batch is made, or use randomize"
+    "{} is shared by all rows and read-only: change it before creating the batch, or use randomize"
 )
 
 
@@ -28,7 +28,7 @@ class ReadOnly(np.ndarray):
 
     @classmethod
     def of(cls, array: np.ndarray, advice: str) -> Self:
-        """A read-only view of `array`; an attempt to write raises ValueError with `advice`."""
+        """A read-only view of `array`; writing to it raises ValueError with the text `advice`."""
         view = array.view(cls)
         view._advice = advice
         view.flags.writeable = False
@@ -61,14 +61,14 @@ def _plain(value: object) -> object:
 
 
 class ReadOnlyStruct:
-    """A view of an object with attributes, such as `mujoco.MjOption`, that cannot be written."""
+    """A read-only view of a struct, such as `mujoco.MjOption`."""
 
     def __init__(self, struct: object, name: str) -> None:
-        """Takes the object, and what messages call it."""
+        """Wraps a struct; `name` is used in messages."""
         vars(self).update(_struct=struct, _name=name)
 
-    def __getattr__(self, name: str) -> Any:  # as the struct has it
-        if name.startswith("_"):  # also a half-made object's own
+    def __getattr__(self, name: str) -> Any:  # attributes of the struct
+        if name.startswith("_"):  # including those of an object not yet initialised
             raise AttributeError(name)
         value = getattr(self._struct, name)
         if isinstance(value, np.ndarray):

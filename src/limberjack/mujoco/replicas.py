@@ -1,4 +1,4 @@
-"""`Replicas`: many simulations of one physics, driven row by row.
+"""`Replicas`: many simulations of one physics, started row by row and stepped together.
 
     replicas = physics.replicate(num_envs=256, num_threads=8, own_fields=("body_pos",))
     for row in range(256):
@@ -8,9 +8,9 @@
     diverged = replicas.step(None, 5)
     task.get_observation(replicas.physics)     # (256, ...) each
 
-`physics` is of the same class as the one that was replicated, so that what a domain measures on it
-carries the leading axis of rows. `single` is a single simulation of the same model without its
-textures, in which rows are begun, one after the other.
+`physics` has the same class as the replicated one, so a domain's measurements on it have a leading
+batch axis. `single` is a single simulation of the same model without textures; the episodes of the
+rows are initialised in it, one after the other.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ from limberjack.utils.arrays import any_of
 
 __all__ = ["Replicas"]
 
-# A `Physics`, which this file cannot import, as that one imports it.
+# A `Physics`, whose module imports this one.
 _P = TypeVar("_P", bound=Any)
 
 
@@ -40,16 +40,16 @@ class Replicas(Generic[_P]):
     def __init__(
         self, physics: _P, num_envs: int, num_threads: int, own_fields: Sequence[str]
     ) -> None:
-        """Makes simulations of a physics' model, in the model's default state.
+        """Creates simulations of a physics' model, in the model's default state.
 
         Args:
-          physics: a single simulation; it is left alone.
+          physics: a single simulation, which is not changed.
           num_envs: number of rows.
-          num_threads: threads that step them, the caller's included.
-          own_fields: fields of the model that each row has for itself.
+          num_threads: number of threads, the caller's included.
+          own_fields: model fields of which each row has its own copy.
         """
         model = physics.model
-        # Copies cost nothing while the models are not changed: no change reaches another one.
+        # Copy-on-write: this costs nothing unless one of the models is changed.
         simulation = BatchSimulation(model.copy(), num_envs, num_threads, own_fields)
         self.simulation = simulation
         self.num_envs, self.num_threads = num_envs, num_threads
@@ -61,22 +61,22 @@ class Replicas(Generic[_P]):
 
     @functools.cached_property
     def textured(self) -> _P:
-        """As `single`, with textures: for pictures, and to make other replicas of."""
+        """Like `single` but with textures, for pictures and for further replication."""
         one = type(self.single).from_model(self.simulation.model.copy())
         self._set_up(one, self.single)
         return one
 
     @staticmethod
     def _set_up(one: _P, like: _P) -> None:
-        """Has one physics run as another one is."""
+        """Copies settings from one physics to another."""
         one.legacy_step = like.legacy_step
         one.simulation.sets_constants = like.simulation.sets_constants
 
     @contextlib.contextmanager
     def episode(self, row: int) -> Iterator[_P]:
-        """Yields `single`, reset, whose state at exit is the start of the row's episode.
+        """Yields `single` after a reset; its state on exit starts the row's episode.
 
-        The row's quantities follow with `start`.
+        Derived quantities of the row are computed by `start`.
         """
         one, simulation = self.single, self.simulation
         self._take_fields(one, row)
@@ -89,11 +89,11 @@ class Replicas(Generic[_P]):
         mujoco.mj_getState(model, one.data._data, simulation.state[row], STATE)
 
     def start(self, rows: np.ndarray) -> None:
-        """Computes every quantity of rows whose episode begins, with actuation disabled."""
+        """Computes derived quantities of rows that begin an episode, with actuation disabled."""
         self.simulation.forward_without_actuation(rows)
 
     def step(self, rows: Rows, nstep: int) -> np.ndarray:
-        """Advances rows, all for None, by time steps; returns which diverged, (num_envs,)."""
+        """Advances rows, None for all, by time steps; returns a divergence mask, (num_envs,)."""
         simulation = self.simulation
         simulation.warnings[...] = 0
         if self.physics.legacy_step:
@@ -108,12 +108,12 @@ class Replicas(Generic[_P]):
         """Pictures of rows, (n, height, width, ...).
 
         Args:
-          rows: row numbers, None for all.
-          kwargs: of `Physics.render`.
+          rows: row numbers; None for all.
+          kwargs: keyword arguments of `Physics.render`.
 
         Raises:
           ValueError, TypeError: see `picture_spec`.
-          RenderingError: OpenGL cannot be had.
+          RenderingError: OpenGL is not available.
         """
         drawing.check_names(kwargs)
         numbers = range(self.num_envs) if rows is None else rows.tolist()
@@ -128,24 +128,24 @@ class Replicas(Generic[_P]):
         return pictures
 
     def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
-        """Shape and type of a row's picture; see `drawing.picture_spec`."""
+        """Shape and dtype of a row's picture; see `drawing.picture_spec`."""
         return drawing.picture_spec(self.single, kwargs)
 
     def shown(self, row: int) -> _P:
-        """A single simulation with all that is drawn of a row, until this is called again."""
+        """A single simulation that looks like a row, valid until the next call."""
         self._take_fields(self.textured, row)
         self.textured.simulation.load(self.simulation.seen(row))
         return self.textured
 
     def free(self) -> None:
-        """Frees the simulations; nothing of this object but this must be used afterwards."""
+        """Frees the simulations; afterwards only `free` itself may be called."""
         for name in ("physics", "single", "textured"):
             if name in vars(self):
                 vars(self)[name].free()
         vars(self).clear()
 
     def _take_fields(self, one: _P, row: int) -> None:
-        """Copies a row's own fields of the model to a single simulation."""
+        """Copies a row's own model fields to a single simulation."""
         own: Mapping[str, np.ndarray] = self.simulation.own_fields
         if own:
             one.simulation.set_fields({name: values[row] for name, values in own.items()})

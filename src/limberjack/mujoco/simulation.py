@@ -1,4 +1,4 @@
-"""The interface of a simulation, single or batched, that `Physics` is a view of.
+"""`Simulation`: the interface of single and batched simulations, on which `Physics` is built.
 
     simulation.set_fields({"body_mass": masses})
     simulation.step(5)
@@ -6,14 +6,14 @@
     saved = simulation.save(None, ("body_mass",))
     simulation.load(saved)
 
-`SingleSimulation` and `BatchSimulation` implement `Simulation` in full. `Fields` is the part of it
-that a `Physics` needs for being read; recorded states implement that alone.
+`SingleSimulation` and `BatchSimulation` implement `Simulation` in full. `Fields` is the part that a
+`Physics` needs for reading; recorded states implement only that.
 
-Arrays have a leading axis of simulations in a batch. `rows` are sorted row numbers, None for all; a
-single simulation is one row. A simulation knows nothing of names, tasks or rendering.
+Arrays have a leading batch axis in a batch. `rows` are sorted row numbers, None for all; a single
+simulation is one row. Names, tasks and rendering are handled elsewhere.
 
-Calls are remembered, so that a saved simulation shows after loading what it showed when it was
-saved: what depends on accelerations belongs to the last time step, not to the state that it led to.
+Calls are recorded, so that a simulation has the same quantities after loading as when it was saved:
+quantities that depend on accelerations belong to the last time step, not to the state after it.
 """
 
 import operator
@@ -46,20 +46,20 @@ __all__ = [
     "read_field",
 ]
 
-STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value  # what a time step depends on
+STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value  # everything a time step depends on
 ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
 
-# The last call of a simulation: a number of steps (`step`), a negative number of them
+# Codes of a simulation's last call: a number of steps (`step`), a negative number of steps
 # (`step_whole`), or one of these.
 START = 0  # `forward_without_actuation`
 LOAD = np.iinfo(np.int64).max  # `load` of a state alone
 FORWARD = np.iinfo(np.int64).min  # `forward`
 
-# What `save` gives beside the fields of the model.
+# Keys in the result of `save` other than model fields.
 NOT_FIELDS = ("state", "sensordata", "before", "call")
 
 Rows = np.ndarray | None
-Field = tuple[AnyArray, bool]  # and whether it has an axis of simulations
+Field = tuple[AnyArray, bool]  # an array, and whether it has a leading batch axis
 
 
 class Fields(Protocol):
@@ -70,46 +70,46 @@ class Fields(Protocol):
 
     @property
     def model(self) -> MjModel:
-        """The model, or the one that the simulations have in common."""
+        """The model, which the rows of a batch share."""
         ...
 
     def data_field(self, name: str) -> Field:
-        """A field of MjData, and whether it has an axis of simulations."""
+        """A field of MjData, and whether it has a leading batch axis."""
         ...
 
     def model_field(self, name: str) -> Field:
-        """A field of MjModel, and whether each simulation has values of its own."""
+        """A field of MjModel, and whether it has a leading batch axis."""
         ...
 
     def field_for_names(self, name: str) -> Field:
-        """As `data_field`, of a field that nothing but its `indexer` reads."""
+        """Like `data_field`, for a field that is read only through its `indexer`."""
         ...
 
     def indexer(self, name: str, field: AnyArray, axes: Axes, batch: bool) -> FieldIndexer:
-        """What such a field is indexed by names with; arguments as `FieldIndexer`'s."""
+        """The named indexer of such a field; the arguments are those of `FieldIndexer`."""
         ...
 
 
 class Simulation(Fields, Protocol):
-    """MuJoCo's part of a `Physics`; see the module's docstring."""
+    """The part of a `Physics` that calls MuJoCo; see the module's docstring."""
 
-    # Whether constants of the model follow from the fields that episodes set: MuJoCo's mj_setConst.
+    # Whether model constants must be recomputed (mj_setConst) after episodes set fields.
     sets_constants: bool
     # The actuators' controls, (..., nu), live.
     ctrl: np.ndarray
-    # MuJoCo's warnings by kind, (..., 7), live.
+    # MuJoCo's warning counts by type, (..., 7), live.
     warnings: np.ndarray
 
     def step(self, nstep: int, rows: Rows = None) -> None:
-        """Advances by time steps; positions and velocities are up to date afterwards.
+        """Advances by time steps; quantities of positions and velocities match the new state.
 
-        It finishes the step whose first half ran last and ends with the first half of the next,
-        so that everything that depends on positions and velocities belongs to the new state.
+        It completes the step whose first half ran last, and ends with the first half of the next
+        step.
         """
         ...
 
     def step_whole(self, nstep: int, rows: Rows = None) -> None:
-        """Advances by whole time steps; quantities belong to the state before the last one."""
+        """Advances by whole time steps; quantities belong to the state before the last step."""
         ...
 
     def forward(self, rows: Rows = None) -> None:
@@ -117,7 +117,7 @@ class Simulation(Fields, Protocol):
         ...
 
     def forward_without_actuation(self, rows: Rows = None) -> None:
-        """Recomputes every quantity as if there were no actuators, as an episode begins."""
+        """Recomputes every quantity with actuation disabled, for the start of an episode."""
         ...
 
     def reset(self, keyframe: int | None = None, rows: Rows = None) -> None:
@@ -125,48 +125,48 @@ class Simulation(Fields, Protocol):
         ...
 
     def get_state(self, signature: int) -> np.ndarray:
-        """Parts of the state, (..., size), as `mujoco.mjtState` bits."""
+        """The state components selected by `mujoco.mjtState` bits, (..., size)."""
         ...
 
     def set_state(self, state: np.ndarray, signature: int) -> None:
-        """Sets those parts; no quantity follows."""
+        """Sets those components; derived quantities are not recomputed."""
         ...
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
-        """Sets fields of the model, of one row in a batch, and the constants that follow."""
+        """Sets model fields, of one row in a batch, and recomputes constants if necessary."""
         ...
 
     def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
-        """All that the future and the present quantities depend on, (n, ...) each.
+        """Everything that current quantities and future steps depend on, (n, ...) each.
 
         Args:
-          rows: of a batch.
-          fields: of the model, to be saved too.
+          rows: rows of a batch to save.
+          fields: model fields to include.
         """
         ...
 
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
-        """Sets what `save` gave; without its call, quantities that follow from the state follow."""
+        """Restores the result of `save`; without a recorded call, only state-derived quantities."""
         ...
 
     def set_warnings_aside(self) -> np.ndarray | None:
-        """Clears the counters of warnings; returns what they were, None for none."""
+        """Clears the warning counts and returns their previous values; None if all were 0."""
         ...
 
     def has_warned(self) -> bool:
-        """Whether any warning is counted."""
+        """Whether any warning count is positive."""
         ...
 
     def new_warnings(self, earlier: np.ndarray | None) -> np.ndarray | None:
-        """Which kinds of warnings came since they were set aside, (..., 7); None for none."""
+        """Mask of warning types raised since `set_warnings_aside`, (..., 7); None if none were."""
         ...
 
 
 class CountsWarnings(Busy):
-    """The part of a simulation that tells new warnings from earlier ones.
+    """Detection of new warnings, shared by the implementations of `Simulation`.
 
-    A simulation that diverges is reset by MuJoCo, counters included, so that one that has counted
-    before would show the same number: earlier counts are set aside around each call.
+    MuJoCo resets a simulation that diverges, including its counters, so comparing counts before and
+    after a call can miss a warning. Therefore earlier counts are set aside around each call.
     """
 
     warnings: np.ndarray
@@ -193,16 +193,16 @@ class CountsWarnings(Busy):
 
 
 def is_bad_state(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:
-    """Which states MuJoCo would replace by the default pose at the next step, (..., nstate).
+    """Mask of states, (..., nstate) -> (...), that MuJoCo would replace by the default pose.
 
-    Positions or velocities are NaN or beyond `mujoco.mjMAXVAL`: see mj_checkPos and mj_checkVel.
+    Their positions or velocities are NaN or exceed `mujoco.mjMAXVAL`: see mj_checkPos, mj_checkVel.
     """
-    moving = state[..., 1 : 1 + model.nq + model.nv]  # behind the time
+    moving = state[..., 1 : 1 + model.nq + model.nv]  # after the time
     return ~(abs(moving) <= mujoco.mjMAXVAL).all(axis=-1)
 
 
 def described(warnings: np.ndarray) -> str:
-    """The kinds of warnings that are set, (..., 7) booleans, and of a batch the rows."""
+    """Text with the warning types set in a mask, (..., 7), and with the rows for a batch."""
     kinds = np.count_nonzero(warnings.reshape(-1, warnings.shape[-1]), axis=0).tolist()
     members = zip(mujoco.mjtWarning.__members__, kinds, strict=False)
     names = ", ".join(name for name, count in members if count)
@@ -217,10 +217,10 @@ def read_field(model: mujoco.MjModel, name: str) -> AnyArray:
 
 
 def _log_warning(message: str | bytes) -> None:
-    """Takes MuJoCo's warnings to Python's logging."""
+    """Forwards MuJoCo's warnings to Python's logging."""
     log.warning("%s", message.decode() if isinstance(message, bytes) else message)
 
 
-# Without a handler MuJoCo prints its warnings and writes MUJOCO_LOG.TXT in the working directory.
+# Without a handler, MuJoCo prints warnings and writes MUJOCO_LOG.TXT to the working directory.
 if mujoco.get_mju_user_warning() is None:
     mujoco.set_mju_user_warning(_log_warning)

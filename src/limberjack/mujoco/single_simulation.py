@@ -4,7 +4,7 @@
     simulation.forward_without_actuation()
     simulation.step(5)
 
-Its interface is `Simulation`; `BatchSimulation` is the other one. These two files alone step.
+It implements `Simulation`, as `BatchSimulation` does. No other file steps MuJoCo.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,7 +41,7 @@ class SingleSimulation(CountsWarnings):
     """One simulation; see `limberjack.mujoco.simulation.Simulation`."""
 
     num_envs: int | None = None
-    indexer = FieldIndexer  # by names, of a field of MjData
+    indexer = FieldIndexer
     sets_constants = False
 
     def __init__(self, data: MjData) -> None:
@@ -51,11 +51,11 @@ class SingleSimulation(CountsWarnings):
         self.ctrl: np.ndarray = self._data.ctrl
         self.warnings: np.ndarray = self._data.warning.number
         self._no_warnings = bytes(self.warnings.nbytes)
-        # The flags to put back if Ctrl-C came while actuation was disabled.
+        # Flags to restore if Ctrl-C interrupted a call while actuation was disabled.
         self._flags_before: int | None = None
         self._model_of_opt: mujoco.MjModel | None = None
         self._opt = mujoco.MjOption()
-        # The last call, and the state that it began with.
+        # The last call and the state before it.
         self._call = LOAD
         self._before = np.empty(mujoco.mj_stateSize(self._wrapper._model, STATE))
         watch(self)
@@ -71,9 +71,9 @@ class SingleSimulation(CountsWarnings):
         self._call = nstep
         mujoco.mj_getState(model, data, self._before, STATE)
         begin(self)
-        if model is not self._model_of_opt:  # asking for `opt` makes a new object each time
+        if model is not self._model_of_opt:  # accessing `opt` creates a new object each time
             self._model_of_opt, self._opt = model, model.opt
-        if self._opt.integrator == _RUNGE_KUTTA:  # has no halves
+        if self._opt.integrator == _RUNGE_KUTTA:  # cannot be split into halves
             mujoco.mj_step(model, data, nstep)
         else:
             mujoco.mj_step2(model, data)
@@ -148,10 +148,10 @@ class SingleSimulation(CountsWarnings):
         return {name: value[None] for name, value in saved.items()}
 
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
-        """See `Simulation`; of one row.
+        """See `Simulation`; one row.
 
         Raises:
-          PhysicsError: MuJoCo would not go on from this state; nothing has changed.
+          PhysicsError: MuJoCo would reject this state; nothing was changed.
         """
         state = saved["state"][0]
         _check(self._wrapper._model, state)
@@ -168,9 +168,9 @@ class SingleSimulation(CountsWarnings):
         self.warnings[...] = 0 if earlier is None else earlier
 
     def _repeat(self, saved: Mapping[str, np.ndarray], state: np.ndarray) -> bool:
-        """Makes the saved call again, if any; whether it led to the saved state.
+        """Repeats the saved call, if any; returns whether that reproduces the saved state.
 
-        It leads elsewhere where somebody has changed the state or the model since that call.
+        It does not if the state or the model was changed after that call.
         """
         call = int(saved["call"][0]) if "call" in saved else LOAD
         if call == LOAD:
@@ -188,10 +188,10 @@ class SingleSimulation(CountsWarnings):
         return self.get_state(STATE).tobytes() == state.tobytes()
 
     def copy(self, share_model: bool) -> Self:
-        """A simulation in the same state, with a copy of the data and, if wanted, the same model.
+        """A simulation in the same state, with a copy of the data and, optionally, of the model.
 
         Raises:
-          PhysicsError: MuJoCo would not go on from this state.
+          PhysicsError: MuJoCo would reject this state.
         """
         new = type(self).__new__(type(self))
         data = self.data._make_copy(share_model=share_model)
@@ -220,13 +220,13 @@ class SingleSimulation(CountsWarnings):
             mujoco.mj_setConst(model, self._data)
 
     def data_field(self, name: str) -> Field:
-        """See `Fields`; it has no axis of simulations."""
+        """See `Fields`; without a batch axis."""
         return getattr(self._data, name), False
 
     field_for_names = data_field
 
     def model_field(self, name: str) -> Field:
-        """See `Fields`; it has no axis of simulations, and may be written if it is a value."""
+        """See `Fields`; without a batch axis, and writable unless it is part of the structure."""
         if is_structure(name):
             return fixed_field(self._wrapper._model, name), False
         return getattr(self._wrapper, name), False
@@ -236,7 +236,7 @@ class SingleSimulation(CountsWarnings):
         mujoco.mj_getState(self._wrapper._model, self._data, self._before, STATE)
 
     def _model(self) -> mujoco.MjModel:
-        """The official model; whole again, should an interrupt have left a flag switched."""
+        """The official model, with flags restored if an interrupt left actuation disabled."""
         model = self._wrapper._model
         if self._flags_before is not None:
             model.opt.disableflags = self._flags_before
@@ -250,6 +250,6 @@ def _check(model: mujoco.MjModel, state: np.ndarray) -> None:
         positions = state[1 : 1 + model.nq]
         is_position = not (abs(positions) <= mujoco.mjMAXVAL).all()
         raise PhysicsError(
-            f"data.{'qpos' if is_position else 'qvel'} has diverged: it is not finite, or beyond "
-            "MuJoCo's bounds, and MuJoCo would replace the state by the default pose; reset first"
+            f"data.{'qpos' if is_position else 'qvel'} has diverged: it is not finite or exceeds "
+            "MuJoCo's bounds, so MuJoCo would replace the state by the default pose; reset first"
         )

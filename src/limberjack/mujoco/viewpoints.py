@@ -1,4 +1,4 @@
-"""From where a picture is taken, and its size: dm_control's arguments, checked.
+"""Camera and size of a picture: validation of `render` arguments.
 
 height, width = checked_size(physics, 240, 320)
 view = view_of(physics, "side")     # for `mjv_updateScene`
@@ -13,11 +13,11 @@ from limberjack.mujoco.wrapper import MjData, MjModel, MjvCamera
 
 __all__ = ["FREE_CAMERA", "Drawable", "checked_size", "view_of"]
 
-FREE_CAMERA = -1  # in place of a camera's number
+FREE_CAMERA = -1  # used in place of a camera id
 
 
 class Drawable(Protocol):
-    """A simulation that can be drawn: a `mujoco.Physics`, which is built on this module."""
+    """A simulation that can be drawn, such as `mujoco.Physics`."""
 
     @property
     def model(self) -> MjModel: ...
@@ -27,7 +27,7 @@ class Drawable(Protocol):
 
 
 def checked_size(physics: Drawable, height: int, width: int) -> tuple[int, int]:
-    """Height and width as ints, if they fit into the model's off-screen buffer."""
+    """Height and width as ints; ValueError unless they fit the model's off-screen buffer."""
     limits = physics.model._model.vis.global_
     sizes = []
     for name, value, limit in (("height", height, "offheight"), ("width", width, "offwidth")):
@@ -42,15 +42,15 @@ def checked_size(physics: Drawable, height: int, width: int) -> tuple[int, int]:
             )
         if size > most:
             raise ValueError(
-                f"image {name} {size} > {most}, the {name} of the model's off-screen buffer. Ask "
-                f'for less, or enlarge it: <visual><global {limit}="{size}"/></visual> in the MJCF'
+                f"image {name} {size} > {most}, the {name} of the model's off-screen buffer. Use "
+                f'less, or enlarge it: <visual><global {limit}="{size}"/></visual> in the MJCF'
             )
         sizes.append(size)
     return sizes[0], sizes[1]
 
 
 def view_of(physics: Drawable, camera_id: int | str) -> MjvCamera:
-    """The view of a camera of the model, given by name or number, or of the free camera."""
+    """The view of a camera, given by name or number, or of the free camera."""
     model = physics.model._model
     if isinstance(camera_id, str):
         number: int = physics.model.name2id(camera_id, "camera")

@@ -1,4 +1,4 @@
-"""A planner that solves the suite's tasks by simulating what would follow.
+"""A model-predictive planner that solves the suite's tasks by simulating candidate plans.
 
     from limberjack.planner import Planner
 
@@ -7,7 +7,7 @@
     while not time_step.last():
         time_step = env.step(planner.act())
 
-For a task of your own, pass `cost=`, an object of a subclass of `Cost`. See docs/planner.md.
+For your own task, pass `cost=`, an instance of a subclass of `Cost`. See docs/planner.md.
 """
 
 from limberjack.planner.cost import Cost, Settings

@@ -1,4 +1,4 @@
-"""`Cost`: what a plan should avoid, written on arrays with one value per state.
+"""`Cost`: the quantity that plans minimise, computed for a batch of states.
 
     class Still(Cost):
         settings = Settings(horizon=0.4, gain=1.5)
@@ -8,9 +8,9 @@
 
     planner = Planner(env, cost=Still(env.task))
 
-`step_cost` sees a batch of the environment's own `Physics`, so everything that the domain and the
-task measure is there, with the states as leading axis: `task.get_reward(physics)` too. It sees all
-states of all plans at once, because NumPy takes hardly longer for many.
+`step_cost` receives a batch of the environment's own `Physics`, so all measurements of the domain
+and the task, including `task.get_reward(physics)`, are available with the states as leading axis.
+It receives all states of all plans at once, because NumPy takes hardly longer for many.
 """
 
 import dataclasses
@@ -23,42 +23,42 @@ __all__ = ["Cost", "Settings"]
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """How a task is planned for; times in seconds.
+    """Settings of the planner for a task; times in seconds.
 
     Attributes:
-      samples: plans that are simulated each time, the present one included.
-      horizon: how far a plan reaches.
-      knots: points of a plan's spline, at equal distances from now to the horizon; if they are
-        anchored, the last of them lies beyond it.
-      anchored: whether knots keep their moments from one planning to the next. Otherwise a plan is
-        cut anew from its spline at each planning, which takes its edges off: good where what is
-        done is slow, not for a stride.
-      interval: control steps from one planning to the next.
-      timestep: time step of the physics in the plan; None for the environment's. It must divide
-        the control step; a longer one is quicker and less exact.
-      armature: kg m2 that each hinge of the actuated bodies gains in the plan. Light fingers that
-        press on something shake at a long time step, and what they hold slips in the plan alone.
+      samples: number of plans per planning step, including the current one.
+      horizon: duration of a plan.
+      knots: number of knots of a plan's spline, equally spaced from now to the horizon; if
+        anchored, the last one lies beyond it.
+      anchored: whether knots keep their times between planning steps. Otherwise the spline is
+        resampled at each planning step, which smooths it: suitable for slow motion, not for gaits.
+      interval: control steps between planning steps.
+      timestep: time step of the planning model; None for the environment's. It must divide the
+        control step; a longer one is faster and less accurate.
+      armature: armature added to each hinge of the actuated bodies in the planning model, kg m2.
+        Light fingers pressed against an object otherwise oscillate at a long time step, and the
+        object slips, in the planning model only.
       gain: control per radian between a joint and its target.
       damping: control per radian per second of a joint's velocity.
-      tendons: whether a motor on a fixed tendon follows an angle too: the mean of the joints, each
-        as it counts in the tendon's length. Such joints must have the same limits.
-      noise: standard deviation of the most varied samples' targets: radians for joints, parts of
-        half the range for actuators that are controlled directly.
-      finest: the least varied samples' standard deviation, as a part of `noise`.
-      temperature: how much worse a sample may be and still count, as a part of the difference
-        between the best sample and the worst of the best eighth.
-      flowing: whether proposals begin at the targets of the present plan. A joint that moves is
-        behind its target: if that were where the joint is now, it would stop at once.
-      proposal_interval: plannings from one call of `proposals` to the next, unless the cost's stage
-        changes. In between those that it gave last are tried again, as seen from then. Not for
-        anchored plans.
-      cost_interval: control steps of a plan from one look at its cost to the next. Where steps are
-        short, every second one tells as much and takes half of the time outside of MuJoCo.
-      servos: whether in the plan servos follow the targets at each time step, instead of the law at
-        each control step. A plan is then simulated in one call, without Python and without threads
-        that wait for each other: on four threads it takes a quarter less.
-      rest: whether in the plan what lies still is left out of the physics till it is touched, as
-        MuJoCo's sleeping islands are: with four boxes that saves a fifth of a plan's time.
+      tendons: whether motors on fixed tendons also follow an angle: the mean of the joints,
+        weighted as in the tendon's length. These joints must have equal limits.
+      noise: largest standard deviation of sampled targets: radians for joints, fractions of half
+        the range for directly controlled actuators.
+      finest: smallest standard deviation of sampled targets, as a fraction of `noise`.
+      temperature: scale of the cost differences at which samples lose weight, as a fraction of the
+        difference between the best sample and the worst of the best eighth.
+      flowing: whether proposals begin at the targets of the current plan. A moving joint lags
+        behind its target, so a target at its current position would stop it abruptly.
+      proposal_interval: planning steps between calls of `proposals`, unless the cost's stage
+        changes. In between, the last proposals are used again, shifted in time. Not for anchored
+        plans.
+      cost_interval: control steps between evaluations of a plan's cost. With short steps, every
+        second one is enough and halves the time spent outside MuJoCo.
+      servos: whether servos in the planning model follow the targets at each time step, instead of
+        the control law at each control step. A rollout is then one call without Python in between
+        and without synchronisation of threads: on four threads it takes a quarter less.
+      rest: whether bodies at rest are left out of the planning model's physics until touched, like
+        MuJoCo's sleeping islands: with four boxes this saves a fifth of a plan's time.
     """
 
     samples: int = 64
@@ -102,11 +102,13 @@ class Settings:
                 f"proposal_interval is {self.proposal_interval}; expected 1, as plans are anchored"
             )
         if self.finest > 1:
-            raise ValueError(f"finest is {self.finest!r}; expected a part of `noise`, 1 at most")
+            raise ValueError(
+                f"finest is {self.finest!r}; expected a fraction of `noise`, at most 1"
+            )
 
     @property
     def spacing(self) -> float:
-        """Seconds from one knot to the next."""
+        """Time between knots, seconds."""
         return self.horizon / (self.knots - (2 if self.anchored else 1))
 
 
@@ -115,39 +117,39 @@ def _is_number(value: Any) -> bool:
 
 
 class Cost:
-    """What a plan should avoid; see the module's docstring.
+    """The quantity that plans minimise; see the module's docstring.
 
-    A subclass must define `step_cost`. The other methods are for tasks that have stages or know
+    A subclass must define `step_cost`. The other methods are for tasks with stages or with known
     good plans.
     """
 
     settings = Settings()
-    breadth = 1.0  # how wide plans are varied, as a part of the settings' noise; `look` may set it
-    place = 0.0  # in knots: where in a plan the present is; the planner sets it if anchored
+    breadth = 1.0  # noise scale, as a fraction of the settings' noise; `look` may set it
+    place = 0.0  # phase of the current time within the plan, in knots; set by the planner
 
     def __init__(self, task: Any) -> None:
-        """Takes the environment's task, whose terms of reward a cost may use."""
+        """Stores the environment's task, whose reward terms the cost may use."""
         self.task = task
 
     def reset(self) -> None:
-        """Called at the start of each episode: forgets stages."""
+        """Called at the start of each episode, to reset stages."""
 
     def look(self, physics: Any) -> None:
-        """Called before each planning, to choose the stage.
+        """Called before each planning step, to update the stage.
 
         Args:
-          physics: a single simulation in the environment's present state. It is the planner's own:
-            it may be read, moved and stepped.
+          physics: a single simulation in the environment's current state. It belongs to the
+            planner, so it may be read, modified and stepped.
         """
 
     def step_cost(self, physics: Any) -> np.ndarray:
-        """The cost of states, (N,); a plan's is the mean of those after its control steps.
+        """The cost of each state, (N,); a plan's cost is the mean over its control steps.
 
         It may be called more than once for the same states.
 
         Args:
-          physics: N states that plans lead through, each to be judged by itself, as a batch of
-            simulations; to be read only.
+          physics: N states from rollouts of plans, as a batch of simulations. Read-only; the cost
+            of a state must not depend on the other states.
         """
         raise NotImplementedError(
             f"{type(self).__name__} does not define step_cost(physics), which returns the cost of "
@@ -155,7 +157,7 @@ class Cost:
         )
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray | None:
-        """Plans worth trying besides variations of the present one, (n, knots, nu), or None.
+        """Plans to try in addition to variations of the current one, (n, knots, nu), or None.
 
         Args:
           physics: as for `look`.
@@ -163,26 +165,26 @@ class Cost:
 
         Returns:
           Targets of the actuators at the knots: an angle in radians for an actuator on a joint, the
-          control for others. At most half of the samples are taken from them, from the first on.
+          control for others. They fill at most half of the samples; surplus ones are ignored.
         """
         return None
 
     def stage(self) -> Any:
-        """What proposals depend on besides the state, to be compared by `==`.
+        """The stage on which proposals depend in addition to the state; compared by `==`.
 
-        While it stays the same, proposals may be tried again; see `Settings.proposal_interval`.
+        While the stage stays the same, proposals may be reused; see `Settings.proposal_interval`.
         """
         return None
 
     def continued(self, plan: np.ndarray) -> np.ndarray:
-        """The targets of the knot after a plan's last one, (nu,): by default the same.
+        """The targets of the knot after a plan's last one, (nu,); by default those of the last one.
 
-        Called when the first of a plan's anchored knots has passed.
+        Called when the time of a plan's first anchored knot has passed.
 
         Args:
-          plan: the present plan, (knots, nu).
+          plan: the current plan, (knots, nu).
         """
         return plan[-1]
 
     def followed(self, targets: np.ndarray) -> None:
-        """Called at each control step with the targets that are followed from then on, (nu,)."""
+        """Called at each control step with the current targets, (nu,)."""

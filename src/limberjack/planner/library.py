@@ -1,8 +1,8 @@
-"""The planner's cost of a task, which the task names, and the files that decide a plan.
+"""`cost_for`: the planner's cost for a task, and the source files on which a plan depends.
 
-    cost = cost_for(env.task)       # of `task.planner_cost`, "module:Class"
+    cost = cost_for(env.task)       # from `task.planner_cost`, "module:Class"
 
-Costs of other tasks are passed to the `Planner` itself.
+Costs of other tasks are passed to `Planner` directly.
 """
 
 import importlib
@@ -17,19 +17,18 @@ _PLANNER = Path(__file__).parent
 
 
 def cost_for(task: object) -> Cost:
-    """The cost that a task names as its `planner_cost`, made for it.
+    """An instance of the cost that a task names in `planner_cost`.
 
     Raises:
-      ValueError: it names none, or one that cannot be found; the message says what to write.
+      ValueError: the task names no cost, or one that cannot be found; the message has advice.
     """
     name = getattr(task, "planner_cost", None)
     if name is None:
         raise ValueError(
             f"the planner knows no cost for tasks of type {type(task).__name__}: write a subclass "
-            "of limberjack.planner.Cost whose step_cost(physics) returns what each state of a "
-            "batch should avoid, shape (N,), and pass it as Planner(env, cost=...), or name it in "
-            "the task as planner_cost = 'module:Class'; docs/planner.md and "
-            "examples/planner_cost.py show how"
+            "of limberjack.planner.Cost whose step_cost(physics) returns the cost of each state of "
+            "a batch, shape (N,), and pass it as Planner(env, cost=...), or name it in the task as "
+            "planner_cost = 'module:Class'; see docs/planner.md and examples/planner_cost.py"
         )
     module, _, kind = str(name).partition(":")
     try:
@@ -41,17 +40,17 @@ def cost_for(task: object) -> Cost:
         ) from error
     if not (isinstance(found, type) and issubclass(found, Cost)):
         raise ValueError(
-            f"planner_cost of {type(task).__name__} is {name!r}, which is no subclass of "
+            f"planner_cost of {type(task).__name__} is {name!r}, which is not a subclass of "
             "limberjack.planner.Cost"
         )
     return found(task)
 
 
 def sources_for(task: object) -> list[Path]:
-    """The files that decide a plan for a task: the planner's package, then the cost's own module.
+    """Source files on which plans for a task depend: the planner's package and the cost's module.
 
     Raises:
-      ValueError: as `cost_for`.
+      ValueError: see `cost_for`.
     """
     files = sorted(_PLANNER.rglob("*.py"))
     own = Path(inspect.getfile(type(cost_for(task)))).resolve()

@@ -1,10 +1,10 @@
-"""`read_arrays`: the arrays of an .npz file that anybody may have written.
+"""`read_arrays`: safe reading of an .npz file from an untrusted source.
 
     arrays = read_arrays(Path("episode-3.npz"))    # {"actions": array(...), ...}
 
-`numpy.load` believes what a file says of its size, and reports damage in a dozen kinds of errors.
-Here no more memory is taken than the file was checked to fill, no object is unpickled, and a file
-that cannot be read is a ValueError.
+`numpy.load` trusts the sizes in a file, and reports damage as a dozen kinds of errors. Here memory
+use is bounded by the file's verified size, nothing is unpickled, and a damaged file raises
+ValueError.
 """
 
 import math
@@ -30,16 +30,16 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
     Raises:
       OSError: the file cannot be read.
-      ValueError: it is no .npz of plain arrays, it is damaged, or its arrays fill more than 1 GiB.
+      ValueError: it is not an .npz of plain arrays, is damaged, or holds more than 1 GiB.
     """
     with path.open("rb") as file:
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("error")  # NumPy's, of headers that only damage makes
+                warnings.simplefilter("error")  # NumPy warns about headers that only damage causes
                 return _read(file)
         except (OSError, ValueError):
             raise
-        # Damage shows in whatever the zip file's and the header's parsers trip over: zlib's errors,
+        # Damage can raise anything in the parsers of zip files and headers: zlib's errors,
         # EOFError, KeyError, NotImplementedError, RuntimeError, struct's errors, MemoryError...
         except Exception as error:
             raise ValueError(f"{type(error).__name__}: {error}") from error

@@ -1,14 +1,14 @@
-"""Episodes kept whole, and played again without the policy or planner.
+"""Recordings of complete episodes, and their replay without the policy or planner.
 
     recording = record_episode(env, planner.act, {"domain": "humanoid", "task": "stand"})
     recording.save(Path("episode.npz"))
 
     recording = Recording.load(Path("episode.npz"))
-    difference = replay(recording, env)  # None: every bit is the same
+    difference = replay(recording, env)  # None if bitwise equal
 
-A recording holds the episode's start (state and what the start set in the model), and for each step
-the action, the reward, the observation and the full state. It does not hold the model: versions and
-a fingerprint in `about` say which one it was.
+A recording holds the start of the episode (the state and the model fields set by the start), and
+for each step the action, the reward, the observation and the full state. It does not hold the
+model, which is identified by versions and a fingerprint in `about`.
 """
 
 import dataclasses
@@ -29,7 +29,7 @@ from limberjack.utils.files import replacing
 __all__ = ["Recording", "Transcript", "record_episode", "replay"]
 
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
-_START, _OBSERVATION = "start.", "observation."  # how the names of arrays begin
+_START, _OBSERVATION = "start.", "observation."  # prefixes of array names
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,12 +37,12 @@ class Recording:
     """An episode of T steps.
 
     Attributes:
-      about: what it is of; plain values that JSON can hold.
-      start: what the episode started from, by name, as `Environment.snapshot().physics`.
+      about: facts about the episode; values that JSON can represent.
+      start: the episode's start, by name, as `Environment.snapshot().physics`.
       actions: (T, nu).
       rewards: (T,).
-      states: integration states of MuJoCo, the first and after each step, (T + 1, nstate).
-      observations: the first and after each step, by name, (T + 1, ...).
+      states: MuJoCo's integration states at the start and after each step, (T + 1, nstate).
+      observations: observations at the start and after each step, by name, (T + 1, ...).
     """
 
     about: Facts
@@ -53,7 +53,7 @@ class Recording:
     observations: dict[str, np.ndarray]
 
     def save(self, path: Path) -> None:
-        """Writes a compressed .npz whole, or leaves the one that is there."""
+        """Writes a compressed .npz atomically; on failure an existing file is unchanged."""
         arrays = {
             "about": np.array(json.dumps(self.about)),
             "actions": self.actions,
@@ -71,7 +71,7 @@ class Recording:
 
         Raises:
           OSError: the file cannot be read.
-          ValueError: it is no recording.
+          ValueError: the file is not a recording.
         """
         try:
             arrays = read_arrays(path)
@@ -82,14 +82,14 @@ class Recording:
             _check_whole(recording)
         except (KeyError, RecursionError, ValueError) as error:
             raise ValueError(
-                f"{path} is no recording of an episode ({error}); expected an episode-*.npz that "
-                "`limberjack solve --out` wrote"
+                f"{path} is no recording of an episode ({error}); expected an episode-*.npz "
+                "written by `limberjack solve --out`"
             ) from error
         return recording
 
 
 class Transcript:
-    """What an episode shows, kept for a `Recording`.
+    """Collects the steps of an episode for a `Recording`.
 
     transcript = Transcript(environment)
     run_episode(environment, policy, seed, on_step=transcript.add)
@@ -97,7 +97,7 @@ class Transcript:
     """
 
     def __init__(self, environment: Environment) -> None:
-        """Begin a transcript of the environment's next episode."""
+        """Begins a transcript of the environment's next episode."""
         self._environment = environment
         self._start: dict[str, np.ndarray] = {}
         self._actions: list[np.ndarray] = []
@@ -106,7 +106,7 @@ class Transcript:
         self._observations: list[dict[str, np.ndarray]] = []
 
     def add(self, step: Step) -> None:
-        """Keep the reset or a step that the environment has just returned."""
+        """Stores the reset or the step that the environment has just returned."""
         if step.action is None:
             self._start = self._environment.snapshot().physics
         else:
@@ -117,7 +117,7 @@ class Transcript:
         self._observations.append({name: np.array(value) for name, value in observation.items()})
 
     def recording(self, about: Mapping[str, object]) -> Recording:
-        """The recording of what was added; `about` is what it is of."""
+        """The recording of all added steps, with the facts `about` it."""
         seen = self._observations
         return Recording(
             dict(about),
@@ -135,12 +135,12 @@ def record_episode(
     about: Mapping[str, object],
     on_step: OnStep | None = None,
 ) -> Recording:
-    """Run the environment's next episode to its end and record it.
+    """Runs the environment's next episode to its end and records it.
 
     Args:
-      env: it is reset, but not closed.
-      act: returns the action for the environment's present state, as `Planner.act`.
-      about: what the recording is of.
+      env: the environment, which is reset but not closed.
+      act: returns the action for the environment's current state, like `Planner.act`.
+      about: facts about the episode.
       on_step: called after the reset and after each step.
     """
     transcript = Transcript(env)
@@ -150,22 +150,22 @@ def record_episode(
         if on_step is not None:
             on_step(step)
 
-    # The seed is that of policies which draw, and `act` takes none.
+    # The seed is for policies that draw random numbers; `act` needs none.
     run_episode(env, lambda spec, seed: lambda observation: act(), seed=0, on_step=add)
     return transcript.recording(about)
 
 
 def replay(recording: Recording, env: Environment, on_step: OnStep | None = None) -> str | None:
-    """Play a recording's actions from its start, and report the first difference; None if equal.
+    """Replays a recording's actions from its start; returns the first difference, None if equal.
 
     Args:
-      recording: of a task and model that are the environment's.
-      env: its state becomes that of the recording.
+      recording: a recording of the environment's task and model.
+      env: the environment, whose state is replaced.
       on_step: called after the start and after each step.
 
     Raises:
-      ValueError: the recording is of another task or model than the environment, or its start is
-        one that MuJoCo cannot simulate.
+      ValueError: the recording is of another task or model than the environment, or MuJoCo cannot
+        simulate its start.
     """
     first = _begin(recording, env)
     total = 0.0

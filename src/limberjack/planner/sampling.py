@@ -1,18 +1,18 @@
-"""`Planner`: acts by simulating what would follow, again and again (sampling model-predictive).
+"""`Planner`: sampling-based model-predictive control (MPC).
 
     planner = Planner(env, seed=0)
     time_step = env.reset()
     while not time_step.last():
         time_step = env.step(planner.act())
 
-A plan is a spline of targets for the actuators (see `tracking.py`). At each planning the present
-plan, variations of it and the cost's proposals are simulated side by side from the environment's
-full state, in a batch; the new plan is their mean, weighted by how little each cost (MPPI:
-Williams et al., 2017, "Information theoretic MPC"). The next planning starts from that plan,
-shifted by the time that has passed.
+A plan is a spline of targets for the actuators (see `tracking.py`). At each planning step, the
+current plan, random variations of it and the cost's proposals are rolled out in a batch from the
+environment's full state. The new plan is their mean, weighted so that low costs count most (MPPI:
+Williams et al., 2017, "Information theoretic MPC"). The next planning step starts from that plan,
+shifted by the elapsed time.
 
-It reads the environment's simulator state, not its observations, and never writes to it. The same
-seed gives the same actions at any number of threads.
+The planner reads the environment's simulator state, not its observations, and never writes to it.
+The same seed gives the same actions for any number of threads.
 """
 
 from typing import Any
@@ -51,19 +51,19 @@ class Planner:
         cost: Cost | None = None,
         settings: Settings | None = None,
     ) -> None:
-        """Makes a planner; it may be made before the environment's first reset.
+        """Creates a planner, also before the environment's first reset.
 
         Args:
-          env: a `control.Environment`, of the suite or of your own.
-          num_threads: threads that simulate; all usable cores by default.
-          seed: of the samples; each episode draws the same stream.
-          cost: what to avoid; by default the one that is known for the environment's task.
-          settings: instead of the cost's own.
+          env: a `control.Environment`, of the suite or your own.
+          num_threads: number of simulation threads; all usable cores by default.
+          seed: seed of the samples; each episode draws the same stream.
+          cost: the cost to minimise; by default the one that the environment's task names.
+          settings: replace the cost's settings.
 
         Raises:
-          ValueError: no cost is known for the task, or a setting does not fit the environment.
-          TypeError: `env` is something else, such as a Gymnasium environment; or `cost` or
-            `settings` is no object of that class.
+          ValueError: the task names no cost, or a setting does not fit the environment.
+          TypeError: `env` is another kind of object, such as a Gymnasium environment; or `cost` or
+            `settings` is not an instance of its class.
         """
         if not isinstance(env, control.Environment):
             raise TypeError(
@@ -89,11 +89,11 @@ class Planner:
 
     @property
     def settings(self) -> Settings:
-        """How it plans."""
+        """The settings in use."""
         return self._settings
 
     def reset(self) -> None:
-        """Forgets the present plan, as for an episode that begins."""
+        """Discards the current plan, for a new episode."""
         self._cost.reset()
         self._random = np.random.default_rng(self._seed)
         self._plan: np.ndarray | None = None  # (knots, nu)
@@ -107,10 +107,10 @@ class Planner:
         self._action = np.zeros(0)  # for that state
 
     def act(self) -> np.ndarray:
-        """The action for the environment's present state, (nu,), within the bounds.
+        """The action for the environment's current state, (nu,), within the bounds.
 
-        An episode that has begun since the last call is noticed by its time and planned anew. Asked
-        again of the same state, it gives the same action.
+        A new episode is detected by its time, and planning then starts from scratch. Calling again
+        in the same state returns the same action.
 
         Raises:
           RuntimeError: no episode is running, so there is no state to plan from.
@@ -212,8 +212,8 @@ class Planner:
         proposals = proposals[: self._settings.samples // 2]
         if not np.isfinite(proposals).all():
             raise ValueError(
-                f"proposals of {type(self._cost).__name__} returned what is not finite; expected "
-                "finite targets"
+                f"proposals of {type(self._cost).__name__} returned numbers that are not finite; "
+                "expected finite targets"
             )
         return proposals
 
@@ -283,15 +283,15 @@ def _check_arguments(
     for name, value, kind in (("cost", cost, Cost), ("settings", settings, Settings)):
         if value is not None and not isinstance(value, kind):
             given = f"{value.__name__} itself" if isinstance(value, type) else type(value).__name__
-            made = "an object of a subclass, such as MyCost(env.task)"
+            made = "an instance of a subclass, such as MyCost(env.task)"
             expected = made if kind is Cost else "Settings(...)"
             raise TypeError(f"{name} is {given}; expected {expected}")
     controls = (env.physics.model.nu,)
     actions = env.action_spec().shape
     if actions != controls or not controls[0]:
         raise ValueError(
-            f"actions have shape {actions} and the model {controls[0]} actuators; expected an "
-            "action to be the controls of one actuator or more, which is what is planned"
+            f"actions have shape {actions} and the model {controls[0]} actuators; the planner "
+            "expects one action element per actuator, and at least one actuator"
         )
 
 

@@ -1,12 +1,12 @@
-"""The registry of domains: names, and the modules behind them.
+"""Registry of domains: their names and the modules that define them.
 
     registry.domains()["humanoid"].import_name    # 'limberjack.suite.humanoid'
     registry.steps("humanoid", "walk")            # 1000, from a generated table
 
-It starts with the suite's own domains, whose facts come from `table.py`, so that no domain is
-imported before it is used. `limberjack.suite` adds others; `limberjack.gym` and `limberjack.suite`
-listen for them. It imports neither NumPy nor MuJoCo, checks nothing and loads no environment:
-`limberjack.suite.register` does.
+It initially holds the suite's own domains, described by `table.py` so that a domain is imported
+only on first use. `limberjack.suite` adds others; `limberjack.gym` and `limberjack.suite` listen
+for changes. The registry imports neither NumPy nor MuJoCo, and neither validates domains nor loads
+environments: `limberjack.suite.register` does that.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -35,7 +35,7 @@ __all__ = [
 
 _SUITE = "limberjack.suite"
 
-# Called with a domain and whether it was added (else removed).
+# Called with a domain and whether it was added (True) or removed (False).
 _Listener = Callable[[Domain, bool], None]
 
 _domains: dict[str, Domain] = {}
@@ -51,12 +51,12 @@ def by_domain(tasks: Iterable[tuple[str, str]]) -> dict[str, tuple[str, ...]]:
 
 
 def domains() -> Mapping[str, Domain]:
-    """All domains by name: a live view."""
+    """Live, read-only view of all domains by name."""
     return MappingProxyType(_domains)
 
 
 def steps(domain: str, task: str) -> int | None:
-    """Steps of an episode; None without a time limit, and where that is not known."""
+    """Steps per episode; None if there is no time limit or the length is unknown."""
     known = _domains.get(domain)
     rows = {row.task: row.steps for row in known.rows} if known is not None else {}
     return rows.get(task)
@@ -68,13 +68,13 @@ def suite_module(domain: str) -> str:
 
 
 def largest_task() -> tuple[str, str]:
-    """The first of the suite's tasks with the most degrees of freedom, as (domain, task)."""
+    """The suite task with the most degrees of freedom (the first on ties), as (domain, task)."""
     row = max(TASKS, key=lambda row: row.dof)
     return row.domain, row.task
 
 
 def add(domain: Domain) -> None:
-    """Adds a domain, in place of another one of that name, and reports it to all listeners."""
+    """Adds a domain, replacing any of the same name, and notifies all listeners."""
     if domain.name in _domains:
         remove(domain.name)
     _domains[domain.name] = domain
@@ -83,14 +83,14 @@ def add(domain: Domain) -> None:
 
 
 def remove(name: str) -> None:
-    """Removes a domain and reports that to all listeners; raises KeyError if there is none."""
+    """Removes a domain and notifies all listeners; raises KeyError if it does not exist."""
     domain = _domains.pop(name)
     for listener in _listeners:
         listener(domain, False)
 
 
 def listen(listener: _Listener) -> None:
-    """Reports every domain to a listener: those that are there now, and each change from now on."""
+    """Calls a listener for every domain registered now and on every later change."""
     _listeners.append(listener)
     for domain in list(_domains.values()):
         listener(domain, True)

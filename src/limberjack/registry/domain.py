@@ -1,4 +1,4 @@
-"""`Domain`: a name, the module behind it, and what is known of its tasks without importing it."""
+"""`Domain`: a name, its module, and facts about its tasks that need no import of the module."""
 
 import importlib
 import importlib.util
@@ -17,12 +17,12 @@ class Domain:
     """A domain of the registry.
 
     Attributes:
-      name: such as 'humanoid'.
+      name: the domain's name, such as 'humanoid'.
       module: the module, or its dotted name if it is imported on first use.
-      rows: its tasks when it was added; for one that was assigned to `suite._DOMAINS` the lengths
-        of episodes are not known.
-      source: where it comes from: the suite, `suite.register`, an assignment to `suite._DOMAINS`,
-        or an entry point of an installed package.
+      rows: its tasks at the time it was added; episode lengths are unknown for a domain assigned
+        to `suite._DOMAINS`.
+      source: its origin: the suite, `suite.register`, an assignment to `suite._DOMAINS`, or an
+        entry point of an installed package.
     """
 
     name: str
@@ -31,22 +31,21 @@ class Domain:
     source: Literal["suite", "registered", "assigned", "installed"]
 
     def load(self) -> ModuleType:
-        """The module, imported if it was not."""
+        """The module, imported if necessary."""
         if isinstance(self.module, str):
             return importlib.import_module(self.module)
         return self.module
 
     @property
     def import_name(self) -> str | None:
-        """The dotted name by which another process imports the module; None if it cannot."""
+        """Dotted name under which another process can import the module; None if it cannot."""
         return self.module if isinstance(self.module, str) else import_name_of(self.module)
 
 
 def import_name_of(module: ModuleType) -> str | None:
-    """The dotted name by which another process imports a module; None if it cannot.
+    """Dotted name under which another process can import a module; None if it cannot.
 
-    It cannot import the main program, what a notebook defines, or a module that was only made in
-    memory.
+    The main program, code in a notebook and modules that exist only in memory cannot be imported.
     """
     name = module.__name__
     if name == "__main__" or sys.modules.get(name) is not module:

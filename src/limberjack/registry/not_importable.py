@@ -1,4 +1,4 @@
-"""`NotImportable`: stands for a domain that only this process has, and says so when it is pickled.
+"""`NotImportable`: placeholder for a domain that only this process has; pickling it raises.
 
 pickle.dumps(NotImportable("swing"))    # PicklingError: ... move it into a module of its own ...
 """
@@ -10,10 +10,10 @@ __all__ = ["NotImportable"]
 
 
 class NotImportable:
-    """In place of the name of a module: the domain is in the main program or in memory."""
+    """Takes the place of a module name when the domain exists only in this process."""
 
     def __init__(self, domain: str) -> None:
-        """Takes the name of the domain."""
+        """Stores the name of the domain."""
         self._domain = domain
 
     def __repr__(self) -> str:
@@ -25,6 +25,6 @@ class NotImportable:
     def __reduce__(self) -> Never:
         raise pickle.PicklingError(
             f"domain {self._domain!r} is defined in the main program, a notebook or in memory, so "
-            "another process cannot import it: move it into a module of its own, such as "
+            "another process cannot import it: move it into its own module, such as "
             f"my_package/{self._domain}.py, and register that"
         )

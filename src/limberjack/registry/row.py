@@ -1,4 +1,4 @@
-"""`Row`: the facts about a task that others need without importing its domain."""
+"""`Row`: facts about a task that are available without importing its domain."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ __all__ = ["Row"]
 
 
 class Row(NamedTuple):
-    """A task of a domain; `table.py` has one for each task of the suite."""
+    """A task of a domain; `table.py` lists one row per suite task."""
 
     domain: str
     task: str

@@ -1,1 +1,1 @@
-"""Reinforcement-learning interface: environments, tasks and the physics contract."""
+"""Reinforcement-learning interface: environments, batches, tasks and the physics contract."""

@@ -1,10 +1,10 @@
-"""`bounded_spec`: the spec that agents act by, refused where the task takes other actions.
+"""`bounded_spec`: the action spec for agents, checked against the actions the task accepts.
 
     spec = bounded_spec(task, physics)  # a dm_env.specs.BoundedArray
 
-Actions belong to the task: its `before_step` may map them to the actuators as it likes. Learners,
-batches and random policies rely on `action_spec`. A task that overrides the one and not the other
-is tried out once on a copy of the physics.
+A task's `before_step` may map actions to actuators in any way, while learners, batches and random
+policies rely on `action_spec`. A task that overrides `before_step` but not `action_spec` is tested
+once on a copy of the physics.
 """
 
 import copy
@@ -18,36 +18,36 @@ from limberjack.rl.contract import Physics, Task
 
 __all__ = ["bounded_spec", "bounds_to_try"]
 
-_WIDEST = 1e9  # a bound beyond it stands for 'unlimited': MuJoCo's own is 1e10
+_WIDEST = 1e9  # larger bounds mean 'unlimited': MuJoCo's own limit is 1e10
 
 
 def bounded_spec(task: Task, physics: Physics) -> specs.BoundedArray:
-    """The task's action spec, if an agent can act by it.
+    """The task's action spec, checked to be usable by an agent.
 
     Raises:
-      TypeError: it is not one bounded array.
-      ValueError: the task maps actions itself and leaves the spec to its base class, but does not
-        take an action of that spec, or ignores a number of it.
+      TypeError: the spec is not a single bounded array.
+      ValueError: the task maps actions itself but inherits the spec, and does not accept actions of
+        that spec or ignores some of their elements.
     """
     spec = task.action_spec(physics)
     name = type(task).__name__
     if not isinstance(spec, specs.BoundedArray):
         raise TypeError(
             f"action_spec of task {name} is {spec!r}; expected a dm_env.specs.BoundedArray, which "
-            "batches, Gymnasium and the policies 'random' and 'zero' act by"
+            "batches, Gymnasium and the policies 'random' and 'zero' rely on"
         )
     if _maps_actions(task):
         problem = _problem(task, physics, spec)
         if problem:
             raise ValueError(
                 f"task {name} defines before_step but not action_spec, and {problem}; define "
-                "action_spec(self, physics) as a BoundedArray of the actions that before_step takes"
+                "action_spec(self, physics) to return a BoundedArray for the actions of before_step"
             )
     return spec
 
 
 def bounds_to_try(spec: specs.BoundedArray) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bounds of actions to try out: the spec's, but -1 and 1 where unlimited."""
+    """Bounds for trial actions: those of the spec, or -1 and 1 where it is unlimited."""
     low, high = np.broadcast_to(spec.minimum, spec.shape), np.broadcast_to(spec.maximum, spec.shape)
     has_low, has_high = abs(low) < _WIDEST, abs(high) < _WIDEST
     lower = np.where(has_low, low, np.minimum(-1.0, np.where(has_high, high - 2.0, -1.0)))
@@ -55,7 +55,7 @@ def bounds_to_try(spec: specs.BoundedArray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _maps_actions(task: Task) -> bool:
-    """Whether the task's `before_step` is of a later class than its `action_spec`."""
+    """Whether `before_step` is defined by a more derived class than `action_spec`."""
     if "action_spec" in vars(task):
         return False
     if "before_step" in vars(task):
@@ -69,7 +69,7 @@ def _maps_actions(task: Task) -> bool:
 
 
 def _problem(task: Task, physics: Physics, spec: specs.BoundedArray) -> str | None:
-    """What is wrong with an action of the spec, as the middle of a sentence; None for nothing."""
+    """The problem with actions of the spec, as part of a sentence; None if there is none."""
     effect = _effect(task, physics)
     low, high = bounds_to_try(spec)
     action = (0.6 * low + 0.4 * high).astype(spec.dtype)
@@ -79,7 +79,7 @@ def _problem(task: Task, physics: Physics, spec: specs.BoundedArray) -> str | No
         for index in np.ndindex(spec.shape):
             if all(effect(_with(action, index, bound[index])) == before for bound in (low, high)):
                 return f"{shape} is not what it takes: number {list(index)} of it has no effect"
-    except Exception as error:  # whatever a task raises for an action that it does not take
+    except Exception as error:  # a task may raise anything for an action that it does not accept
         return f"{shape} makes before_step raise {type(error).__name__}: {error}"
     return None
 
@@ -91,7 +91,7 @@ def _with(action: np.ndarray, index: tuple[int, ...], value: object) -> np.ndarr
 
 
 def _effect(task: Task, physics: Physics) -> Callable[[np.ndarray], bytes]:
-    """A function from an action to the state that `before_step` leaves at an episode's start."""
+    """A function from an action to the state after `before_step` at an episode's start."""
     trial = copy.deepcopy(physics)
     begun = copy.deepcopy(task)
     begun._random = np.random.RandomState(0)  # pyright: ignore[reportAttributeAccessIssue]
@@ -101,7 +101,7 @@ def _effect(task: Task, physics: Physics) -> Callable[[np.ndarray], bytes]:
     saved = None if simulation is None else simulation.save(None, ())
 
     def effect(action: np.ndarray) -> bytes:
-        if simulation is None:  # the state cannot be compared: only errors are found
+        if simulation is None:  # states cannot be compared, so only errors are detected
             copy.deepcopy(begun).before_step(action, copy.deepcopy(trial))
             return action.tobytes()
         simulation.load(saved)

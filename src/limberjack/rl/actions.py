@@ -1,6 +1,6 @@
-"""Refusing actions before anything moves: what is not finite numbers.
+"""Action checks before a step: actions must be finite numbers.
 
-The shape is the task's affair; see `limberjack.rl.action_specs` for what agents rely on.
+The task checks the shape; see `limberjack.rl.action_specs` for the spec that agents rely on.
 """
 
 import numpy as np
@@ -9,11 +9,11 @@ __all__ = ["as_numbers", "check_finite", "not_finite"]
 
 
 def as_numbers(action: object) -> np.ndarray:
-    """The action, or the actions of many environments, as an array of numbers.
+    """An action, or the actions of many environments, as a numeric array.
 
     Raises:
-      TypeError: they are not numbers.
-      ValueError: its rows have different lengths.
+      TypeError: the actions are not numbers.
+      ValueError: the rows have different lengths.
     """
     try:
         given = np.asarray(action)
@@ -25,7 +25,7 @@ def as_numbers(action: object) -> np.ndarray:
 
 
 def check_finite(given: np.ndarray) -> None:
-    """Raises ValueError if numbers of an action are NaN or infinite."""
+    """Raises ValueError if an action contains NaN or infinity."""
     bad = not_finite(given)
     if bad is not None:
         where = np.argwhere(bad)
@@ -36,9 +36,9 @@ def check_finite(given: np.ndarray) -> None:
 
 
 def not_finite(given: np.ndarray) -> np.ndarray | None:
-    """Where numbers are NaN or infinite, as a mask; None if nowhere."""
+    """Mask of NaN and infinite elements; None if there are none."""
     if given.dtype.kind != "f":
         return None
     finite = np.isfinite(given)
-    # The quickest look at every byte: this runs at every step.
+    # Runs at every step; searching the bytes is the fastest check.
     return ~finite if b"\0" in finite.tobytes() else None

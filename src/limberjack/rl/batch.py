@@ -1,16 +1,16 @@
-"""Many episodes of one task in lockstep: a batched `control.Environment`.
+"""`BatchEnvironment`: many episodes of one task, stepped in lockstep.
 
     env = BatchEnvironment.from_environment(single, num_envs=256, seed=0)
     time_step = env.reset()
     while True:
         time_step = env.step(policy(time_step.observation))   # actions (256, nu)
 
-Everything has a leading axis of `num_envs` rows. Row i is the single environment with seed
-`seed + i`, bit for bit, whatever the number of rows and threads and whatever the other rows do:
-a row whose episode has ended begins its next one at the next step, and its action is ignored.
+Everything has a leading axis of `num_envs` rows. Row i equals the single environment with seed
+`seed + i`, bit for bit, regardless of the number of rows and threads and of the other rows. A row
+whose episode has ended begins its next one at the next step, which ignores its action.
 
-In the batched `dm_env.TimeStep`, `step_type`, `reward` and `discount` are arrays of (num_envs,);
-where a row's episode has just begun its reward is 0 and its discount 1.
+In the batched `dm_env.TimeStep`, `step_type`, `reward` and `discount` are arrays of (num_envs,); a
+row whose episode has just begun has reward 0 and discount 1.
 """
 
 import copy
@@ -60,25 +60,25 @@ class BatchEnvironment:
         randomizer: Randomizer | None = None,
         pixels: PixelOptions | Pixels | None = None,
     ) -> None:
-        """Makes a batch whose first `step` or `reset` begins an episode in every row.
+        """Creates a batch whose first `step` or `reset` begins an episode in every row.
 
         Args:
-          replicas: as made by `replicate` of a `mujoco.Physics`.
-          task: a task whose quantities carry the leading axis; it must not be used elsewhere.
+          replicas: the simulations, from `replicate` of a `mujoco.Physics`.
+          task: a task whose quantities have the leading axis; it must not be used elsewhere.
           n_sub_steps: physics steps per action.
-          step_limit: steps in an episode.
-          seed: row i draws its episodes from `RandomState(seed + i)`; None for any seed.
+          step_limit: steps per episode.
+          seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
           flat_observation: join the observation into one array, under 'observations'.
           on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
             'raise' raises `PhysicsError`.
-          randomizer: draws fields of the model for each episode.
+          randomizer: draws model fields for each episode.
           pixels: pictures to observe; see `limberjack.rl.pixels`.
 
         Raises:
-          ValueError: the task is not batch-safe, or `on_divergence` is something else.
+          ValueError: the task is not batch-safe, or `on_divergence` is neither of the two.
         """
         self.num_envs: int = replicas.num_envs
-        self.first_row = 0  # what messages call the first one: halves of a batch go on counting
+        self.first_row = 0  # number of the first row in messages; not 0 for the half of a batch
         self._replicas = replicas
         self._task = task
         self._n_sub_steps = n_sub_steps
@@ -86,7 +86,7 @@ class BatchEnvironment:
         self._randomizer = randomizer
         randomized = randomizer.fields if randomizer is not None else ()
         self._saved_fields = (*getattr(task, "EPISODE_FIELDS", ()), *randomized)
-        self.randomization: dict[str, np.ndarray] = {}  # drawn for the rows' episodes, by field
+        self.randomization: dict[str, np.ndarray] = {}  # values drawn for the rows, by field
         self.pixels = None if pixels is None else Pixels.of(pixels)
         self._frames = Frames.of(self.pixels, replicas)
         self._raises = guards.raises_on_divergence(on_divergence)
@@ -110,18 +110,18 @@ class BatchEnvironment:
         seed: int | None = None,
         on_divergence: str = "end",
     ) -> "BatchEnvironment":
-        """A batch of environments like `env`, which is left alone.
+        """A batch of environments like `env`, which is not changed.
 
         Args:
           env: a single environment, of the suite or with your own batch-safe task.
           num_envs: number of rows.
-          num_threads: threads that step them; by default the cores this process may use.
-          seed: row i draws its episodes from `RandomState(seed + i)`; None for any seed.
+          num_threads: number of threads; by default the cores available to this process.
+          seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
           on_divergence: see the constructor.
 
         Raises:
           ValueError, TypeError: see the constructor; or a number is out of range.
-          MemoryError: so many rows do not fit into memory.
+          MemoryError: this many rows do not fit into memory.
         """
         num_envs = guards.at_least_one("num_envs", num_envs)
         fields = env._saved_fields()
@@ -130,7 +130,7 @@ class BatchEnvironment:
         threads = cores.usable_cores() if num_threads is None else num_threads
         task = copy.copy(env.task)
         if getattr(task, "visualize_reward", False):
-            task.visualize_reward = False  # the rows have their materials' colours in common
+            task.visualize_reward = False  # the rows share the colours of materials
         threads = min(guards.at_least_one("num_threads", threads), num_envs)
         how = env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence
         replicas = env.physics.replicate(num_envs, threads, fields)
@@ -139,19 +139,19 @@ class BatchEnvironment:
     def reset(
         self, ids: _Rows = None, seeds: Sequence[int | None] | None = None
     ) -> dm_env.TimeStep:
-        """Begins an episode in every row, or in the given ones, and returns the batch.
+        """Begins an episode in all rows or in those given; returns the time step of all rows.
 
-        Rows that are not reset keep their state; they are shown as in mid-episode, with reward 0.
+        Other rows keep their state and are reported as mid-episode, with reward 0.
 
         Args:
           ids: sorted row numbers or a mask of (num_envs,).
-          seeds: for each row that is reset, the seed whose first episode it begins; the row's
-            stream goes on where it is None.
+          seeds: for each row to reset, a seed whose first episode it begins, or None to continue
+            the row's random stream.
         """
         rows = self._rows(ids)
         streams = guards.streams_of_seeds(seeds, len(rows))
         with self._use, arrays.rows_of_a_batch(self.num_envs):
-            self._begins[rows] = True  # until they have been seen: an interrupt begins anew
+            self._begins[rows] = True  # until complete: after an interrupt, rows begin again
             for row, stream in zip(rows.tolist(), streams, strict=True):
                 if stream is not None:
                     self._streams.replace(row, stream)
@@ -161,24 +161,24 @@ class BatchEnvironment:
         return self._counter.shown(observation)
 
     def begin_anew(self) -> None:
-        """Has every row begin an episode with the next step, whatever it is doing."""
+        """Makes every row begin a new episode at the next step."""
         self._begins[:] = True
 
     def step(self, actions: Nested) -> dm_env.TimeStep:
-        """Applies an action in every row and returns what follows, as one batched `TimeStep`.
+        """Applies an action in every row and returns the batched `TimeStep`.
 
         Args:
-          actions: (num_envs, ...), numbers; rows whose episode begins ignore theirs.
+          actions: numbers, (num_envs, ...); ignored in rows that begin an episode.
 
         Raises:
-          ValueError, TypeError: the actions are not finite numbers, one row for each environment,
-            or the task refuses them; nothing has moved.
+          ValueError, TypeError: the actions are not finite numbers with one row per environment,
+            or the task rejects them; nothing was stepped.
         """
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             begins = self._begins
             checked = guards.check_actions(actions, self.num_envs, begins, self.first_row)
             self._task.before_step(checked, self._replicas.physics)
-            # Until the step is complete: whatever interrupts it, the next one begins anew.
+            # Until the step is complete: after an interrupt, all rows begin again.
             self._begins = self._all_begin.copy()
             return self._step(begins)
 
@@ -203,7 +203,7 @@ class BatchEnvironment:
         return time_step
 
     def snapshot(self, rows: _Rows = None) -> Snapshot:
-        """All that the future of the batch, or of some rows, depends on."""
+        """Everything that the future of the batch, or of some rows, depends on."""
         rows = self._rows(rows)
         with self._use:
             return Snapshot(
@@ -217,17 +217,17 @@ class BatchEnvironment:
             )
 
     def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
-        """Lets the batch, or some rows, go on from a snapshot, bit for bit.
+        """Continues the batch, or some rows, from a snapshot, bit for bit.
 
         Args:
-          snapshot: of as many environments as there are rows; of any batch, or a single one.
-          rows: sorted row numbers or a mask.
+          snapshot: a snapshot of a batch or single environment, with as many rows as `rows`.
+          rows: sorted row numbers or a mask; None for all.
 
         Raises:
-          ValueError: it is of another task, model, version or size, or damaged, or an episode in it
-            is as long as the episodes here may be; nothing was restored.
-          PhysicsError: states in it have diverged and `on_divergence` is 'raise'; otherwise their
-            rows are flagged and begin an episode with the next step.
+          ValueError: it has another task, model, version or size, is damaged, or contains an
+            episode at or beyond the step limit; nothing was restored.
+          PhysicsError: it contains diverged states and `on_divergence` is 'raise'; otherwise their
+            rows are flagged and begin an episode at the next step.
         """
         rows = self._rows(rows)
         snapshot.check(self._origin, len(rows))
@@ -254,18 +254,18 @@ class BatchEnvironment:
                 self._report_divergence()
 
     def copy_row(self, source: int, target: int) -> None:
-        """Makes row `target` a copy of row `source`, its random stream included."""
+        """Makes row `target` a copy of row `source`, including its random stream."""
         self.restore(self.snapshot([source]), [target])
 
     def close(self) -> None:
-        """Frees the batch; closing twice is fine, using it later is an error."""
+        """Frees the batch, which then raises if used; may be called repeatedly."""
         if self._use.what_is_wrong is None:
             with self._use:
                 self._replicas.free()
-            self._use.what_is_wrong = "this batch is closed: make a new one"
+            self._use.what_is_wrong = "this batch is closed: create a new one"
 
     def __getstate__(self) -> dict[str, object]:
-        """What makes an equal batch elsewhere: for pickling, deep copies and spawned processes."""
+        """State for an equal batch: for pickling, deep copies and spawned processes."""
         kept = {k: v for k, v in vars(self).items() if k not in ("_replicas", "_use", "_frames")}
         making = self._replicas.textured, self.num_envs, self._replicas.num_threads
         return {**kept, "making": making, "snapshot": self.snapshot()}
@@ -280,7 +280,7 @@ class BatchEnvironment:
         self.restore(snapshot)
 
     def _rows(self, ids: _Rows) -> np.ndarray:
-        """Sorted row numbers from such, or a mask, or None for all."""
+        """Sorted row numbers from row numbers, a mask, or None for all."""
         return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
 
     @functools.cached_property
@@ -308,7 +308,7 @@ class BatchEnvironment:
 
     @property
     def step_limit(self) -> float:
-        """Steps in an episode; infinite without a limit."""
+        """Steps per episode; infinite without a limit."""
         return self._counter.step_limit
 
     @step_limit.setter
@@ -317,12 +317,12 @@ class BatchEnvironment:
 
     @property
     def begins(self) -> np.ndarray:
-        """The rows whose next step begins an episode, (num_envs,) booleans."""
+        """Mask of rows whose next step begins an episode, (num_envs,)."""
         return self._begins.copy()
 
     @property
     def timed_out(self) -> np.ndarray:
-        """The rows whose episode the last step ended by its time limit, (num_envs,) booleans."""
+        """Mask of rows whose last step reached the time limit, (num_envs,)."""
         return self._begins & self._counter.at_limit & ~self.diverged
 
     def control_timestep(self) -> float:
@@ -335,16 +335,16 @@ class BatchEnvironment:
 
         Args:
           rows: sorted row numbers or a mask of (num_envs,); None for all.
-          kwargs: of `Physics.render`: height, width, camera_id, or camera for short, depth, ...
+          kwargs: arguments of `Physics.render`: height, width, camera_id (or camera), depth, ...
 
         Raises:
-          ValueError, TypeError, RenderingError: no such row, camera, size or keyword; no OpenGL.
+          ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
         """
         rows = self._rows(rows)
         with self._use:
             return self._replicas.render_rows(rows, **render_arguments(kwargs))
 
-    # Any: of the domain's own classes.
+    # Any: the domain's own classes.
     @property
     def physics(self) -> Any:
         """The batched physics."""
@@ -352,7 +352,7 @@ class BatchEnvironment:
 
     @property
     def single(self) -> Any:
-        """A single simulation of the same model, for specs and constants; not a row."""
+        """A separate single simulation of the same model, for specs and constants; not a row."""
         return self._replicas.single
 
     @property
@@ -377,19 +377,19 @@ class BatchEnvironment:
         self._counter.steps[rows] = 0
 
     def _show_drawn(self, drawn: dict[str, np.ndarray], rows: np.ndarray | int) -> None:
-        """Keeps what was drawn where users find it."""
+        """Stores drawn values in the public `randomization`."""
         for name, values in drawn.items():
             shape = self.num_envs, *values.shape[np.ndim(rows) :]
             shown = self.randomization.setdefault(name, np.zeros(shape, values.dtype))
             shown[rows] = values
 
     def _observe(self, is_step: bool = True) -> MutableMapping[str, np.ndarray]:
-        """What is observed now, in arrays of its own; a step has a new picture of every row."""
+        """Current observations in fresh arrays; a step renders every row."""
         state, frames = self._state(), self._frames
         return state if frames is None else frames.observe(self._replicas, state, is_step)
 
     def _state(self) -> MutableMapping[str, np.ndarray]:
-        """What the task observes."""
+        """The task's observations, without pictures."""
         observation = self._task.get_observation(self._replicas.physics)
         return observations.of_rows(observation, self.num_envs, self._flat_observation)
 

@@ -1,4 +1,4 @@
-"""What is said where a task is not batch-safe: one sentence each, with the change to make.
+"""Error messages for tasks that are not batch-safe, each with the change to make.
 
 with explained("the reward", "SwingUp", num_rows=4):
     task.get_reward(physics)
@@ -20,9 +20,9 @@ __all__ = ["Finding", "explained"]
 _ADVICE = (
     "index with `...`, reduce over axis -1, and write np.maximum and np.where for max() and if"
 )
-# A constant of these is given to every row.
+# Quantities that may be a scalar in a batch, which is broadcast to every row.
 _MAY_BE_ONE = ("the reward", "reward term", "is_success")
-# Of what a task calls: the mistake is in the last line outside of these.
+# Code that tasks call; the mistake is in the last traceback line outside of it.
 _NOT_THE_TASKS = (
     Path(np.__file__).parent,
     Path(__file__).parents[1] / "utils",
@@ -32,15 +32,15 @@ _NOT_THE_TASKS = (
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """A quantity of one row at one moment.
+    """A quantity of one row after a given step.
 
     Attributes:
-      label: what it is, such as "observation 'angle'".
+      label: the quantity, such as "observation 'angle'".
       task: the task's name.
       row: the row's number.
-      step: steps since its start.
+      step: steps since the start of the episode.
       num_rows: number of rows.
-      kept: attributes of the task that starts set.
+      kept: task attributes that are set at the start of an episode.
     """
 
     label: str
@@ -51,11 +51,11 @@ class Finding:
     kept: Sequence[str] = ()
 
     def check(self, found: np.ndarray, expected: np.ndarray) -> None:
-        """Raises ValueError unless the row has these values.
+        """Raises ValueError unless the row has the expected values.
 
         Args:
-          found: of all rows.
-          expected: of a single simulation in the same state; NaN is equal to NaN.
+          found: values of all rows.
+          expected: values of a single simulation in the same state; NaN equals NaN.
         """
         shape = (self.num_rows, *expected.shape)
         if self.label == "get_termination" and found.shape == () and np.isnan(found):
@@ -78,38 +78,39 @@ class Finding:
             where = f" at index {list(index)}" if index else ""
             raise ValueError(
                 f"{self.label} of task {self.task} is {found[self.row][index].item()!r}{where} in "
-                f"row {self.row} of a batch {self._moment()}; expected {expected[index].item()!r}, "
+                f"row {self.row} of a batch {self._time()}; expected {expected[index].item()!r}, "
                 f"as in a single simulation in the same state: {self._advice()}"
             )
 
     def missing(self, others: Sequence[str]) -> ValueError:
-        """The error for what a single simulation has and the batch lacks."""
+        """The error for a quantity that a single simulation has and the batch lacks."""
         return ValueError(
-            f"{self.label} of task {self.task} is missing in a batch {self._moment()}, where there "
-            f"are {', '.join(others)}: a task must give rows what it gives a single simulation"
+            f"{self.label} of task {self.task} is missing in a batch {self._time()}, which has "
+            f"only {', '.join(others)}: a task must have the same quantities in a batch as in a "
+            "single simulation"
         )
 
     def surplus(self) -> ValueError:
-        """The error for what the batch has and a single simulation lacks."""
+        """The error for a quantity that the batch has and a single simulation lacks."""
         return ValueError(
-            f"{self.label} of task {self.task} is there in a batch {self._moment()}, but not in a "
-            "single simulation: a task must give rows what it gives a single simulation"
+            f"{self.label} of task {self.task} exists in a batch {self._time()}, but not in a "
+            "single simulation: a task must have the same quantities in both"
         )
 
-    def _moment(self) -> str:
+    def _time(self) -> str:
         return f"after {self.step} steps" if self.step else "as episodes begin"
 
     def _advice(self) -> str:
         if self.kept:
             names = ", ".join(f"self.{name}" for name in self.kept)
             return (
-                f"keep nothing of the episode in the task, whose start sets {names}, as all rows "
-                "share it: what an episode needs lives in the data or the model"
+                f"store nothing about the episode in the task, which all rows share; its start "
+                f"sets {names}: store such values in the data or the model"
             )
         if self.label.startswith(("data.", "model.")):
             return (
-                "before_step and after_step must set each row's part of it; positions and mocap "
-                "bodies can be set at an episode's start only"
+                "before_step and after_step must set it for each row separately; positions and "
+                "mocap bodies can be set only at an episode's start"
             )
         return _ADVICE
 
@@ -118,14 +119,14 @@ class Finding:
 def explained(
     what: str, task: str, num_rows: int, is_batch: bool = True, expected: Sequence[str] = ()
 ) -> Iterator[None]:
-    """Turns an error that a task raises in a batch into one that says of what, and what to change.
+    """Replaces an error that a task raises in a batch by one with the quantity and advice.
 
     Args:
-      what: is computed.
+      what: the quantity being computed.
       task: the task's name.
       num_rows: number of rows.
-      is_batch: False leaves errors as they are.
-      expected: labels of what a single simulation shows, in their order.
+      is_batch: if False, errors are not replaced.
+      expected: labels of a single simulation's quantities, in order.
 
     Raises:
       ValueError: for any TypeError, ValueError, LookupError, AttributeError or ArithmeticError.
@@ -137,17 +138,17 @@ def explained(
             raise
         frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
         names = [label for label in expected if label.startswith("observation ")]
-        label = _observation_under_way(frames, names) or what
+        label = _current_observation(frames, names) or what
         raise ValueError(
             f"{label} of task {task} raises {type(error).__name__} in a batch of {num_rows} rows, "
             f"but not in a single simulation: {error} ({_place(error)}); {_ADVICE}"
         ) from error
 
 
-def _observation_under_way(frames: Sequence[FrameType], labels: Sequence[str]) -> str | None:
-    """The label of the observation that was being made; None if that cannot be seen.
+def _current_observation(frames: Sequence[FrameType], labels: Sequence[str]) -> str | None:
+    """The label of the observation that was being computed; None if it cannot be inferred.
 
-    A `get_observation` fills a mapping item by item: the next one after those that are in it.
+    A `get_observation` fills a mapping item by item, so the next missing item is the current one.
     """
     best: int | None = None
     for frame in frames:
@@ -161,7 +162,7 @@ def _observation_under_way(frames: Sequence[FrameType], labels: Sequence[str]) -
 
 
 def _place(error: BaseException) -> str:
-    """The last line that is the task's own, as "tip_height, line 7: `...`"."""
+    """The last traceback line in the task's own code, as "tip_height, line 7: `...`"."""
     entries = [
         (frame.f_code, number)
         for frame, number in traceback.walk_tb(error.__traceback__)
@@ -178,7 +179,7 @@ def _place(error: BaseException) -> str:
 
 
 def _differing(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """Where values differ; NaN is equal to NaN."""
+    """Mask of differing values; NaN equals NaN."""
     differs = np.asarray(found != expected)
     if found.dtype.kind == "f" and expected.dtype.kind == "f":
         differs &= ~(np.isnan(found) & np.isnan(expected))

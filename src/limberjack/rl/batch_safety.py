@@ -1,14 +1,14 @@
-"""`check_batch_safe`: whether a task gives each row of a batch what it gives a single simulation.
+"""`check_batch_safe`: verifies that a task works in a batch as in a single simulation.
 
     check_batch_safe(task, replicas, spec, n_sub_steps, saved_fields, randomizer)
 
-A few rows begin at different starts and take random actions for some steps, in lockstep with single
-simulations in the same states. Observation, reward, its terms, success, termination and state of
-each row are compared with the single simulation's, value by value, and the model of the single
-simulation with what it was. It all happens on copies of the task and the physics. The task's random
-stream is put to the same place before each evaluation on either side.
+A few rows begin from different starts and take random actions for some steps, in lockstep with
+single simulations in the same states. Observation, reward, its terms, success, termination and
+state of each row are compared with the single simulation's, value by value, and the single
+simulation's model is checked for changes. Everything runs on copies of the task and the physics.
+The task's random stream is reset to the same position before each evaluation on either side.
 
-It finds nothing that the first steps of an episode do not show.
+The check covers only the first steps of an episode.
 """
 
 import copy
@@ -30,13 +30,13 @@ from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["check_batch_safe", "check_episode_fields"]
 
-_MAX_ROWS = 4  # as many starts as tell most tasks' kinds apart
-_MIN_ROWS = 2  # with one row alone, wrong slices and norms cannot be told from right ones
-_STEPS = 3  # control steps; a touch sensor shows the first step with the second
-_LARGE = 1_000_000  # bytes; fields beyond it are compared once, not after each start
+_MAX_ROWS = 4  # number of starts that covers the kinds of starts of most tasks
+_MIN_ROWS = 2  # with one row, wrong slices and norms cannot be distinguished from correct ones
+_STEPS = 3  # control steps; a touch sensor reports the first step only in the second
+_LARGE = 1_000_000  # bytes; larger fields are compared once, not after each start
 
-# The parts of the state that a task sets, or that follow from these; the controls first, as the
-# cause of the others.
+# State components that a task sets, or that depend on those; the controls first, since they cause
+# changes in the others.
 _STATE = (
     "ctrl",
     "mocap_pos",
@@ -48,30 +48,30 @@ _STATE = (
     "act",
 )
 
-_Moment = dict[str, np.ndarray]  # what could be seen of one simulation or of a batch, by name
+_Record = dict[str, np.ndarray]  # quantities of a simulation or batch after a step, by name
 
 
 def check_episode_fields(task: Task) -> None:
-    """Checks the fields of the model that a task declares as its episodes' own.
+    """Checks the model fields that a task declares in EPISODE_FIELDS.
 
     Raises:
-      TypeError: they are not a tuple or list of names.
-      ValueError: there is no such field, or a batch cannot have one for each row.
+      TypeError: it is not a tuple or list of names.
+      ValueError: there is no such field, or it cannot differ per row in a batch.
     """
     fields = getattr(task, "EPISODE_FIELDS", ())
     name = type(task).__name__
     if isinstance(fields, str) or not all(isinstance(field, str) for field in fields):
         raise TypeError(
-            f"EPISODE_FIELDS of task {name} is {fields!r}; expected a tuple of names of fields, "
+            f"EPISODE_FIELDS of task {name} is {fields!r}; expected a tuple of field names, "
             "such as ('body_pos',)"
         )
     for field in fields:
         if field not in fields_of_rows():
             known = sorted(fields_of_rows())
             raise ValueError(
-                f"task {name} declares {field!r} in EPISODE_FIELDS, which a batch cannot have for "
-                f"each row.{did_you_mean(field, known)} Its rows can differ in the fields of "
-                "mujoco.batch.MODEL_FIELDS only"
+                f"task {name} declares {field!r} in EPISODE_FIELDS, which cannot differ per row of "
+                f"a batch.{did_you_mean(field, known)} Rows can differ only in the fields of "
+                "mujoco.batch.MODEL_FIELDS"
             )
 
 
@@ -83,19 +83,18 @@ def check_batch_safe(
     saved_fields: Sequence[str],
     randomizer: Randomizer | None,
 ) -> None:
-    """Compares what a task gives a few rows with what it gives single simulations.
+    """Compares a task's quantities in a few rows with those in single simulations.
 
     Args:
-      task: it is not changed, and neither is its random stream.
-      replicas: of the batch, which is not changed.
-      spec: of the actions of one simulation.
+      task: the task; neither it nor its random stream is changed.
+      replicas: the simulations of the batch, which are not changed.
+      spec: the action spec of one simulation.
       n_sub_steps: physics steps per action.
-      saved_fields: fields of the model that each row has for itself.
-      randomizer: draws fields of the model for each episode; None for nothing.
+      saved_fields: per-row model fields.
+      randomizer: draws model fields for each episode; None for no randomisation.
 
     Raises:
-      ValueError: a row is given something else, or an error, or the task sets fields of the model
-        that it does not declare.
+      ValueError: a row differs or raises, or the task sets model fields that it does not declare.
       TypeError: the task cannot be copied.
     """
     num_rows = min(max(replicas.num_envs, _MIN_ROWS), _MAX_ROWS)
@@ -111,15 +110,15 @@ def check_batch_safe(
         ]
         trial.check_large_fields()
         for step, found in enumerate(trial.play_together(actions, n_sub_steps, alone[0])):
-            for row, moments in enumerate(alone):
-                if step < len(moments):  # a row that diverges is compared no further
-                    trial.compare(found, moments[step], row, step)
+            for row, records in enumerate(alone):
+                if step < len(records):  # a row that diverges is not compared any further
+                    trial.compare(found, records[step], row, step)
     finally:
         np.random.set_state(global_stream)
 
 
 class _Trial:
-    """A few rows of a batch, and the tasks that play them."""
+    """A few rows of a batch, stepped individually and together."""
 
     def __init__(
         self, task: Task, replicas: Replicas, num_rows: int, saved_fields: Sequence[str]
@@ -130,8 +129,8 @@ class _Trial:
         self._name = type(task).__name__
         self._task: Task = _copied(task)
         self._stream = np.random.RandomState(0)
-        self._place = self._stream.get_state()
-        self._kept: set[str] = set()  # attributes of the task that starts set
+        self._stream_state = self._stream.get_state()
+        self._kept: set[str] = set()  # task attributes that are set at the start of an episode
         whole = model_values.checksums(self._rows.single.model._model)
         model = self._rows.single.model._model
         candidates = whole.keys() - set(saved_fields)
@@ -140,14 +139,14 @@ class _Trial:
 
     def play_alone(
         self, row: int, actions: np.ndarray, n_sub_steps: int, randomizer: Randomizer | None
-    ) -> Iterator[_Moment]:
-        """Begins a row's episode, and yields what a single simulation shows of it.
+    ) -> Iterator[_Record]:
+        """Begins a row's episode, and yields its quantities in a single simulation.
 
         Args:
-          row: its number.
+          row: the row's number.
           actions: (steps, ...).
           n_sub_steps: physics steps per action.
-          randomizer: draws fields of the model; None for nothing.
+          randomizer: draws model fields; None for no randomisation.
         """
         task, rows = self._task, self._rows
         stream = np.random.RandomState(row)
@@ -175,14 +174,14 @@ class _Trial:
         self._check_model(one, values, "during a step")
 
     def play_together(
-        self, actions: np.ndarray, n_sub_steps: int, expected: list[_Moment]
-    ) -> Iterator[_Moment]:
-        """Yields what all rows show, after their start and after each step.
+        self, actions: np.ndarray, n_sub_steps: int, expected: list[_Record]
+    ) -> Iterator[_Record]:
+        """Yields the quantities of all rows, after their start and after each step.
 
         Args:
           actions: (steps, num_rows, ...).
           n_sub_steps: physics steps per action.
-          expected: what the first row's single simulation showed.
+          expected: quantities of the first row's single simulation.
         """
         task, rows = self._task, self._rows
         batch = rows.physics
@@ -204,19 +203,19 @@ class _Trial:
         physics: SimulatedPhysics,
         is_step: bool,
         expected: Mapping[str, np.ndarray] | None = None,
-    ) -> _Moment:
-        """The state, as the cause of all else, and what the task reads, in the order of a step.
+    ) -> _Record:
+        """The state, and then the task's quantities in the order of a step.
 
-        A start is observed only, as by an environment.
+        At a start only the observation is computed, as in an environment.
 
         Args:
-          task: a copy, whose stream is put to the same place before each call.
-          physics: what it reads.
-          is_step: whether a step has come before.
-          expected: of a batch, what a single simulation showed.
+          task: a copy, whose stream is reset before each call.
+          physics: the simulation or batch.
+          is_step: whether this follows a step instead of a start.
+          expected: for a batch, the quantities of a single simulation.
         """
         of = (self._name, self._num_rows)
-        read: Physics = physics  # pyright: ignore[reportAssignmentType] (it is both)
+        read: Physics = physics  # pyright: ignore[reportAssignmentType] (implements both)
         is_batch = expected is not None
         seen = self._state(physics, is_batch)
         if is_step:
@@ -240,7 +239,7 @@ class _Trial:
         return {name: np.asarray(value) for name, value in seen.items()}
 
     def _state(self, physics: SimulatedPhysics, is_batch: bool) -> dict[str, object]:
-        """The state, and the fields of the model that are the episode's own."""
+        """The state and the per-row model fields."""
         seen: dict[str, object] = {f"data.{name}": getattr(physics.data, name) for name in _STATE}
         if self._fields:
             saved = physics.simulation.save(None, self._fields)
@@ -248,8 +247,8 @@ class _Trial:
             seen |= {f"model.{name}": saved[name][index] for name in self._fields}
         return seen
 
-    def compare(self, found: _Moment, expected: _Moment, row: int, step: int) -> None:
-        """Raises ValueError if a row shows something else than its single simulation."""
+    def compare(self, found: _Record, expected: _Record, row: int, step: int) -> None:
+        """Raises ValueError if a row differs from its single simulation."""
         for label, value in expected.items():
             finding = Finding(label, self._name, row, step, self._num_rows, sorted(self._kept))
             if label not in found:
@@ -261,29 +260,29 @@ class _Trial:
                 raise finding.surplus()
 
     def check_large_fields(self) -> None:
-        """Raises ValueError if a large field of the model was set, such as the textures' pixels."""
+        """Raises ValueError if a large model field was set, such as the pixels of textures."""
         small = model_values.checksums(self._rows.single.model._model).items()
         after = {name: value for name, value in small if name in self._large}
         self._refuse(model_values.changed_fields(self._large_before, after), "in an episode")
 
     def _values(self, one: SimulatedPhysics) -> dict[str, int]:
-        """Checksums of the model but for its large fields and those that the rows have."""
+        """Checksums of the model's fields, except for large ones and per-row ones."""
         return model_values.checksums(one.model._model, {*self._large, *self._fields})
 
     def _check_model(self, one: SimulatedPhysics, before: dict[str, int], when: str) -> None:
         self._refuse(model_values.changed_fields(before, self._values(one)), when)
 
     def _refuse(self, changed: Sequence[str], when: str) -> None:
-        """Raises ValueError if fields of the model were changed that each row does not have."""
+        """Raises ValueError if shared model fields were changed."""
         if not changed:
             return
         shared = [name for name in changed if name not in fields_of_rows()]
         task, named = self._name, ", ".join(changed)
         if shared:
             raise ValueError(
-                f"task {task} sets {named} of the model {when}, but the rows of a batch have "
-                f"{', '.join(shared)} in common: step single environments, or set it once, before "
-                "the batch is made"
+                f"task {task} sets {named} of the model {when}, but the rows of a batch share "
+                f"{', '.join(shared)}: step single environments, or set it once, before creating "
+                "the batch"
             )
         declared = tuple(sorted({*getattr(self._task, "EPISODE_FIELDS", ()), *changed}))
         raise ValueError(
@@ -292,10 +291,10 @@ class _Trial:
         )
 
     def _rewind(self, task: Task) -> None:
-        """Puts the random streams to the same place, whoever draws."""
-        self._stream.set_state(self._place)
+        """Resets the task's and NumPy's global random streams to the same state."""
+        self._stream.set_state(self._stream_state)
         task._random = self._stream  # pyright: ignore[reportAttributeAccessIssue]
-        np.random.set_state(self._place)
+        np.random.set_state(self._stream_state)
 
 
 def _copied(task: Task) -> Task:
@@ -303,18 +302,18 @@ def _copied(task: Task) -> Task:
         return copy.deepcopy(task)
     except TypeError as error:
         raise TypeError(
-            f"task {type(task).__name__} cannot be copied ({error}), but a batch tries out copies "
-            "of its task: let it hold only what copy.deepcopy takes"
+            f"task {type(task).__name__} cannot be copied ({error}), but a batch tests copies of "
+            "its task: store only attributes that copy.deepcopy supports"
         ) from error
 
 
-def _copies(moment: _Moment) -> _Moment:
-    """The same in arrays of its own: what a task shows may be a view of live memory."""
-    return {name: value.copy() for name, value in moment.items()}
+def _copies(record: _Record) -> _Record:
+    """Copies of the arrays, since quantities may be views of live memory."""
+    return {name: value.copy() for name, value in record.items()}
 
 
 def _changed(before: Mapping[str, object], after: Mapping[str, object]) -> set[str]:
-    """The attributes that a start has set, other than the stream that it draws from."""
+    """The attributes set by a start, other than the random stream."""
     names = (before.keys() | after.keys()) - {"_random"}
     return {name for name in names if not _is_same(before.get(name), after.get(name))}
 

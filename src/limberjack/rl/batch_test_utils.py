@@ -1,11 +1,11 @@
-"""The laws of a batch as a test class of your own task, in the manner of `dm_env.test_utils`.
+"""A test class that checks the contract of batches for your own task, like `dm_env.test_utils`.
 
     class SwingUpBatchTest(batch_test_utils.BatchEnvironmentTestMixin, unittest.TestCase):
         def make_single(self, seed):
             return swing_up(time_limit=0.2, random=seed)
 
-It plays a few short episodes: give the environment a time limit of some steps, so that ends and
-beginnings are among them.
+The tests run a few short episodes: give the environment a time limit of a few steps, so that
+episodes end and begin during a test.
 """
 
 from collections.abc import Iterator
@@ -22,7 +22,7 @@ _FIRST, _LAST = int(dm_env.StepType.FIRST), int(dm_env.StepType.LAST)
 
 
 class BatchEnvironmentTestMixin:
-    """Tests to mix into a `unittest.TestCase` that defines `make_single`."""
+    """Tests for a `unittest.TestCase` that defines `make_single`."""
 
     num_envs = 3
     num_threads = 2
@@ -30,8 +30,8 @@ class BatchEnvironmentTestMixin:
     seed = 7
 
     def make_single(self, seed: int) -> Any:
-        """The environment that row `seed - self.seed` of a batch has to be."""
-        raise NotImplementedError(f"{type(self).__name__} defines no make_single(seed)")
+        """The single environment that row `seed - self.seed` of a batch must equal."""
+        raise NotImplementedError(f"{type(self).__name__} does not define make_single(seed)")
 
     def make_object_under_test(self, num_envs: int, num_threads: int) -> BatchEnvironment:
         """A batch whose row i has the seed `self.seed + i`."""
@@ -39,7 +39,7 @@ class BatchEnvironmentTestMixin:
         return BatchEnvironment.from_environment(single, num_envs, num_threads, self.seed)
 
     def make_action_sequence(self, batch: BatchEnvironment) -> Iterator[np.ndarray]:
-        """Actions for `num_steps` steps; random ones within the bounds."""
+        """Actions for `num_steps` steps, by default random within the bounds."""
         random = np.random.RandomState(self.seed)
         spec = batch.action_spec()
         low, high = np.maximum(spec.minimum, -1e3), np.minimum(spec.maximum, 1e3)
@@ -49,12 +49,12 @@ class BatchEnvironmentTestMixin:
     def test_a_row_is_the_single_environment(self) -> None:
         batch = self.make_object_under_test(self.num_envs, self.num_threads)
         singles = [self.make_single(self.seed + i) for i in range(self.num_envs)]
-        batched, told = batch.reset(), [single.reset() for single in singles]
+        batched, expected = batch.reset(), [single.reset() for single in singles]
         for actions in self.make_action_sequence(batch):
-            for row, one in enumerate(told):
-                _assert_row(batched, row, one)
+            for row, time_step in enumerate(expected):
+                _assert_row(batched, row, time_step)
             batched = batch.step(actions)
-            told = [single.step(a) for single, a in zip(singles, actions, strict=True)]
+            expected = [single.step(a) for single, a in zip(singles, actions, strict=True)]
 
     def test_threads_and_other_rows_change_nothing(self) -> None:
         batch = self.make_object_under_test(self.num_envs, 1)
@@ -65,18 +65,18 @@ class BatchEnvironmentTestMixin:
             _assert_rows(larger.step(np.concatenate([actions, actions])), batch.step(actions), rows)
 
     def test_a_reset_of_one_row_leaves_the_others(self) -> None:
-        batch, twin = (
+        batch, reference = (
             self.make_object_under_test(self.num_envs, self.num_threads) for _ in range(2)
         )
         batch.reset()
-        twin.reset()
+        reference.reset()
         others = np.arange(self.num_envs - 1)
         for number, actions in enumerate(self.make_action_sequence(batch)):
             if number == 1:
                 batch.reset([self.num_envs - 1])
-            _assert_rows(batch.step(actions), twin.step(actions), others)
+            _assert_rows(batch.step(actions), reference.step(actions), others)
 
-    def test_an_episode_that_ends_is_followed_by_the_next(self) -> None:
+    def test_each_ended_episode_is_followed_by_a_new_one(self) -> None:
         batch = self.make_object_under_test(self.num_envs, self.num_threads)
         before = batch.reset().step_type
         for actions in self.make_action_sequence(batch):
@@ -84,7 +84,7 @@ class BatchEnvironmentTestMixin:
             assert ((now == _FIRST) == (before == _LAST)).all(), "FIRST must follow LAST only"
             before = now
 
-    def test_a_snapshot_brings_the_same_future_back(self) -> None:
+    def test_a_restored_snapshot_has_the_same_future(self) -> None:
         batch = self.make_object_under_test(self.num_envs, self.num_threads)
         actions = list(self.make_action_sequence(batch))
         batch.reset()
@@ -97,12 +97,12 @@ class BatchEnvironmentTestMixin:
         for action, expected in zip(actions, future, strict=True):
             _assert_rows(batch.step(action), expected, rows)
 
-    def test_actions_that_are_not_finite_are_refused_and_move_nothing(self) -> None:
-        batch, twin = (
+    def test_actions_that_are_not_finite_are_rejected_and_change_nothing(self) -> None:
+        batch, reference = (
             self.make_object_under_test(self.num_envs, self.num_threads) for _ in range(2)
         )
         batch.reset()
-        twin.reset()
+        reference.reset()
         actions = next(self.make_action_sequence(batch))
         try:
             batch.step(np.full_like(actions, np.nan, dtype=float))
@@ -110,9 +110,9 @@ class BatchEnvironmentTestMixin:
             pass
         else:
             raise AssertionError("NaN was accepted as an action")
-        _assert_rows(batch.step(actions), twin.step(actions), np.arange(self.num_envs))
+        _assert_rows(batch.step(actions), reference.step(actions), np.arange(self.num_envs))
 
-    def test_what_comes_is_as_the_specs_say(self) -> None:
+    def test_time_steps_conform_to_the_specs(self) -> None:
         batch = self.make_object_under_test(self.num_envs, self.num_threads)
         observation_spec = batch.observation_spec()
         batch.reset()

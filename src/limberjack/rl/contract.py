@@ -1,6 +1,6 @@
-"""What an `Environment` is made of: the contracts of `Physics` and `Task`.
+"""The contracts of `Physics` and `Task`, the parts of an `Environment`.
 
-Programs take them from `limberjack.rl.control`. A task names the physics that it reads:
+Programs import them from `limberjack.rl.control`. A task specifies its class of physics:
 
     class SwingUp(control.Task[Pole]):
         def get_reward(self, physics: Pole) -> float: ...
@@ -26,7 +26,7 @@ __all__ = [
     "Task",
 ]
 
-# An action or a spec is an array or a nested structure of arrays, as the task likes.
+# An action or a spec is an array or a nested structure of arrays, chosen by the task.
 Nested = Any
 Observation = Mapping[str, Quantity]
 
@@ -36,9 +36,9 @@ class PhysicsError(RuntimeError):
 
 
 class Physics(abc.ABC):
-    """What an `Environment` and a `Task` need of a simulation."""
+    """The interface of a simulation for `Environment` and `Task`."""
 
-    # Whether position and velocity dependent quantities are up to date after a step
+    # Whether quantities that depend on positions and velocities are up to date after a step
     # (https://arxiv.org/abs/2006.12983, page 6).
     legacy_step: bool = True
 
@@ -48,7 +48,7 @@ class Physics(abc.ABC):
 
     @abc.abstractmethod
     def time(self) -> float:
-        """Simulated time since the reset, seconds."""
+        """Simulated time since the last reset, seconds."""
 
     @abc.abstractmethod
     def timestep(self) -> float:
@@ -60,8 +60,8 @@ class Physics(abc.ABC):
 
     @contextlib.contextmanager
     def reset_context(self) -> Iterator["Physics"]:
-        """Resets on entry; on exit makes every quantity follow the state set within."""
-        # A model whose default state diverges can still be given a good one.
+        """Resets on entry; on exit recomputes all quantities from the state set within."""
+        # The default state of a model may diverge, and the body of the context replaces it.
         with contextlib.suppress(PhysicsError):
             self.reset()
         yield self
@@ -73,30 +73,30 @@ class Physics(abc.ABC):
 
     @abc.abstractmethod
     def after_reset(self) -> None:
-        """Makes every quantity follow the state, without advancing time."""
+        """Recomputes all quantities from the state, without advancing time."""
 
     def check_divergence(self) -> None:  # noqa: B027 (an optional hook)
-        """Raises `PhysicsError` if the state has diverged. Does nothing by default."""
+        """Raises `PhysicsError` if the state has diverged; by default does nothing."""
 
 
 class Simulation(Protocol):
-    """What steps a physics, as far as snapshots need it; see `limberjack.mujoco.simulation`."""
+    """The parts of `limberjack.mujoco.simulation.Simulation` that snapshots need."""
 
     def save(self, rows: np.ndarray | None, fields: Sequence[str]) -> dict[str, np.ndarray]:
-        """All that the future of rows depends on, by name, (n, ...) each; 'state' is the state."""
+        """Everything that the future of rows depends on, by name, (n, ...) each."""
         ...
 
     def load(self, saved: Mapping[str, np.ndarray], rows: np.ndarray | None = None) -> None:
-        """Makes rows go on as those that were saved."""
+        """Makes rows continue as the saved ones."""
         ...
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
-        """Sets fields of the model, and the constants that follow from them, for one row."""
+        """Sets model fields and recomputes the constants derived from them, for one row."""
         ...
 
 
 class Drawn(Protocol):
-    """What pictures are drawn of: a single simulation or the rows of a batch."""
+    """A single simulation or batch that can be rendered."""
 
     @property
     def num_envs(self) -> int | None:
@@ -105,25 +105,25 @@ class Drawn(Protocol):
 
     # Keyword arguments of `limberjack.mujoco.Physics.render`, which checks them.
     def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
-        """Pictures of rows, all for None."""
+        """Pictures of rows; None for all."""
         ...
 
     def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
-        """Shape and type of the picture of one row."""
+        """Shape and dtype of the picture of one row."""
         ...
 
 
 class SimulatedPhysics(Drawn, Protocol):
-    """What snapshots, randomisation and batches need of a physics beside `Physics`.
+    """The interface that snapshots, randomisation and batches need in addition to `Physics`.
 
-    `limberjack.mujoco.Physics` has it, of one simulation or of a batch of them.
+    `limberjack.mujoco.Physics` implements it, for a single simulation and for a batch.
     """
 
     legacy_step: bool
 
     @property
     def simulation(self) -> Simulation:
-        """What steps, saves and loads."""
+        """The simulation that steps, saves and loads."""
         ...
 
     # Wrappers of the official structs, whose fields are not listed here.
@@ -134,15 +134,15 @@ class SimulatedPhysics(Drawn, Protocol):
 
     @property
     def data(self) -> Any:
-        """The state and all quantities computed from it."""
+        """The state and all quantities derived from it."""
         ...
 
     def nominal_fields(self, names: Sequence[str]) -> dict[str, np.ndarray]:
-        """The model's present values of fields that are going to be randomised."""
+        """Current model values of the fields to be randomised."""
         ...
 
     def origin(self, varying: Sequence[str] = ()) -> dict[str, object]:
-        """What must agree for a saved row to be loaded."""
+        """Facts that must match for a saved row to load."""
         ...
 
     def timestep(self) -> float:
@@ -154,7 +154,7 @@ class SimulatedPhysics(Drawn, Protocol):
         ...
 
     def after_reset(self) -> None:
-        """Makes every quantity follow the state."""
+        """Recomputes all quantities from the state."""
         ...
 
 
@@ -162,45 +162,45 @@ _Physics = TypeVar("_Physics", bound=Physics)
 
 
 class Task(abc.ABC, Generic[_Physics]):
-    """What an episode starts from, what the agent sees, what it is rewarded for."""
+    """Defines the starts of episodes, the observations and the reward."""
 
-    # The stream that episodes are drawn from; environments give a batch's task each row's.
+    # The stream from which episodes are drawn; a batch sets each row's stream in turn.
     _random: np.random.RandomState
 
     @abc.abstractmethod
     def initialize_episode(self, physics: _Physics) -> None:
-        """Sets the state an episode starts from, within `physics.reset_context()`."""
+        """Sets an episode's initial state, within `physics.reset_context()`."""
 
     @abc.abstractmethod
     def before_step(self, action: Nested, physics: _Physics) -> None:
-        """Applies the action, before the physics is stepped."""
+        """Applies the action; called before the physics is stepped."""
 
     def after_step(self, physics: _Physics) -> None:
-        """Called after the physics is stepped, before anything is read."""
+        """Called after the physics is stepped, before reward and observation are computed."""
 
     @abc.abstractmethod
     def action_spec(self, physics: _Physics) -> Nested:
         """A `dm_env.specs.BoundedArray` of valid actions, or a nested structure of them."""
 
     def step_spec(self, physics: _Physics) -> Nested:
-        """A spec of what `step` returns; tasks need not define it."""
+        """A spec of the result of `step`; optional."""
         raise NotImplementedError(f"{type(self).__name__} does not define step_spec")
 
     @abc.abstractmethod
     def get_observation(self, physics: _Physics) -> Observation:
-        """The observation: a mapping from names to arrays."""
+        """The observation, a mapping from names to arrays."""
 
     @abc.abstractmethod
     def get_reward(self, physics: _Physics) -> Quantity:
         """The reward of the last step."""
 
     def get_termination(self, physics: _Physics) -> Quantity | None:
-        """The final discount if the episode ends here, None if it goes on.
+        """The final discount if the episode ends here, None if it continues.
 
-        In a batch, (num_envs,): NaN in rows whose episode goes on.
+        In a batch, an array of (num_envs,), NaN in rows whose episode continues.
         """
         return None
 
     def observation_spec(self, physics: _Physics) -> Nested:
-        """The spec of the observation; left undefined, it is read off an observation."""
+        """Spec of the observation; by default it is derived from an observation."""
         raise NotImplementedError(f"{type(self).__name__} does not define observation_spec")

@@ -1,18 +1,18 @@
-"""A `dm_env.Environment` made of a physics and a task.
+"""`Environment`: a `dm_env.Environment` composed of a physics and a task.
 
-The `Physics` says what can be measured and moved, the `Task` says what is wanted, and the
-`Environment` runs episodes:
+The `Physics` simulates and measures, the `Task` defines starts, actions, observations and rewards,
+and the `Environment` runs episodes:
 
     env = Environment(physics, task, time_limit=10, control_timestep=0.01)
     time_step = env.reset()
     while not time_step.last():
         time_step = env.step(policy(time_step.observation))
 
-An episode ends at the time limit (discount 1) or when the task says so (the task's discount). A
-step after the last begins the next episode, as dm_env rules. Whatever interrupts a step or a
-reset - a diverged simulation, Ctrl-C, an error in the task - the next step begins a new episode.
+An episode ends at the time limit (with discount 1) or when the task terminates it (with the task's
+discount). A step after the last one begins the next episode, as dm_env specifies. If a step or a
+reset is interrupted by divergence, Ctrl-C or an error in the task, the next step begins an episode.
 
-It does not know MuJoCo: `limberjack.mujoco.Physics` is the physics used by the suite.
+This module does not depend on MuJoCo; the suite uses `limberjack.mujoco.Physics`.
 """
 
 import functools
@@ -50,13 +50,13 @@ __all__ = [
 class Environment(dm_env.Environment):
     """Episodes of a task on a physics; see the module's docstring."""
 
-    # In the class, because programs subclass it without calling `__init__`.
+    # Class attributes, because programs subclass it without calling `__init__`.
     _closed = False
     _randomizer: Randomizer | None = None
-    # The suite's record of the domain: a pickle imports the domain's module where it is read.
+    # The suite's record of the domain, which makes unpickling import the domain's module.
     registration: object = None
-    _frames: Frames | None = None  # what is observed in pictures, if anything is
-    # The stream that the model's fields are drawn from, with the task's that it lies beside.
+    _frames: Frames | None = None  # None without pixel observations
+    # The task's stream, and the stream derived from it that model fields are drawn from.
     _draws: tuple[np.random.RandomState, np.random.RandomState] | None = None
 
     def __init__(
@@ -71,7 +71,7 @@ class Environment(dm_env.Environment):
         randomize: Mapping[str, Draw] | None = None,
         pixels: PixelOptions | Pixels | None = None,
     ) -> None:
-        """Makes an environment whose first `step` or `reset` begins an episode.
+        """Creates an environment whose first `step` or `reset` begins an episode.
 
         Args:
           physics: a `Physics`.
@@ -83,15 +83,15 @@ class Environment(dm_env.Environment):
             if neither is given.
           flat_observation: join the observation into one array, under 'observations'.
           legacy_step: see `Physics.legacy_step`.
-          randomize: fields of the model to draw anew for each episode, by name; see
+          randomize: model fields to draw for each episode, by name; see
             `limberjack.rl.randomize`.
-          pixels: pictures to observe as well, under 'pixels', or instead, such as
+          pixels: pictures to observe in addition, under 'pixels', or instead, such as
             {'camera': 0, 'frame_stack': 3}; see `limberjack.rl.pixels`.
 
         Raises:
           ValueError: both `control_timestep` and `n_sub_steps` are given, or one of the numbers
             is NaN, zero, negative or not a multiple; or there is no such camera.
-          TypeError: there is no such option of `pixels`.
+          TypeError: `pixels` has an unknown option.
         """
         if n_sub_steps is not None and control_timestep is not None:
             raise ValueError(
@@ -119,7 +119,7 @@ class Environment(dm_env.Environment):
             self._randomizer = Randomizer(randomize, self._simulated)
         self._frames = Frames.of(pixels, self._simulated)
         self.reward_terms: dict[str, Quantity] = {}  # of the last step, by name
-        # What was drawn for this episode, by field.
+        # Values drawn for this episode, by field.
         self.randomization: dict[str, np.ndarray] = {}
 
     def reset(self) -> dm_env.TimeStep:
@@ -129,7 +129,7 @@ class Environment(dm_env.Environment):
 
     def _begin(self) -> dm_env.TimeStep:
         self._check_open()
-        # True until the start is complete: an interrupted one must not be stepped from.
+        # True until the start is complete: an interrupted start must not be stepped.
         self._reset_next_step = True
         if self._randomizer is not None:
             self.randomization = self._randomizer.draw(self._draw_stream())
@@ -144,18 +144,18 @@ class Environment(dm_env.Environment):
         return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
 
     def step(self, action: Nested) -> dm_env.TimeStep:
-        """Applies the action for one control step and returns what follows.
+        """Applies the action for one control step and returns the resulting `TimeStep`.
 
-        Before the first and after the last step of an episode it begins the next one, and the
-        action is ignored.
+        Before the first step and after the last step of an episode, it ignores the action and
+        begins the next episode.
 
         Raises:
-          ValueError, TypeError: the action is not of finite numbers, or the task refuses it, as
-            `base.Task` does unless it has a number for each actuator; nothing has moved.
+          ValueError, TypeError: the action is not made of finite numbers, or the task rejects it,
+            as `base.Task` does for a wrong number of actuators; nothing was stepped.
           PhysicsError: the simulation diverged; the next step begins a new episode.
         """
         use, thread = self._use, get_ident()
-        if use.enter(thread) != thread:  # as `with use`, which takes a percent of the step
+        if use.enter(thread) != thread:  # inlined `with use`, which takes 1 % of the step
             use.refuse(thread)
         try:
             if self._reset_next_step:
@@ -179,22 +179,22 @@ class Environment(dm_env.Environment):
             use.leave()
 
     def action_spec(self) -> Nested:
-        """The spec of valid actions."""
+        """Spec of valid actions."""
         return self._task.action_spec(self._physics)
 
     def step_spec(self) -> Nested:
-        """The spec of what `step` returns, if the task defines one."""
+        """Spec of the result of `step`, if the task defines one."""
         return self._task.step_spec(self._physics)
 
     def observation_spec(self) -> Nested:
-        """The task's observation spec, else shapes and dtypes of an observation made now."""
+        """The task's observation spec, or else one derived from a current observation."""
         try:
             spec = self._task.observation_spec(self._physics)
         except NotImplementedError:
             spec = specs_of(self._observe(draws=False))
         return spec if self._frames is None else self._frames.spec_with(spec)
 
-    # Any: of the domain's own classes.
+    # Any: the domain's own classes.
     @property
     def physics(self) -> Any:
         """The environment's physics."""
@@ -207,7 +207,7 @@ class Environment(dm_env.Environment):
 
     @property
     def pixels(self) -> Pixels | None:
-        """What is observed in pictures; None for nothing."""
+        """Options of the pixel observations; None without them."""
         return None if self._frames is None else self._frames.pixels
 
     def control_timestep(self) -> float:
@@ -216,25 +216,25 @@ class Environment(dm_env.Environment):
 
     @property
     def is_running(self) -> bool:
-        """Whether the next step goes on with an episode; otherwise it begins one."""
+        """Whether the next step continues an episode; otherwise it begins one."""
         return not self._reset_next_step
 
     @property
     def timed_out(self) -> bool:
-        """Whether the last step ended the episode by its time limit."""
+        """Whether the last step reached the time limit."""
         return self._reset_next_step and self._step_count >= self._step_limit
 
     @property
     def step_limit(self) -> int | None:
-        """Steps in an episode; None without a limit."""
+        """Steps per episode; None without a limit."""
         return math.ceil(self._step_limit) if math.isfinite(self._step_limit) else None
 
     def reseed(self, seed: int) -> None:
-        """Lets the next episode be the first of an environment with `random=seed`."""
+        """Makes the next episode the first one of an environment with `random=seed`."""
         self._task._random = np.random.RandomState(seed)
 
     def snapshot(self) -> Snapshot:
-        """All that the environment's future depends on; see `limberjack.rl.snapshot`."""
+        """Everything that the environment's future depends on; see `limberjack.rl.snapshot`."""
         self._check_open()
         with self._use:
             streams = [self.task.random.get_state()]
@@ -251,11 +251,11 @@ class Environment(dm_env.Environment):
             )
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Goes on from a snapshot, bit for bit.
+        """Continues from a snapshot, bit for bit.
 
         Raises:
-          ValueError: it is of another task, model or version, or of several environments, or it is
-            damaged, or its episode is as long as the episodes here may be; nothing was restored.
+          ValueError: it has another task, model or version, several environments, is damaged, or
+            contains an episode at or beyond the time limit; nothing was restored.
           PhysicsError: its state has diverged; the next step begins an episode.
         """
         own = self.snapshot()
@@ -277,11 +277,11 @@ class Environment(dm_env.Environment):
             self._reset_next_step = bool(snapshot.begins[0])
 
     def __getstate__(self) -> dict[str, object]:
-        """What makes an equal environment elsewhere, which shows what this one shows."""
+        """State for an equal environment with the same current quantities."""
         kept = {name: value for name, value in vars(self).items() if name != "_use"}
         if self._closed or not hasattr(self._physics, "become"):
             return kept
-        # Not as dm_control copies a physics, which changes the solver's warm start.
+        # Unlike dm_control's copy of a physics, this keeps the solver's warm start.
         physics = kept.pop("_physics")
         return {**kept, "exact": (type(physics), physics.__getstate__())}
 
@@ -299,28 +299,28 @@ class Environment(dm_env.Environment):
 
     @property
     def _simulated(self) -> SimulatedPhysics:
-        """The physics, where more is needed of it than of any `Physics`."""
+        """The physics, typed with the larger interface that snapshots and randomisation need."""
         return cast(SimulatedPhysics, self._physics)
 
     @functools.cached_property
     def _use(self) -> OneUser:
-        # Made on first use, because programs subclass this class without calling `__init__`.
+        # Created on first use, because programs subclass this class without calling `__init__`.
         return OneUser("environment")
 
     def _saved_fields(self) -> tuple[str, ...]:
-        """Fields of the model that an episode has for itself."""
+        """Model fields set per episode."""
         randomized = self._randomizer.fields if self._randomizer is not None else ()
         return (*getattr(self._task, "EPISODE_FIELDS", ()), *randomized)
 
     def _draw_stream(self) -> np.random.RandomState:
-        """The stream that the model's fields are drawn from, anew where the task's own is."""
+        """The stream from which model fields are drawn; replaced when the task's stream is."""
         random = self.task.random
         if self._draws is None or self._draws[0] is not random:
             self._draws = random, stream_beside(random)
         return self._draws[1]
 
     def close(self) -> None:
-        """Frees what the environment holds; closing twice is fine, stepping later is an error."""
+        """Frees the environment, which then raises if stepped; may be called repeatedly."""
         if not self._closed:
             self._closed = True
             self._reset_next_step = True
@@ -333,7 +333,7 @@ class Environment(dm_env.Environment):
             raise RuntimeError("this environment is closed: load or construct a new one")
 
     def _observe(self, draws: bool = True) -> Mapping[str, Quantity]:
-        """What is observed now, with a new picture if any are observed."""
+        """The current observation, with a new picture if pixels are observed."""
         observation = self._task.get_observation(self._physics)
         if self._flat_observation:
             observation = flatten_observation(observation)
@@ -342,12 +342,12 @@ class Environment(dm_env.Environment):
         return self._frames.observe(self._simulated, observation)
 
     def _check_action(self, action: Nested) -> None:
-        """Refuses an action that is not of finite numbers; its shape is checked by the task.
+        """Raises unless the action is made of finite numbers; the task checks its shape.
 
-        Where the spec is a nested structure the task checks everything.
+        If the spec is a nested structure, the task checks everything.
         """
         if type(action) is np.ndarray and action.dtype.kind == "f":
-            # The quickest look at every number: this runs at every step.
+            # Runs at every step; searching the bytes is the fastest check.
             if b"\0" in np.isfinite(action).tobytes():
                 actions.check_finite(action)
             return
@@ -368,10 +368,10 @@ def compute_n_steps(
     Args:
       control_timestep: time between two actions, seconds.
       physics_timestep: the simulation's time step, seconds.
-      tolerance: allowed deviation of their ratio from a whole number.
+      tolerance: maximum deviation of their ratio from an integer.
 
     Raises:
-      ValueError: the control step is shorter than the physics step, or no multiple of it.
+      ValueError: the control step is shorter than the physics step, or not a multiple of it.
     """
     if not isinstance(control_timestep, numbers.Real):
         raise TypeError(f"control_timestep is {control_timestep!r}; expected a number of seconds")

@@ -1,10 +1,10 @@
-"""`Counter`: where in its episode each row of a batch is, step by step.
+"""`Counter`: counts the steps of each row's episode and determines its step type.
 
     counter = Counter(num_envs=256, step_limit=1000)
     time_step, last = counter.count(begins, diverged, reward, termination, observation)
 
-A row whose episode begins has reward 0 and discount 1; one that diverges ends with 0 and 0. If the
-time limit and the task end an episode in the same step, the time limit wins.
+A row that begins an episode has reward 0 and discount 1; a row that diverges ends with reward 0 and
+discount 0. If the time limit and the task end an episode in the same step, the time limit wins.
 """
 
 from collections.abc import Mapping
@@ -24,8 +24,8 @@ class Counter:
     """See the module's docstring.
 
     Attributes:
-      steps: since each row's episode began, (num_envs,).
-      step_limit: steps in an episode.
+      steps: steps since each row's episode began, (num_envs,).
+      step_limit: steps per episode.
     """
 
     def __init__(self, num_envs: int, step_limit: float) -> None:
@@ -35,11 +35,11 @@ class Counter:
 
     @property
     def at_limit(self) -> np.ndarray:
-        """Rows that have no step left, (num_envs,) booleans."""
+        """Mask of rows that have reached the step limit, (num_envs,)."""
         return self.steps >= self.step_limit
 
     def shown(self, observation: Mapping[str, np.ndarray]) -> dm_env.TimeStep:
-        """The time step of a reset: rows are as they were, without rewards."""
+        """The time step of a reset: FIRST for rows that begin, MID for others; rewards are 0."""
         step_type = np.where(self.steps == 0, _FIRST, _MID)
         return dm_env.TimeStep(
             step_type, np.zeros(len(self.steps)), self._all_one.copy(), observation
@@ -53,14 +53,14 @@ class Counter:
         termination: Quantity | None,
         observation: Mapping[str, np.ndarray],
     ) -> tuple[dm_env.TimeStep, np.ndarray]:
-        """Counts a step; the time step, and the rows whose episode it ends, (num_envs,).
+        """Counts a step; returns the time step and a mask of rows that end, (num_envs,).
 
         Args:
-          begins: rows whose episode has begun with it; None for none.
-          diverged: rows that diverged.
-          reward: of the task, (num_envs,) or a number for all.
-          termination: of the task; see `control.Task.get_termination`.
-          observation: what the time step shows.
+          begins: mask of rows that began an episode with this step; None for none.
+          diverged: mask of rows that diverged.
+          reward: the task's reward, (num_envs,) or one number for all rows.
+          termination: the task's termination; see `control.Task.get_termination`.
+          observation: the observation for the time step.
         """
         self.steps += 1
         reward = np.array(reward, float)

@@ -1,4 +1,4 @@
-"""Checks at the door of a batch."""
+"""Validation of arguments of environments and batches, and `OneUser`."""
 
 import functools
 import os
@@ -23,31 +23,31 @@ __all__ = [
     "streams_of_seeds",
 ]
 
-_STREAM_BYTES = 2_500  # of a RandomState, which has 624 numbers of 4 bytes; a row has two
+_STREAM_BYTES = 2_500  # size of a RandomState, with 624 numbers of 4 bytes; each row has two
 
 
 class OneUser:
-    """A context that one thread at a time can be in: a simulation cannot serve two.
+    """A context that only one thread at a time may enter, since simulations are not thread-safe.
 
-    Its copies, also by pickling, are of their own and free.
+    Copies, including pickled ones, are independent and unoccupied.
     """
 
     __slots__ = ("_here", "_name", "enter", "leave", "what_is_wrong")
 
     def __init__(self, name: str) -> None:
-        """Makes one for something of this name, such as 'batch'."""
+        """Creates a context; `name` is used in messages, such as 'batch'."""
         self._name = name
         self.what_is_wrong: str | None = None
         self._empty()
 
     def _empty(self) -> None:
-        # The thread that is within. Taken and noted at once by `setdefault`, so that it is known
-        # whose it is wherever Ctrl-C comes, and that thread can go on.
+        # The id of the thread inside. `setdefault` acquires and records it atomically, so the owner
+        # is known wherever Ctrl-C strikes, and that thread can continue.
         user: dict[str, int] = {}
-        # Given this thread's number, notes it if nobody is within; the number of who is within.
+        # Records the given thread id if the context is free; returns the id of the thread inside.
         self.enter = functools.partial(user.setdefault, "thread")
         self.leave = functools.partial(user.pop, "thread", None)
-        self._here = _process  # compared by identity: a forked child has another one
+        self._here = _process  # compared by identity; differs in a forked child
 
     def __enter__(self) -> None:
         self.check()
@@ -59,10 +59,10 @@ class OneUser:
         self.leave()
 
     def refuse(self, thread: int) -> None:
-        """Raises `RuntimeError`, as another thread is within; lets it enter if that was a fork's.
+        """Raises `RuntimeError` because another thread is inside; after a fork, enters instead.
 
         Args:
-          thread: the number of this thread.
+          thread: the id of this thread.
         """
         if self._here is _process:
             raise RuntimeError(
@@ -73,7 +73,7 @@ class OneUser:
         self.enter(thread)
 
     def check(self) -> None:
-        """Raises `RuntimeError` if nobody can use it any more."""
+        """Raises `RuntimeError` if the object is no longer usable."""
         if self.what_is_wrong is not None:
             raise RuntimeError(self.what_is_wrong)
 
@@ -81,7 +81,7 @@ class OneUser:
         return type(self), (self._name,)
 
 
-_process: object = object()  # this process; quicker to compare than its number
+_process: object = object()  # identifies this process; faster to compare than a process id
 
 
 def _begin_child() -> None:
@@ -97,7 +97,7 @@ def at_least_one(name: str, value: object) -> int:
     """`value` as an int.
 
     Raises:
-      ValueError: it is no whole number of at least 1.
+      ValueError: the value is not an integer of at least 1.
     """
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f"{name} is {value!r}; expected a whole number of at least 1")
@@ -105,11 +105,11 @@ def at_least_one(name: str, value: object) -> int:
 
 
 def check_memory(num_envs: int, row: Iterable[np.ndarray]) -> None:
-    """Raises MemoryError if rows cannot fit into this machine's memory.
+    """Raises MemoryError if the rows cannot fit into this machine's memory.
 
     Args:
       num_envs: number of rows.
-      row: arrays of which each row has two, at least: as it is, and before its last step.
+      row: arrays of one row, which are stored at least twice: now and before the last step.
     """
     per_row = 2 * sum(array.nbytes for array in row) + 2 * _STREAM_BYTES
     needed, memory = num_envs * per_row, _memory()
@@ -120,7 +120,7 @@ def check_memory(num_envs: int, row: Iterable[np.ndarray]) -> None:
 
 
 def _memory() -> float:
-    """This machine's memory, bytes; infinite where the system does not say."""
+    """This machine's memory, bytes; infinite if unknown."""
     try:
         return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, ValueError, OSError):  # Windows has no sysconf
@@ -128,10 +128,10 @@ def _memory() -> float:
 
 
 def raises_on_divergence(on_divergence: str) -> bool:
-    """Whether it is 'raise' and not 'end'.
+    """Whether the option is 'raise' as opposed to 'end'.
 
     Raises:
-      ValueError: it is neither.
+      ValueError: the option is neither.
     """
     if on_divergence not in ("end", "raise"):
         raise ValueError(f"on_divergence is {on_divergence!r}; expected 'end' or 'raise'")
@@ -142,7 +142,7 @@ def as_rows(ids: object, num_envs: int) -> np.ndarray:
     """Sorted, unique row numbers from row numbers or a mask of (num_envs,).
 
     Raises:
-      ValueError: they are something else, or out of range, unsorted or repeated.
+      ValueError: the ids have another type, or are out of range, unsorted or repeated.
     """
     rows = np.asarray(ids)
     if rows.dtype == bool:
@@ -155,17 +155,17 @@ def as_rows(ids: object, num_envs: int) -> np.ndarray:
         raise ValueError(f"rows are {ids!r}; expected numbers from 0 to {num_envs - 1}")
     rows = rows.astype(int)
     if np.any(np.diff(rows) <= 0):
-        raise ValueError(f"rows are {ids!r}; expected them sorted and without repeats")
+        raise ValueError(f"rows are {ids!r}; expected sorted numbers without repeats")
     return rows
 
 
 def streams_of_seeds(
     seeds: Sequence[int | None] | None, count: int
 ) -> list[np.random.RandomState | None]:
-    """A random stream for each seed, None for None.
+    """A random stream for each seed; None where the seed is None.
 
     Raises:
-      ValueError, TypeError: there are not as many as rows, or see `checked_seed`.
+      ValueError, TypeError: the number of seeds differs from `count`, or see `checked_seed`.
     """
     if seeds is None:
         return [None] * count
@@ -180,14 +180,14 @@ def check_actions(
     """The actions as an array.
 
     Args:
-      actions: one row of numbers for each environment; the task checks the rest of the shape.
+      actions: one row of numbers per environment; the task checks the rest of the shape.
       num_envs: number of rows.
-      begins: rows that ignore their action, so that it may be anything, (num_envs,).
+      begins: mask of rows that ignore their action, which may then have any value, (num_envs,).
       first_row: the number of the first row in messages.
 
     Raises:
-      TypeError: they are not numbers.
-      ValueError: there is another number of rows, or some are NaN or infinite.
+      TypeError: the actions are not numbers.
+      ValueError: the number of rows differs from `num_envs`, or some are NaN or infinite.
     """
     given = as_numbers(actions)
     if given.shape[:1] != (num_envs,):
@@ -205,7 +205,7 @@ def check_actions(
 
 
 def batched_spec(spec: specs.BoundedArray, num_envs: int) -> specs.BoundedArray:
-    """A bounded spec with a leading axis."""
+    """The bounded spec with a leading batch axis."""
     shape = (num_envs, *spec.shape)
     minimum, maximum = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
     return specs.BoundedArray(shape, spec.dtype, minimum, maximum, name=spec.name)

@@ -1,8 +1,8 @@
-"""The form of what a task observes: flat or by name, of one simulation or of many; its specs.
+"""Observations: flat or by name, of a single simulation or of a batch, and their specs.
 
     flatten_observation({"angle": angle, "speed": speed})     # {"observations": (n,)}
 
-`control` and `batch` observe with it. Pictures come on top, from `pixels`.
+Used by `control` and `batch`. Pixel observations are added by `pixels`.
 """
 
 import collections
@@ -30,8 +30,8 @@ def flatten_observation(
       output_key: name of the flat array.
 
     Returns:
-      A mapping of the same type with one item. The order is that of an `OrderedDict`, and
-      alphabetical for other mappings.
+      A mapping of the same type with one item. Arrays are joined in the order of an `OrderedDict`,
+      and alphabetically by name for other mappings.
 
     Raises:
       ValueError: `observation` is not a mutable mapping.
@@ -45,12 +45,12 @@ def flatten_observation(
 
 
 def of_rows(observation: Observation, num_envs: int, flat: bool) -> MutableMapping[str, np.ndarray]:
-    """A batch's observation in arrays of its own, (num_envs, ...) each, that nothing changes later.
+    """A batch's observation in arrays that own their memory, (num_envs, ...) each.
 
     Args:
-      observation: what the task gave, a mapping of arrays, which may be views; it is changed.
+      observation: the task's observation, whose arrays may be views; modified in place.
       num_envs: number of rows.
-      flat: join each row's observations into one flat array, as `flatten_observation`.
+      flat: join each row's observations into one flat array, as `flatten_observation` does.
     """
     given = cast(MutableMapping[str, np.ndarray], observation)
     if flat:
@@ -78,5 +78,5 @@ def _names(observation: Observation) -> list[str]:
 
 def _same_type(like: Observation, flat: np.ndarray, key: str) -> MutableMapping[str, np.ndarray]:
     """A mapping of one item, of the same type as another."""
-    make: Any = type(like)  # whatever it is: its constructor takes pairs
+    make: Any = type(like)  # a mapping type whose constructor accepts pairs
     return make([(key, flat)])

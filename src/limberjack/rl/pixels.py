@@ -1,12 +1,13 @@
-"""Pictures as observations: what is drawn at each step, and the last few pictures of an episode.
+"""Pixel observations: a picture at each step, optionally stacked with the previous ones.
 
     pixels = {"camera": "side", "height": 84, "width": 84, "frame_stack": 3}
     env = suite.load("humanoid", "walk", environment_kwargs={"pixels": pixels})
     env.reset().observation["pixels"]     # (84, 84, 9) uint8
 
-The stack's pictures lie side by side along the last axis, the newest last: `pixels[..., -3:]` is
-the present one. An episode begins with its first picture in every place. A row of a batch sees
-what the single environment with its seed sees. What has no OpenGL fails at its first picture.
+Stacked pictures are concatenated along the last axis, the newest last: `pixels[..., -3:]` is the
+current one. At the start of an episode the stack holds copies of the first picture. A row of a
+batch observes the same pixels as the single environment with its seed. Without OpenGL, the first
+picture raises.
 """
 
 import collections
@@ -23,7 +24,7 @@ from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["PIXELS_KEY", "Frames", "PixelOptions", "Pixels", "render_arguments"]
 
-PIXELS_KEY = "pixels"  # what pictures are called among the observations
+PIXELS_KEY = "pixels"  # name of the pictures among the observations
 
 _COLOURS = 3
 
@@ -36,14 +37,14 @@ PixelOptions = Mapping[str, Any]  # Any: the attributes of `Pixels`, checked by 
 
 @dataclasses.dataclass(frozen=True)
 class Pixels:
-    """What is observed in pictures.
+    """Options of pixel observations.
 
     Attributes:
       camera: name or number of a camera of the model; -1 is the free camera.
-      height: of a picture, pixels.
-      width: of a picture, pixels.
-      only: observe nothing else.
-      frame_stack: number of pictures that are observed together, the last ones of the episode.
+      height: height of a picture, pixels.
+      width: width of a picture, pixels.
+      only: whether to observe nothing else.
+      frame_stack: number of most recent pictures observed together.
       quality: 'full' or 'fast'; see `Physics.render`.
     """
 
@@ -61,11 +62,11 @@ class Pixels:
 
     @classmethod
     def of(cls, options: "PixelOptions | Pixels") -> Self:
-        """The settings that a mapping gives, defaults for what it leaves out.
+        """Options from a mapping, with defaults for those omitted.
 
         Raises:
-          TypeError: it is no mapping, or there is no such option.
-          ValueError: a number is not what it should be.
+          TypeError: `options` is not a mapping, or has an unknown option.
+          ValueError: an option has an invalid value.
         """
         if isinstance(options, cls):
             return options
@@ -90,22 +91,22 @@ class Pixels:
 
 
 class Frames:
-    """What simulations observe in pictures: for each, its last few."""
+    """The most recent pictures of each simulation."""
 
     def __init__(self, pixels: Pixels, physics: Drawn) -> None:
-        """Draws nothing yet.
+        """Validates the options; renders nothing yet.
 
         Args:
-          pixels: what to draw.
-          physics: what to draw it of, a single simulation or a batch: a `mujoco.Physics`.
+          pixels: the options.
+          physics: a single simulation or batch, such as a `mujoco.Physics`.
 
         Raises:
-          ValueError: there is no such camera, or the size is not one that the model can have.
-          TypeError: the physics cannot be drawn.
+          ValueError: there is no such camera, or the size is not positive or too large.
+          TypeError: the physics cannot be rendered.
         """
         if not hasattr(physics, "render_rows"):
             raise TypeError(
-                f"a {type(physics).__name__} cannot be drawn; pixels need a limberjack.mujoco."
+                f"a {type(physics).__name__} cannot be rendered; pixels need a limberjack.mujoco."
                 "Physics"
             )
         shape, dtype = physics.picture_spec(**pixels.render_kwargs)
@@ -114,26 +115,27 @@ class Frames:
         self._is_single = physics.num_envs is None
         stacked = height, width, colours * pixels.frame_stack
         self._stack = np.zeros((physics.num_envs or 1, *stacked), dtype)
-        self._is_seen = np.zeros(len(self._stack), bool)  # rows with a picture of their episode
+        self._is_seen = np.zeros(len(self._stack), bool)  # rows with a picture of this episode
 
     @classmethod
     def of(cls, pixels: PixelOptions | Pixels | None, physics: Drawn) -> Self | None:
-        """Those that a user asks for; None for None. Errors are those of both constructors."""
+        """Frames for a user's options; None for None. Raises like `Pixels.of` and `__init__`."""
         return None if pixels is None else cls(Pixels.of(pixels), physics)
 
     def forget(self, rows: np.ndarray | slice = slice(None)) -> None:
-        """Lets rows, whose episode begins, begin with their next picture."""
+        """Makes rows that begin an episode start a new stack with their next picture."""
         self._is_seen[rows] = False
 
     def observe(
         self, physics: Drawn, state: Mapping[str, _V], is_step: bool = True
     ) -> MutableMapping[str, _V | np.ndarray]:
-        """The observation with the pictures that are seen now.
+        """The observation with the current pictures.
 
         Args:
-          physics: what they are drawn of.
-          state: what else is observed.
-          is_step: every row has a new picture; else those only that have none of their episode.
+          physics: the single simulation or batch to render.
+          state: the other observations.
+          is_step: whether to render every row; if False, only those without a picture of their
+            episode.
         """
         rows = None if is_step else np.flatnonzero(~self._is_seen)
         if rows is None or rows.size:
@@ -141,30 +143,30 @@ class Frames:
         return self._with(state, self._stack[0].copy() if self._is_single else self._stack.copy())
 
     def spec_with(self, state: Mapping[str, specs.Array]) -> MutableMapping[str, specs.Array]:
-        """The specs of observations, from those of what else is observed."""
+        """The observation specs, given those of the other observations."""
         shape = self._stack.shape[1:] if self._is_single else self._stack.shape
         dtype = self._stack.dtype
         return self._with(state, specs.BoundedArray(shape, dtype, 0, 255, name=PIXELS_KEY))
 
     def save(self, rows: np.ndarray | None) -> dict[str, np.ndarray]:
-        """A copy of what rows, all for None, have seen: (n, ...) each."""
+        """Copies of the stacks of rows, None for all: (n, ...) each."""
         index = slice(None) if rows is None else rows
         return {"stack": self._stack[index].copy(), "is_seen": self._is_seen[index].copy()}
 
     def load(self, saved: dict[str, np.ndarray], rows: np.ndarray | None) -> None:
-        """Lets rows have seen what was saved."""
+        """Restores the result of `save`."""
         index = slice(None) if rows is None else rows
         self._stack[index] = saved["stack"]
         self._is_seen[index] = saved["is_seen"]
 
     def origin(self) -> dict[str, object]:
-        """What must agree for what was saved to be loaded."""
+        """Options that must match for a saved stack to be loaded."""
         settings = dataclasses.asdict(self.pixels)
-        del settings["only"]  # what else is observed has nothing to do with it
+        del settings["only"]  # the stack does not depend on it
         return {"pixels": settings}
 
     def _add(self, pictures: np.ndarray, rows: np.ndarray | None) -> None:
-        """Puts a picture of each row on its stack, in every place if it is its episode's first."""
+        """Pushes a picture per row onto its stack; an episode's first picture fills the stack."""
         index = slice(None) if rows is None else rows
         stack = np.concatenate([self._stack[index][..., _COLOURS:], pictures], axis=-1)
         is_first = ~self._is_seen[index]
@@ -179,20 +181,20 @@ class Frames:
         if not isinstance(state, MutableMapping) or PIXELS_KEY in state:
             what = f"one {PIXELS_KEY!r}" if isinstance(state, MutableMapping) else type(state)
             raise ValueError(
-                f"the task observes {what}; expected a dict without {PIXELS_KEY!r}, to put the "
-                "pictures into: ask for pixels with only=True, or for none"
+                f"the task observes {what}; expected a dict without {PIXELS_KEY!r}, to which "
+                "pictures can be added: use pixels with only=True, or no pixels"
             )
-        make: Any = type(state)  # whatever mapping it is: its constructor takes one
+        make: Any = type(state)  # a mapping type whose constructor accepts a mapping
         both: MutableMapping[str, _V | _P] = make(state)
         both[PIXELS_KEY] = pixels
         return both
 
 
 def render_arguments(given: Mapping[str, object]) -> dict[str, object]:
-    """Keyword arguments of `Physics.render`, from such with `camera` for `camera_id`.
+    """Keyword arguments of `Physics.render`, where `camera` may stand for `camera_id`.
 
     Raises:
-      TypeError: it is given twice.
+      TypeError: both are given.
     """
     arguments = dict(given)
     if "camera" in arguments:

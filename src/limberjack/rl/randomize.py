@@ -1,15 +1,14 @@
-"""Domain randomisation: fields of the model drawn anew at the start of each episode.
+"""Domain randomisation: model fields drawn at the start of each episode.
 
     randomize = {"geom_friction": scale(0.7, 1.3), "opt.gravity": shift([-1, 0, 0], [1, 0, 0])}
     env = suite.load("humanoid", "walk", environment_kwargs={"randomize": randomize})
     env.reset()
-    env.randomization["geom_friction"]     # what was drawn
+    env.randomization["geom_friction"]     # the values drawn
 
-A mapping names fields of `mujoco.MjModel` (those of its options as 'opt.gravity') and how each is
-drawn: by `scale`, `shift`, or a function of a `RandomState` and the model's own values that returns
-values of the same shape. The draws come from a stream beside the one that starts are drawn from,
-so the starts stay those without randomisation; a row of a batch draws what the single environment
-with its seed draws.
+`randomize` maps fields of `mujoco.MjModel` (or of its options, as 'opt.gravity') to distributions:
+`scale`, `shift`, or a function of a `RandomState` and the nominal values that returns values of the
+same shape. Draws use a separate stream, so starts are the same as without randomisation. A row of a
+batch draws the same values as the single environment with its seed.
 """
 
 import dataclasses
@@ -27,20 +26,19 @@ Draw = Callable[[np.random.RandomState, np.ndarray], ArrayLike]
 
 @dataclasses.dataclass(frozen=True)
 class scale:  # noqa: N801 (reads as a verb where it is used)
-    """Values times a factor drawn uniformly for each object, such as each geom."""
+    """Nominal values times a factor drawn uniformly per object, for example per geom."""
 
     lower: float
     upper: float
 
     def __call__(self, random: np.random.RandomState, nominal: np.ndarray) -> np.ndarray:
-        # One number for each row, which broadcasts over the row's columns.
         shape = nominal.shape[:1] + (1,) * (nominal.ndim - 1)
         return nominal * random.uniform(self.lower, self.upper, shape)
 
 
 @dataclasses.dataclass(frozen=True)
 class shift:  # noqa: N801
-    """Values plus an amount drawn uniformly for each number; the bounds broadcast."""
+    """Nominal values plus an offset drawn uniformly per element; the bounds broadcast."""
 
     lower: float | Sequence[float] | np.ndarray
     upper: float | Sequence[float] | np.ndarray
@@ -50,20 +48,20 @@ class shift:  # noqa: N801
 
 
 def stream_beside(random: np.random.RandomState) -> np.random.RandomState:
-    """A stream that follows from the present state of another, which does not notice."""
+    """A stream seeded from the current state of another stream, which is not advanced."""
     _, key, position, *_ = random.get_state(legacy=True)
     return np.random.RandomState(np.append(np.asarray(key, np.uint32), np.uint32(position)))
 
 
 class Randomizer:
-    """A mapping of draws, checked against a model."""
+    """Distributions of model fields, validated against a model."""
 
     def __init__(self, mapping: Mapping[str, Draw], physics: SimulatedPhysics) -> None:
-        """Takes the model's present values as those that are varied.
+        """Uses the model's current values as the nominal ones.
 
         Raises:
           ValueError: the model has no such field, or it is part of the model's structure.
-          TypeError: it is no mapping, or a draw is not a function.
+          TypeError: `mapping` is not a mapping, or a distribution is not a function.
         """
         if not isinstance(mapping, Mapping):
             raise TypeError(f"randomize is {mapping!r}; expected a mapping of fields to draws")
@@ -81,7 +79,7 @@ class Randomizer:
         """Values for one episode, by field.
 
         Raises:
-          ValueError: a draw gave another shape, or something not finite.
+          ValueError: drawn values have another shape or are not finite.
         """
         drawn = {}
         for name, draw in self.mapping.items():

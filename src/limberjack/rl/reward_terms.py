@@ -1,11 +1,11 @@
-"""The reward of a step and the terms that it is made of, computed once.
+"""The reward of a step and its terms, computed once.
 
     class Task(control.Task):
         get_reward = reward_of_terms
 
     reward, terms = reward_and_terms(task, physics)
 
-A task whose class defines another `get_reward` has a reward without terms.
+A task that defines another `get_reward` has no terms.
 """
 
 from typing import Protocol, TypeVar
@@ -27,17 +27,17 @@ class _HasTerms(Protocol[_Physics]):
 
 
 def reward_of_terms(self: _HasTerms[_Physics], physics: _Physics) -> Quantity:
-    """The reward, (...): what `reward_of` makes of the `reward_terms`."""
+    """The reward computed by `reward_of` from `reward_terms`, (...)."""
     return self.reward_of(self.reward_terms(physics))
 
 
 def reward_and_terms(task: Task, physics: Physics) -> tuple[Quantity, dict[str, Quantity]]:
-    """The reward and its terms by name, (...) each; no terms if the reward is not made of them.
+    """The reward and its terms by name, (...) each; no terms if the task defines `get_reward`.
 
-    Underflow is no error, even where NumPy is set to raise it: far from a goal, rewards are 0.
+    Underflow is not an error, even if NumPy is set to raise: rewards far from a goal are 0.
     """
     try:
-        # Looked up on the bound method, so that a task's own attribute counts as well.
+        # Checked on the bound method, so that an instance attribute counts too.
         if getattr(task.get_reward, "__func__", None) is not reward_of_terms:
             return task.get_reward(physics), {}
         has_terms: _HasTerms[Physics] = task  # pyright: ignore[reportAssignmentType] (as checked)
@@ -46,6 +46,6 @@ def reward_and_terms(task: Task, physics: Physics) -> tuple[Quantity, dict[str, 
     except FloatingPointError:
         if np.geterr()["under"] != "raise":
             raise
-        # Only now, because entering the context at each step takes half a percent of it.
+        # Only after an error, because entering the context takes 0.5 % of a step.
         with np.errstate(under="ignore"):
             return reward_and_terms(task, physics)

@@ -1,14 +1,14 @@
-"""`Snapshot`: all that the future of an environment depends on.
+"""`Snapshot`: everything that the future of an environment depends on.
 
     snapshot = env.snapshot()          # a single environment, or a batch
-    env.restore(snapshot)              # its future is the same, bit for bit
+    env.restore(snapshot)              # the same future, bit for bit
     batch.restore(row, rows=[3])       # one row into any row
 
-It holds the integration state with the solver's warm start, the model fields that an episode's
-start sets, step counters, pending resets, random streams and the pictures observed last. It is a
-plain object that pickles; it restores in another process, with another patch version of MuJoCo and
-into a batch with another number of threads. It does not hold the task's settings or the model,
-whose numbers must be the same. All of it is checked before anything is restored.
+It holds the integration state with the solver's warm start, the model fields set at an episode's
+start, step counters, pending resets, random streams and the most recent pictures. It is a plain
+object that can be pickled and restored in another process, with another patch version of MuJoCo and
+into a batch with another number of threads. It holds neither the task's settings nor the model,
+whose numbers must match. The snapshot is validated completely before anything is restored.
 """
 
 import dataclasses
@@ -23,7 +23,7 @@ from limberjack.rl.streams import States
 __all__ = ["Snapshot", "bad_rows", "origin_of"]
 
 _VERSION, _NUMBERS = "MuJoCo", "numbers of the model"
-_MAX_VALUE = 1e10  # mjMAXVAL: beyond it MuJoCo calls a state bad, and replaces it by the default
+_MAX_VALUE = 1e10  # mjMAXVAL: MuJoCo replaces a state with larger values by the default state
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,14 +31,13 @@ class Snapshot:
     """State of n environments of one task.
 
     Attributes:
-      origin: task, model and version that it is of, which must agree at restoring.
+      origin: task, model and version, which must match when restoring.
       physics: the physics' arrays by name, (n, ...) each.
       step_count: steps since each episode began, (n,).
       begins: whether each one's next step begins an episode, (n,).
-      streams: states of each one's `RandomState`s: the task's, and the randomisation's if any.
-      frames: what was observed in pictures, by name, (n, ...) each; nothing without pixels.
-      registration: the suite's record of the domain, whose module is imported where this is
-        unpickled.
+      streams: states of each one's `RandomState`s: the task's, and that of randomisation if any.
+      frames: stacks of pictures, by name, (n, ...) each; empty without pixels.
+      registration: the suite's record of the domain, whose module is imported by unpickling.
     """
 
     origin: dict[str, object]
@@ -53,7 +52,7 @@ class Snapshot:
         return len(self.streams)
 
     def check(self, origin: dict[str, object], size: int) -> None:
-        """Raises ValueError if this is of another task, model or version, or not of `size`."""
+        """Raises ValueError if the task, model, version or number of environments differs."""
         for what, expected in origin.items():
             found = self.origin.get(what)
             if what == _NUMBERS and isinstance(found, dict) and isinstance(expected, dict):
@@ -62,8 +61,8 @@ class Snapshot:
                 if changed:
                     raise ValueError(
                         f"the snapshot is of a model with other values of {', '.join(changed)}; "
-                        "restore it into an environment of the same model, or name the fields that "
-                        "a start sets in the task's EPISODE_FIELDS"
+                        "restore it into an environment with the same model, or list fields that "
+                        "starts set in the task's EPISODE_FIELDS"
                     )
             elif found != expected and not _is_patch_of(what, found, expected):
                 raise ValueError(
@@ -72,23 +71,23 @@ class Snapshot:
                 )
         if len(self) != size:
             raise ValueError(
-                f"the snapshot holds {len(self)} environments; expected {size}: restore into as "
-                "many rows"
+                f"the snapshot holds {len(self)} environments; expected {size}: restore it into "
+                "the same number of rows"
             )
 
     def check_arrays(
         self, physics: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray], streams: int
     ) -> None:
-        """Raises ValueError unless all arrays and streams are such as can be restored.
+        """Raises ValueError unless all arrays and streams can be restored.
 
         Args:
-          physics: what an environment of this kind saves, (n, ...) each, for any n.
-          frames: the same of its pictures.
-          streams: number of random streams of an environment.
+          physics: arrays saved by an environment of this kind, (n, ...) each, for any n.
+          frames: stacks of pictures saved by such an environment.
+          streams: number of random streams per environment.
         """
         size = len(self)
         _check_form(self.physics, physics, size)
-        if frames:  # pictures that nobody observes are left alone
+        if frames:  # pictures are ignored if the environment does not observe any
             _check_form(self.frames, frames, size)
         counters = {"step_count": self.step_count, "begins": self.begins}
         _check_form(counters, {"step_count": np.zeros(1, int), "begins": np.zeros(1, bool)}, size)
@@ -96,7 +95,7 @@ class Snapshot:
             _check_streams(row, states, streams)
 
     def check_length(self, step_limit: float) -> None:
-        """Raises ValueError if an episode that goes on has as many steps as the limit, or more."""
+        """Raises ValueError if an unfinished episode has reached the step limit."""
         running = self.step_count[~self.begins]
         if (running >= step_limit).any():
             raise ValueError(
@@ -108,13 +107,13 @@ class Snapshot:
 def origin_of(
     task: Task, physics: SimulatedPhysics, fields: Sequence[str], pixels: Mapping[str, object]
 ) -> dict[str, object]:
-    """What must agree for a snapshot to be restored.
+    """Facts that must match for a snapshot to be restored.
 
     Args:
-      task: whose episodes they are.
-      physics: a simulation of the model, or a batch.
-      fields: of the model, that a snapshot holds itself.
-      pixels: what is observed in pictures.
+      task: the task.
+      physics: a single simulation or a batch.
+      fields: model fields that the snapshot itself holds.
+      pixels: options of the pixel observations.
     """
     return {
         "task": type(task).__name__,
@@ -125,24 +124,24 @@ def origin_of(
 
 
 def bad_rows(physics: SimulatedPhysics, rows: np.ndarray) -> np.ndarray:
-    """Which of some rows have a state that MuJoCo would replace by the default one, (n,)."""
+    """Mask of rows whose state MuJoCo would replace by the default state, (n,)."""
     is_bad = np.zeros(len(rows), bool)
     for name in ("qpos", "qvel", "act"):
         values = getattr(physics.data, name)[rows]
-        is_bad |= ~(abs(values) <= _MAX_VALUE).all(axis=-1)  # also of NaN
+        is_bad |= ~(abs(values) <= _MAX_VALUE).all(axis=-1)  # also True for NaN
     return is_bad
 
 
 def _is_patch_of(what: str, found: object, expected: object) -> bool:
-    """Whether a version of MuJoCo is a patch of the expected one, which keeps its numbers."""
+    """Whether a fact is a patch version of the expected MuJoCo version, with equal numbers."""
     return what == _VERSION and str(found).startswith(f"{expected}.")
 
 
 def _check_form(found: Mapping[str, object], expected: Mapping[str, np.ndarray], size: int) -> None:
-    """Raises ValueError unless arrays have the form of others, with `size` rows."""
+    """Raises ValueError unless names, dtypes and shapes match `expected`, with `size` rows."""
     if found.keys() != expected.keys():
         raise ValueError(
-            f"the snapshot holds {sorted(found)}; expected {sorted(expected)}, as a snapshot of "
+            f"the snapshot holds {sorted(found)}; expected {sorted(expected)}, as in a snapshot of "
             "this environment; nothing was restored"
         )
     for name, array in expected.items():
@@ -166,6 +165,6 @@ def _check_streams(row: int, streams: object, count: int) -> None:
             np.random.RandomState(0).set_state(state)
         except (TypeError, ValueError, LookupError) as error:
             raise ValueError(
-                f"the snapshot holds no state of a RandomState for environment {row}: {error}; "
+                f"the snapshot holds no valid RandomState for environment {row}: {error}; "
                 "nothing was restored"
             ) from error

@@ -1,8 +1,8 @@
 """`Streams`: the random streams of a batch's rows.
 
     streams = Streams(seed=0, count=256)
-    streams.own[3]        # the stream of RandomState(3), that row 3 draws its episodes from
-    streams.beside[3]     # the one that the fields of its model are drawn from
+    streams.own[3]        # RandomState(3), from which row 3 draws its episodes
+    streams.beside[3]     # the stream from which its model fields are drawn
 
 A row's draws do not depend on the other rows.
 """
@@ -16,18 +16,18 @@ from limberjack.utils.seeds import checked_seed
 
 __all__ = ["States", "Streams"]
 
-# Any: what `RandomState.get_state` gives, of the task's stream and of one beside it.
+# Any: results of `RandomState.get_state`, of the task's stream and of the one for model fields.
 States = tuple[Any, ...]
 
 
 class Streams:
-    """For each row the stream of its starts, and one beside it for the fields of its model."""
+    """For each row a stream for its starts, and a separate stream for its model fields."""
 
     def __init__(self, seed: int | None, count: int) -> None:
-        """Makes those of `RandomState(seed + i)`; None for any seed.
+        """Creates the streams of `RandomState(seed + i)`; None for an arbitrary seed.
 
         Raises:
-          TypeError, ValueError: the first or the last seed is none: see `checked_seed`.
+          TypeError, ValueError: the first or the last seed is invalid: see `checked_seed`.
         """
         first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
         checked_seed(first + count - 1)
@@ -35,17 +35,17 @@ class Streams:
         self.beside = [stream_beside(stream) for stream in self.own]
 
     def replace(self, row: int, stream: np.random.RandomState) -> None:
-        """Gives a row another stream."""
+        """Replaces a row's streams."""
         self.own[row] = stream
         self.beside[row] = stream_beside(stream)
 
     def save(self, rows: np.ndarray, with_beside: bool) -> list[States]:
-        """The states of rows' streams, of the first kind or of both."""
+        """States of rows' streams: of `own`, or of `own` and `beside`."""
         kinds = (self.own, self.beside) if with_beside else (self.own,)
         return [tuple(kind[row].get_state() for kind in kinds) for row in rows]
 
     def load(self, rows: np.ndarray, saved: list[States]) -> None:
-        """Lets rows' streams go on from what was saved."""
+        """Restores rows' streams from the result of `save`."""
         for row, states in zip(rows, saved, strict=True):
             for kind, state in zip((self.own, self.beside), states, strict=False):
                 kind[row].set_state(state)

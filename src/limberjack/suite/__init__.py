@@ -1,13 +1,13 @@
-"""The suite: every task by domain and name.
+"""The suite: all tasks by domain and name.
 
     from limberjack import suite
 
     env = suite.load("humanoid", "walk", task_kwargs={"random": 0})
     for domain, task in suite.ALL_TASKS: ...
 
-A domain is imported when it is first used: by `load`, or as `suite.humanoid`. The constants are
-dm_control's tuples; `register` appends to all but `BENCHMARKING`, `EASY` and `HARD`. `tasks` lists
-what there is now, also tasks that were added to a domain's `SUITE` later.
+A domain is imported on first use: by `load`, or as `suite.humanoid`. The constants are dm_control's
+tuples; `register` appends to all of them except `BENCHMARKING`, `EASY` and `HARD`. `tasks` returns
+the current list, including tasks added to a domain's `SUITE` later.
 """
 
 import importlib
@@ -57,7 +57,7 @@ _DOMAINS = Domains()
 
 
 def _get_tasks(tag: str | None) -> _Tasks:
-    """The (domain, task) pairs that have a tag; all of them for None."""
+    """The (domain, task) pairs with a tag; all for None."""
     return tuple(
         (domain, task)
         for domain, module in sorted(_DOMAINS.items())
@@ -71,16 +71,16 @@ def _get_tasks_by_domain(tasks: Iterable[tuple[str, str]]) -> dict[str, tuple[st
 
 
 def tasks(tag: str | None = None) -> _Tasks:
-    """The (domain, task) pairs that have a tag, or all of them, as they are now.
+    """The current (domain, task) pairs with a tag; all for None.
 
-    It imports every domain that is known: the suite's, and those that were registered, assigned to
-    `_DOMAINS` or found. `find_installed` finds those of installed packages first.
+    Imports all known domains: those of the suite and those registered, assigned to `_DOMAINS` or
+    discovered. Call `find_installed` first to discover those of installed packages.
     """
     return _get_tasks(tag)
 
 
 def _rows(*tags: str) -> _Tasks:
-    """The suite's own tasks that have all of the tags, from the table."""
+    """The suite's own tasks with all of the tags, from the table."""
     return tuple((row.domain, row.task) for row in registry.TASKS if {*tags} <= {*row.tags})
 
 
@@ -95,7 +95,7 @@ TASKS_BY_DOMAIN = registry.by_domain(ALL_TASKS)
 
 
 def _update_constants(domain: registry.Domain, is_added: bool) -> None:
-    """Lets the constants follow what is registered and unregistered."""
+    """Updates the constants when a domain is registered or unregistered."""
     global ALL_TASKS, EXTRA, NO_REWARD_VIZ, REWARD_VIZ, TASKS_BY_DOMAIN
     if domain.source != "registered":
         return
@@ -121,7 +121,7 @@ registry.listen(_update_constants)
 
 
 def __getattr__(name: str) -> ModuleType:
-    """Imports a domain of the suite when it is first read as an attribute."""
+    """Imports a domain of the suite when it is first accessed as an attribute."""
     if any(row.domain == name for row in registry.TASKS):
         return importlib.import_module(registry.suite_module(name))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -146,7 +146,7 @@ def load(
       task_kwargs: keyword arguments of the task's factory, such as {'random': 0}.
       environment_kwargs: keyword arguments of `control.Environment`, such as
         {'flat_observation': True}.
-      visualize_reward: colour materials by the reward at each step.
+      visualize_reward: whether to colour materials by the reward at each step.
 
     Raises:
       ValueError: there is no such domain or task.
@@ -167,14 +167,14 @@ def load_batch(
     environment_kwargs: Mapping[str, object] | None = None,
     on_divergence: str = "end",
 ) -> BatchEnvironment:
-    """Many environments of the suite in lockstep; see `limberjack.rl.batch`.
+    """Many environments of the suite, stepped in lockstep; see `limberjack.rl.batch`.
 
     Args:
       domain_name: such as 'humanoid'.
       task_name: such as 'walk'.
       num_envs: number of rows.
-      num_threads: threads that step them; by default the cores that this process may use.
-      seed: row i is `load` with `{'random': seed + i}`; None for any seed.
+      num_threads: number of threads; by default the cores available to this process.
+      seed: row i equals `load` with `{'random': seed + i}`; None for an arbitrary seed.
       task_kwargs: as for `load`, without 'random'.
       environment_kwargs: as for `load`.
       on_divergence: 'end' ends the episodes of rows that diverge; 'raise' raises `PhysicsError`.
@@ -185,7 +185,8 @@ def load_batch(
     """
     if "random" in (task_kwargs or {}):
         raise TypeError(
-            "load_batch takes no 'random' in task_kwargs: give seed, one per row follows"
+            "load_batch does not accept 'random' in task_kwargs: pass seed instead, from which "
+            "each row gets its own"
         )
     env = load(domain_name, task_name, task_kwargs, environment_kwargs)
     batch = BatchEnvironment.from_environment(env, num_envs, num_threads, seed, on_divergence)
@@ -194,7 +195,7 @@ def load_batch(
 
 
 def module_of(domain_name: str) -> ModuleType:
-    """The module of a domain, imported if it was not; also of an installed package.
+    """The module of a domain, imported if necessary; includes domains of installed packages.
 
     Raises:
       ValueError: there is no such domain.
@@ -213,7 +214,7 @@ def build_environment(
     environment_kwargs: Mapping[str, object] | None = None,
     visualize_reward: bool = False,
 ) -> control.Environment:
-    """An environment of the suite: what `load` calls, with the same arguments and errors."""
+    """The implementation of `load`, with the same arguments and errors."""
     factories = module_of(domain_name).SUITE
     if task_name not in factories:
         message = f"Level {task_name!r} does not exist in domain {domain_name!r}."
@@ -233,17 +234,17 @@ def build_environment(
 
 
 def _no_choice(name: str, choices: Iterable[str], message: str) -> str:
-    """The message, with what can be chosen instead."""
+    """The message, followed by a suggestion and the choices."""
     return f"{message}{did_you_mean(name, choices)} Choose one of: {', '.join(sorted(choices))}."
 
 
 def _check_environment_keywords(where: str, given: Mapping[str, object]) -> None:
-    """Raises if the environment does not take a keyword, or the task sets it itself."""
+    """Raises TypeError if the environment does not accept a keyword, or the task sets it itself."""
     if "time_limit" in given:
-        raise TypeError(f"{where}: time_limit is an argument of the task; give it in task_kwargs")
+        raise TypeError(f"{where}: time_limit is an argument of the task; pass it in task_kwargs")
     if "control_timestep" in given and "n_sub_steps" not in given:
         raise TypeError(
-            f"{where} sets control_timestep itself; for another one make a "
+            f"{where} sets control_timestep itself; for another value create a "
             "control.Environment(env.physics, env.task, control_timestep=...)"
         )
     _check_keywords(where, given, control.Environment)
@@ -252,7 +253,7 @@ def _check_environment_keywords(where: str, given: Mapping[str, object]) -> None
 def _check_keywords(
     where: str, given: Mapping[str, object], factory: Callable[..., object]
 ) -> None:
-    """Raises if `factory` does not take a keyword."""
+    """Raises TypeError if `factory` does not accept a keyword."""
     parameters = inspect.signature(factory).parameters
     if any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
         return

@@ -1,6 +1,6 @@
-"""Checks of a domain's module: everything that is wrong with it, in one message.
+"""Validation of a domain's module, with all problems in one message.
 
-It makes an environment of each task, which also gives the lengths of episodes.
+It creates an environment of each task, which also gives the episode lengths.
 """
 
 import inspect
@@ -14,19 +14,19 @@ from limberjack.suite import base
 
 __all__ = ["rows_of"]
 
-_KEYWORDS = ("time_limit", "random", "environment_kwargs")  # that every factory takes
+_KEYWORDS = ("time_limit", "random", "environment_kwargs")  # required of every factory
 
 
 def rows_of(name: str, module: ModuleType) -> tuple[Row, ...]:
-    """The rows of a domain's tasks.
+    """The registry rows of a domain's tasks.
 
     Raises:
-      ValueError: the name is no identifier, or the module lacks something.
+      ValueError: the name is not an identifier, or the module is incomplete.
     """
     problems: list[str] = []
     rows: list[Row] = []
     if not (isinstance(name, str) and name.isidentifier()):
-        problems.append(f"the name {name!r} is no Python identifier")
+        problems.append(f"the name {name!r} is not a Python identifier")
     suite = getattr(module, "SUITE", None)
     if not (isinstance(suite, Mapping) and callable(getattr(suite, "tagged", None))):
         problems.append(
@@ -36,7 +36,7 @@ def rows_of(name: str, module: ModuleType) -> tuple[Row, ...]:
     elif not suite:
         problems.append("SUITE has no tasks; decorate each factory with @SUITE.add()")
     else:
-        problems += _wrong_pictures(module, suite)
+        problems += _picture_problems(module, suite)
         for task in suite:
             row = _row(name, task, suite, problems)
             rows += [] if row is None else [row]
@@ -46,8 +46,8 @@ def rows_of(name: str, module: ModuleType) -> tuple[Row, ...]:
     return tuple(rows)
 
 
-def _wrong_pictures(module: ModuleType, suite: Mapping[str, object]) -> list[str]:
-    """Problems of the pictures that a module asks for."""
+def _picture_problems(module: ModuleType, suite: Mapping[str, object]) -> list[str]:
+    """Problems with a module's `PICTURES`."""
     pictures = getattr(module, "PICTURES", {})
     if not isinstance(pictures, Mapping):
         return [f"PICTURES is {pictures!r}; expected a base.Picture for each task, by name"]
@@ -61,27 +61,27 @@ def _wrong_pictures(module: ModuleType, suite: Mapping[str, object]) -> list[str
     ]
 
 
-# Any: a `TaggedTasks` of somebody else, which may hold anything.
+# Any: a user's `TaggedTasks`, which may hold anything.
 def _row(name: str, task: object, suite: Any, problems: list[str]) -> Row | None:
-    """The row of a task; None if something is wrong with it, which is added to `problems`."""
+    """The row of a task; if it has problems, appends them to `problems` and returns None."""
     factory = suite[task]
     if not (isinstance(task, str) and task.isidentifier()):
-        problems.append(f"the task name {task!r} is no Python identifier")
+        problems.append(f"the task name {task!r} is not a Python identifier")
         return None
     missing = _missing_keywords(factory)
     if missing:
-        problems.append(f"factory {task} does not take {', '.join(missing)}")
+        problems.append(f"factory {task} does not accept {', '.join(missing)}")
         return None
     try:
         environment = factory(random=0)
-    except Exception as error:  # of somebody's factory: it is reported with the others
+    except Exception as error:  # a user's factory may raise anything; reported with the others
         problems.append(f"factory {task} raises {type(error).__name__}: {error}")
         return None
     if not isinstance(environment, control.Environment):
         what = type(environment).__name__
         problems.append(f"factory {task} returns a {what}; expected a control.Environment")
         return None
-    wrong = _wrong_task(environment)
+    wrong = _task_problems(environment)
     problems += [f"the task of {task} has {what}" for what in wrong]
     tags = tuple(tag for tag in suite.tags() if task in suite.tagged(tag))
     dof = getattr(getattr(environment.physics, "model", None), "nv", 0)
@@ -98,8 +98,8 @@ def _missing_keywords(factory: object) -> list[str]:
     return [name for name in _KEYWORDS if name not in parameters]
 
 
-def _wrong_task(environment: control.Environment) -> list[str]:
-    """Problems of the attributes of a task that other modules read."""
+def _task_problems(environment: control.Environment) -> list[str]:
+    """Problems with the task attributes that other modules read."""
     task, wrong = environment.task, []
     for attribute in ("EPISODE_FIELDS", "GOAL", "STARTS"):
         names = getattr(task, attribute, ())

@@ -1,10 +1,10 @@
-"""The domains of installed packages, by the entry-point group `limberjack.domains`.
+"""Domains of installed packages, from the entry-point group `limberjack.domains`.
 
     [project.entry-points."limberjack.domains"]
     swing = "my_package.swing"
 
-Reading the metadata of all installed packages takes milliseconds, so it is done only when a name
-is missing, and to list everything; never at import.
+Reading the metadata of all installed packages takes milliseconds, so it happens only to find an
+unknown name or to list everything, never at import.
 """
 
 from importlib import metadata
@@ -15,7 +15,7 @@ GROUP = "limberjack.domains"
 
 
 def installed() -> dict[str, list[str]]:
-    """Dotted names of modules by the name of the domain; more than one where packages conflict."""
+    """Dotted module names by domain; more than one if packages conflict."""
     found: dict[str, list[str]] = {}
     for entry_point in metadata.entry_points(group=GROUP):
         modules = found.setdefault(entry_point.name, [])
@@ -25,10 +25,10 @@ def installed() -> dict[str, list[str]]:
 
 
 def module_of(name: str) -> str | None:
-    """The dotted name of the module of a domain; None if no installed package has it.
+    """Dotted module name of a domain; None if no installed package provides it.
 
     Raises:
-      ValueError: several packages have a domain of that name.
+      ValueError: several packages provide a domain with this name.
     """
     modules = installed().get(name, [])
     if len(modules) > 1:

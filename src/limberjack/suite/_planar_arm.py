@@ -1,4 +1,4 @@
-"""The planar arm and what its tasks have in common, for the manipulator and the stacker."""
+"""The planar arm of the manipulator and the stacker, and the base class of their tasks."""
 
 import collections
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ __all__ = ["CONTROL_TIMESTEP", "TIME_LIMIT", "ArmTask", "Physics", "is_close", "
 
 TIME_LIMIT = 10  # seconds
 CONTROL_TIMESTEP = 0.01  # seconds
-_CLOSE = 0.01  # metres; two things nearer than this are in the same place
+_CLOSE = 0.01  # metres; objects closer than this count as being at the same position
 
 _ARM_JOINTS = [
     "arm_root",
@@ -39,7 +39,7 @@ _ASSETS = {**common.ASSETS, _ARM_FILE: common.read_model(_ARM_FILE)}
 
 
 def model_without(filename: str, bodies: Sequence[str]) -> tuple[bytes, dict[str, bytes]]:
-    """A model of the suite less some of its bodies: its MJCF and the files that it includes."""
+    """A suite model without some of its bodies: its MJCF and the files that it includes."""
     root = ElementTree.fromstring(common.read_model(filename))
     for name in bodies:
         xml_tools.remove_element(root, xml_tools.find_element(root, "body", name))
@@ -47,12 +47,12 @@ def model_without(filename: str, bodies: Sequence[str]) -> tuple[bytes, dict[str
 
 
 def is_close(distance: arrays.Quantity) -> arrays.Quantity:
-    """1 within a centimetre, a tenth at three, (...) metres -> (...)."""
+    """1 up to a distance of 1 cm, 0.1 at 3 cm, (...) metres -> (...)."""
     return rewards.tolerance(distance, (0, _CLOSE), margin=_CLOSE * 2)
 
 
 class Physics(mujoco.Physics):
-    """What is measured on the arm and on what it moves; planar poses are in the x-z plane."""
+    """Measurements of the arm and the objects; planar poses are in the x-z plane."""
 
     def bounded_joint_pos(self, joint_names: Sequence[str]) -> np.ndarray:
         """Sine and cosine of joint angles, (..., n, 2)."""
@@ -62,18 +62,18 @@ class Physics(mujoco.Physics):
     def joint_vel(self, joint_names: Sequence[str]) -> np.ndarray:
         """Velocities of joints, (..., n), radians or metres per second."""
         velocities = self.named.data.qvel[joint_names]
-        # A list of names gives a copy, one name a view.
+        # Indexing with a list of names gives a copy, with a single name a view.
         return velocities.copy() if isinstance(joint_names, str) else velocities
 
     def body_2d_pose(self, body_names: str | Sequence[str], orientation: bool = True) -> np.ndarray:
         """Planar poses of bodies: x and z in metres, then the quaternion's w and y.
 
         Args:
-          body_names: one name, which gives (..., 4), or n of them, which give (..., n, 4).
-          orientation: False leaves out the quaternion.
+          body_names: one name, for a result of shape (..., 4), or n names, for (..., n, 4).
+          orientation: False omits the quaternion.
         """
         names = body_names if isinstance(body_names, str) else list(body_names)
-        # Every second number: x and z of a position, w and y of a quaternion.
+        # Every second element: x and z of a position, w and y of a quaternion.
         position = self.named.data.xpos[names][..., ::2]
         if not orientation:
             return position.copy()
@@ -89,7 +89,7 @@ class Physics(mujoco.Physics):
         return arrays.norm(positions[site1] - positions[site2])
 
     def randomize_arm(self, random: np.random.RandomState) -> None:
-        """Draws the arm's joint angles, within the limits, the hand symmetric."""
+        """Draws the arm's joint angles within their limits, with a symmetric hand."""
         joints = self.named.model
         is_limited = joints.jnt_limited[_ARM_JOINTS][:, None]
         limits = np.where(is_limited, joints.jnt_range[_ARM_JOINTS], [-np.pi, np.pi])
@@ -99,15 +99,15 @@ class Physics(mujoco.Physics):
 
 
 class ArmTask(base.Task[Physics]):
-    """A task of the arm; the observation of the arm itself is always there."""
+    """A task with the arm, which always observes the arm itself."""
 
-    EPISODE_FIELDS = ("body_pos", "body_quat")  # where the target is
+    EPISODE_FIELDS = ("body_pos", "body_quat")  # the target's pose
 
     def __init__(self, fully_observable: bool, random: base.Random = None) -> None:
-        """Makes the task.
+        """Creates the task.
 
         Args:
-          fully_observable: observe hand, objects and target too, not only the arm's sensors.
+          fully_observable: observe hand, objects and target in addition to the arm's sensors.
           random: a `numpy.random.RandomState`, a seed, or None.
         """
         self._fully_observable = fully_observable
@@ -125,5 +125,5 @@ class ArmTask(base.Task[Physics]):
         return obs
 
     def observe_scene(self, physics: Physics) -> collections.OrderedDict:
-        """Objects and target, by name."""
+        """Observations of objects and target, by name."""
         raise NotImplementedError(f"{type(self).__name__} does not define observe_scene")

@@ -1,9 +1,9 @@
-"""Domains beside the suite's own: registering, finding installed ones, and sending them elsewhere.
+"""User domains: registration, discovery of installed ones, and pickling.
 
     suite.register("swing", "my_package.swing")
 
-`registry` holds the names; this module decides what may be registered. `_checks` looks at the
-module itself.
+`registry` stores the domains, this module decides what may be registered, and `_checks` validates
+the module itself.
 """
 
 import importlib
@@ -27,27 +27,27 @@ __all__ = [
 
 
 def register(name: str, module: ModuleType | str) -> None:
-    """Adds a domain, which everything that takes a domain's name knows from then on.
+    """Adds a domain, which then works wherever a domain's name is accepted.
 
-    The domain is loaded by `suite.load` and `load_batch`, has Gymnasium's ids, and stands in
+    The domain can be loaded by `suite.load` and `load_batch`, gets Gymnasium ids, and appears in
     `ALL_TASKS`, `EXTRA`, `TASKS_BY_DOMAIN` and `REWARD_VIZ` (or `NO_REWARD_VIZ`). Registering the
-    same module again changes nothing. A module may register itself, in its last line:
+    same module again has no effect. A module may register itself in its last line:
 
         suite.register("swing", __name__)
 
     Args:
-      name: a Python identifier that no other domain has.
-      module: the module, or its dotted name; see docs/adding_a_domain.md for what it defines.
+      name: a Python identifier not used by another domain.
+      module: the module, or its dotted name; docs/adding_a_domain.md describes its contents.
 
     Raises:
-      TypeError: `module` is neither.
-      ValueError: the name is taken or no identifier, or the module lacks something; the message
-        has everything that is wrong with it.
-      ImportError: there is no module of that name.
+      TypeError: `module` is neither a module nor a string.
+      ValueError: the name is taken or not an identifier, or the module is incomplete; the message
+        lists all problems.
+      ImportError: there is no module with this name.
     """
     loaded = importlib.import_module(module) if isinstance(module, str) else module
     if not isinstance(loaded, ModuleType):
-        raise TypeError(f"module is {module!r}; expected a module, or its name in dots")
+        raise TypeError(f"module is {module!r}; expected a module, or its dotted name")
     known = registry.domains().get(name)
     if known is not None:
         if known.module not in (loaded, registry.import_name_of(loaded)):
@@ -59,30 +59,30 @@ def register(name: str, module: ModuleType | str) -> None:
 
 
 def unregister(name: str) -> None:
-    """Removes a domain that was registered, assigned or found; its module stays imported.
+    """Removes a domain that was registered, assigned or discovered; its module stays imported.
 
     Raises:
-      ValueError: there is no such domain, or it is one of the suite's own.
+      ValueError: there is no such domain, or it belongs to the suite.
     """
     known = registry.domains().get(name)
     if known is None:
         raise ValueError(f"there is no domain {name!r} to unregister")
     if known.source == "suite":
-        raise ValueError(f"domain {name!r} is the suite's own; only registered ones can be removed")
+        raise ValueError(f"domain {name!r} belongs to the suite; only other domains can be removed")
     registry.remove(name)
 
 
 def find(name: str) -> Domain | None:
-    """The domain of that name, also one of an installed package; None if there is none.
+    """The domain with this name, including those of installed packages; None if there is none.
 
     Raises:
-      ValueError: several installed packages have it, or the module of the one that has it cannot
-        be imported or lacks something.
+      ValueError: several installed packages provide it, or its module cannot be imported or is
+        incomplete.
     """
     known = registry.domains().get(name)
     if known is not None or not isinstance(name, str):
         return known
-    # Imported here: reading packages' metadata is rarely needed, and slow to import.
+    # Imported lazily: rarely needed, and slow to import.
     from limberjack.suite import _entry_points as entry_points
 
     module = entry_points.module_of(name)
@@ -92,17 +92,17 @@ def find(name: str) -> Domain | None:
         loaded = importlib.import_module(module)
     except ImportError as error:
         raise ValueError(
-            f"domain {name!r} is {module}, of an installed package, which cannot be imported: "
-            f"{error}"
+            f"domain {name!r} is provided by {module}, from an installed package, which cannot be "
+            f"imported: {error}"
         ) from error
-    if name not in registry.domains():  # else it has registered itself
+    if name not in registry.domains():  # unless the module has registered itself
         rows = _checks.rows_of(name, loaded)
         registry.add(Domain(name, module, rows, source="installed"))
     return registry.domains()[name]
 
 
 def find_installed() -> dict[str, str]:
-    """Finds the domains of all installed packages; what is wrong with those that fail, by name."""
+    """Discovers the domains of all installed packages; returns problems of failed ones by name."""
     from limberjack.suite import _entry_points as entry_points
 
     problems = {}
@@ -113,17 +113,17 @@ def find_installed() -> dict[str, str]:
             continue
         try:
             find(name)
-        except Exception as error:  # of somebody's package: the others are still listed
+        except Exception as error:  # a user's package may raise anything; continue with the others
             problems[name] = f"{', '.join(modules)}: {' '.join(str(error).split())}"
     return problems
 
 
 def require(name: str, module: str) -> None:
-    """Makes sure that a domain is known under its name and is that module.
+    """Makes sure that a domain is registered under this name with this module.
 
     Raises:
-      ValueError: another module has that name here.
-      ImportError: the module cannot be imported here.
+      ValueError: the name belongs to another module in this process.
+      ImportError: the module cannot be imported in this process.
     """
     known = registry.domains().get(name)
     if known is None:
@@ -131,7 +131,7 @@ def require(name: str, module: str) -> None:
         if name not in registry.domains():
             try:
                 register(name, loaded)
-            except ValueError:  # as where it comes from: what is assigned need not pass the checks
+            except ValueError:  # an assigned domain need not pass the checks, in any process
                 Domains()[name] = loaded
         known = registry.domains()[name]
     if known.import_name != module:
@@ -139,10 +139,10 @@ def require(name: str, module: str) -> None:
 
 
 class Registration:
-    """The domain that an environment comes from; unpickled, it imports and registers its module."""
+    """The domain of an environment; unpickling imports and registers its module."""
 
     def __init__(self, name: str, module: str) -> None:
-        """Takes the name of the domain and the dotted name of its module."""
+        """Stores the name of the domain and the dotted name of its module."""
         self.name = name
         self.module = module
 
@@ -154,22 +154,22 @@ class Registration:
 
 
 def registration_of(name: str) -> Registration | registry.NotImportable:
-    """The registration of a domain that is known."""
+    """The registration of a known domain."""
     module = registry.domains()[name].import_name
     return registry.NotImportable(name) if module is None else Registration(name, module)
 
 
 def _registered(name: str, module: str) -> Registration:
-    """A `Registration` as it is unpickled: its domain is known afterwards."""
+    """Unpickles a `Registration`, and registers its domain."""
     require(name, module)
     return Registration(name, module)
 
 
 class Domains(MutableMapping[str, ModuleType]):
-    """The registry as dm_control's `suite._DOMAINS`: modules by name; reading one imports it.
+    """The registry as dm_control's `suite._DOMAINS`: modules by name, imported when read.
 
-    Assigning a module replaces any domain of that name, unchecked, as in dm_control, and changes
-    no constant.
+    Assigning a module replaces any domain of that name without validation, as in dm_control, and
+    does not change the constants.
     """
 
     def __getitem__(self, name: str) -> ModuleType:
@@ -203,12 +203,12 @@ class Domains(MutableMapping[str, ModuleType]):
 
 
 def _by_name(module: ModuleType) -> ModuleType | str:
-    """The dotted name of a module that can be imported by it, else the module."""
+    """The dotted name of a module if it can be imported by name, otherwise the module."""
     return registry.import_name_of(module) or module
 
 
 def _taken(known: Domain, module: str) -> str:
-    """The message that the name of a domain is taken, and `module` must have another one."""
+    """Error message for a domain name that is taken, with advice for `module`."""
     owner = known.import_name or known.load().__name__
     advice = f"give {module} another name"
     if known.source == "suite":

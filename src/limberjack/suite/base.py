@@ -1,7 +1,7 @@
-"""The part that all tasks of the suite have in common.
+"""Base class of all tasks of the suite.
 
-A task keeps its settings and its random stream, and nothing of the running episode: what an
-episode needs lives in the physics. So one task serves one simulation or a batch of them.
+A task stores its settings and its random stream, but nothing about the current episode, which lives
+entirely in the physics. One task therefore works for a single simulation and for a batch.
 """
 
 import functools
@@ -20,12 +20,12 @@ __all__ = ["Kwargs", "Picture", "Random", "Task"]
 
 # Any: keyword arguments of `control.Environment`, which checks them.
 Kwargs = Mapping[str, Any] | None
-Random = np.random.RandomState | int | None  # a stream, its seed, or None for any
+Random = np.random.RandomState | int | None  # a stream, its seed, or None for an arbitrary seed
 
-# A start that is rejected this often will never be accepted: the suite's own need a handful.
+# Limit for rejection sampling of starts: the suite's own tasks need a handful of attempts.
 _MAX_START_ATTEMPTS = 10_000
 
-_SUCCESS = 0.9  # a term of the goal from which it counts as reached
+_SUCCESS = 0.9  # value from which a term of the goal counts as reached
 
 _COLOURED = ["self", "effector", "target"]  # materials that show the reward
 _DEFAULTS = [f"{name}_default" for name in _COLOURED]
@@ -33,11 +33,11 @@ _HIGHLIGHTS = [f"{name}_highlight" for name in _COLOURED]
 
 
 class Picture(NamedTuple):
-    """The moment at which a picture shows a task: `PICTURES` of a domain's module, by task."""
+    """Camera and time of a task's picture; used in `PICTURES` of a domain's module."""
 
     camera: int | str = 0
-    seed: int = 0  # of the episode
-    steps: int = 0  # after its start
+    seed: int = 0  # seed of the episode
+    steps: int = 0  # steps after its start
 
 
 _Physics = TypeVar("_Physics", bound=mujoco.Physics)
@@ -46,23 +46,24 @@ _Physics = TypeVar("_Physics", bound=mujoco.Physics)
 class Task(control.Task[_Physics]):
     """A task whose actions are the actuators' controls, in the order of the model's file.
 
-    A domain names its own physics, `class Humanoid(base.Task[Physics])`, and annotates with it.
+    A domain specifies its own physics, `class Humanoid(base.Task[Physics])`, and annotates with it.
     """
 
-    # Fields of the model that `initialize_episode` sets, which a batch keeps for each row.
+    # Model fields that `initialize_episode` sets, of which each row of a batch has its own copy.
     EPISODE_FIELDS: tuple[str, ...] = ()
-    # The terms of the reward that make up the goal; the others say how it is to be reached.
+    # The reward terms that define the goal; the others shape the behaviour.
     GOAL: tuple[str, ...] = ()
-    # The kinds of starts that `start` tells apart; none if there is one kind only.
+    # The kinds of starts that `start` distinguishes; empty if there is only one kind.
     STARTS: tuple[str, ...] = ()
-    # The planner's cost for this task as 'module:Class', imported on first use; it takes the task.
+    # The planner's cost for this task as 'module:Class', imported on first use and called with the
+    # task.
     planner_cost: str | None = None
 
     def __init__(self, random: Random = None) -> None:
-        """Makes a task.
+        """Creates a task.
 
         Args:
-          random: the stream that episodes are drawn from, or its seed; None seeds it anew.
+          random: the stream from which episodes are drawn, or its seed; None for an arbitrary seed.
         """
         if not isinstance(random, np.random.RandomState):
             try:
@@ -77,7 +78,7 @@ class Task(control.Task[_Physics]):
 
     @property
     def random(self) -> np.random.RandomState:
-        """The stream that episodes are drawn from."""
+        """The stream from which episodes are drawn."""
         return self._random
 
     @property
@@ -92,11 +93,11 @@ class Task(control.Task[_Physics]):
         self._visualize_reward = value
 
     def action_spec(self, physics: _Physics) -> Nested:
-        """The spec of the actuators' controls."""
+        """Spec of the actuators' controls."""
         return mujoco.action_spec(physics)
 
     def initialize_episode(self, physics: _Physics) -> None:
-        """Colours the start; tasks call it last, when the start is set."""
+        """Colours the start; tasks call it last, once the start is set."""
         self.after_step(physics)
 
     def before_step(self, action: Nested, physics: _Physics) -> None:
@@ -116,37 +117,37 @@ class Task(control.Task[_Physics]):
         physics.set_control(action)
 
     def after_step(self, physics: _Physics) -> None:
-        """Colours materials by the reward, if that is wanted."""
+        """Colours materials by the reward, if `visualize_reward` is set."""
         if self._visualize_reward:
-            with np.errstate(under="ignore"):  # a reward of 0 is no error
+            with np.errstate(under="ignore"):  # a reward that underflows to 0 is not an error
                 _show_reward(physics, self.get_reward(physics))
 
-    # The reward is what `reward_of` makes of `reward_terms`, unless a task defines it otherwise.
+    # The reward is `reward_of(reward_terms)` unless a task overrides it.
     get_reward = reward_of_terms  # pyright: ignore[reportAssignmentType] (its `self` is a protocol)
 
     def reward_terms(self, physics: _Physics) -> dict[str, Quantity]:
-        """The quantities between 0 and 1 that the reward is made of, (...) each, by name."""
+        """Terms of the reward by name, each between 0 and 1, (...)."""
         raise NotImplementedError(
             f"{type(self).__name__} defines neither get_reward nor reward_terms and reward_of"
         )
 
     def reward_of(self, terms: dict[str, Quantity]) -> Quantity:
-        """The reward that the terms make, (...)."""
+        """The reward computed from its terms, (...)."""
         raise NotImplementedError(f"{type(self).__name__} does not define reward_of")
 
     def is_success(self, terms: dict[str, Quantity]) -> Quantity:
-        """Whether the goal is reached now, (...) booleans: all of its terms are nearly 1."""
+        """Whether the goal is currently reached, (...) booleans: all of its terms are nearly 1."""
         return functools.reduce(np.logical_and, (terms[name] >= _SUCCESS for name in self.GOAL))
 
     def start(self, physics: _Physics) -> str | None:
-        """The kind of start of an episode that has just begun, of `STARTS`; None without any."""
+        """The kind of start of an episode that has just begun, one of `STARTS`; None if empty."""
         return None
 
     def draw_collision_free_start(self, physics: _Physics, draw: Callable[[], None]) -> None:
-        """Calls `draw`, which sets a random state, until that state has no contacts.
+        """Calls `draw`, which sets a random state, until the state has no contacts.
 
         Raises:
-          RuntimeError: no draw was free of contacts.
+          RuntimeError: no attempt was free of contacts.
         """
         for _ in range(_MAX_START_ATTEMPTS):
             draw()
@@ -155,13 +156,13 @@ class Task(control.Task[_Physics]):
                 return
         raise RuntimeError(
             f"{type(self).__name__}: none of {_MAX_START_ATTEMPTS} random starts was free of "
-            "contacts; has the model been changed so that none can be?"
+            "contacts; check whether a change of the model rules out such starts"
         )
 
 
 def _show_reward(physics: mujoco.Physics, reward: Quantity) -> None:
-    """Blends the coloured materials from their default to their highlight."""
+    """Blends the coloured materials between their default and highlight colours."""
     colours = physics.named.model.mat_rgba
-    # The power keeps high rewards apart, where colours are compared.
+    # The power makes differences between high rewards visible.
     blend = np.clip(reward, 0.0, 1.0) ** 4
     colours[_COLOURED] = blend * colours[_HIGHLIGHTS] + (1.0 - blend) * colours[_DEFAULTS]

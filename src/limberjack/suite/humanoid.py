@@ -1,8 +1,9 @@
 """Humanoid: stand up, walk or run, with 21 torques.
 
-An episode begins in a random pose above the ground. The reward is a product: head high and torso
-upright, little effort, and the right horizontal speed. The model is that of Tassa, Erez & Todorov
-(2012); the tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
+An episode begins in a random pose above the ground. The reward is the product of terms for a high
+head, an upright torso, low effort and the desired horizontal speed. The model is that of Tassa,
+Erez & Todorov (2012); the tasks are those of the DeepMind Control Suite
+(https://arxiv.org/abs/1801.00690).
 """
 
 import collections
@@ -34,15 +35,15 @@ _STAND_HEIGHT = 1.4  # metres; head height at which standing is fully rewarded
 _WALK_SPEED = 1  # metres per second; horizontal speed at which walking is fully rewarded
 _RUN_SPEED = 10  # metres per second; the same for running
 
-_ROOT_POSITIONS = 7  # numbers in qpos for the free root: a position and a quaternion
-_FALL_TIME = 1.0  # seconds; without control every humanoid lies on the ground by then
-_UP_HEIGHT = 0.7  # metres; half the height of the head at which standing is fully rewarded
+_ROOT_POSITIONS = 7  # elements of qpos for the free root: a position and a quaternion
+_FALL_TIME = 1.0  # seconds; without control, every humanoid is on the ground after this time
+_UP_HEIGHT = 0.7  # metres; half the head height at which standing is fully rewarded
 _FACING = 0.5  # cosine of 60 degrees
-_PLANNED_WALK = 2.0  # metres per second; the planner has a cost of its own for faster tasks
+_PLANNED_WALK = 2.0  # metres per second; the planner has a separate cost for faster tasks
 _LIMBS = ["left_hand", "left_foot", "right_hand", "right_foot"]
 
 SUITE = containers.TaggedTasks()
-# Chosen by eye: starts in which the whole body can be seen.
+# Chosen by eye: starts in which the whole body is visible.
 PICTURES = {
     "stand": base.Picture("side", seed=242, steps=4),
     "walk": base.Picture("side", seed=159, steps=4),
@@ -92,7 +93,7 @@ def run_pure_state(
     random: base.Random = None,
     environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
-    """Run, seeing only generalised positions and velocities."""
+    """Run, observing only generalised positions and velocities."""
     return _environment(_RUN_SPEED, True, time_limit, random, environment_kwargs)
 
 
@@ -107,7 +108,7 @@ def _environment(
 
 
 class Physics(mujoco.Physics):
-    """What is measured on the humanoid."""
+    """Measurements of the humanoid."""
 
     def torso_upright(self) -> arrays.Quantity:
         """Cosine of the torso's tilt, (...): 1 upright, -1 head down."""
@@ -126,11 +127,11 @@ class Physics(mujoco.Physics):
         return self.named.data.sensordata["torso_subtreelinvel"].copy()
 
     def torso_vertical_orientation(self) -> np.ndarray:
-        """The world's vertical in the torso's frame, (..., 3)."""
+        """The world's vertical axis in the torso frame, (..., 3)."""
         return self.named.data.xmat["torso", ["zx", "zy", "zz"]]
 
     def joint_angles(self) -> np.ndarray:
-        """Angles of the hinges, (..., 21), radians: all positions but the root's."""
+        """Angles of the hinges, (..., 21), radians: all positions except the root's."""
         return self.data.qpos[..., _ROOT_POSITIONS:].copy()
 
     def extremities(self) -> np.ndarray:
@@ -142,16 +143,16 @@ class Physics(mujoco.Physics):
 
 
 class Humanoid(base.Task[Physics]):
-    """Stand, or move at a speed or faster."""
+    """Stand, or move at least at a given speed."""
 
     GOAL = ("standing", "upright", "movement")
     STARTS = ("face_up", "face_down", "on_side", "up")
 
     def __init__(self, move_speed: float, pure_state: bool, random: base.Random = None) -> None:
-        """Makes the task.
+        """Creates the task.
 
         Args:
-          move_speed: m/s from which horizontal motion is fully rewarded; 0 rewards standing still.
+          move_speed: horizontal speed that is fully rewarded, m/s; 0 rewards standing still.
           pure_state: observe generalised positions and velocities instead of features.
           random: a `numpy.random.RandomState`, a seed, or None.
         """
@@ -162,13 +163,13 @@ class Humanoid(base.Task[Physics]):
         super().__init__(random=random)
 
     def initialize_episode(self, physics: Physics) -> None:
-        """A random pose without contacts, at rest."""
+        """Draws a random pose without contacts, at rest."""
         draw = randomizers.randomize_limited_and_rotational_joints
         self.draw_collision_free_start(physics, lambda: draw(physics, self.random))
         super().initialize_episode(physics)
 
     def start(self, physics: Physics) -> str:
-        """The pose of a copy that has fallen for a second; on its side beyond 60 degrees."""
+        """The pose in which a copy lands within a second; 'on_side' beyond 60 degrees."""
         fall = physics.copy(share_model=True)
         fall.set_control(np.zeros(fall.model.nu))
         fall.step(round(_FALL_TIME / fall.timestep()))
@@ -180,7 +181,7 @@ class Humanoid(base.Task[Physics]):
         return "face_up" if front > 0 else "face_down"
 
     def get_observation(self, physics: Physics) -> collections.OrderedDict:
-        """Features seen from the torso, or the pure state."""
+        """Features relative to the torso, or the pure state."""
         obs = collections.OrderedDict()
         if self._pure_state:
             obs["position"] = physics.position()
@@ -195,7 +196,7 @@ class Humanoid(base.Task[Physics]):
         return obs
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
-        """Head height, uprightness, effort and horizontal speed, each as a factor of the reward."""
+        """Factors of the reward: head height, uprightness, effort and horizontal speed."""
         height, uprightness = physics.head_height(), physics.torso_upright()
         standing = rewards.tolerance(height, (_STAND_HEIGHT, np.inf), margin=_STAND_HEIGHT / 4)
         upright = rewards.tolerance(
@@ -207,12 +208,12 @@ class Humanoid(base.Task[Physics]):
         return {
             "standing": standing,
             "upright": upright,
-            "small_control": (4 + small_control) / 5,  # full effort costs a fifth
+            "small_control": (4 + small_control) / 5,  # full effort loses a fifth
             "movement": self._movement(physics.center_of_mass_velocity()[..., :2]),
         }
 
     def _movement(self, horizontal_velocity: np.ndarray) -> arrays.Quantity:
-        """How well the horizontal velocity is the one wanted."""
+        """Reward factor for the horizontal velocity, (..., 2) -> (...)."""
         if self._move_speed == 0:
             return rewards.mean_tolerance(horizontal_velocity, margin=2)
         move = rewards.tolerance(

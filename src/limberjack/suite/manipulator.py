@@ -1,7 +1,7 @@
 """Manipulator: a planar arm brings a ball or a peg to a target, or inserts it into a cup or slot.
 
-An object starts in the hand, at the target, or falling anywhere. The tasks are those of the
-DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
+The object starts in the hand, at the target, or falling at a random position. The tasks are those
+of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections
@@ -29,13 +29,12 @@ __all__ = [
     "make_model",
 ]
 
-# Kinds of starts and their probabilities.
 _STARTS = ("in_hand", "in_target", "uniform")
 _START_PROBABILITIES = [0.1, 0.1, 1 - 0.1 - 0.1]
 _PROPS = ("ball", "target_ball", "cup", "peg", "target_peg", "slot")
 
 SUITE = containers.TaggedTasks()
-# Chosen by eye: starts in which the prop and its target can be seen.
+# Chosen by eye: starts in which the prop and its target are visible.
 PICTURES = {
     "bring_ball": base.Picture("fixed", seed=1, steps=3),
     "bring_peg": base.Picture("fixed", seed=5, steps=3),
@@ -55,8 +54,8 @@ def make_model(use_peg: bool, insert: bool) -> tuple[bytes, dict[str, bytes]]:
     """The MJCF with the task's prop, target and receptacle, and the files that it includes.
 
     Args:
-      use_peg: the prop is the peg, else the ball.
-      insert: there is a receptacle: a slot for the peg, a cup for the ball.
+      use_peg: whether the prop is the peg; otherwise the ball.
+      insert: whether there is a receptacle: a slot for the peg, a cup for the ball.
     """
     used = ["peg", "target_peg", "slot"] if use_peg else ["ball", "target_ball", "cup"]
     used = used if insert else used[:2]
@@ -125,7 +124,7 @@ def _environment(
 
 
 class Bring(_planar_arm.ArmTask):
-    """Bring the prop to the target, which is inside a receptacle if it is to be inserted."""
+    """Bring the prop to the target, which is inside the receptacle in insertion tasks."""
 
     GOAL = ("bringing",)
     STARTS = _STARTS
@@ -133,12 +132,12 @@ class Bring(_planar_arm.ArmTask):
     def __init__(
         self, use_peg: bool, insert: bool, fully_observable: bool, random: Random = None
     ) -> None:
-        """Makes the task.
+        """Creates the task.
 
         Args:
-          use_peg: the prop is the peg, else the ball.
-          insert: the target is inside a receptacle.
-          fully_observable: observe hand, prop and target too, not only the arm's sensors.
+          use_peg: whether the prop is the peg; otherwise the ball.
+          insert: whether the target is inside a receptacle.
+          fully_observable: observe hand, prop and target in addition to the arm's sensors.
           random: a `numpy.random.RandomState`, a seed, or None.
         """
         self._use_peg = use_peg
@@ -151,7 +150,7 @@ class Bring(_planar_arm.ArmTask):
         super().__init__(fully_observable, random)
 
     def initialize_episode(self, physics: Physics) -> None:
-        """A random arm, target and prop without contacts."""
+        """Draws random poses of arm, target and prop, without contacts."""
         self.draw_collision_free_start(physics, lambda: self._draw_start(physics))
         super().initialize_episode(physics)
 
@@ -175,18 +174,18 @@ class Bring(_planar_arm.ArmTask):
             angle = np.pi - np.arctan2(along_z, along_x)
         elif start == "uniform":
             x, z, angle = uniform(-0.5, 0.5), uniform(0, 0.7), uniform(0, 2 * np.pi)
-            # As dm_control: a rejected attempt keeps the velocity it drew.
+            # As in dm_control, a rejected attempt keeps the velocity it drew.
             data.qvel[f"{self._object}_x"] = uniform(-5, 5)
         data.qpos[self._object_joints] = x, z, angle
 
     def start(self, physics: Physics) -> str:
-        """'in_hand', 'in_target' or 'uniform': where the prop is as the episode begins."""
+        """The prop's initial position: 'in_hand', 'in_target' or 'uniform'."""
         data = physics.named.data
-        place = data.qpos[self._object_joints][:2].tolist()
-        # Exact: the draw put the prop there, and nothing has moved.
-        if place == physics.named.model.body_pos[self._target, ["x", "z"]].tolist():
+        position = data.qpos[self._object_joints][:2].tolist()
+        # An exact comparison, because nothing has moved since the draw.
+        if position == physics.named.model.body_pos[self._target, ["x", "z"]].tolist():
             return "in_target"
-        in_hand = place == [data.site_xpos["grasp", "x"], data.site_xpos["grasp", "z"]]
+        in_hand = position == [data.site_xpos["grasp", "x"], data.site_xpos["grasp", "z"]]
         return "in_hand" if in_hand else "uniform"
 
     def observe_scene(self, physics: Physics) -> collections.OrderedDict:
@@ -198,7 +197,7 @@ class Bring(_planar_arm.ArmTask):
         return obs
 
     def reward_terms(self, physics: Physics) -> dict[str, Quantity]:
-        """How near the prop is to the target, and for the peg how well it is grasped."""
+        """Closeness of the prop to the target and, for the peg, of the hand to its grasp."""
         if not self._use_peg:
             return {"bringing": is_close(physics.site_distance("ball", "target_ball"))}
         grasp = is_close(physics.site_distance("peg_grasp", "grasp"))
@@ -208,10 +207,10 @@ class Bring(_planar_arm.ArmTask):
         return {"grasping": (grasp + pinch) / 2, "bringing": (centre + tip) / 2}
 
     def reward_of(self, terms: dict[str, Quantity]) -> Quantity:
-        """Bringing; for the peg a third of grasping, if that is more."""
+        """The bringing term; for the peg, a third of the grasping term if that is larger."""
         if not self._use_peg:
             return terms["bringing"]
         bringing, grasping = terms["bringing"], terms["grasping"] / 3
         if isinstance(bringing, float) and isinstance(grasping, float):
-            return max(bringing, grasping)  # a float, as dm_control's reward
+            return max(bringing, grasping)  # a float, like dm_control's reward
         return np.maximum(bringing, grasping)

@@ -1,4 +1,4 @@
-"""Stacker: a planar arm puts a box onto a target place, which may be on top of other boxes.
+"""Stacker: a planar arm puts a box onto a target, which may be on top of other boxes.
 
 The tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
@@ -18,11 +18,11 @@ from limberjack.utils import arrays, containers, rewards
 __all__ = ["PICTURES", "SUITE", "Physics", "Stack", "make_model", "stack_2", "stack_4"]
 
 _BOXES = 4  # in the model's file
-_HAND_AWAY = 0.1  # metres; distance from the target at which the hand has let go
+_HAND_AWAY = 0.1  # metres; distance from the target beyond which the hand counts as removed
 _HAND_MARGIN = 0.01  # metres
 
 SUITE = containers.TaggedTasks()
-# Chosen by eye: a start in which boxes and target can be seen.
+# Chosen by eye: a start in which boxes and target are visible.
 PICTURES = {name: base.Picture("fixed", seed=4, steps=3) for name in ("stack_2", "stack_4")}
 
 
@@ -67,17 +67,17 @@ def _environment(
 
 
 class Stack(_planar_arm.ArmTask):
-    """Put any of the boxes onto the target and take the hand away."""
+    """Put any of the boxes onto the target and remove the hand."""
 
     GOAL = ("box_is_close", "hand_is_far")
     planner_cost = "limberjack.planner.costs_stacker:Stack"
 
     def __init__(self, n_boxes: int, fully_observable: bool, random: Random = None) -> None:
-        """Makes the task.
+        """Creates the task.
 
         Args:
-          n_boxes: number of boxes; the target is at most that many boxes high.
-          fully_observable: observe hand, boxes and target too, not only the arm's sensors.
+          n_boxes: number of boxes; at most `n_boxes - 1` of them belong below the target.
+          fully_observable: observe hand, boxes and target in addition to the arm's sensors.
           random: a `numpy.random.RandomState`, a seed, or None.
         """
         self._n_boxes = n_boxes
@@ -87,7 +87,7 @@ class Stack(_planar_arm.ArmTask):
         super().__init__(fully_observable, random)
 
     def initialize_episode(self, physics: Physics) -> None:
-        """A random arm, target and boxes without contacts, at rest."""
+        """Draws random poses of arm, target and boxes, without contacts, at rest."""
         self.draw_collision_free_start(physics, lambda: self._draw_start(physics))
         super().initialize_episode(physics)
 
@@ -105,13 +105,13 @@ class Stack(_planar_arm.ArmTask):
             qpos[f"{box}_y"] = uniform(0, 2 * np.pi)
 
     def start(self, physics: Physics) -> str:
-        """'level_0', 'level_1', ...: how many boxes are to be below the target."""
+        """The number of boxes that belong below the target: 'level_0', 'level_1', ..."""
         model = physics.named.model
         half_size = model.geom_size["target", "x"]
         return f"level_{round((model.body_pos['target', 'z'] / half_size - 1) / 2)}"
 
     def observe_scene(self, physics: Physics) -> collections.OrderedDict:
-        """Poses and velocities of the boxes, and the target's place."""
+        """Poses and velocities of the boxes, and the target's position."""
         obs = collections.OrderedDict()
         obs["box_pos"] = physics.body_2d_pose(self._boxes)
         obs["box_vel"] = physics.joint_vel(self._box_joints)
@@ -119,16 +119,16 @@ class Stack(_planar_arm.ArmTask):
         return obs
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
-        """How near the nearest box is to the target, and how far the hand is from it."""
+        """Closeness of the nearest box to the target, and distance of the hand from it."""
         box_size = 2 * physics.named.model.geom_size["target", "x"]
         nearest = arrays.minimum_of(physics.site_distance(box, "target") for box in self._boxes)
         hand = physics.site_distance("grasp", "target")
         return {
-            # In sizes of a box, which randomisation may draw for each row.
+            # Relative to the box size, which may be randomised per row.
             "box_is_close": rewards.tolerance(nearest / box_size, margin=1),
             "hand_is_far": rewards.tolerance(hand, (_HAND_AWAY, np.inf), margin=_HAND_MARGIN),
         }
 
     def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
-        """Box close and hand away, between 0 and 1."""
+        """Product of the terms, between 0 and 1."""
         return terms["box_is_close"] * terms["hand_is_far"]

@@ -1,1 +1,1 @@
-"""Helpers that know nothing of MuJoCo: rewards, arrays, registries, XML, files, suggestions."""
+"""Helpers independent of MuJoCo: rewards, arrays, registries, XML, files, suggestions."""

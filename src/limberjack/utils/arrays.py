@@ -1,12 +1,12 @@
-"""Array operations that give the same bits for one simulation and for a batch.
+"""Array operations with bitwise equal results for a single simulation and for each batch row.
 
-A quantity of one simulation has shape `(...)`; the same quantity of a batch of N has shape
-`(N, ...)`. The functions here reduce over the last axis only, and each was chosen because its
-result for a row of a batch equals, bit for bit, what dm_control computes for one simulation.
+A quantity of one simulation has shape `(...)`; the same quantity in a batch of N has shape
+`(N, ...)`. The functions reduce over the last axis only, and each was chosen because its result
+for a row of a batch equals, bit for bit, dm_control's result for one simulation.
 
     hand_distance = norm(site_xpos[..., 0, :] - site_xpos[..., 1, :])   # () or (N,)
 
-What they do not do: broadcast a batch against a single simulation, or accept lists.
+They do not broadcast a batch against a single simulation, and they do not accept lists.
 """
 
 import contextlib
@@ -30,16 +30,16 @@ __all__ = [
     "rows_of_a_batch",
 ]
 
-# One number of one simulation, (), or of each simulation of a batch, (N,); or a vector of them.
+# A scalar per simulation, () or (N,), or a vector per simulation, (k,) or (N, k).
 Quantity = float | np.ndarray
 
-AnyArray = Any  # NumPy's array, or one of another library that speaks NumPy's protocols
+AnyArray = Any  # a NumPy array, or another library's array that implements NumPy's protocols
 
 _batch_size: contextvars.ContextVar[int | None] = contextvars.ContextVar("batch_size", default=None)
 
 
 class _RowsOfABatch:
-    """See `rows_of_a_batch`; a generator's context would take twice the time."""
+    """Context manager of `rows_of_a_batch`; a generator-based one takes twice as long."""
 
     __slots__ = ("_num_envs", "_token")
 
@@ -54,29 +54,29 @@ class _RowsOfABatch:
 
 
 def rows_of_a_batch(num_envs: int) -> contextlib.AbstractContextManager[None]:
-    """Within this context a `(num_envs,)` array is one value per simulation, not a vector.
+    """Context in which a `(num_envs,)` array holds one value per simulation, not a vector.
 
-    Only powers care: see `limberjack.utils.rewards.tolerance`.
+    Only powers depend on it: see `limberjack.utils.rewards.tolerance`.
     """
     return _RowsOfABatch(num_envs)
 
 
 def one_value_per_row(x: object) -> bool:
-    """Whether `x` holds one value for each simulation of the batch being read."""
-    # By its shape, so that arrays that are not ndarrays are recognised as well.
+    """Whether `x` holds one value per simulation of the current batch."""
+    # Checks the shape only, so that arrays of other libraries are recognised too.
     return getattr(x, "shape", None) == (_batch_size.get(),)
 
 
 def any_of(mask: np.ndarray) -> bool:
-    """Whether any element is true; quicker than `mask.any()`, which batches ask several times."""
+    """Whether any element is true; faster than `mask.any()`, and on every batch step's path."""
     return bool(np.count_nonzero(mask))
 
 
 def index_for(array: AnyArray, positions: np.ndarray) -> AnyArray:
-    """An array of positions in the form that indexes `array` fastest.
+    """The positions in the form that indexes `array` fastest.
 
-    That is NumPy's, unless the array is of another library and its class defines `as_index`, which
-    takes the positions to where the array lies, such as a GPU.
+    This is `positions` itself for NumPy; an array class of another library may define `as_index`,
+    which moves the positions to the array's device, such as a GPU.
     """
     convert = getattr(array, "as_index", None)
     return positions if convert is None else convert(positions)
@@ -86,8 +86,8 @@ def norm(x: np.ndarray) -> np.ndarray:
     """Euclidean norm over the last axis, (..., k) -> (...)."""
     if x.ndim == 1:
         return np.sqrt(x.dot(x))
-    # Calls the same dot product for each row. A sum of squares, as `np.linalg.norm(axis=-1)` makes,
-    # rounds differently wherever the linear algebra library fuses multiplying and adding.
+    # The same dot product for each row. A sum of squares, as in `np.linalg.norm(axis=-1)`, rounds
+    # differently wherever the linear algebra library fuses multiplication and addition.
     return np.sqrt(np.vecdot(x, x))
 
 

@@ -1,4 +1,4 @@
-"""`TaggedTasks`: the registry behind each domain's `SUITE`.
+"""`TaggedTasks`: the type of each domain's `SUITE`.
 
     SUITE = TaggedTasks()
 
@@ -9,7 +9,7 @@
     SUITE["swing"]          # the factory
     SUITE.tagged("easy")    # {"swing": the factory}
 
-It is a mapping from a factory's name to the factory, in the order in which they were added.
+A mapping from names to factories, in the order in which they were added.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -24,7 +24,7 @@ _NAME_ALREADY_EXISTS = (
     "allow_overriding_keys=True to replace it"
 )
 
-# A factory takes what its domain takes and returns an environment of any kind.
+# Arguments and return type are the domain's own.
 _Factory = Callable[..., Any]
 _F = TypeVar("_F", bound=_Factory)
 
@@ -43,11 +43,11 @@ class TaggedTasks(Mapping[str, _Factory]):
         self.allow_overriding_keys = allow_overriding_keys
 
     def add(self, *tags: str) -> Callable[[_F], _F]:
-        """A decorator that registers a factory under its `__name__`, and returns it unchanged.
+        """A decorator that registers a factory under its `__name__` and returns it unchanged.
 
         Raises:
-          TypeError: a tag is not a string, as when the decorator is written without parentheses.
-          ValueError: on decorating, the name is taken and may not be overridden.
+          TypeError: a tag is not a string, for example because the parentheses are missing.
+          ValueError: when decorating, if the name is taken and may not be overridden.
         """
         for tag in tags:
             if not isinstance(tag, str):
@@ -68,7 +68,7 @@ class TaggedTasks(Mapping[str, _Factory]):
         return register
 
     def tagged(self, *tags: str) -> dict[str, _Factory]:
-        """The factories that carry all of `tags`, by name; none if no tag is given."""
+        """The factories that have all of `tags`, by name; empty if no tag is given."""
         if not tags:
             return {}
         first, *others = (self._tags.get(tag, {}) for tag in tags)

@@ -1,4 +1,4 @@
-"""How many processor cores this process may really use."""
+"""`usable_cores`: the number of processor cores available to this process."""
 
 import math
 import os
@@ -12,7 +12,7 @@ _OWN_CGROUPS = pathlib.Path("/proc/self/cgroup")
 
 
 def usable_cores() -> int:
-    """Cores that the scheduler grants: by affinity and by the container's quota, at least 1."""
+    """Cores available under the CPU affinity and the container's quota; at least 1."""
     try:
         cores = len(os.sched_getaffinity(0))
     except AttributeError:  # not Linux
@@ -21,17 +21,17 @@ def usable_cores() -> int:
 
 
 def _quotas() -> Iterator[int]:
-    """The quotas of the control groups that this process is in, whole cores."""
+    """Quotas of this process's control groups, rounded up to whole cores."""
     for quota, period in (*_limits(), *_old_limits()):
         try:
-            if int(quota) > 0:  # -1 is no limit in the old kind
+            if int(quota) > 0:  # in cgroups v1, -1 means no limit
                 yield math.ceil(int(quota) / int(period))
         except (ValueError, ZeroDivisionError):  # 'max': no limit
             pass
 
 
 def _limits() -> Iterator[tuple[str, str]]:
-    """Quota and period of the process' group and of those around it; see cgroups(7)."""
+    """Quota and period of the process's cgroup and its ancestors (v2); see cgroups(7)."""
     own = next((line[3:] for line in _lines(_OWN_CGROUPS) if line.startswith("0::/")), "/")
     group = pathlib.PurePosixPath(own)
     for around in (group, *group.parents):
@@ -41,7 +41,7 @@ def _limits() -> Iterator[tuple[str, str]]:
 
 
 def _old_limits() -> Iterator[tuple[str, str]]:
-    """The same in the first version of control groups, as a container sees them."""
+    """Quota and period in cgroups v1, as seen from within a container."""
     names = "cpu.cfs_quota_us", "cpu.cfs_period_us"
     yield from zip(*(_lines(_CGROUPS / "cpu" / name) for name in names), strict=False)
 

@@ -1,10 +1,10 @@
-"""Files that appear whole or not at all, and folders that one process at a time writes to.
+"""Atomic file replacement, and locks that let one process at a time write to a folder.
 
     with Hold(Path("out")), replacing(Path("out/result.json")) as partial:
         partial.write_text(text)
 
-`replacing` guards against failures, interrupts and a loss of power: a file takes its place only
-after its content has reached the disk. `Hold` is advisory: it keeps out processes that use it too.
+`replacing` protects against failures, interrupts and power loss: a file is put in place only after
+its content has reached the disk. `Hold` is advisory: it excludes only processes that also use it.
 """
 
 import contextlib
@@ -14,23 +14,24 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # Windows has none
+except ImportError:  # not available on Windows
     fcntl = None
 
 __all__ = ["Hold", "flush_folder", "partial_path", "put_in_place", "replacing"]
 
 
 def partial_path(path: Path) -> Path:
-    """Where to write a file that is to take the place of `path` when it is whole.
+    """Temporary path for a file that replaces `path` once complete.
 
-    It lies beside `path`, hidden, and ends alike, for programs that choose a format by the ending.
+    It is a hidden file next to `path` with the same suffix, since programs may choose a format by
+    the suffix.
     """
     return path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
 
 
 def flush_folder(folder: Path) -> None:
-    """Flushes the names of a folder's files to the disk."""
-    with contextlib.suppress(OSError):  # Windows and some network file systems cannot
+    """Flushes a folder's directory entries to disk."""
+    with contextlib.suppress(OSError):  # unsupported on Windows and some network file systems
         number = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(number)
@@ -39,7 +40,7 @@ def flush_folder(folder: Path) -> None:
 
 
 def put_in_place(partial: Path, path: Path) -> None:
-    """Moves a file that is whole to `path`, after its content has reached the disk."""
+    """Moves a complete file to `path` after flushing its content to disk."""
     with partial.open("rb+") as file:
         os.fsync(file.fileno())
     os.replace(partial, path)
@@ -48,10 +49,10 @@ def put_in_place(partial: Path, path: Path) -> None:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A path to write to; on a clean exit what was written takes the place of `path`.
+    """A path to write to; on a clean exit the file written there replaces `path`.
 
-    If the body raises, what was written is removed and `path` stays as it was. An error of writing,
-    as on a full disk, which does not say where, is given the file's name.
+    If the body raises, that file is removed and `path` is unchanged. An OSError without a file
+    name, as for a full disk, is given that of `path`.
     """
     partial = partial_path(path)
     try:
@@ -65,20 +66,20 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 class Hold:
-    """Keeps a folder, or a file that is to be written, for this process until it is released.
+    """An exclusive lock on a folder, or on a file to be written, until released.
 
-    Where the system has no locks, as some network file systems, it keeps nobody out.
+    On systems and file systems without locks it has no effect.
     """
 
     def __init__(self, path: Path) -> None:
-        """Takes hold of a folder that exists, or of a file, which need not.
+        """Locks an existing folder, or a file, which need not exist.
 
         Raises:
-          ValueError: another process has hold of it, or this one has already.
-          OSError: the folder of the file cannot be written to.
+          ValueError: another process, or this one, already holds the lock.
+          OSError: the file's folder is not writable.
         """
         self._number: int | None = None
-        # A folder is locked itself; a file by one beside it, which is removed at the end.
+        # A folder is locked directly; a file through a lock file next to it, removed on release.
         self._beside = None if path.is_dir() else path.with_name(f".{path.name}.lock")
         if fcntl is None:
             return
@@ -90,12 +91,12 @@ class Hold:
                 os.close(number)
                 raise
             if self._beside is not None and not _is_still_there(self._beside, number):
-                os.close(number)  # it was removed between the two calls: another one is needed
+                os.close(number)  # the lock file was removed between the two calls: try again
                 continue
             self._number = number
 
     def release(self) -> None:
-        """Lets others write; releasing twice is fine."""
+        """Releases the lock; may be called repeatedly."""
         number, self._number = self._number, None
         if number is None:
             return
@@ -123,12 +124,12 @@ def _lock(number: int, path: Path) -> None:
         raise ValueError(
             f"another process writes to {path}: wait for it, or choose another place"
         ) from None
-    except OSError:  # a file system without locks
+    except OSError:  # the file system does not support locks
         pass
 
 
 def _is_still_there(path: Path, number: int) -> bool:
-    """Whether the open file is the one that lies at `path`."""
+    """Whether the open file is still the one at `path`."""
     try:
         return os.path.samestat(os.stat(path), os.fstat(number))
     except FileNotFoundError:

@@ -1,8 +1,8 @@
-"""Reading resource files, by the names that dm_control gave to these four functions.
+"""Reads resource files; these four function names are dm_control's.
 
     xml = GetResource("model.xml")
 
-A resource is a plain file: a name is its path. New code does better with `pathlib`.
+A resource is a plain file, named by its path. New code should use `pathlib`.
 """
 
 import os
@@ -12,7 +12,7 @@ from typing import IO, Any
 __all__ = ["GetResource", "GetResourceAsFile", "GetResourceFilename", "WalkResources"]
 
 
-# Bytes or text, as the mode says.
+# Bytes or text, depending on the mode.
 def GetResource(name: str | os.PathLike[str], mode: str = "rb") -> Any:  # noqa: N802
     """The whole content of a file: bytes, or text if `mode` is 'r'."""
     with GetResourceAsFile(name, mode) as file:
@@ -20,17 +20,17 @@ def GetResource(name: str | os.PathLike[str], mode: str = "rb") -> Any:  # noqa:
 
 
 def GetResourceFilename(name: str, mode: str = "rb") -> str:  # noqa: N802
-    """The path of a resource, which is its name; `mode` changes nothing."""
+    """The path of a resource, which is its name; `mode` is ignored."""
     return name
 
 
-# As above, and whatever else `open` takes.
+# Keyword arguments of `open`.
 def GetResourceAsFile(  # noqa: N802
     name: str | os.PathLike[str], mode: str = "r", **options: Any
 ) -> IO[Any]:
-    """The open file, to be closed by the caller; `mode` and `options` as for `open`.
+    """The open file, which the caller must close; `mode` and `options` are those of `open`.
 
-    Text is UTF-8 on every platform, unless `encoding` says otherwise.
+    Text defaults to UTF-8 on every platform.
     """
     if "b" not in mode:
         options.setdefault("encoding", "utf-8")
@@ -38,5 +38,5 @@ def GetResourceAsFile(  # noqa: N802
 
 
 def WalkResources(path: str) -> Iterator[tuple[str, list[str], list[str]]]:  # noqa: N802
-    """Directories below `path`, each with its sub-directories and files, as `os.walk`."""
+    """Directories below `path`, each with its subdirectories and files, as from `os.walk`."""
     return os.walk(path)

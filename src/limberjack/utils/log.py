@@ -1,6 +1,6 @@
 """The package's logger: silent unless the program sets up logging.
 
-logging.basicConfig()       # shows MuJoCo's warnings and diverged rows of a batch
+logging.basicConfig()       # shows MuJoCo's warnings and which rows of a batch diverged
 """
 
 import logging
@@ -8,5 +8,5 @@ import logging
 __all__ = ["log"]
 
 log = logging.getLogger("limberjack")
-# Without a handler of its own Python would print warnings of a program that set up none.
+# Without a handler, Python would print warnings even if the program has not set up logging.
 log.addHandler(logging.NullHandler())

@@ -1,9 +1,9 @@
-"""`encode`: a picture as the bytes of a PNG file, with nothing but zlib.
+"""`encode`: a picture as the bytes of a PNG file, using only zlib.
 
     Path("frame.png").write_bytes(png.encode(physics.render()))
 
-Each row is filtered in the way that makes its bytes smallest, as the format's authors advise, so
-files are about as small as other programs make them. It writes colours only and reads nothing.
+Each row uses the filter with the smallest sum of absolute values, as the PNG specification
+recommends, so files are about as small as those of other encoders. RGB only; no decoder.
 """
 
 import struct
@@ -14,21 +14,21 @@ import numpy as np
 __all__ = ["encode"]
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_RGB_OF_8_BITS = bytes([8, 2, 0, 0, 0])  # depth, colour type, then the only choices there are
+_RGB_OF_8_BITS = bytes([8, 2, 0, 0, 0])  # depth, colour type, then the only defined values
 
 
 def encode(picture: np.ndarray) -> bytes:
     """The PNG file of an RGB picture.
 
     Args:
-      picture: (height, width, 3) uint8, the uppermost row first.
+      picture: (height, width, 3) uint8, top row first.
 
     Raises:
-      ValueError: it is no such picture.
+      ValueError: the picture has another shape or dtype, or is empty.
     """
     if picture.ndim != 3 or picture.shape[-1] != 3 or picture.dtype != np.uint8 or not picture.size:
         raise ValueError(
-            f"a picture of shape {picture.shape} and dtype {picture.dtype}; expected "
+            f"picture has shape {picture.shape} and dtype {picture.dtype}; expected "
             "(height, width, 3) and uint8"
         )
     height, width, _ = picture.shape
@@ -39,22 +39,22 @@ def encode(picture: np.ndarray) -> bytes:
 
 
 def _filtered(rows: np.ndarray) -> bytes:
-    """Each row's best filter's number and what that leaves of the row; rows are (height, bytes)."""
+    """Filter number and residuals of each row, for its best filter; `rows` is (height, bytes)."""
     left, above, corner = np.zeros_like(rows), np.zeros_like(rows), np.zeros_like(rows)
     left[:, 3:] = rows[:, :-3]
     above[1:] = rows[:-1]
     corner[1:] = left[:-1]
     guesses = [np.zeros_like(rows), left, above, (left + above) // 2, _paeth(left, above, corner)]
-    rests = np.stack([rows - guess for guess in guesses]).astype(np.uint8)
-    # The sum of the rests as signed bytes foretells well how small a row becomes.
-    sums = np.abs(rests.view(np.int8).astype(np.int16)).sum(axis=-1)
+    residuals = np.stack([rows - guess for guess in guesses]).astype(np.uint8)
+    # The sum of absolute residuals, as signed bytes, is a good predictor of the compressed size.
+    sums = np.abs(residuals.view(np.int8).astype(np.int16)).sum(axis=-1)
     best = sums.argmin(axis=0)
-    kept = rests[best, np.arange(len(rows))]
+    kept = residuals[best, np.arange(len(rows))]
     return np.column_stack([best.astype(np.uint8), kept]).tobytes()
 
 
 def _paeth(left: np.ndarray, above: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """Whichever of the three neighbours is nearest to left + above - corner."""
+    """The neighbour that is nearest to left + above - corner (the PNG Paeth predictor)."""
     guess = left + above - corner
     to_left, to_above, to_corner = (abs(guess - near) for near in (left, above, corner))
     upper = np.where(to_above <= to_corner, above, corner)

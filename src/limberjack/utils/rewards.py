@@ -1,13 +1,13 @@
-"""Soft indicator functions: how well a quantity lies within bounds, from 0 to 1.
+"""Soft indicator functions: a score from 0 to 1 for how close a quantity is to an interval.
 
     tolerance(height, bounds=(1.4, inf), margin=0.35)      # one value per simulation
     tolerance(distance, bounds=(0, radius))                # a radius per simulation, (N,)
-    mean_tolerance(controls, margin=1, sigmoid="quadratic")   # each element, then their mean
+    mean_tolerance(controls, margin=1, sigmoid="quadratic")   # mean over the elements
 
-`tolerance` is 1 inside the bounds; outside it falls along a sigmoid that reaches
-`value_at_margin` at the distance `margin`. The sigmoids and their order of operations are those
-of the DeepMind Control Suite (Tassa et al. 2018, https://arxiv.org/abs/1801.00690), so that
-rewards equal dm_control's bit for bit.
+`tolerance` is 1 inside the bounds; outside it decays along a sigmoid that reaches
+`value_at_margin` at distance `margin`. The sigmoids and their order of operations are those of the
+DeepMind Control Suite (Tassa et al. 2018, https://arxiv.org/abs/1801.00690), so rewards equal
+dm_control's bit for bit.
 """
 
 import functools
@@ -23,12 +23,12 @@ __all__ = ["mean_tolerance", "tolerance"]
 
 _DEFAULT_VALUE_AT_MARGIN = 0.1
 
-# Arrays, which NumPy need not convert at each use.
+# 0-d arrays, which NumPy does not have to convert on each use.
 _ZERO = np.zeros(())
 _ONE = np.ones(())
 _NUMBERS = (float, int, np.generic)
 
-# Any: a number or an array, told apart by what their comparison gives; see the overloads.
+# Any: a number or an array, distinguished by the type of a comparison's result; see the overloads.
 _Bound = Any
 _Curve = Callable[[Quantity, float], Quantity]
 
@@ -70,39 +70,40 @@ def tolerance(
     sigmoid: str = "gaussian",
     value_at_margin: float = _DEFAULT_VALUE_AT_MARGIN,
 ) -> Quantity:
-    """1 where `x` is within the bounds, less the farther it lies outside.
+    """1 where `x` is within the bounds, decreasing with distance outside them.
 
     Args:
       x: a number or an array of any shape.
       bounds: inclusive `(lower, upper)`; either may be infinite. Each is a number, or an array that
         broadcasts with `x`, such as one bound per simulation, (N,).
-      margin: distance from the bounds at which the value is `value_at_margin`; with 0 the value
-        outside the bounds is 0. A number or an array, as the bounds.
+      margin: distance from the bounds at which the value is `value_at_margin`; if 0, the value
+        outside the bounds is 0. A number or an array, like the bounds.
       sigmoid: gaussian, hyperbolic, long_tail, reciprocal, cosine, linear, quadratic or
         tanh_squared.
       value_at_margin: between 0 and 1; 0 is allowed for cosine, linear and quadratic.
 
     Returns:
-      A float for numbers, otherwise an array of the shape that `x`, bounds and margin broadcast to.
+      A float for numbers, otherwise an array of the broadcast shape of `x`, bounds and margin.
 
     Raises:
       ValueError: a lower bound exceeds its upper bound, a margin is negative, the sigmoid is
         unknown or `value_at_margin` is out of range.
     """
     lower, upper = bounds
-    # Comparisons of Python's numbers give exactly False: neither wrong values nor arrays.
+    # Comparing Python numbers gives the object False: then the order is valid and there are no
+    # arrays.
     if (lower > upper) is not False or (margin < 0) is not False:
         _check_order(lower, upper, margin)
         if not all(isinstance(bound, _NUMBERS) for bound in (lower, upper, margin)):
             return _of_arrays(x, lower, upper, margin, *_sigmoid(sigmoid, value_at_margin))
     curve, scale = _sigmoid(sigmoid, value_at_margin) if margin != 0 else (_outside, 0.0)
-    if isinstance(x, float):  # without making arrays
+    if isinstance(x, float):  # fast path without arrays
         if lower <= x <= upper:
             return 1.0
         distance = lower - x if x < lower else x - upper
         # A NumPy scalar overflows to infinity where a Python float would raise.
         return float(curve(np.float64(distance / margin) if margin else distance, scale))
-    if isinstance(x, _NUMBERS):  # an integer or a NumPy scalar that is no float
+    if isinstance(x, _NUMBERS):  # an integer, or a NumPy scalar that is not a float
         return float(_with_masks(x, lower, upper, margin, curve, scale))
     if margin and x.ndim and _needs_no_masks(x, lower, upper):
         # Every sigmoid is exactly 1 at distance 0.
@@ -118,19 +119,19 @@ def mean_tolerance(
     sigmoid: str = "gaussian",
     value_at_margin: float = _DEFAULT_VALUE_AT_MARGIN,
 ) -> np.ndarray:
-    """Mean over the last axis of each element's tolerance, (..., k) -> (...).
+    """Mean over the last axis of the elements' tolerances, (..., k) -> (...).
 
-    Takes `tolerance`'s arguments; bounds and margins per simulation have shape (N, 1).
+    The arguments are those of `tolerance`; bounds and margins per simulation have shape (N, 1).
     """
     values = tolerance(x, bounds, margin, sigmoid, value_at_margin)
-    # The sum divided by the count is what `ndarray.mean` does, without its overhead.
+    # The same arithmetic as `ndarray.mean`, without its overhead.
     return np.add.reduce(values, axis=-1) / x.shape[-1]
 
 
 def _check_order(lower: Quantity, upper: Quantity, margin: Quantity) -> None:
-    """Raises for bounds the wrong way round and negative margins, of numbers and ndarrays.
+    """Raises ValueError if a lower bound exceeds its upper bound or a margin is negative.
 
-    Arrays of other kinds, such as those on a GPU, are not waited for.
+    Only numbers and ndarrays are checked: reading an array on a GPU would wait for the device.
     """
     for is_wrong, message in (
         (lower > upper, "Lower bound must be <= upper bound."),
@@ -143,7 +144,7 @@ def _check_order(lower: Quantity, upper: Quantity, margin: Quantity) -> None:
 def _with_masks(
     x: Quantity, lower: float, upper: float, margin: float, curve: _Curve, scale: float
 ) -> np.ndarray:
-    """The values at `x`, for any bounds that are numbers."""
+    """Values at `x` for bounds and a margin that are numbers."""
     in_bounds = np.logical_and(lower <= x, x <= upper)
     distance = np.where(x < lower, lower - x, x - upper)
     return np.where(in_bounds, 1.0, curve(distance / margin if margin else distance, scale))
@@ -152,7 +153,7 @@ def _with_masks(
 def _of_arrays(
     x: Quantity, lower: Quantity, upper: Quantity, margin: Quantity, curve: _Curve, scale: float
 ) -> np.ndarray:
-    """The values where bounds or margin are arrays; each has the bits of its numbers."""
+    """Values at `x` for array bounds or margins, bitwise equal to `_with_masks` per element."""
     in_bounds = np.logical_and(lower <= x, x <= upper)
     distance = np.where(x < lower, lower - x, x - upper)
     has_margin = margin != 0
@@ -161,12 +162,12 @@ def _of_arrays(
 
 
 def _needs_no_masks(x: np.ndarray, lower: float, upper: float) -> bool:
-    """Whether `_distance` takes such numbers and bounds."""
+    """Whether `_distance` is valid for this dtype and these bounds."""
     return lower == upper or (lower > -np.inf and x.dtype == float)
 
 
 def _distance(x: np.ndarray, lower: float, upper: float) -> np.ndarray:
-    """How far each element lies outside the bounds."""
+    """Distance of each element from the interval; 0 inside."""
     if lower == upper:
         return abs(x - lower if lower else x)
     below = lower - x
@@ -179,15 +180,15 @@ def _outside(distance: Quantity, scale: float) -> Quantity:
 
 
 def _square(x: Quantity) -> Quantity:
-    # A number squared is libm's `pow`, an array squared is `x * x`; they differ in the last bit of
-    # some values. Values of many simulations must round as each simulation's number does.
+    # Squaring a number calls libm's `pow`, squaring an array computes `x * x`; the results differ
+    # in the last bit for some values. A batch must round like a single simulation's number.
     if isinstance(x, float):
         return x**2
     return np.float_power(x, 2) if arrays.one_value_per_row(x) else x**2
 
 
 def _at_least_zero(x: Quantity) -> Quantity:
-    """`x` where it is positive, else 0; also for NaN, as dm_control's comparisons have it."""
+    """`x` where it is positive, else 0; also 0 for NaN, as dm_control's comparisons give."""
     if isinstance(x, float):
         return x if x > 0 else 0.0
     return np.fmax(x, 0.0)
@@ -223,7 +224,7 @@ def _linear(x: Quantity, scale: float) -> Quantity:
 def _quadratic(x: Quantity, scale: float) -> Quantity:
     if isinstance(x, _NUMBERS):
         return _at_least_zero(1.0 - _square(x * scale))
-    # The scale is a float64, and so is what it scales: the constants change no type.
+    # Scaling by a float64 gives a float64, so the constants do not change the dtype.
     scaled = x if scale == 1 and x.dtype == float else x * scale
     return np.fmax(_ONE - _square(scaled), _ZERO)
 
@@ -232,7 +233,7 @@ def _tanh_squared(x: Quantity, scale: float) -> Quantity:
     return 1 - _square(np.tanh(x * scale))
 
 
-# Each sigmoid with the scale that makes it pass through `v` at a distance of 1.
+# Each sigmoid, and the scale at which its value at distance 1 is `v`.
 _SIGMOIDS: dict[str, tuple[_Curve, Callable[[float], float]]] = {
     "gaussian": (_gaussian, lambda v: np.sqrt(-2 * np.log(v))),
     "hyperbolic": (_hyperbolic, lambda v: np.arccosh(1 / v)),
@@ -248,7 +249,7 @@ _REACH_ZERO = ("cosine", "linear", "quadratic")
 
 @functools.lru_cache(maxsize=1024, typed=True)
 def _sigmoid(sigmoid: str, value_at_1: float) -> tuple[_Curve, float]:
-    """The curve named `sigmoid` and the scale at which it passes through `value_at_1`."""
+    """The curve named `sigmoid`, and the scale at which its value at distance 1 is `value_at_1`."""
     if sigmoid in _REACH_ZERO:
         if not 0 <= value_at_1 < 1:
             raise ValueError(

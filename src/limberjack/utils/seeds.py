@@ -1,4 +1,4 @@
-"""`checked_seed`: a number that `numpy.random.RandomState` takes as a seed.
+"""`checked_seed`: validation of seeds for `numpy.random.RandomState`.
 
 seed = checked_seed(7)
 """
@@ -7,15 +7,15 @@ import operator
 
 __all__ = ["SEEDS", "checked_seed"]
 
-SEEDS = 2**32  # numpy.random.RandomState takes seeds below this
+SEEDS = 2**32  # numpy.random.RandomState accepts seeds below this
 
 
 def checked_seed(seed: object) -> int:
     """The seed as an int.
 
     Raises:
-      TypeError: it is not a whole number; True and False are not.
-      ValueError: it is not between 0 and 2**32 - 1.
+      TypeError: the seed is not an integer; bool is not accepted.
+      ValueError: the seed is not between 0 and 2**32 - 1.
     """
     try:
         if isinstance(seed, bool):

@@ -1,10 +1,10 @@
-"""SHA-256 of the Python source that a function or class comes from, to tell versions of it apart.
+"""SHA-256 of the Python source of a function or class, to detect changed code.
 
     hash_of_module("my_package.policies")   # of all Python files of my_package
     hash_of_module("my_policies")           # of my_policies.py
 
-A package counts as a whole: what its modules import of each other is covered, however they import
-it. Weights and other data files, and packages that are imported from elsewhere, are not.
+A package is hashed as a whole, so imports between its modules are covered, whatever their form.
+Data files such as weights, and imports from other packages, are not covered.
 """
 
 import functools
@@ -19,10 +19,9 @@ __all__ = ["defined_in", "hash_of_files", "hash_of_module", "hash_of_source"]
 
 
 def hash_of_files(files: Iterable[Path]) -> str:
-    """The hash over names and contents of at least one file, in hex.
+    """Hash of the names and contents of one or more files, in hex.
 
-    Names are relative to the folder that all files have in common, so that it does not matter where
-    that folder lies.
+    Names are relative to the files' common folder, so its location does not affect the hash.
     """
     ordered = sorted(set(files))
     root = Path(os.path.commonpath([file.parent for file in ordered]))
@@ -35,20 +34,20 @@ def hash_of_files(files: Iterable[Path]) -> str:
 
 
 def hash_of_module(name: str) -> str | None:
-    """The hash of an imported module's package; None for a module without a file.
+    """Hash of an imported module's package; None for a module without a file.
 
-    The package is the outermost one that has an `__init__.py`. A module in a folder without one is
-    taken with all Python files of that folder; a module in no package stands for itself.
+    The package is the outermost one with an `__init__.py`. For a module in a namespace package, all
+    Python files of its folder are hashed; for a top-level module, only its own file.
     """
     files = _files_of(name)
     return hash_of_files(files) if files else None
 
 
 def hash_of_source(target: object) -> str | None:
-    """The hash of the module that defines a function, class or object.
+    """Hash of the module that defines a function, class or object.
 
-    Without a module's file, as in a notebook, it is that of the text that was typed in for the
-    function or class alone; None where that is not known either.
+    Without a module file, as in a notebook, the hash covers only the source text of the function or
+    class; None if that is not available either.
     """
     named = defined_in(target)
     of_module = hash_of_module(named.__module__)
@@ -64,7 +63,7 @@ def defined_in(target: object) -> type:
     """The function or class that `target` is, is a partial of, or is an instance of."""
     while isinstance(target, functools.partial):
         target = target.func
-    # A function has what is read here of a class: a module, a qualified name and a source.
+    # Typed as a class: a function has the same `__module__`, `__qualname__` and source.
     return target if hasattr(target, "__qualname__") else type(target)  # pyright: ignore[reportReturnType]
 
 
@@ -77,6 +76,6 @@ def _files_of(name: str) -> list[Path]:
         package = getattr(sys.modules.get(".".join(parents[:depth])), "__file__", None)
         if package is not None and Path(package).stem == "__init__":
             return sorted(Path(package).parent.rglob("*.py"))
-    if len(parents) > 1:  # a folder that is a package without saying so
+    if len(parents) > 1:  # a namespace package
         return sorted({Path(file), *Path(file).parent.rglob("*.py")})
     return [Path(file)]

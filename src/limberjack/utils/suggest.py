@@ -1,8 +1,8 @@
-"""`did_you_mean`: the tail of an error message about a name that is not there.
+"""`did_you_mean`: the end of an error message about an unknown name.
 
     raise ValueError(f"no task {name!r}; choose from {tasks}.{did_you_mean(name, tasks)}")
 
-It only proposes; listing the choices is left to the message.
+It suggests the closest name only; the message itself lists the choices.
 """
 
 from collections.abc import Iterable
@@ -11,13 +11,13 @@ __all__ = ["did_you_mean"]
 
 
 def did_you_mean(name: object, choices: Iterable[str]) -> str:
-    """` Did you mean 'x'?` for the choice nearest to `name`, or the empty string if none is near.
+    """` Did you mean 'x'?` for the choice closest to `name`, or '' if none is close.
 
-    Case does not count. A name that is no string has no near choice.
+    Case is ignored. A name that is not a string has no close choice.
     """
     if not isinstance(name, str):
         return ""
-    # Imported here: only the path to an error needs it.
+    # Imported lazily: only error paths need it.
     import difflib
 
     by_folded: dict[str, str] = {}

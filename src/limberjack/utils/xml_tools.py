@@ -1,10 +1,10 @@
-"""Finding, nesting, parsing and removing XML elements, on the standard library's ElementTree.
+"""Finds, nests, parses and removes XML elements, based on the standard library's ElementTree.
 
     root = ElementTree.fromstring(xml)
     target = find_element(root, "body", "target")
     remove_element(root, target)
 
-Elements of lxml are served as well, where a program brings them.
+lxml elements are accepted too.
 """
 
 import copy
@@ -17,16 +17,16 @@ from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["find_element", "nested_element", "parse", "remove_element"]
 
-# An Element or ElementTree of xml.etree or of lxml; they share no base class.
+# An Element or ElementTree of xml.etree or lxml, which have no common base class.
 _Node = Any
 _Element = TypeVar("_Element")
 
 
 def find_element(root: _Node, tag: str, name: str) -> _Node:
-    """The first element below `root`, at any depth, with this tag and `name` attribute.
+    """The first descendant of `root` with this tag and `name` attribute.
 
     Raises:
-      ValueError: there is none.
+      ValueError: there is no such element.
     """
     top = _top(root)
     elements = [element for element in top.iter(tag) if element is not top]
@@ -41,7 +41,7 @@ def find_element(root: _Node, tag: str, name: str) -> _Node:
 
 
 def remove_element(root: _Node, element: _Node) -> None:
-    """Removes `element`, with all that it contains, from its parent in the tree of `root`.
+    """Removes `element` and its descendants from the tree of `root`.
 
     Raises:
       ValueError: `element` is `root` itself or is not in the tree.
@@ -55,7 +55,7 @@ def remove_element(root: _Node, element: _Node) -> None:
 
 
 def nested_element(element: _Element, depth: int) -> _Element:
-    """`element`, with a copy of itself as its last child, and so on, `depth` copies deep."""
+    """`element`, with a copy of itself appended as its last child, nested `depth` copies deep."""
     single = copy.deepcopy(element)
     parent: _Node = element
     for _ in range(depth):
@@ -66,11 +66,11 @@ def nested_element(element: _Element, depth: int) -> _Element:
 
 
 def parse(file_obj: IO[str] | IO[bytes] | str | os.PathLike[str]) -> _Node:
-    """The tree of an XML file, without the whitespace that lies between its elements.
+    """The tree of an XML file, without the whitespace between its elements.
 
-    So a pretty printer can lay it out anew. It is an `xml.etree.ElementTree.ElementTree`, without
-    comments; in a program that has imported `lxml.etree` it is one of lxml's, as dm_control gives,
-    since such a program goes on with lxml's functions, which take no other.
+    A pretty printer can then indent it. The result is an `xml.etree.ElementTree.ElementTree`
+    without comments; if the program has imported `lxml.etree`, it is an lxml tree as in dm_control,
+    because lxml's functions accept no other.
 
     Args:
       file_obj: an open file, of text or of bytes, or a path.

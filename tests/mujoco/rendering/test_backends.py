@@ -87,9 +87,9 @@ except RuntimeError as error:
 """
     # The environment is not asked.
     refused, drawn, late = run_script(script, MUJOCO_EGL_DEVICE_ID="77").splitlines()
-    assert "the device asked for='99' is not an EGL device" in refused
+    assert "device='99' is not an EGL device" in refused
     assert drawn.startswith("egl ")
-    assert "choose the device before the first picture" in late
+    assert "select the device before the first picture" in late
 
 
 @on_linux
@@ -99,7 +99,7 @@ def test_a_device_is_refused_where_another_backend_draws(run_script: Callable[..
 
 
 @pytest.mark.parametrize(("number", "error"), [(-1, ValueError), ("0", TypeError)])
-def test_what_is_no_number_of_a_device_is_refused(number: Any, error: type[Exception]) -> None:
+def test_invalid_device_numbers_are_refused(number: Any, error: type[Exception]) -> None:
     with pytest.raises(error):
         use_device(number)
 

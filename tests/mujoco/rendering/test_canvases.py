@@ -1,4 +1,4 @@
-"""Tests of limberjack.mujoco.rendering.canvases: what is shared, what is freed, what it costs."""
+"""Tests of limberjack.mujoco.rendering.canvases: sharing, freeing, memory."""
 
 import sys
 from collections.abc import Callable
@@ -29,11 +29,11 @@ def _physics(colour: str = ".1 .2 .3", shadow: int = 128) -> Physics:
 
 
 def _context(physics: Physics) -> int:
-    """Which of MuJoCo's contexts draws it: the number of its buffer, and of the context object."""
+    """Identifies the MuJoCo context that draws a physics, by buffer and context object."""
     return call(physics.model._model, id)
 
 
-def test_models_of_which_opengl_keeps_the_same_share_it() -> None:
+def test_models_with_equal_resources_share_a_canvas() -> None:
     first, second = _physics(), _physics()
     second.named.model.geom_rgba["ball"] = [1, 0, 0, 1]
     second.named.model.body_pos["mover"] = [0.3, 0, 0.3]
@@ -44,7 +44,7 @@ def test_models_of_which_opengl_keeps_the_same_share_it() -> None:
     np.testing.assert_array_equal(frames[0], frames[2])
 
 
-def test_models_of_which_opengl_keeps_other_things_do_not_share() -> None:
+def test_models_with_different_resources_do_not_share_a_canvas() -> None:
     others = [_physics(colour=".9 0 0"), _physics(shadow=256)]
     assert len({_context(p) for p in (_physics(), *others)}) == 3
 
@@ -57,7 +57,7 @@ def test_more_models_than_are_kept_can_be_drawn_in_turn() -> None:
         np.testing.assert_array_equal(room.render(48, 48), frame)
 
 
-def test_what_is_done_to_a_context_of_ones_own_reaches_nobody_else() -> None:
+def test_changes_to_a_private_context_affect_no_other() -> None:
     mine, others = _physics(), _physics()
     assert _context(mine) == _context(others)
     shared = mine.model._model

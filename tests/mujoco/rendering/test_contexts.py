@@ -1,4 +1,4 @@
-"""`physics.contexts`: calling MuJoCo's own drawing functions."""
+"""`physics.contexts` runs MuJoCo's own drawing functions."""
 
 import pytest
 

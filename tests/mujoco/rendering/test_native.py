@@ -1,4 +1,4 @@
-"""Calling libraries that are written in C."""
+"""Loading and calling C libraries."""
 
 import ctypes
 import sys
@@ -41,7 +41,7 @@ def test_functions_of_the_c_library_are_visible_to_all() -> None:
     assert not native.is_visible("no_such_function")
 
 
-def test_a_reason_stands_in_an_expression() -> None:
+def test_fail_can_be_used_in_an_expression() -> None:
     with pytest.raises(native.UnavailableError, match="no library"):
         native.load("libno-such-thing.so.1") or native.fail("no library")
 

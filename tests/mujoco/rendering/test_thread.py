@@ -25,7 +25,7 @@ _MODEL = """
   </worldbody>
 </mujoco>
 """
-# For scripts: a physics, a way to draw it, and a wait for a child that does not wait for ever.
+# For scripts: a physics, a function that draws it, and a wait for a child with a time limit.
 _PRELUDE = f"""
 import os, signal, sys, threading, time
 import numpy as np
@@ -102,7 +102,7 @@ def test_the_callers_own_opengl_context_stays_current() -> None:
         np.testing.assert_array_equal(pixels[::-1], before)
 
 
-def test_an_error_over_there_is_the_callers() -> None:
+def test_an_error_on_the_rendering_thread_is_raised_in_the_caller() -> None:
     def fail(*_: Any) -> None:
         raise LookupError("from the other thread")
 
@@ -110,7 +110,7 @@ def test_an_error_over_there_is_the_callers() -> None:
         call(_turned(0).model._model, fail)
 
 
-def test_what_is_called_there_can_call_in_turn() -> None:
+def test_calls_on_the_rendering_thread_can_be_nested() -> None:
     first, second = _turned(0.1), _turned(0.9)
     expected = second.render(64, 64)
     inner = call(first.model._model, lambda _: second.render(64, 64))
@@ -282,13 +282,13 @@ with multiprocessing.get_context({method!r}).Pool(2) as pool:
         "physics.cycle = physics; draw()",
     ],
 )
-def test_the_process_ends_in_silence(run_script: Callable[..., str], open_things: str) -> None:
+def test_the_process_exits_silently(run_script: Callable[..., str], open_things: str) -> None:
     run_script(f"{_PRELUDE}\nxml = {_MODEL!r}\ndraw()\n{open_things}\n")
 
 
 @pytest.mark.oracle
 @pytest.mark.parametrize("order", ["draw(); theirs.render()", "theirs.render(); draw()"])
-def test_the_process_ends_in_silence_beside_dm_control(
+def test_the_process_exits_silently_beside_dm_control(
     run_script: Callable[..., str], theirs: Callable[..., Any], order: str
 ) -> None:
     sizes = "dm_control.mujoco.wrapper.mjbindings"
@@ -306,7 +306,7 @@ theirs = dm_control.mujoco.Physics.from_xml_string({_MODEL!r})
 
 
 @pytest.mark.parametrize("pause", [0.0, 0.005, 0.01, 0.02])
-def test_the_process_ends_in_silence_while_a_daemon_draws(
+def test_the_process_exits_silently_while_a_daemon_draws(
     run_script: Callable[..., str], pause: float
 ) -> None:
     run_script(f"""{_PRELUDE}

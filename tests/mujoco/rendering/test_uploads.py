@@ -1,4 +1,4 @@
-"""Tests of limberjack.mujoco.rendering.uploads: pictures show what has changed in a model."""
+"""Tests of limberjack.mujoco.rendering.uploads: pictures show changes of a model."""
 
 import copy
 from collections.abc import Callable
@@ -77,7 +77,7 @@ def _physics() -> Physics:
 
 
 def _fresh(physics: Physics) -> np.ndarray:
-    """A picture of an equal model that has never been drawn, in a context of its own."""
+    """A picture of an equal model that was never drawn before, in a private context."""
     model = wrapper.MjModel(copy.copy(physics.model.ptr))
     other = Physics.from_model(model)
     other.contexts.mujoco.ptr  # noqa: B018
@@ -132,7 +132,7 @@ def test_simulations_that_change_share_a_context() -> None:
     assert call(_physics().model._model, id) not in contexts
 
 
-def test_changes_are_seen_in_contexts_of_ones_own() -> None:
+def test_changes_are_seen_in_private_contexts() -> None:
     physics = _physics()
     context = physics.contexts.mujoco.ptr
     physics.render(**_SIZE)
@@ -141,7 +141,7 @@ def test_changes_are_seen_in_contexts_of_ones_own() -> None:
     assert physics.contexts.mujoco.ptr is context
 
 
-def test_a_picture_drawn_within_another_ones_call_leaves_that_ones_textures() -> None:
+def test_a_nested_picture_leaves_the_textures_of_the_outer_one() -> None:
     first, second = _physics(), _physics()
     for physics, level in ((first, 0.2), (second, 0.9)):
         physics.render(**_SIZE)

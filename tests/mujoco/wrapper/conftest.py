@@ -1,4 +1,4 @@
-"""A model with a ball that rolls and one that stands still."""
+"""A model with a rolling ball and a ball at rest."""
 
 import mujoco
 import pytest

@@ -8,7 +8,7 @@ import pytest
 from limberjack.mujoco import wrapper
 
 
-def test_a_callback_holds_within_its_context_and_is_put_back(
+def test_a_callback_applies_within_its_context_and_is_restored(
     model: wrapper.MjModel, data: wrapper.MjData
 ) -> None:
     calls = []

@@ -45,7 +45,7 @@ def test_a_copy_of_data_is_the_same_and_apart(data: wrapper.MjData, way: str) ->
     assert not np.any(data.qpos == 5.0)
 
 
-def test_contacts_are_those_there_are(data: wrapper.MjData) -> None:
+def test_contacts_are_limited_to_the_current_ones(data: wrapper.MjData) -> None:
     assert len(data.contact) == data.ncon == 1
     assert data.contact.geom[0].tolist() == [0, 1]
 

@@ -1,4 +1,4 @@
-"""`MjModel` as programs for dm_control know it, shared or not."""
+"""`MjModel` has dm_control's interface, whether the model is shared or not."""
 
 import copy
 import pickle
@@ -65,7 +65,7 @@ def test_names_and_numbers_of_objects(
     assert model.id2name(number, kind) == name
 
 
-def test_what_has_no_name_has_an_empty_one(model: wrapper.MjModel) -> None:
+def test_an_unnamed_object_has_an_empty_name(model: wrapper.MjModel) -> None:
     assert model.id2name(2, "body") == ""
     assert model.id2name(99, "body") == ""
 

@@ -1,4 +1,4 @@
-"""Compiled models are shared, kept for the next load, and copied before they can be changed."""
+"""Compiled models are shared, cached, and copied before they can be changed."""
 
 import copy
 from typing import Any
@@ -23,7 +23,7 @@ _XML = """
 
 
 def shared_pair() -> tuple[wrapper.MjModel, wrapper.MjModel]:
-    """Two models that share what was compiled."""
+    """Two models that share a compiled model."""
     shared = SharedModel(mujoco.MjModel.from_xml_string(_XML))
     return wrapper.MjModel(shared), wrapper.MjModel(shared)
 

@@ -13,7 +13,7 @@ from limberjack.mujoco.wrapper.textures import without_textures
 
 _EVERY_TASK = pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
 _CUT = {"ntexdata", "nbuffer", "tex_data", "tex_height", "tex_width", "tex_adr"}
-# Of what a model was compiled of; no model that was loaded in binary form has it.
+# Fields about the source of a model, which models in binary format lack.
 _CUT |= {"signature"}
 
 
@@ -22,7 +22,7 @@ def _model(task: tuple[str, str]) -> mujoco.MjModel:
 
 
 def _values(model: mujoco.MjModel) -> dict[str, object]:
-    """All of a model, by name; of its options what they are printed as."""
+    """All fields of a model by name; structs as text."""
     found: dict[str, object] = {}
     for name in dir(model):
         value = getattr(model, name)

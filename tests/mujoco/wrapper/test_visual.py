@@ -1,4 +1,4 @@
-"""The structs of visualisation, with what dm_control's programs add to them."""
+"""The visualisation structs with dm_control's additions."""
 
 import mujoco
 import numpy as np

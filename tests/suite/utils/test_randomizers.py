@@ -39,7 +39,7 @@ def draws(attributes: str, seed: int = 0) -> np.ndarray:
 
 
 def angles(quaternions: np.ndarray) -> np.ndarray:
-    """How far each rotation turns, radians, between 0 and pi."""
+    """Angle of each rotation, radians, between 0 and pi."""
     return 2 * np.arccos(np.clip(np.abs(quaternions[:, 0]), 0, 1))
 
 

@@ -1,4 +1,4 @@
-"""The part that action wrappers share: delegation, and the check of an action."""
+"""The wrappers' base class: delegation, and action checks."""
 
 import copy
 import pickle
@@ -13,7 +13,7 @@ from limberjack.suite.wrappers._delegating import Wrapper, checked_action
 
 
 class _Environment(dm_env.Environment):
-    """Remembers what it was asked for."""
+    """Records its calls."""
 
     def __init__(self) -> None:
         self.asked: list[Any] = []
@@ -79,11 +79,11 @@ def test_numbers_of_the_right_shape_pass() -> None:
     [
         (["a", "b"], TypeError, "dtype <U1"),
         ([1, 2, 3], ValueError, r"shape \(3,\); expected \(2,\)"),
-        ([[1], [2, 3]], ValueError, r"no array of shape \(2,\)"),
+        ([[1], [2, 3]], ValueError, r"not an array of shape \(2,\)"),
         ([np.nan, 1.0], ValueError, r"not finite at index \[0\]"),
         ([1.0, -np.inf], ValueError, r"not finite at index \[1\]"),
     ],
 )
-def test_what_is_no_action_is_refused(action: Any, error: Any, message: str) -> None:
+def test_invalid_actions_are_refused(action: Any, error: Any, message: str) -> None:
     with pytest.raises(error, match=message):
         checked_action(action, (2,))

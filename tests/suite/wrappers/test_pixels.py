@@ -15,7 +15,7 @@ _SIZE = {"height": 40, "width": 60}
 
 
 class ArrayEnvironment(dm_env.Environment):
-    """Observes one array, and draws a picture that says how often it was drawn."""
+    """Observes one array, and draws a picture with the number of previous pictures."""
 
     def __init__(self, spec: Any = None) -> None:
         self.physics = self

@@ -1,4 +1,4 @@
-"""Drawing with OpenGL: from a scene to an array of pixels, on a thread of its own."""
+"""OpenGL rendering on a dedicated thread: from a scene to an array of pixels."""
 
 from limberjack.mujoco.rendering.backends import RenderingError
 from limberjack.mujoco.rendering.contexts import Contexts, contexts

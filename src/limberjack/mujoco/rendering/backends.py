@@ -1,15 +1,14 @@
-"""Where OpenGL comes from: EGL, OSMesa, GLFW or CGL, without a window on the screen.
+"""OpenGL backends for off-screen rendering: EGL, OSMesa, GLFW and CGL.
 
-    backend = open_backend()      # as MUJOCO_GL says, or the first that works
+    backend = open_backend()      # the one selected by MUJOCO_GL, or the first that works
     context = backend.create()
     backend.make_current(context)
     backend.destroy(context)
 
-All calls must come from one thread: `thread.py`'s. EGL, which is in `egl.py`, and OSMesa are called
-directly and not through PyOpenGL, which can serve only one of them in a process and needs an
-environment variable to know which. A backend is opened only once it has given a working context,
-because MuJoCo looks for OpenGL's functions one time in the life of a process and remembers a
-failure.
+All calls must come from one thread, that of `thread.py`. EGL (see `egl.py`) and OSMesa are called
+directly instead of through PyOpenGL, which supports only one of them per process, selected by an
+environment variable. A backend counts as open only after it has created a working context, because
+MuJoCo looks up OpenGL's functions once per process and caches a failure.
 """
 
 import ctypes
@@ -27,7 +26,7 @@ from limberjack.utils.suggest import did_you_mean
 __all__ = ["Backend", "RenderingError", "names", "open_backend"]
 
 _VARIABLE = "MUJOCO_GL"
-# MuJoCo's words, besides the backends' names.
+# Values of MUJOCO_GL that MuJoCo accepts besides the backends' names.
 _OFF = ("disable", "disabled", "off", "false", "0")
 _AUTOMATIC = ("", "enable", "enabled", "on", "true", "1")
 _GLFW_ALIASES = {"linux": "glx", "win32": "wgl"}
@@ -36,21 +35,21 @@ _SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
 _MESA_LIBRARIES = ("libEGL_mesa", "libgallium", "swrast_dri")
 
 _NOT_AFTER_FORK = (
-    "this process was forked from one that had drawn with {!r}, which does not survive that. Start "
-    "processes with multiprocessing's 'spawn' or 'forkserver', or draw nothing before forking them"
+    "this process was forked from one that had rendered with {!r}, which does not survive a fork. "
+    "Start processes with multiprocessing's 'spawn' or 'forkserver', or fork before rendering"
 )
 
 
-# Opaque, and each backend's own: a number, or an object of a library.
+# Opaque and specific to the backend, such as a number or a library's object.
 _Context = Any
 
 
 class Backend(Protocol):
-    """A source of OpenGL contexts. Contexts are opaque: what `create` returned."""
+    """A source of OpenGL contexts. Contexts are opaque values returned by `create`."""
 
-    name: str  # as MUJOCO_GL has it
-    # The driver's names for what draws, such as "llvmpipe (LLVM 15.0.6, 256 bits)", and for who
-    # made it; may be empty.
+    name: str  # the value of MUJOCO_GL that selects it
+    # The driver's strings for the renderer, such as "llvmpipe (LLVM 15.0.6, 256 bits)", and for its
+    # vendor; may be empty.
     renderer: str
     vendor: str
 
@@ -68,7 +67,7 @@ class Backend(Protocol):
 
 
 def names() -> tuple[str, ...]:
-    """The platform's backends, in the order in which they are tried."""
+    """The platform's backends in the order of preference."""
     available = {"linux": ("egl", "osmesa", "glfw"), "darwin": ("cgl", "glfw")}
     return available.get(sys.platform, ("glfw",))
 
@@ -76,17 +75,18 @@ def names() -> tuple[str, ...]:
 def open_backend(
     is_forked: bool = False, inherited: Backend | None = None, device: int | None = None
 ) -> Backend:
-    """The backend that MUJOCO_GL names; without it, the first of the platform's that works.
+    """The backend selected by MUJOCO_GL; if unset, the platform's first backend that works.
 
     Args:
-      is_forked: this process was forked from another. What a driver kept in memory came along, but
-        not its threads: to use it again hangs. Mesa can be opened afresh, by another way in.
-      inherited: what that process had drawn with.
-      device: number of the EGL device to draw with; by default MUJOCO_EGL_DEVICE_ID's.
+      is_forked: whether this process was forked. A forked process has a copy of the driver's memory
+        but not its threads, so using the driver would hang. Mesa can be opened again through a
+        different entry point.
+      inherited: the backend used by the parent process.
+      device: number of the EGL device; by default that of MUJOCO_EGL_DEVICE_ID.
 
     Raises:
-      RenderingError: MUJOCO_GL is unknown or switches rendering off, nothing works, the device is
-        not there, or what was inherited cannot be opened again.
+      RenderingError: MUJOCO_GL is unknown or disables rendering, no backend works, the device does
+        not exist, or the inherited backend cannot be opened again.
     """
     chosen = _choice(os.environ.get(_VARIABLE, "").lower().strip(), device)
     if inherited is not None or (is_forked and "egl" in chosen and _is_mesa_loaded()):
@@ -103,46 +103,46 @@ def open_backend(
         except UnavailableError as error:
             failures[name] = f"{error}; {remedy}"
     tried = "".join(f"\n  {name}: {why}" for name, why in failures.items())
-    error = RenderingError(f"no OpenGL could be had to draw with. Tried:{tried}")
+    error = RenderingError(f"no OpenGL backend works here. Tried:{tried}")
     error.failures = failures
     raise error
 
 
 def _open_afresh(inherited: Backend | None) -> Backend:
-    """Mesa's software renderer, by a way that the process that this was forked from did not use."""
+    """Mesa's software renderer, through an entry point that the parent process did not use."""
     if inherited is not None:
         is_software = any(name in inherited.renderer for name in _SOFTWARE_RENDERERS)
         if not isinstance(inherited, Egl) or inherited.is_surfaceless or not is_software:
-            fail("not Mesa's, or opened afresh once already")
+            fail("not Mesa's software renderer, or already opened again after a fork")
     return Egl(surfaceless=True)
 
 
 def _is_mesa_loaded() -> bool:
-    """Whether somebody has drawn with Mesa, here or before the fork."""
+    """Whether Mesa is loaded, by this process or before the fork."""
     with open("/proc/self/maps", encoding="utf-8", errors="replace") as maps:
         return any(library in line for line in maps for library in _MESA_LIBRARIES)
 
 
 def _choice(value: str, device: int | None) -> tuple[str, ...]:
-    """The names of the backends to try for a value of MUJOCO_GL and a device asked for."""
+    """Names of the backends to try for a value of MUJOCO_GL and a requested device."""
     chosen = _named(value)
     if device is not None and "egl" not in chosen:
         raise RenderingError(
-            f"device {device} was asked for; only EGL has devices, and here pictures come from: "
-            f"{', '.join(chosen)}"
+            f"device {device} was requested, but only EGL has devices; the backends selected here "
+            f"are: {', '.join(chosen)}"
         )
-    # Whoever names a device wants that one, and not the processor in its place.
+    # A requested device must not be silently replaced by software rendering.
     is_named = device is not None or device_in_environment() is not None
     return ("egl",) if is_named and "egl" in chosen else chosen
 
 
 def _named(value: str) -> tuple[str, ...]:
-    """The names of the backends that a value of MUJOCO_GL stands for."""
+    """Names of the backends that a value of MUJOCO_GL stands for."""
     if value in _AUTOMATIC:
         return names()
     if value in _OFF:
         raise RenderingError(
-            f"rendering is switched off: {_VARIABLE}={value!r}. Unset it to have a backend chosen, "
+            f"rendering is switched off: {_VARIABLE}={value!r}. Unset it for automatic selection, "
             f"or set it to one of: {', '.join(names())}"
         )
     if value in names():
@@ -150,20 +150,21 @@ def _named(value: str) -> tuple[str, ...]:
     if value == _GLFW_ALIASES.get(sys.platform):
         return ("glfw",)
     raise RenderingError(
-        f"{_VARIABLE}={value!r} is not a backend for {sys.platform}. Unset it to have one chosen, "
-        f"or set it to one of: {', '.join(names())}, disable.{did_you_mean(value, names())}"
+        f"{_VARIABLE}={value!r} is not a backend for {sys.platform}. Unset it for automatic "
+        f"selection, or set it to one of: {', '.join(names())}, disable."
+        f"{did_you_mean(value, names())}"
     )
 
 
 class _OsMesa:
-    """Contexts of Mesa's software renderer as a plain library."""
+    """Contexts of Mesa's software renderer through its off-screen library."""
 
     name = "osmesa"
 
     _LIBRARIES = ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")
     _RGBA, _FLOAT = 0x1908, 0x1406
     _DEPTH_BITS, _STENCIL_BITS = 24, 8
-    # Pixels a side of what OSMesa draws into; MuJoCo draws into buffers of its own.
+    # Size in pixels of OSMesa's buffer, which is unused: MuJoCo draws into its own buffers.
     _SIDE = 8
     _SIGNATURES = {  # noqa: RUF012
         "OSMesaCreateContextExt": "puiiip",
@@ -182,7 +183,7 @@ class _OsMesa:
         self._buffer = (ctypes.c_float * (4 * self._SIDE**2))()
         context = self.create()
         if not context:
-            fail("OSMesa gives no OpenGL context")
+            fail("OSMesa cannot create an OpenGL context")
         self.make_current(context)
         get_string = self._mesa.OSMesaGetProcAddress(b"glGetString")
         get_string = native.function_at(get_string, "su")
@@ -205,13 +206,13 @@ class _OsMesa:
 
 
 class _Glfw:
-    """Contexts of windows that are never shown; needs a display server."""
+    """Contexts of hidden windows; needs a display server."""
 
     name = "glfw"
 
     def __init__(self) -> None:
         if sys.platform == "darwin":
-            fail("GLFW works in the main thread only on macOS")
+            fail("on macOS, GLFW works only in the main thread")
         if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
             fail("there is no display: DISPLAY and WAYLAND_DISPLAY are not set")
         try:
@@ -242,7 +243,7 @@ class _Glfw:
 
 
 class _Cgl:
-    """macOS's contexts without a window, by MuJoCo's own binding."""
+    """macOS contexts without a window, through MuJoCo's own binding."""
 
     name = "cgl"
 
@@ -265,11 +266,11 @@ class _Cgl:
         context.free()
 
 
-# Each backend's class, and what to do where it does not work.
+# Each backend's class, and advice for when it does not work.
 _BACKENDS: dict[str, tuple[Callable[[], Backend], str]] = {
     "egl": (
         Egl,
-        "install a GPU's driver, or Mesa (Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri)",
+        "install a GPU driver, or Mesa (Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri)",
     ),
     "osmesa": (_OsMesa, "install it (Debian, Ubuntu: apt install libosmesa6)"),
     "glfw": (_Glfw, "run it in a desktop session"),

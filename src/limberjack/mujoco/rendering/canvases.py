@@ -1,13 +1,13 @@
-"""What MuJoCo keeps in OpenGL for models: made when first drawn, shared, freed when not used.
+"""OpenGL resources of models: created on first use, shared, and freed when no longer used.
 
     canvases = Canvases()
     canvases.draw(model, (240, 320), None, function, ())    # function(mjr_context)
 
-An `MjrContext` holds a model's textures, meshes and buffers. It takes a tenth of a second and tens
-of megabytes, so models of which MuJoCo would make the same share one; each has an OpenGL context of
-its own, because MuJoCo sets some of OpenGL's state, the fog's for one, only when it makes it.
-Models of one structure whose height fields, textures or meshes change share one, too: what differs
-is uploaded before each picture. All this is for the rendering thread alone.
+An `MjrContext` holds a model's textures, meshes and buffers. Creating one takes a tenth of a second
+and tens of megabytes, so models with equal resources share one. Each has its own OpenGL context,
+because MuJoCo sets some OpenGL state, such as fog, only on creation. Models with the same structure
+whose height fields, textures or meshes change also share one: differences are uploaded before each
+picture. Everything here must run on the rendering thread.
 """
 
 import collections
@@ -27,10 +27,10 @@ __all__ = ["Canvases"]
 _FONT_SCALE = mujoco.mjtFontScale.mjFONTSCALE_150.value  # dm_control's
 _OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
 _PLANE = mujoco.mjtGeom.mjGEOM_PLANE.value
-# What the names of the fields that MuJoCo takes to OpenGL begin with.
+# Name prefixes of the fields that MuJoCo uploads to OpenGL.
 _DRAWN_FIELDS = ("hfield_", "mat_tex", "mesh_", "skin_", "tex_")
-# Different models that can be drawn in turn without making anything anew. With Mesa's software
-# renderer each takes 75 MB.
+# Number of different models that can be drawn in turn without recreating resources. With Mesa's
+# software renderer each takes 75 MB.
 _MOST_SHARED = 8
 
 
@@ -38,18 +38,18 @@ _T = TypeVar("_T")
 
 
 class _Private:
-    """The key of a canvas that no other model shares."""
+    """Key of a canvas used by one model only."""
 
 
 class _Shared(NamedTuple):
-    """The key of a canvas that models of equal fingerprints share."""
+    """Key of a canvas shared by models with equal fingerprints."""
 
     fingerprint: bytes
-    is_changing: bool  # the fingerprint leaves out what is uploaded when it changes
+    is_changing: bool  # the fingerprint excludes fields that are uploaded on change
 
 
 class Canvases:
-    """The canvases of the models drawn lately, and the backend that they come from."""
+    """The canvases of recently drawn models, and their backend."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class Canvases:
         inherited: Backend | None = None,
         device: int | None = None,
     ) -> None:
-        """Opens nothing yet; arguments are those of `open_backend`."""
+        """Opens nothing yet; the arguments are those of `open_backend`."""
         self.backend: Backend | None = None
         self.device = device
         self._is_forked = is_forked
@@ -83,16 +83,17 @@ class Canvases:
 
         Args:
           model: the official `mujoco.MjModel`.
-          size: height and width, pixels, that the canvas must have at least.
-          may_have_changed: the model's height fields, textures or meshes may have other values
-            than when it was first drawn.
-          when_gone: None, or: no other model may share the canvas; when the model is gone, in
-            whichever thread, this is called with what frees the canvas, here, and its argument.
-          function: what draws.
+          size: minimum height and width of the canvas, pixels.
+          may_have_changed: whether the model's height fields, textures or meshes may have changed
+            since it was first drawn.
+          when_gone: if not None, the canvas is private to the model. Once the model is collected,
+            in any thread, this is called with a function and its argument, which must then run on
+            the rendering thread to free the canvas.
+          function: the drawing function.
           args: its further arguments.
 
         Raises:
-          RenderingError: OpenGL cannot be had.
+          RenderingError: OpenGL is not available.
         """
         canvas, outer = self._canvas(model, size, may_have_changed, when_gone), self._in_use
         self._select(canvas, model)
@@ -101,11 +102,11 @@ class Canvases:
             return function(canvas.mjr, *args)
         finally:
             self._in_use = outer
-            if outer is not None:  # The function was called by another one, which goes on.
+            if outer is not None:  # a nested call: return to the outer call's canvas
                 self._select(*outer)
 
     def close(self) -> None:
-        """Frees them all."""
+        """Frees all canvases."""
         for key in list(self._canvases):
             self._drop(key)
 
@@ -125,14 +126,14 @@ class Canvases:
         may_have_changed: bool,
         when_gone: Callable[..., object] | None,
     ) -> "_Canvas":
-        """The model's canvas: its own, one shared with its like, or a new one."""
+        """The model's canvas: private, shared with equal models, or new."""
         key = self._keys.get(model)
         if when_gone is not None and not isinstance(key, _Private):
             key = _Private()
             weakref.finalize(model, when_gone, self._drop, key).atexit = False
         canvas = None if key is None else self._canvases.get(key)
         if canvas is not None and not canvas.has_room(size):
-            # The model's buffer was enlarged since. What others share stays.
+            # The model's off-screen buffer was enlarged since. A shared canvas stays for others.
             if isinstance(key, _Private):
                 self._drop(key)
             canvas = None
@@ -166,12 +167,12 @@ class Canvases:
 
 
 class _Canvas:
-    """An OpenGL context with what MuJoCo needs in it to draw a model.
+    """An OpenGL context with MuJoCo's resources for a model.
 
     Attributes:
-      mjr: MuJoCo's context.
+      mjr: MuJoCo's rendering context.
       uploads: the values that it holds.
-      is_changing: before each picture these are made the model's.
+      is_changing: whether changed values are uploaded before each picture.
     """
 
     def __init__(self, backend: Backend, model: mujoco.MjModel, is_changing: bool) -> None:
@@ -179,7 +180,10 @@ class _Canvas:
         self._backend = backend
         self._context = backend.create()
         if not self._context:
-            raise RenderingError(f"OpenGL by {backend.renderer!r} gave no further context")
+            raise RenderingError(
+                f"{backend.renderer!r} could not create another OpenGL context: free environments "
+                "that have rendered, or use fewer models"
+            )
         self.select()
         try:
             self.mjr = mujoco.MjrContext(model, _FONT_SCALE)
@@ -188,36 +192,36 @@ class _Canvas:
             backend.destroy(self._context)
             size = f"{model.vis.global_.offheight} by {model.vis.global_.offwidth}"
             raise RenderingError(
-                f"OpenGL by {backend.renderer!r} cannot draw into the model's off-screen buffer of "
-                f"{size} pixels, which may be larger than it can have: {error}"
+                f"{backend.renderer!r} cannot draw into the model's off-screen buffer of {size} "
+                f"pixels, which may exceed its limits: {error}"
             ) from error
         self.uploads = uploads.Uploads(model)
 
     def has_room(self, size: tuple[int, int]) -> bool:
-        """Whether a picture of that height and width fits into its buffer."""
+        """Whether a picture of this height and width fits into the buffer."""
         return size[0] <= self.mjr.offHeight and size[1] <= self.mjr.offWidth
 
     def select(self) -> None:
-        """Makes it the one that OpenGL's functions draw in."""
+        """Makes its OpenGL context current."""
         self._backend.make_current(self._context)
 
     def free(self) -> None:
-        """Frees everything; none is selected then."""
-        self.select()  # MuJoCo frees by numbers, which mean other things in another context.
+        """Frees everything; afterwards no context is current."""
+        self.select()  # MuJoCo frees resources by id, and ids are specific to a context
         self.mjr.free()
         self._backend.make_current(None)
         self._backend.destroy(self._context)
 
 
 def _fingerprint(model: mujoco.MjModel, is_changing: bool) -> bytes:
-    """Equal for two models if MuJoCo makes the same of them in OpenGL.
+    """Equal for two models whose OpenGL resources are equal.
 
-    That depends on textures, meshes, height fields, skins, planes and the visual settings, and not
-    on where things are and what colour they have.
+    Resources depend on textures, meshes, height fields, skins, planes and visual settings, but not
+    on positions and colours.
 
     Args:
-      model: whose fingerprint it is.
-      is_changing: leave out the values that are uploaded when they change.
+      model: the model.
+      is_changing: whether to leave out fields that are uploaded on change.
     """
     digest = hashlib.blake2b(digest_size=16)
     planes = model.geom_type == _PLANE

@@ -16,14 +16,14 @@ _T = TypeVar("_T")
 
 
 class _HasModel(Protocol):
-    """A `mujoco.Physics`, which is built on this module."""
+    """A physics with a model, such as `mujoco.Physics`."""
 
     @property
     def model(self) -> MjModel: ...
 
 
 class Contexts(NamedTuple):
-    """What dm_control's programs reach by `physics.contexts`."""
+    """The type of `physics.contexts`, as in dm_control."""
 
     gl: "_GlContext"
     mujoco: "_MujocoContext"
@@ -37,11 +37,11 @@ class _GlContext:
 
     @contextlib.contextmanager
     def make_current(self) -> Iterator[Self]:
-        """An object whose `call` runs functions where the context is current."""
+        """An object whose `call` runs functions with the context current."""
         yield self
 
     def call(self, function: Callable[..., _T], *args: object, **kwargs: object) -> _T:
-        """What `function(*args, **kwargs)` returns, called on the rendering thread."""
+        """The result of `function(*args, **kwargs)`, called on the rendering thread."""
         model = self._physics.model.ptr
         return call(model, lambda _: function(*args, **kwargs), is_private=True)
 
@@ -54,7 +54,7 @@ class _MujocoContext:
 
     @property
     def ptr(self) -> mujoco.MjrContext:
-        """The official `mujoco.MjrContext`, for use in `contexts.gl`'s `call` only."""
+        """The official `mujoco.MjrContext`, for use within `contexts.gl`'s `call` only."""
         return call(self._physics.model.ptr, lambda context: context, is_private=True)
 
 
@@ -66,6 +66,6 @@ def contexts(physics: _HasModel) -> Contexts:
                 mujoco.mjr_uploadTexture, physics.model.ptr, physics.contexts.mujoco.ptr, 0
             )
 
-    From then on the physics has a model and contexts of its own.
+    Afterwards the physics no longer shares its model and contexts with others.
     """
     return Contexts(_GlContext(physics), _MujocoContext(physics))

@@ -1,11 +1,11 @@
-"""EGL: OpenGL by a graphics card, or by Mesa's software renderer, without a display server.
+"""EGL: OpenGL on a GPU, or with Mesa's software renderer, without a display server.
 
-    backend = Egl()              # MUJOCO_EGL_DEVICE_ID's device, or the first that works
+    backend = Egl()              # the device of MUJOCO_EGL_DEVICE_ID, or the first that works
     print(backend.renderer)
     for device in Egl.devices():
-        print(device)            # "NVIDIA H100", or None where it gives no context
+        print(device)            # "NVIDIA H100", or None if it has no working context
 
-It is called directly and not through PyOpenGL; see `backends.py`.
+The library is called directly instead of through PyOpenGL; see `backends.py`.
 """
 
 import ctypes
@@ -22,7 +22,7 @@ VARIABLE = "MUJOCO_EGL_DEVICE_ID"
 
 
 def device_in_environment() -> str | None:
-    """What MUJOCO_EGL_DEVICE_ID says; None if it says nothing."""
+    """The value of MUJOCO_EGL_DEVICE_ID; None if it is unset or empty."""
     return os.environ.get(VARIABLE) or None
 
 
@@ -34,8 +34,8 @@ class Egl:
     _DEVICE, _SURFACELESS = 0x313F, 0x31DD  # EGL_PLATFORM_DEVICE_EXT, ..._SURFACELESS_MESA
     _OPENGL_API = 0x30A2
     _MOST_DEVICES = 64
-    # Pairs of an attribute and its least value: 8 bits each of red, green, blue and alpha, 24 of
-    # depth, 8 of stencil; RGB, able to draw off-screen, able to do OpenGL. Then EGL_NONE.
+    # Pairs of an attribute and its minimum: 8 bits each of red, green, blue and alpha, 24 of depth,
+    # 8 of stencil; RGB buffers, off-screen surfaces and OpenGL. Ends with EGL_NONE.
     _ATTRIBUTES = (
         *(0x3024, 8, 0x3023, 8, 0x3022, 8, 0x3021, 8, 0x3025, 24, 0x3026, 8),
         *(0x303F, 0x308E, 0x3033, 0x1, 0x3040, 0x8, 0x3038),
@@ -55,35 +55,35 @@ class Egl:
     )
 
     def __init__(self, surfaceless: bool = False, device: int | None = None) -> None:
-        """Opens the given device, or MUJOCO_EGL_DEVICE_ID's, or the first that works.
+        """Opens the given device, or that of MUJOCO_EGL_DEVICE_ID, or the first that works.
 
         Args:
-          surfaceless: open Mesa's renderer without naming a device.
-          device: its number in the driver's order.
+          surfaceless: whether to open Mesa's renderer without a device.
+          device: the device's number in the driver's order.
 
         Raises:
           UnavailableError: EGL does not work here.
-          RenderingError: the device that was asked for is not there or gives no context.
+          RenderingError: the requested device does not exist or has no working context.
         """
         self._open_library()
         self.is_surfaceless = surfaceless
         wanted = device_in_environment() if device is None else str(device)
-        source = VARIABLE if device is None else "the device asked for"
+        source = VARIABLE if device is None else "device"
         for display in self._displays(wanted, source):
             if self._use(display):
-                # Here MuJoCo looks for functions; not sooner, lest it find those of one that fails.
+                # Makes EGL visible to MuJoCo; only now, so that it cannot find a failing backend.
                 native.load("libEGL.so.1", is_visible=True)
                 return
         if wanted is not None and not surfaceless:
             raise RenderingError(
-                f"{source}={wanted!r}: that EGL device gives no OpenGL context. Name another; "
-                "`limberjack doctor` lists them"
+                f"{source}={wanted!r}: this EGL device cannot create an OpenGL context. Choose "
+                "another; `limberjack doctor` lists them"
             )
-        fail("no EGL device gives an OpenGL context")
+        fail("no EGL device can create an OpenGL context")
 
     @classmethod
     def devices(cls) -> list[str | None]:
-        """What draws on each device, in the driver's order; None where it gives no context.
+        """The renderer of each device, in the driver's order; None if it has no working context.
 
         Raises:
           UnavailableError: EGL does not work here.
@@ -95,7 +95,7 @@ class Egl:
         return [egl.renderer if egl._use(display) else None for display in displays]
 
     def _open_library(self) -> None:
-        # NVIDIA's driver wants it for use by many threads.
+        # NVIDIA's driver needs it for use by several threads.
         native.load("libOpenGL.so.0", is_visible=True)
         self._egl = native.load("libEGL.so.1") or fail("libEGL.so.1 cannot be loaded")
         if native.is_visible("OSMesaGetProcAddress") and not native.is_visible("eglGetProcAddress"):
@@ -104,7 +104,7 @@ class Egl:
             native.declare(getattr(self._egl, name), signature)
 
     def _displays(self, wanted: str | None, source: str) -> Iterator[int | None]:
-        """The displays to try, not initialised."""
+        """Displays to try, not yet initialised."""
         get_display = self._extension(*self._GET_DISPLAY)
         if not self.is_surfaceless:
             for device in self._devices(wanted, source):
@@ -114,7 +114,7 @@ class Egl:
             yield get_display(self._SURFACELESS, None, None)
 
     def _devices(self, wanted: str | None, source: str) -> list[int | None]:
-        """The devices to try, in the driver's order."""
+        """Devices to try, in the driver's order."""
         devices = self._found_devices()
         if wanted is None:
             return devices
@@ -136,7 +136,7 @@ class Egl:
         return list(found)[: count.value]
 
     def _use(self, display: int | None) -> bool:
-        """Takes the display if a context of it works."""
+        """Adopts the display if it has a working context; returns whether it does."""
         egl, config, count = self._egl, ctypes.c_void_p(), ctypes.c_int32()
         attributes = (ctypes.c_int32 * len(self._ATTRIBUTES))(*self._ATTRIBUTES)
         if not display or not egl.eglInitialize(display, None, None):
@@ -152,12 +152,12 @@ class Egl:
         return True
 
     def _extension(self, name: str, signature: str) -> Callable[..., Any]:
-        """A function that the library does not export by name."""
+        """An extension function, which the library does not export by name."""
         address = self._egl.eglGetProcAddress(name.encode()) or fail(f"EGL has no {name}")
         return native.function_at(address, signature)
 
     def create(self) -> int | None:
-        """A new context, not current; None if there can be no more."""
+        """A new context, not current; None if it cannot be created."""
         self._egl.eglBindAPI(self._OPENGL_API)
         return self._egl.eglCreateContext(self._display, self._config, None, None)
 

@@ -1,10 +1,10 @@
-"""Calling OpenGL's libraries, which are written in C; and what goes wrong with them.
+"""Loading and calling OpenGL's C libraries, and the errors of rendering.
 
     egl = load("libEGL.so.1") or fail("libEGL.so.1 cannot be loaded")
     declare(egl.eglInitialize, "uppp")
     renderer, vendor = names_of_driver(get_string)
 
-A signature is a letter for what a function returns and one for each argument: i(nt), u(nsigned),
+A signature has one letter for the return type and one for each argument: i(nt), u(nsigned),
 p(ointer), s(tring).
 """
 
@@ -27,25 +27,25 @@ _GL_VENDOR, _GL_RENDERER = 0x1F00, 0x1F01
 
 
 class RenderingError(RuntimeError):
-    """No picture can be drawn: OpenGL is missing, switched off or broken.
+    """Rendering is impossible: OpenGL is missing, switched off or broken.
 
-    `failures` has, for each backend that was tried, why it failed and what to do about that.
+    `failures` maps each backend that was tried to the reason for its failure and a remedy.
     """
 
     failures: Mapping[str, str] = {}
 
 
 class UnavailableError(Exception):
-    """A backend does not work here, and why."""
+    """A backend does not work here; the message has the reason."""
 
 
 def fail(reason: str) -> NoReturn:
-    """Raises an `UnavailableError`; an expression, to stand behind `or`."""
+    """Raises `UnavailableError`; a function, for use after `or`."""
     raise UnavailableError(reason) from None
 
 
 def load(library: str, is_visible: bool = False) -> ctypes.CDLL | None:
-    """The library, or None; if visible, the whole process finds functions in it."""
+    """The library, or None; if `is_visible`, its symbols become visible to the whole process."""
     try:
         return ctypes.CDLL(library, mode=ctypes.RTLD_GLOBAL if is_visible else ctypes.RTLD_LOCAL)
     except OSError:
@@ -53,25 +53,25 @@ def load(library: str, is_visible: bool = False) -> ctypes.CDLL | None:
 
 
 def is_visible(function: str) -> bool:
-    """Whether the process finds the function, as MuJoCo would."""
+    """Whether the function is visible to the process, and so to MuJoCo."""
     return hasattr(ctypes.CDLL(None), function)
 
 
 def declare(function: "ctypes._NamedFuncPointer", signature: str) -> None:
-    """Tells ctypes a function's signature."""
+    """Sets the signature of a ctypes function."""
     function.restype, *function.argtypes = _types(signature)
 
 
 def function_at(address: int, signature: str) -> Callable[..., Any]:
-    """The function at an address. Any: whatever the signature says."""
+    """The function at an address. Any: its types are given by the signature."""
     return ctypes.CFUNCTYPE(*_types(signature))(address)
 
 
 def names_of_driver(get_string: Callable[[int], bytes | None]) -> tuple[str, str]:
-    """What draws, and who made it, by the current context's glGetString.
+    """Renderer and vendor, from the current context's glGetString.
 
     Raises:
-      UnavailableError: there is no context that works.
+      UnavailableError: the context does not work.
     """
     names = [get_string(what) for what in (_GL_RENDERER, _GL_VENDOR)]
     if not names[0]:
@@ -81,7 +81,7 @@ def names_of_driver(get_string: Callable[[int], bytes | None]) -> tuple[str, str
 
 
 def _types(signature: str) -> list[type["ctypes._SimpleCData[Any]"]]:
-    """The C types that the letters stand for."""
+    """The C types of the letters of a signature."""
     letters = {
         "i": ctypes.c_int32,
         "u": ctypes.c_uint32,

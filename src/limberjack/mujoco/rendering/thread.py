@@ -1,11 +1,10 @@
-"""The rendering thread: the only place of the process that touches OpenGL.
+"""The rendering thread, the only thread of the process that calls OpenGL.
 
-    picture = call(model, draw, scene, size=(240, 320))    # draw(mjr_context, scene), over there
+    picture = call(model, draw, scene, size=(240, 320))    # runs draw(mjr_context, scene) there
 
-It starts with the first picture. Any thread may call; calls are made one after the other in a
-thread of their own, so that the OpenGL context that is current in the caller's stays so. How OpenGL
-is reached is in `backends.py`, what it keeps for a model in `canvases.py`, what a picture is in
-`pictures.py`.
+It starts with the first picture. Any thread may call; calls run one after the other on a dedicated
+thread, so an OpenGL context that is current in the caller's thread stays current. `backends.py`
+opens OpenGL, `canvases.py` manages the resources of models, and `pictures.py` draws pictures.
 """
 
 import atexit
@@ -26,7 +25,7 @@ from limberjack.mujoco.rendering.canvases import Canvases
 
 __all__ = ["backend", "call", "use_device"]
 
-# Seconds; how long the first picture after a fork may take before OpenGL is taken to hang.
+# Seconds that the first picture after a fork may take before OpenGL is considered hung.
 _FORK_PATIENCE = 30.0
 # Seconds; a picture takes far less.
 _LONGEST_JOB = 10.0
@@ -36,20 +35,20 @@ _T = TypeVar("_T")
 
 
 class _Job(Generic[_T]):
-    """A call for the rendering thread to make."""
+    """A call to run on the rendering thread."""
 
     def __init__(self, function: Callable[..., _T], *args: object) -> None:
         self._call: tuple[Callable[..., _T], tuple[object, ...]] | None = (function, args)
         self._value: _T | None = None
         self._error: BaseException | None = None
         self._is_done = False
-        # Whoever acquires it runs the job, or cancels it.
+        # Acquired once, either to run the job or to cancel it.
         self._claim = threading.Lock()
         self._under_way = threading.Lock()
         self._under_way.acquire()
 
     def run(self) -> None:
-        """Makes the call and keeps what comes of it, unless it was cancelled."""
+        """Makes the call and stores its outcome, unless the job was cancelled."""
         if not self._claim.acquire(blocking=False):
             return
         assert self._call is not None
@@ -64,14 +63,14 @@ class _Job(Generic[_T]):
             self._under_way.release()
 
     def wait(self, timeout: float = -1) -> bool:
-        """Whether the call has ended, after waiting for it; Ctrl-C interrupts the wait only."""
-        # The flag, because Ctrl-C can come between the next two lines and leave the lock acquired.
+        """Waits for the call; returns whether it has ended. Ctrl-C interrupts only the wait."""
+        # The flag is needed because Ctrl-C between the next two lines leaves the lock acquired.
         if not self._is_done and self._under_way.acquire(timeout=timeout):
             self._under_way.release()
         return self._is_done
 
     def settle(self) -> None:
-        """Sees to it that nothing is under way any more; Ctrl-C does not interrupt this."""
+        """Cancels the job or waits until it has ended; Ctrl-C does not interrupt this."""
         end = time.monotonic() + _LONGEST_JOB
         is_cancelled = self._claim.acquire(blocking=False)
         while not (is_cancelled or self._is_done) and time.monotonic() < end:
@@ -79,21 +78,21 @@ class _Job(Generic[_T]):
                 self.wait(_LONGEST_JOB)
 
     def result(self) -> _T:
-        """What the call returned or raised."""
+        """The call's result; raises its exception."""
         error, self._error = self._error, None
         try:
             if error is not None:
                 raise error
             return cast(_T, self._value)
         finally:
-            self._value = error = None  # Else the traceback would keep itself alive.
+            self._value = error = None  # otherwise the traceback would keep itself alive
 
 
 class _RenderingThread(threading.Thread):
-    """Does jobs, one after the other, until it is given None."""
+    """Runs jobs one after the other until it receives None."""
 
     def __init__(self, canvases: Canvases) -> None:
-        # A daemon, because Python waits for all others before it tells anybody that it exits.
+        # A daemon, because Python joins all other threads before it runs exit handlers.
         super().__init__(name="limberjack-rendering", daemon=True)
         self.jobs: queue.SimpleQueue[_Job[Any] | None] = queue.SimpleQueue()
         self.busy = threading.RLock()
@@ -103,22 +102,22 @@ class _RenderingThread(threading.Thread):
         while (job := self.jobs.get()) is not None:
             with self.busy:
                 job.run()
-            del job  # Else the last picture would be kept alive while this waits.
+            del job  # otherwise the last picture would stay alive during the wait
 
     def do(self, job: _Job[Any]) -> None:
-        """Has the job run here, later; at once if this is the present thread."""
+        """Queues the job; runs it immediately if called on this thread."""
         if threading.current_thread() is self:
             job.run()
         else:
             self.jobs.put(job)
 
     def do_call(self, function: Callable[..., object], *args: object) -> None:
-        """Has a call made here, and does not wait; to be used by destructors, too."""
+        """Queues a call without waiting for it; safe in destructors."""
         self.do(_Job(function, *args))
 
 
 class _Process:
-    """The rendering thread of this process, through forks and until the end."""
+    """The rendering thread of this process, managed across forks and at exit."""
 
     def __init__(self) -> None:
         self._thread: _RenderingThread | None = None
@@ -128,7 +127,7 @@ class _Process:
         self._is_exiting = False
         self._hung: _RenderingThread | None = None
         self._device: int | None = None
-        # What the process that this one was forked from had drawn with.
+        # The backend of the process from which this one was forked.
         self._inherited: Backend | None = None
         self._at_fork = threading.local()
 
@@ -141,7 +140,7 @@ class _Process:
         function: Callable[..., _T],
         args: tuple[object, ...],
     ) -> _T:
-        """Draws on the thread, which is started if need be."""
+        """Runs a drawing function on the rendering thread, which is started if necessary."""
         thread = self._thread or self._started_thread()
         if thread is self._hung:
             raise RenderingError(_HUNG)
@@ -161,16 +160,16 @@ class _Process:
         return job.result()
 
     def backend(self) -> Backend | None:
-        """What is drawn with; None before the first picture."""
+        """The backend in use; None before the first picture."""
         thread = self._thread
         return None if thread is None else thread.canvases.backend
 
     def use_device(self, number: int | None) -> None:
-        """Chooses the device of the first picture."""
+        """Selects the device, before the first picture."""
         with self._start:
             if (opened := self.backend()) is not None:
                 raise RuntimeError(
-                    f"this process draws with {opened.renderer!r} already: choose the device "
+                    f"this process already renders with {opened.renderer!r}: select the device "
                     "before the first picture"
                 )
             self._device = number
@@ -180,8 +179,8 @@ class _Process:
     def _started_thread(self) -> _RenderingThread:
         if self._is_exiting:
             if threading.current_thread().daemon:
-                threading.Event().wait()  # It ends with the process; an error would be printed.
-            raise RenderingError("the interpreter is exiting: nothing is drawn any more")
+                threading.Event().wait()  # ends with the process; an error would be printed
+            raise RenderingError("the interpreter is exiting: nothing can be rendered any more")
         with self._start:
             if self._thread is None:
                 self._watch()
@@ -192,7 +191,7 @@ class _Process:
             return self._thread
 
     def _watch(self) -> None:
-        """Has this object told of the process's forks and of its end."""
+        """Registers handlers for forks and for the exit of the process."""
         if self._is_watched:
             return
         self._is_watched = True
@@ -207,7 +206,7 @@ class _Process:
             )
 
     def _exit(self) -> None:
-        """Frees what OpenGL holds and ends the thread: one inside a C call would crash the exit."""
+        """Frees OpenGL's resources and ends the thread, which would crash the exit inside C."""
         self._is_exiting = True
         thread, self._thread = self._thread, None
         if thread is not None:
@@ -216,7 +215,7 @@ class _Process:
             thread.join(0 if thread is self._hung else _LONGEST_JOB)
 
     def _before_fork(self) -> None:
-        """Lets the picture under way be finished: the child could not finish it."""
+        """Waits for the picture in progress, which the child could not finish."""
         self._at_fork.busy = None
         if self._thread is not None:
             self._at_fork.busy = self._thread.busy
@@ -224,16 +223,16 @@ class _Process:
 
     def _after_fork(self) -> None:
         if self._at_fork.busy is not None:
-            # It was not acquired, after Ctrl-C or because a picture takes too long.
+            # Not acquired, because of Ctrl-C or because a picture takes too long.
             with contextlib.suppress(RuntimeError):
                 self._at_fork.busy.release()
 
     def _after_fork_in_child(self) -> None:
-        # No other thread lives on here, whatever locks it held.
+        # No other thread exists in the child, whatever locks it held.
         self._start = threading.Lock()
         thread, self._thread = self._thread, None
         if thread is not None:
-            # Kept for ever: nothing may be freed in whatever OpenGL context is current here.
+            # Never freed: freeing would act on whatever OpenGL context is current here.
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(thread))
             self._inherited = thread.canvases.backend or self._inherited
             _leave_out_exit_handlers()
@@ -243,20 +242,20 @@ class _Process:
 
 
 def _leave_out_exit_handlers() -> None:
-    """Ends this process without what libraries do last; in C, after all that Python does.
+    """Makes this process skip the libraries' exit handlers, after Python's own cleanup.
 
-    Mesa would wait there for the threads of the process that this one was forked from, and for ever
-    if other threads have taken their places in memory.
+    Mesa's handler would wait for the threads of the parent process, forever if other threads now
+    occupy their memory.
     """
     libc = ctypes.CDLL(None)
-    if hasattr(libc, "on_exit"):  # GNU's. Called last first, with the status.
+    if hasattr(libc, "on_exit"):  # GNU; handlers run in reverse order, with the exit status
         libc.on_exit(libc._exit, None)
         libc.on_exit(libc.fcloseall, None)
 
 
 _HUNG = (
-    f"OpenGL gave no picture within {_FORK_PATIENCE:.0f} s in this process, which was forked from "
-    "one that may have used it. Start processes with multiprocessing's 'spawn' or 'forkserver'"
+    f"OpenGL produced no picture within {_FORK_PATIENCE:.0f} s in this process, which was forked "
+    "from one that may have used it. Start processes with multiprocessing's 'spawn' or 'forkserver'"
 )
 
 _process = _Process()
@@ -270,43 +269,43 @@ def call(
     may_have_changed: bool = True,
     is_private: bool = False,
 ) -> _T:
-    """What `function(mjr_context, *args)` returns, called on the rendering thread.
+    """The result of `function(mjr_context, *args)`, called on the rendering thread.
 
-    After Ctrl-C nothing of it is under way any more.
+    If Ctrl-C interrupts the call, the function has finished or was never started.
 
     Args:
-      model: the official `mujoco.MjModel` that the context is for.
-      function: called with OpenGL ready and the context's off-screen buffer selected.
+      model: the official `mujoco.MjModel` to draw.
+      function: called with the context current and its off-screen buffer selected.
       args: its further arguments.
-      size: height and width, pixels, that the buffer must have at least; the model must allow it.
+      size: minimum height and width of the buffer, pixels; the model must allow them.
       may_have_changed: whether to look for changes of the model's height fields, textures and
-        meshes since it was last drawn; that takes up to a millisecond.
-      is_private: no other model may share the context. For what changes it.
+        meshes since it was last drawn; this takes up to a millisecond.
+      is_private: whether to give the model its own context; for functions that change it.
 
     Raises:
-      RenderingError: OpenGL cannot be had.
+      RenderingError: OpenGL is not available.
     """
     return _process.call(model, size, may_have_changed, is_private, function, args)
 
 
 def backend() -> Backend | None:
-    """What this process draws with; None before its first picture."""
+    """The backend of this process; None before its first picture."""
     return _process.backend()
 
 
 def use_device(number: int | None) -> None:
-    """Has this process draw with a graphics card of several, before it draws anything.
+    """Selects the GPU on which this process renders; must precede the first picture.
 
-    Forked processes inherit the choice; others make their own. Whether there is such a device
-    turns out with the first picture, which raises `RenderingError` if not.
+    Forked processes inherit the choice, others do not. If there is no such device, the first
+    picture raises `RenderingError`.
 
     Args:
-      number: of EGL's device, in the driver's order, as `limberjack doctor` lists them; it comes
-        before MUJOCO_EGL_DEVICE_ID. None for what that says, or the first device that works.
+      number: number of the EGL device, in the driver's order, as listed by `limberjack doctor`; it
+        overrides MUJOCO_EGL_DEVICE_ID. None for that variable's device, or the first that works.
 
     Raises:
-      TypeError, ValueError: that is no number of a device.
-      RuntimeError: this process has drawn already.
+      TypeError, ValueError: the number is not a non-negative integer.
+      RuntimeError: this process has already rendered.
     """
     if number is not None:
         number = operator.index(number)

@@ -1,11 +1,11 @@
-"""The height fields, textures and meshes that OpenGL holds of a model, and which are out of date.
+"""`Uploads`: keeps a model's height fields, textures and meshes in OpenGL up to date.
 
-    uploads = Uploads(model)            # made together with the MjrContext, which holds the same
-    uploads.update(model, context)      # uploads the objects that differ now
+    uploads = Uploads(model)            # created together with the MjrContext, with equal values
+    uploads.update(model, context)      # uploads the objects that have changed
 
-Changes are found by comparing bytes. 12 MB of textures take half a millisecond or more, so
-`canvases.py` asks only for models that somebody may have changed. Whatever else MuJoCo takes to
-OpenGL, such as the size of a plane, it takes once.
+Changes are found by comparing bytes. For 12 MB of textures this takes half a millisecond or more,
+so `canvases.py` checks only models that user code may have changed. Other resources, such as the
+sizes of planes, are uploaded once.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ __all__ = ["FIELDS", "Uploads"]
 
 
 class _Kind(NamedTuple):
-    """A kind of object that MuJoCo can upload by itself."""
+    """A kind of object that MuJoCo can upload individually."""
 
     size: str  # field of the model: number of objects
     fields: tuple[str, ...]  # values that are uploaded
@@ -35,26 +35,26 @@ FIELDS = tuple(name for kind in _KINDS for name in kind.fields)
 
 
 class Uploads:
-    """The values that one `MjrContext` holds, and their upload when a model has others."""
+    """The values held by one `MjrContext`, and their update when the model's values change."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Takes the values of the model that the context has just been made of."""
+        """Records the values of the model from which the context was just created."""
         self._held = {name: getattr(model, name).copy() for name in FIELDS}
 
     def are_current(self, model: mujoco.MjModel) -> bool:
-        """Whether the context holds the model's present values.
+        """Whether the context holds the model's current values.
 
         Args:
-          model: of the same structure: the fields have the same shapes.
+          model: a model with the same structure, so that the fields have the same shapes.
         """
         return all(_are_same(getattr(model, name), held) for name, held in self._held.items())
 
     def update(self, model: mujoco.MjModel, context: mujoco.MjrContext) -> None:
-        """Uploads the objects whose values differ from those that the context holds.
+        """Uploads the objects whose values differ from those in the context.
 
         Args:
           model: as for `are_current`.
-          context: whose OpenGL context is current.
+          context: the `MjrContext`; its OpenGL context must be current.
         """
         for kind in _KINDS:
             changed = [
@@ -69,14 +69,14 @@ class Uploads:
                 np.copyto(self._held[name], getattr(model, name))
 
     def _differ(self, model: mujoco.MjModel, name: str, number: int) -> bool:
-        """Whether one object's values of a field differ."""
+        """Whether one object's values of a field have changed."""
         part = _part(model, name, number)
         now, held = getattr(model, name).reshape(-1)[part], self._held[name].reshape(-1)[part]
         return not _are_same(now, held)
 
 
 def _part(model: mujoco.MjModel, name: str, number: int) -> slice:
-    """The part of a field's flat values that is one object's."""
+    """The slice of a field's flat values that belongs to one object."""
     columns = 1
     if name == "hfield_size":
         start, count, columns = number, 1, model.hfield_size.shape[1]
@@ -87,7 +87,7 @@ def _part(model: mujoco.MjModel, name: str, number: int) -> slice:
         start = model.tex_adr[number]
         count = int(model.tex_height[number]) * int(model.tex_width[number])
         count *= int(model.tex_nchannel[number])
-    else:  # mesh_vert, whose objects begin at mesh_vertadr and have mesh_vertnum rows, and the like
+    else:  # such as mesh_vert, with mesh_vertnum rows from mesh_vertadr for each object
         start, count = getattr(model, f"{name}adr")[number], getattr(model, f"{name}num")[number]
         columns = getattr(model, name).shape[1]
     return slice(int(start) * columns, (int(start) + int(count)) * columns)
@@ -95,7 +95,7 @@ def _part(model: mujoco.MjModel, name: str, number: int) -> slice:
 
 def _are_same(one: np.ndarray, other: np.ndarray) -> bool:
     """Whether two contiguous arrays have the same bytes."""
-    # In the largest words that fit: three times as fast as by single bytes.
+    # Compares the largest words that fit, three times as fast as single bytes.
     size = next(size for size in (8, 4, 2, 1) if one.nbytes % size == 0)
     word = np.dtype(f"u{size}")
     return np.array_equal(one.reshape(-1).view(word), other.reshape(-1).view(word))

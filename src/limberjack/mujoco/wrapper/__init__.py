@@ -1,4 +1,4 @@
-"""What user code touches of MuJoCo: models, data, the visualisation structs and bindings."""
+"""MuJoCo objects for user code: models, data, visualisation structs and bindings."""
 
 from limberjack.mujoco.wrapper import mjbindings
 from limberjack.mujoco.wrapper.core import (

@@ -1,4 +1,4 @@
-"""Everything of `wrapper` but the bindings, where dm_control's programs look for it."""
+"""The contents of `wrapper` except the bindings, under dm_control's module name."""
 
 import contextlib
 import time
@@ -15,7 +15,7 @@ from limberjack.mujoco.wrapper.model import (
 )
 from limberjack.mujoco.wrapper.visual import MjvCamera, MjvFigure, MjvOption, MjvPerturb, MjvScene
 
-mjlib = mujoco  # as dm_control's programs call it
+mjlib = mujoco  # dm_control's name for it
 
 __all__ = [
     "Error",
@@ -52,11 +52,11 @@ def callback_context(name: str, new_callback: Any = None) -> Iterator[None]:
 
 
 def enable_timer(enabled: bool = True) -> None:
-    """Lets MuJoCo time its stages with the wall clock."""
+    """Enables or disables MuJoCo's stage timers, based on the wall clock."""
     timer: Callable[[], float] | None = time.time if enabled else None
     set_callback("mjcb_time", timer)
 
 
 def get_schema() -> str:
-    """The elements and attributes that MuJoCo's XML parser knows, as text."""
+    """The elements and attributes that MuJoCo's XML parser supports, as text."""
     return mujoco.mj_printSchema(False, False)

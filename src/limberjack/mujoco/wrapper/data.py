@@ -1,10 +1,10 @@
-"""`MjData` as dm_control's programs know it, around the official one.
+"""`MjData` with dm_control's interface, wrapping the official struct.
 
     mujoco.mj_forward(physics.model.ptr, physics.data.ptr)
     physics.data.contact_force(0)
     physics.data.qpos                  # any field of the official struct
 
-Fields are looked up when they are asked for; nothing here lists them.
+Fields are looked up dynamically; none are listed here.
 """
 
 import copy
@@ -18,7 +18,7 @@ from limberjack.mujoco.wrapper.model import MjModel, object_type_number
 
 __all__ = ["MjData"]
 
-# The objects whose velocity MuJoCo computes, with the size that counts them.
+# Object types with a velocity, and the sizes that count them.
 _COUNT_OF_MOVING = {
     mujoco.mjtObj.mjOBJ_BODY.value: "nbody",
     mujoco.mjtObj.mjOBJ_XBODY.value: "nbody",
@@ -29,7 +29,7 @@ _COUNT_OF_MOVING = {
 
 
 class MjData:
-    """A simulation's state and results; other fields are those of `mujoco.MjData`."""
+    """State and results of a simulation; other fields are those of `mujoco.MjData`."""
 
     # The official struct's fields are not listed here.
     _data: Any
@@ -54,12 +54,12 @@ class MjData:
 
     @property
     def model(self) -> MjModel:
-        """The model that this data belongs to."""
+        """The model of this data."""
         return self._model
 
     @property
     def contact(self) -> Any:
-        """The contacts found at the last forward pass."""
+        """The contacts found in the last forward pass."""
         return self._data.contact[: self._data.ncon]
 
     def __getattr__(self, name: str) -> Any:
@@ -77,7 +77,7 @@ class MjData:
         model = self._model._model
         if model is self._data.model:
             return self._data
-        # The official data carries the model it was made of, which is not ours any more.
+        # The official data refers to the model it was created from, which has been replaced.
         data = mujoco.MjData(model)
         mujoco.mj_copyData(data, model, self._data)
         return data
@@ -115,7 +115,7 @@ class MjData:
         Args:
           object_id: number or name.
           object_type: 'body', 'xbody', 'geom', 'site', 'camera', or a `mujoco.mjtObj`.
-          local_frame: in the object's frame instead of the world's.
+          local_frame: use the object's frame instead of the world frame.
 
         Raises:
           ValueError: objects of that type have no velocity, or there is no such name or number.
@@ -130,7 +130,7 @@ class MjData:
             object_id = self._model.name2id(object_id, kind)
         number = operator.index(object_id)
         count = getattr(self._model._model, _COUNT_OF_MOVING[kind])
-        if not 0 <= number < count:  # MuJoCo would read outside its arrays.
+        if not 0 <= number < count:  # MuJoCo would read out of bounds
             raise ValueError(
                 f"object_id is {number}; expected a name, or a number from 0: the model has "
                 f"{count} objects of type {object_type!r}"
@@ -145,7 +145,7 @@ class MjData:
         """Force and torque of a contact in its frame, (2, 3): normal first, N and N m.
 
         Raises:
-          ValueError: there is no contact of that number.
+          ValueError: there is no contact with that number.
         """
         if not 0 <= contact_id < self._data.ncon:
             raise ValueError(
@@ -153,7 +153,7 @@ class MjData:
                 f"{contact_id}."
             )
         model, data = self._model._model, self._data
-        # The part of a step's second half that contact forces depend on.
+        # The parts of a step's second half on which contact forces depend.
         mujoco.mj_fwdActuation(model, data)
         mujoco.mj_fwdAcceleration(model, data)
         mujoco.mj_fwdConstraint(model, data)

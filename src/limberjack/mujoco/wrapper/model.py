@@ -1,10 +1,10 @@
-"""`MjModel` as dm_control's programs know it, around the official one.
+"""`MjModel` with dm_control's interface, wrapping the official struct.
 
     physics.model.name2id("torso", "body")
     physics.model.opt.timestep         # any field of the official struct
 
-Fields are looked up when they are asked for; nothing here lists them, so a new MuJoCo's fields
-are simply there. Many simulations of a process may share a compiled model: see `sharing`.
+Fields are looked up dynamically, so fields of newer MuJoCo versions need no change here.
+Simulations in a process may share a compiled model: see `sharing`.
 """
 
 import contextlib
@@ -30,34 +30,34 @@ __all__ = [
     "save_last_parsed_model_to_xml",
 ]
 
-# Integers of a model that are values: masks, groups, materials and textures.
+# Suffixes of integer fields that hold values: masks, groups, materials and textures.
 _VALUES = ("contype", "conaffinity", "condim", "priority", "group", "matid", "texid", "tex_data")
 _FIXED = "{} is part of the model's structure and read-only: change the MJCF and compile it again"
 
-# What OpenGL has a copy of, which is compared before each picture once somebody may change it.
+# Prefixes of fields copied to OpenGL; once user code has them, each picture checks for changes.
 _UPLOADED = ("hfield", "tex", "mesh")
 _NO_TEXTURES = (
-    "simulations in which a batch begins episodes have no textures: the start of an episode cannot "
-    "read or change tex_data; change the model before the batch is made"
+    "a batch initialises episodes in a simulation without textures: the start of an episode cannot "
+    "read or change tex_data; change the model before creating the batch"
 )
 
-# The model that MuJoCo can still write as XML.
+# The most recently compiled model, the only one that MuJoCo can save as XML.
 _last_compiled: dict[str, mujoco.MjModel] = {}
 
 
 class Error(ValueError):
-    """A name or type that the model does not have."""
+    """The model has no object with this name, or there is no such type."""
 
 
 class MjModel(CopyOnWrite):
     """A compiled model; fields not defined here are those of `mujoco.MjModel`.
 
-    What says how the model is built (parents, addresses, counts, types) is read-only: MuJoCo does
-    not check it again, and would read beyond its memory. `ptr` is MuJoCo's own, unguarded.
+    Structural fields (parents, addresses, counts, types) are read-only: MuJoCo does not check them
+    again and would read out of bounds. `ptr` is MuJoCo's own struct, without this protection.
     """
 
-    def __getattr__(self, name: str) -> Any:  # Any: as the official struct has it
-        if name in ("_model", "_shared"):  # a half-made object, as in copying
+    def __getattr__(self, name: str) -> Any:  # Any: fields of the official struct
+        if name in ("_model", "_shared"):  # not yet initialised, as while copying
             raise AttributeError(name)
         if is_structure(name):
             return fixed_field(self._model, name)
@@ -86,14 +86,14 @@ class MjModel(CopyOnWrite):
         return type(self)(self._shared or copy.copy(self._model))
 
     def without_textures(self) -> "MjModel":
-        """A model whose simulations are the same, and which takes a hundredth of the memory."""
+        """An equivalent model for simulation that takes a hundredth of the memory."""
         if self._shared is not None:
             return MjModel(SharedModel(self._shared.light))
         light = without_textures(self._model)
         return MjModel(copy.copy(light) if light is self._model else light)
 
     def copy(self) -> "MjModel":
-        """A model whose changes do not reach this one."""
+        """A copy; changes to it do not affect this model."""
         return self.__copy__()
 
     def __deepcopy__(self, memo: dict) -> "MjModel":
@@ -105,10 +105,10 @@ class MjModel(CopyOnWrite):
 
         Args:
           xml_string: the model's XML.
-          assets: contents of the files that it names, by name.
+          assets: contents of the files it refers to, by name.
 
         Raises:
-          ValueError: MuJoCo's message on what is wrong with the model.
+          ValueError: MuJoCo's error message about the model.
         """
         text = util.to_native_string(xml_string)
         model = mujoco.MjModel.from_xml_string(text, assets or {})
@@ -117,7 +117,7 @@ class MjModel(CopyOnWrite):
 
     @classmethod
     def from_byte_string(cls, byte_string: bytes) -> "MjModel":
-        """Reads a model in binary form, as made by `to_bytes`."""
+        """Reads a model in binary format (MJB), as from `to_bytes`."""
         name = "model.mjb"
         return cls(mujoco.MjModel.from_binary_path(name, {name: byte_string}))
 
@@ -130,15 +130,15 @@ class MjModel(CopyOnWrite):
 
     @classmethod
     def from_binary_path(cls, binary_path: str) -> "MjModel":
-        """Reads a file in binary form, as made by `save_binary`."""
+        """Reads a file in binary format (MJB), as from `save_binary`."""
         return cls(mujoco.MjModel.from_binary_path(str(binary_path)))
 
     def save_binary(self, binary_path: str) -> None:
-        """Writes the model to a file in MuJoCo's binary form."""
+        """Writes the model to a file in MuJoCo's binary format (MJB)."""
         mujoco.mj_saveModel(self._model, str(binary_path), None)
 
     def to_bytes(self) -> bytes:
-        """The model in MuJoCo's binary form."""
+        """The model in MuJoCo's binary format (MJB)."""
         buffer = np.zeros(mujoco.mj_sizeModel(self._model), np.uint8)
         mujoco.mj_saveModel(self._model, None, buffer)
         return buffer.tobytes()
@@ -156,7 +156,7 @@ class MjModel(CopyOnWrite):
           object_type: 'body', 'geom', ... or a `mujoco.mjtObj`.
 
         Raises:
-          Error: no such type or no object of that name.
+          Error: there is no such type, or no object with that name.
         """
         kind = object_type_number(object_type)
         index = mujoco.mj_name2id(self._model, kind, name)
@@ -170,15 +170,15 @@ class MjModel(CopyOnWrite):
         return index
 
     def id2name(self, object_id: int, object_type: str | int) -> str:
-        """Name of an object; empty if it has none or does not exist.
+        """Name of an object; empty if it is unnamed or does not exist.
 
         Raises:
-          Error: no such type.
+          Error: there is no such type.
         """
         return mujoco.mj_id2name(self._model, object_type_number(object_type), object_id) or ""
 
     def _names(self, kind: int) -> list[str]:
-        """Names of the objects of a type, in their order."""
+        """Names of the named objects of a type, in order."""
         names: list[str] = []
         while (name := mujoco.mj_id2name(self._model, kind, len(names))) is not None:
             names.append(name)
@@ -212,16 +212,17 @@ class MjModel(CopyOnWrite):
 
 
 def save_last_parsed_model_to_xml(xml_path: str, check_model: MjModel | None = None) -> None:
-    """Writes the model that was compiled last to an MJCF file.
+    """Writes the most recently compiled model to an MJCF file.
 
-    MuJoCo prints fewer digits than it keeps: compiled again, many fields differ in the last bits.
+    MuJoCo writes fewer digits than it stores, so many fields differ in the last bits after
+    recompiling.
 
     Args:
       xml_path: the file to write.
-      check_model: a model that must be the one compiled last.
+      check_model: if given, must be the most recently compiled model.
 
     Raises:
-      ValueError: another model was compiled since.
+      ValueError: another model has been compiled since, or none yet.
     """
     last = _last_compiled.get("model")
     if last is None or (check_model is not None and check_model._model is not last):
@@ -234,14 +235,14 @@ def save_last_parsed_model_to_xml(xml_path: str, check_model: MjModel | None = N
 
 @functools.cache
 def is_structure(name: str) -> bool:
-    """Whether a field of MjModel says how the model is built, so that it must not be written."""
+    """Whether a field of MjModel is structural and must not be written."""
     field = getattr(_empty_model(), name, None)
     is_integer = isinstance(field, np.ndarray) and field.dtype.kind in "iu"
     return is_integer and not name.endswith(_VALUES)
 
 
 def fixed_field(model: mujoco.MjModel, name: str) -> np.ndarray:
-    """Such a field, read-only."""
+    """A structural field as a read-only view."""
     field = getattr(model, name).view()
     field.flags.writeable = False
     return field

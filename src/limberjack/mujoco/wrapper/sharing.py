@@ -1,13 +1,13 @@
-"""Compiled models that simulations share, and copy when one of them is about to be changed.
+"""Compiled models shared by simulations, with copy-on-write.
 
     shared = SharedModel(official)
     first, second = wrapper.MjModel(shared), wrapper.MjModel(shared)
-    first.body_mass[1] = 2.0     # from here on the first one has a copy
+    first.body_mass[1] = 2.0     # `first` now has its own copy
 
-A model of the suite takes 12 MB, nearly all of it the sky. Simulations of the same source share one
-`SharedModel`; see `compiled`. An access that could change it through an `MjModel` copies it first
-(`CopyOnWrite`): an array that can be written, a nested struct, `ptr`. Code of this package that
-reads uses `model._model`.
+A suite model takes 12 MB, nearly all of it the sky texture. Simulations of the same source share
+one `SharedModel`; see `compiled`. Any access through an `MjModel` that could lead to a change (a
+writable array, a nested struct, `ptr`) copies the model first (`CopyOnWrite`). Code of this package
+that only reads uses `model._model`.
 """
 
 import copy
@@ -21,12 +21,12 @@ from limberjack.mujoco.wrapper.textures import without_textures
 __all__ = ["CopyOnWrite", "SharedModel"]
 
 
-# What cannot be changed in place and so may be handed out of a shared model.
+# Types that cannot be changed in place, so returning them needs no copy.
 _IMMUTABLE = (int, float, str, bytes)
 
 
 class SharedModel:
-    """A compiled model that several simulations use and none may change, not even for a moment."""
+    """A compiled model used by several simulations; it must never change, not even temporarily."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
@@ -39,9 +39,9 @@ class SharedModel:
 
     @functools.cached_property
     def passive(self) -> mujoco.MjModel:
-        """The same with actuation disabled, for the forward pass after a reset.
+        """The model with actuation disabled, for the forward pass after a reset.
 
-        A flag that is switched in a model that is shared would reach other threads.
+        Toggling the flag in the shared model would affect other threads.
         """
         passive = copy.copy(self.light)
         passive.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
@@ -49,11 +49,11 @@ class SharedModel:
 
 
 class CopyOnWrite:
-    """A wrapper of a model that is shared until somebody could change it."""
+    """A wrapper of a model that is shared until an access could change it."""
 
-    _model: Any  # has the official struct's fields, which are not listed here
-    _shared: SharedModel | None  # while it is shared
-    _is_lent: bool  # whether others may change what is drawn of it, unnoticed
+    _model: Any  # the official struct's fields are not listed here
+    _shared: SharedModel | None  # None once the wrapper has its own copy
+    _is_lent: bool  # whether user code may change height fields, textures or meshes unnoticed
 
     def __init__(self, model: mujoco.MjModel | SharedModel) -> None:
         shared = model if isinstance(model, SharedModel) else None
@@ -63,18 +63,18 @@ class CopyOnWrite:
 
     @property
     def ptr(self) -> mujoco.MjModel:
-        """The official `mujoco.MjModel`, this wrapper's own."""
+        """The official `mujoco.MjModel`, not shared with other wrappers."""
         object.__setattr__(self, "_is_lent", True)
         return self.own()
 
     def own(self) -> mujoco.MjModel:
-        """As `ptr`, for code that changes no height field, texture or mesh."""
+        """Like `ptr`, for code that does not change height fields, textures or meshes."""
         if self._shared is not None:
             object.__setattr__(self, "_model", copy.copy(self._shared.model))
             object.__setattr__(self, "_shared", None)
         return self._model
 
     def _field(self, name: str) -> Any:
-        """A field, of a model that is this wrapper's own if the field can be changed."""
+        """A field; if it is mutable, the model is copied first."""
         value = getattr(self._model, name)
         return value if isinstance(value, _IMMUTABLE) else getattr(self.own(), name)

@@ -1,15 +1,15 @@
-"""Models without their textures, for simulations that are never drawn.
+"""`without_textures`: models without textures, for simulations that are never drawn.
 
-    light = without_textures(model)     # 0.06 MB instead of 12: the same steps in every bit
+    light = without_textures(model)     # 0.06 MB instead of 12; steps are bitwise equal
 
-Nearly all of a model of the suite is the picture of its sky, and MuJoCo copies the model into each
-batch. Blocks of that size, allocated and freed with each batch, leave the heap in pieces: the
-process grows by tens of megabytes, though nothing leaks.
+Nearly all of a suite model is its sky texture, and MuJoCo copies the model into each batch.
+Allocating and freeing blocks of this size with each batch fragments the heap: the process grows by
+tens of megabytes although nothing leaks.
 
 MuJoCo compiles textures into the model and cannot remove them, so they are cut out of its binary
-form (`mj_saveModel`): a header, the sizes, the options and, one after the other, the arrays. What
-is loaded is compared with the original. Where anything is not as expected, as with a later MuJoCo,
-the model is returned as it is, which costs memory and nothing else.
+format (`mj_saveModel`): a header, the sizes, the options, then the arrays. The result is compared
+with the original. If anything differs from what is expected, for example with a later MuJoCo, the
+model is returned unchanged, which only costs memory.
 """
 
 import mujoco
@@ -17,28 +17,28 @@ import numpy as np
 
 __all__ = ["without_textures"]
 
-_FEWEST_BYTES = 2**18  # of textures, for which it is worth while
+_FEWEST_BYTES = 2**18  # minimum size of textures worth removing
 _NAME = "model.mjb"
-_ALIGNMENT = 64  # bytes; of each array in a model's memory
+_ALIGNMENT = 64  # bytes; alignment of each array in a model's memory
 
-# The file's header, ints: the format's number, bytes of a float, number of sizes, version, number
-# of arrays. The sizes follow.
+# The file's header, as ints: format id, bytes per float, number of sizes, version, number of
+# arrays. The sizes follow.
 _HEADER = np.dtype("i4")
 _HEADER_LENGTH = 5
 _NUM_SIZES = 2
 _SIZE = np.dtype("i8")
 
-# The arrays that precede `tex_data`, and those of them that become zero.
+# The arrays directly before `tex_data`, and those of them to set to zero.
 _BEFORE_DATA = ("tex_height", "tex_width", "tex_nchannel", "tex_adr")
 _ZERO = ("tex_height", "tex_width", "tex_adr")
 _CHANGED = ("tex_data", *_ZERO)
 
 
 def without_textures(model: mujoco.MjModel) -> mujoco.MjModel:
-    """A model whose simulations are the same, with textures of no pixels; or the model itself.
+    """An equivalent model for simulation whose textures have no pixels.
 
-    The latter where there is little to be gained. `tex_data` is empty, and `tex_height`,
-    `tex_width` and `tex_adr` are zero; all else is as in the model, of which nothing is shared.
+    `tex_data` is empty, and `tex_height`, `tex_width` and `tex_adr` are zero; everything else is a
+    copy. Returns `model` itself if its textures are small or cannot be removed.
     """
     if model.ntexdata < _FEWEST_BYTES:
         return model
@@ -55,10 +55,10 @@ def without_textures(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def _cut(binary: np.ndarray, model: mujoco.MjModel) -> bytes | None:
-    """A model's binary form without textures; None unless they were where they should be."""
+    """A model's binary format without textures; None if they are not where expected."""
     before = b"".join(getattr(model, name).tobytes() for name in _BEFORE_DATA)
     pixels = model.tex_data
-    # All that can precede the pixels, and the first of them.
+    # Everything that can precede the pixels, and the first pixels.
     head = binary[: len(binary) - pixels.nbytes + _ALIGNMENT].tobytes()
     start = head.find(before + pixels[:_ALIGNMENT].tobytes())
     if start < 0:
@@ -79,7 +79,7 @@ def _cut(binary: np.ndarray, model: mujoco.MjModel) -> bytes | None:
 
 
 def _is_like(light: mujoco.MjModel, model: mujoco.MjModel) -> bool:
-    """Whether all arrays are equal, byte by byte, apart from those that were cut."""
+    """Whether all arrays are bytewise equal, except for those of the textures."""
     for name in dir(model):
         if name.startswith("_") or name in _CHANGED:
             continue

@@ -1,4 +1,4 @@
-"""Conversions between text and the bytes that MuJoCo takes."""
+"""Conversions between text and bytes, and `get_mjlib`."""
 
 from typing import Any
 
@@ -18,5 +18,5 @@ def to_native_string(text: str | bytes) -> str:
 
 
 def get_mjlib() -> Any:
-    """The official `mujoco` module, which has every function of the library."""
+    """The official `mujoco` module, which has all functions of the library."""
     return mujoco

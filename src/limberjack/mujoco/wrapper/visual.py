@@ -1,6 +1,6 @@
-"""The official visualisation structs with the few additions that dm_control's programs use.
+"""The official visualisation structs with dm_control's additions.
 
-Each has `ptr`, which is the object itself. None of them touches OpenGL.
+Each has `ptr`, which is the object itself. None of them uses OpenGL.
 """
 
 import contextlib
@@ -36,7 +36,7 @@ class MjvCamera(mujoco.MjvCamera):
 
 
 class MjvOption(mujoco.MjvOption):
-    """What is drawn; rangefinder rays are not, unlike MuJoCo's own default."""
+    """Visualisation options; unlike MuJoCo's default, rangefinder rays are not drawn."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -48,7 +48,7 @@ class MjvOption(mujoco.MjvOption):
 
 
 class MjvPerturb(mujoco.MjvPerturb):
-    """A body selected and pulled."""
+    """Selection and perturbation of a body."""
 
     @property
     def ptr(self) -> "MjvPerturb":
@@ -76,12 +76,11 @@ class MjvScene(mujoco.MjvScene):
     """The geoms, lights and cameras that are drawn."""
 
     def __init__(self, model: MjModel | None = None, max_geom: int | None = None) -> None:
-        """Makes a scene.
+        """Creates a scene.
 
         Args:
           model: the model to draw, or None for an empty scene.
-          max_geom: the most geoms it can hold; by default enough for the model with its
-            decorations.
+          max_geom: maximum number of geoms; by default enough for the model and its decorations.
         """
         if model is None:
             super().__init__()
@@ -95,7 +94,7 @@ class MjvScene(mujoco.MjvScene):
 
     @property
     def geoms(self) -> Sequence[mujoco.MjvGeom]:
-        """The geoms in the scene now."""
+        """The geoms currently in the scene."""
         return super().geoms[: super().ngeom]
 
     @contextlib.contextmanager
@@ -121,7 +120,7 @@ class MjvScene(mujoco.MjvScene):
 
 
 def _render_flag(flag: RenderFlag) -> int:
-    """Number of a rendering flag given by name or number."""
+    """Index of a rendering flag, given by name or number."""
     if not isinstance(flag, str):
         return int(flag)
     names = mujoco.mjtRndFlag.__members__
@@ -133,7 +132,7 @@ def _render_flag(flag: RenderFlag) -> int:
 
 
 def _renderable_geoms(model: mujoco.MjModel) -> int:
-    """Room for every object of the model with its usual decorations."""
+    """Upper bound for the number of geoms of the model and its usual decorations."""
     frames = max(model.nbody, model.ngeom, model.nsite, model.ncam, model.nlight)
     drawn_once = ("nsite", "ntendon", "njnt", "nu", "nskin", "ncam", "nlight")
     axes, per_geom, per_body = 3, 4, 3  # frame axes; contacts and forces; mass and perturbation

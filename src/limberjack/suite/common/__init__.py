@@ -1,6 +1,6 @@
-"""The files that the domains' models share, and reading models.
+"""Files shared by the domains' models, and `read_model`.
 
-A model of your own may include them and be compiled with `ASSETS`:
+User models may include them and be compiled with `ASSETS`:
 
     <include file="./common/skybox.xml"/>
     <include file="./common/visual.xml"/>
@@ -16,9 +16,9 @@ _SHARED_FILES = ("./common/materials.xml", "./common/skybox.xml", "./common/visu
 
 
 def read_model(model_filename: str) -> bytes:
-    """Contents of a model file of the suite, or of any file by its absolute path."""
+    """Contents of a suite model file, or of any file by absolute path."""
     return (_SUITE_DIR / model_filename).read_bytes()
 
 
-# Contents of the shared files by the names under which models include them.
+# Contents of the shared files, by the name used to include them.
 ASSETS = {name: read_model(name) for name in _SHARED_FILES}

@@ -28,15 +28,15 @@ def random_limited_quaternion(random: np.random.RandomState, limit: float) -> np
 def randomize_limited_and_rotational_joints(
     physics: Physics, random: np.random.RandomState | None = None
 ) -> None:
-    """Draws the positions of all joints that have limits or rotate, in the model's order.
+    """Draws the positions of all limited or rotational joints, in the model's order.
 
     Limited hinges and slides are uniform within their limits, unlimited hinges within [-pi, pi].
-    Ball joints are uniform over the rotations, or over axis and angle within their limit. Of a
-    free joint the rotation is drawn and the position left; unlimited slides are left too.
+    Ball joints are uniform over rotations, or over axis and angle within their limit. Free joints
+    get a random rotation and keep their position; unlimited slides are unchanged.
 
     Args:
       physics: a `mujoco.Physics`; its `qpos` is written.
-      random: the stream to draw from; NumPy's global one by default.
+      random: the stream to draw from; NumPy's global stream by default.
     """
     stream: Any = random or np.random
     model, qpos = physics.model._model, physics.data.qpos
@@ -59,6 +59,6 @@ def randomize_limited_and_rotational_joints(
             quaternion = stream.randn(4)
             qpos[start : start + 4] = quaternion / np.linalg.norm(quaternion)
         elif kind == _FREE and not is_limited:
-            # As dm_control: from one orthant only, which published results depend on.
+            # As in dm_control, from one orthant only; published results depend on it.
             quaternion = stream.rand(4)
             qpos[start + 3 : start + 7] = quaternion / np.linalg.norm(quaternion)

@@ -1,1 +1,1 @@
-"""Wrappers of environments: pictures as observations, scaled actions, noisy actions."""
+"""Environment wrappers: pixel observations, scaled actions, noisy actions."""

@@ -1,4 +1,4 @@
-"""What the action wrappers share: delegation to the wrapped environment, a check of the action."""
+"""Base class of the wrappers, which delegates to the wrapped environment, and action checks."""
 
 from typing import Any
 
@@ -11,9 +11,9 @@ __all__ = ["Wrapper", "checked_action"]
 
 
 class Wrapper(dm_env.Environment):
-    """Passes everything on to the wrapped environment, its extra attributes too."""
+    """Delegates everything, extra attributes included, to the wrapped environment."""
 
-    # Any: the wrapped environment has attributes of its own, such as `task` and `physics`.
+    # Any: the wrapped environment may have extra attributes, such as `task` and `physics`.
     def __init__(self, env: Any) -> None:
         """Wraps `env`."""
         self._env = env
@@ -47,25 +47,25 @@ class Wrapper(dm_env.Environment):
         self._env.close()
 
     def __getattr__(self, name: str) -> Any:
-        # Without this line a copy, which has no `_env` yet, would look it up for ever.
+        # Prevents infinite recursion while copying, when `_env` is not yet set.
         if name == "_env":
             raise AttributeError(name)
         return getattr(self._env, name)
 
 
 def checked_action(action: ArrayLike, shape: tuple[int, ...]) -> np.ndarray:
-    """`action` as an array of numbers, of this shape unless it is ().
+    """`action` as an array of finite numbers of the given shape.
 
-    A spec without dimensions says nothing of the action's shape: the environment does.
+    A shape of () is not checked here, but by the environment.
 
     Raises:
-      TypeError: it is not numeric.
+      TypeError: the action is not numeric.
       ValueError: it has another shape, or is not finite.
     """
     try:
         given = np.asarray(action)
-    except ValueError as error:  # its rows differ in length
-        raise ValueError(f"action is no array of shape {shape}: {error}") from None
+    except ValueError as error:  # rows of different lengths
+        raise ValueError(f"action is not an array of shape {shape}: {error}") from None
     if given.dtype.kind not in "fiub":
         raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
     if shape and given.shape != shape:

@@ -1,9 +1,9 @@
-"""An environment that disturbs each action with Gaussian noise.
+"""A wrapper that adds Gaussian noise to each action.
 
     env = action_noise.Wrapper(env, scale=0.01)
 
-The noise comes from the task's own random stream, one draw per component and step, so a seed fixes
-it; the episodes' starts come from the same stream.
+The noise is drawn from the task's random stream, once per component and step, so it is determined
+by the seed; the starts of episodes are drawn from the same stream.
 """
 
 import dm_env
@@ -21,18 +21,18 @@ _BOUNDS_MUST_BE_FINITE = (
 
 
 class Wrapper(_delegating.Wrapper):
-    """Adds noise to actions; everything else is the wrapped environment's."""
+    """Adds noise to actions; delegates everything else."""
 
     def __init__(self, env: dm_env.Environment, scale: ArrayLike = 0.01) -> None:
         """Wraps `env`, a control environment whose action bounds are finite.
 
         Args:
-          env: the environment to wrap; its `task.random` gives the noise.
+          env: the environment to wrap; the noise is drawn from its `task.random`.
           scale: standard deviation of the noise as a fraction of each component's range, at least
-            0, a scalar or one per component.
+            0; a scalar or one value per component.
 
         Raises:
-          ValueError: a bound is not finite, or `scale` is negative, not finite or of another shape.
+          ValueError: a bound is not finite, or `scale` is negative, not finite or misshapen.
         """
         super().__init__(env)
         spec = self.action_spec()
@@ -49,11 +49,11 @@ class Wrapper(_delegating.Wrapper):
         self._noise_std = fraction * (spec.maximum - spec.minimum)
 
     def step(self, action: ArrayLike) -> dm_env.TimeStep:
-        """Steps the wrapped environment with the disturbed action, clipped to the spec's bounds.
+        """Steps the wrapped environment with the noisy action, clipped to the spec's bounds.
 
         Raises:
-          ValueError, TypeError: the action does not have the spec's shape, is not numeric or not
-            finite; nothing has moved and no noise was drawn.
+          ValueError, TypeError: the action has another shape than the spec, or is not numeric or
+            not finite; nothing was stepped and no noise was drawn.
         """
         given = _delegating.checked_action(action, self._shape)
         noisy = given + self._env.task.random.normal(scale=self._noise_std)

@@ -1,9 +1,9 @@
-"""An environment whose actions lie between bounds of your choice.
+"""A wrapper that rescales actions to bounds of your choice.
 
     env = action_scale.Wrapper(env, minimum=-1.0, maximum=1.0)
 
 Each component is mapped linearly from [minimum, maximum] to the range of the wrapped environment's
-own spec. Actions are not clipped.
+spec. Actions are not clipped.
 """
 
 import dm_env
@@ -27,18 +27,18 @@ _MUST_BE_BELOW = "minimum is {minimum} and maximum {maximum}; expected minimum <
 
 
 class Wrapper(_delegating.Wrapper):
-    """Scales actions; everything else is the wrapped environment's."""
+    """Scales actions; delegates everything else."""
 
     def __init__(self, env: dm_env.Environment, minimum: ArrayLike, maximum: ArrayLike) -> None:
         """Wraps `env`, whose action spec must be one bounded array with finite bounds.
 
         Args:
           env: the environment to wrap.
-          minimum: lower bounds of the new spec, finite, a scalar or one per component.
+          minimum: lower bounds of the new spec, finite; a scalar or one value per component.
           maximum: upper bounds, likewise.
 
         Raises:
-          ValueError: the spec or the bounds are not as described.
+          ValueError: the spec or the bounds do not meet these requirements.
         """
         super().__init__(env)
         spec = env.action_spec()
@@ -63,8 +63,8 @@ class Wrapper(_delegating.Wrapper):
         """Steps the wrapped environment with the scaled action.
 
         Raises:
-          ValueError, TypeError: the action does not have the spec's shape, is not numeric or not
-            finite; nothing has moved.
+          ValueError, TypeError: the action has another shape than the spec, or is not numeric or
+            not finite; nothing was stepped.
         """
         given = _delegating.checked_action(action, self._action_spec.shape)
         scaled = self._to + self._scale * (given - self._from)
@@ -76,7 +76,7 @@ class Wrapper(_delegating.Wrapper):
 
 
 def _check_bounds(bounds: ArrayLike, name: str, shape: tuple[int, ...]) -> None:
-    """Refuses bounds that are not finite or do not broadcast to `shape`."""
+    """Raises ValueError for bounds that are not finite or do not broadcast to `shape`."""
     if not np.all(np.isfinite(bounds)):
         raise ValueError(_MUST_BE_FINITE.format(name=name, bounds=bounds))
     try:

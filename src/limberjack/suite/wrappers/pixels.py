@@ -1,9 +1,9 @@
-"""An environment that observes pictures of itself.
+"""A wrapper that adds pictures to the observations or replaces them.
 
     env = pixels.Wrapper(env, render_kwargs={"height": 84, "width": 84, "camera_id": 0})
     env.reset().observation["pixels"]    # (84, 84, 3) uint8
 
-Needs OpenGL. Frames are not stacked, nor is their order of axes changed.
+Needs OpenGL. Frames are not stacked, and the order of their axes is not changed.
 """
 
 import collections
@@ -19,12 +19,12 @@ from limberjack.suite.wrappers import _delegating
 
 __all__ = ["STATE_KEY", "Wrapper"]
 
-# What an observation that is a single array is called beside the pixels.
+# Name of an observation that is a single array, next to the pixels.
 STATE_KEY = "state"
 
 
 class Wrapper(_delegating.Wrapper):
-    """Adds a picture to each observation, or puts it in its place; the rest stays as it is."""
+    """Adds a picture to each observation, or replaces the observation by it."""
 
     def __init__(
         self,
@@ -33,17 +33,17 @@ class Wrapper(_delegating.Wrapper):
         render_kwargs: Mapping[str, object] | None = None,
         observation_key: str = "pixels",
     ) -> None:
-        """Wraps `env`, which must have a `physics`, and draws it once for the spec.
+        """Wraps `env`, which must have a `physics`, and renders it once for the spec.
 
         Args:
           env: the environment to wrap; its observations are arrays or dicts of arrays.
-          pixels_only: observe the picture alone.
-          render_kwargs: arguments for `physics.render`: size, camera, `depth`, `segmentation`, ...
+          pixels_only: whether to observe only the picture.
+          render_kwargs: arguments of `physics.render`: size, camera, `depth`, `segmentation`, ...
           observation_key: name of the picture among the observations.
 
         Raises:
-          ValueError: the observations are of another kind, or one of that name is there already.
-          RenderingError: OpenGL cannot be had.
+          ValueError: the observations are of another kind, or one already has this name.
+          RenderingError: OpenGL is not available.
         """
         super().__init__(env)
         spec: Any = env.observation_spec()
@@ -72,11 +72,11 @@ class Wrapper(_delegating.Wrapper):
         return self._seen(self._env.reset())
 
     def step(self, action: ArrayLike) -> dm_env.TimeStep:
-        """Steps the wrapped environment and draws it."""
+        """Steps the wrapped environment and renders it."""
         return self._seen(self._env.step(action))
 
     def observation_spec(self) -> MutableMapping[str, Any]:
-        """The wrapped environment's observation spec, unless left out, and the picture's."""
+        """The spec of the picture, with those of the other observations unless `pixels_only`."""
         return self._observation_spec
 
     def _seen(self, time_step: dm_env.TimeStep) -> dm_env.TimeStep:

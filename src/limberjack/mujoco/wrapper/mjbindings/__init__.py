@@ -1,4 +1,4 @@
-"""MuJoCo's enums, constants and functions under dm_control's names."""
+"""MuJoCo's enums, constants and functions under dm_control's module names."""
 
 from limberjack.mujoco.wrapper.mjbindings import constants, enums, functions
 from limberjack.mujoco.wrapper.mjbindings.functions import mjlib

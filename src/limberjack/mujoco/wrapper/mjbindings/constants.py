@@ -1,4 +1,4 @@
-"""MuJoCo's constants, `constants.mjMAXVAL`: looked up in the official package when asked for."""
+"""MuJoCo's constants, such as `constants.mjMAXVAL`, looked up in the official package."""
 
 from typing import Any
 

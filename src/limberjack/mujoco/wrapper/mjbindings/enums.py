@@ -1,6 +1,6 @@
-"""MuJoCo's enums as named tuples of ints, `enums.mjtJoint.mjJNT_HINGE`.
+"""MuJoCo's enums as named tuples of ints, such as `enums.mjtJoint.mjJNT_HINGE`.
 
-Each is made from the official enum when it is first asked for.
+Each is created from the official enum on first use.
 """
 
 import collections

@@ -10,5 +10,5 @@ mjlib: Any = mujoco
 
 
 def __getattr__(name: str) -> Any:
-    """String tables such as `mjDISABLESTRING`."""
+    """Other names of the library, such as the string table `mjDISABLESTRING`."""
     return getattr(mujoco, name)
