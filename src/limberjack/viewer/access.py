@@ -3,11 +3,11 @@
     access = Access(find_address(), allow_hosts=["viewer.example.org"])
     print(access.url)  # the address to open in a browser; it carries the token
 
-Three things must hold. The header `Host` names this machine, so that no page can reach the viewer
-under a name of its own. The header `Origin`, if there is one, is that same host and port, so that no
-page but the viewer's own can read from it or send to it. The token is right, so that no other user
-of the machine gets in: the printed address brings it, and a cookie keeps it. `/drop`, the path of
-Studio's uploads, is always refused.
+Three things must hold. The header `Host` names this machine: no page can reach the viewer under a
+name of its own. The header `Origin`, if there is one, is that same host and port: no page but the
+viewer's own can read from it or send to it. The token is right: no other user of the machine gets
+in. The printed address brings it, and a cookie keeps it. `/drop`, the path of Studio's uploads, is
+always refused.
 
 The rules need no server and no package; `limberjack.viewer.guard` applies them to one. They do not
 encrypt, and they do not limit how much those do who have the token.
@@ -114,7 +114,7 @@ class Access:
             pair.partition("=") for value in request.values("Cookie") for pair in value.split(";")
         )
         name = self._cookie_name(request)
-        return any([self._is_token(value) for key, _, value in pairs if key.strip() == name])
+        return any(self._is_token(value) for key, _, value in pairs if key.strip() == name)
 
     def _brings_token(self, request: Request) -> bool:
         path, _, query = request.path.partition("?")
@@ -135,8 +135,8 @@ def _checked_name(name: str) -> str:
     parsed = _HOST.fullmatch(name.lower())
     if parsed is None or parsed["port"] is not None:
         raise ValueError(
-            f"allowed host is {name!r}; expected a name such as viewer.example.org, without scheme, "
-            "port and path"
+            f"allowed host is {name!r}; expected a name such as viewer.example.org, without "
+            "scheme, port and path"
         )
     return parsed["name"] or parsed["six"]
 

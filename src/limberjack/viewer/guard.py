@@ -115,15 +115,17 @@ class Guard:
 
     def _finish(self, connection: Any, request: Any, response: Any) -> None:
         """Sets the headers of an answer, and a limit of time where it opens no WebSocket."""
-        del response.headers["Access-Control-Allow-Origin"]
+        headers = response.headers
+        for name in ("Access-Control-Allow-Origin", *_HEADERS):
+            if name in headers:
+                del headers[name]  # values would add up
         for name, value in _HEADERS.items():
-            del response.headers[name]  # they would add up
-            response.headers[name] = value
+            headers[name] = value
         if connection not in self._permitted:
             return
         cookie = self._access.cookie(_seen(connection, request))
         if cookie is not None:
-            response.headers["Set-Cookie"] = cookie
+            headers["Set-Cookie"] = cookie
         if response.status_code != _SWITCHING:
             asyncio.get_running_loop().call_later(_DOWNLOAD_LIMIT, connection.transport.abort)
 
