@@ -12,13 +12,11 @@ The only file that imports mujoco.studio.
 import concurrent.futures
 import contextlib
 import dataclasses
-import functools
 import logging
-import tempfile
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -26,6 +24,7 @@ import mujoco
 from limberjack.utils.log import log
 from limberjack.viewer.access import Access
 from limberjack.viewer.guard import Guard
+from limberjack.viewer.patches import private_settings, replaced
 from limberjack.viewer.session import Session, Status, ViewerError
 
 try:
@@ -68,20 +67,33 @@ def run(
       announce: called with the address and its token, once a browser can open it.
 
     Raises:
-      ViewerError: Studio does not start.
+      ViewerError: Studio does not start, or the port is in use.
       KeyboardInterrupt: Ctrl-C was pressed; everything is closed.
       Exception: what the policy, the task or the environment raised.
     """
     panel = _Panel(title)
-    shown = app.App(app.Config(show_options=False, show_inspector=False))
-    plugins = [shown, panel, _Loop(session), sim_history.SimHistory()]
-    with _private_settings(), _launch(access, title, plugins) as handle:
-        _wait_until(panel.is_ready.is_set, handle)
-        if announce is not None:
-            announce(access.url)
-        _set_model(handle, session)
-        while handle.is_running():
-            handle.sync()
+    with _listening(access) as sock, private_settings(ux):
+        shown = app.App(app.Config(show_options=False, show_inspector=False))
+        plugins = [shown, panel, _Loop(session), sim_history.SimHistory()]
+        with _launch(access, sock, title, plugins) as handle:
+            _wait_until(panel.is_ready.is_set, handle)
+            if announce is not None:
+                announce(access.url)
+            _set_model(handle, session)
+            while handle.is_running():
+                handle.sync()
+
+
+@contextlib.contextmanager
+def _listening(access: Access) -> Iterator[socket.socket]:
+    """A socket for the server; `access` then has its port."""
+    try:
+        made = access.address.listen()
+    except OSError as error:
+        raise ViewerError(f"port {access.address.port} cannot be used: {error}") from error
+    with made:
+        access.address = dataclasses.replace(access.address, port=made.getsockname()[1])
+        yield made
 
 
 def _wait_until(is_ready: Callable[[], bool], handle: Any) -> None:
@@ -301,7 +313,7 @@ def _pause_state(paused: bool) -> Any:
     return sim.PauseState.NORMAL_PAUSED if paused else sim.PauseState.UNPAUSED
 
 
-def _launch(access: Access, title: str, plugins: list[Any]) -> Any:
+def _launch(access: Access, sock: socket.socket, title: str, plugins: list[Any]) -> Any:
     """Starts Studio in a thread of its own; returns its `ViewerHandle`."""
     # It tells of each browser that comes and goes, on standard output.
     logging.getLogger("WebServer").setLevel(logging.WARNING)
@@ -309,49 +321,40 @@ def _launch(access: Access, title: str, plugins: list[Any]) -> Any:
     of_viewer, of_loop = plugin.split_plugins(plugins)
 
     def show(endpoint: Any) -> None:
-        viewer = _WebViewer(access, config, endpoint, plugins=of_viewer)
+        viewer = _WebViewer(access, sock, config, endpoint, plugins=of_viewer)
         viewer_protocol.run_viewer_loop(viewer)
 
     return launch_thread.launch_thread(show, sim_plugins=of_loop)
 
 
 class _WebViewer(web_viewer.WebViewer):
-    """Studio's web viewer: guarded, bound where `Access` says, silent, and closed to files."""
+    """Studio's web viewer: guarded, on a socket of ours, silent, and closed to files."""
 
-    def __init__(self, access: Access, *args: Any, **kwargs: Any) -> None:
+    def __init__(self, access: Access, sock: socket.socket, *args: Any, **kwargs: Any) -> None:
         self._access = access
-        with _replaced(web_viewer, "_print_url_banner", lambda host, port: None):
+        # MuJoCo 4.0 binds to all networks and prints its addresses, and has no options for it.
+        with (
+            replaced(web_server, "bind_public_socket", lambda host, port: sock),
+            replaced(web_viewer, "_print_url_banner", lambda host, port: None),
+        ):
             super().__init__(*args, **kwargs)
         # An earlier episode's model is never shown again: let none but the present one be kept.
         assert self._web_server is not None
         self._web_server.model_cache_bytes = 0
 
-    # MuJoCo 4.0 sets this to all networks, and has no option for it.
-    @property
-    def _host(self) -> str:
-        return self._access.address.host
-
-    @_host.setter
-    def _host(self, host: str) -> None:
-        pass
-
     def _start_server(self) -> None:
         """Starts the server with the guard in it; without it, the viewer closes."""
         guard = Guard(self._access, web_server.serve, web_server.ServerConnection)
         try:
-            self._check_socket()
-            with _replaced(web_server, "serve", guard.serve):
+            with replaced(web_server, "serve", guard.serve):
                 super()._start_server()
                 guard.wait(_GUARD_LIMIT)
-        except (OSError, concurrent.futures.TimeoutError, ViewerError) as error:
+        except (OSError, concurrent.futures.TimeoutError) as error:
             self.close()
-            where = self._access.address.url
-            raise ViewerError(f"MuJoCo Studio does not serve {where} with access checks") from error
-
-    def _check_socket(self) -> None:
-        host = self._access.address.host
-        if self._http_sock.getsockname()[0] != host:
-            raise ViewerError(f"this version of MuJoCo Studio does not listen on {host} only")
+            raise ViewerError(
+                "this version of MuJoCo Studio does not serve its page with limberjack's access "
+                f"checks ({error!r}); expected MuJoCo 4.0"
+            ) from error
 
     @messages.handler(priority=messages.Priority.INTERNAL)
     def _on_post_model(self, event: messages.PostModelEvent) -> None:
@@ -369,25 +372,3 @@ class _WebViewer(web_viewer.WebViewer):
     def get_drop_file(self) -> str:
         """No file: the guard refuses uploads."""
         return ""
-
-
-@contextlib.contextmanager
-def _replaced(module: Any, name: str, value: object) -> Iterator[None]:
-    """Gives an attribute of one of Studio's modules another value for as long as it lasts."""
-    before = getattr(module, name)
-    setattr(module, name, value)
-    try:
-        yield
-    finally:
-        setattr(module, name, before)
-
-
-@contextlib.contextmanager
-def _private_settings() -> Iterator[None]:
-    """Keeps Studio's settings in a temporary file: ~/.mujoco.ini is neither read nor written."""
-    with tempfile.TemporaryDirectory() as directory, contextlib.ExitStack() as replaced:
-        path = str(Path(directory) / "studio.ini")
-        for name in ("load_settings", "load_theme", "reset_config", "save_settings"):
-            function = functools.partial(getattr(ux, name), ini_path=path)
-            replaced.enter_context(_replaced(ux, name, function))
-        yield
