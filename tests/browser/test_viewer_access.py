@@ -13,7 +13,7 @@ from typing import NamedTuple
 import pytest
 
 from .chromium import SOFTWARE_WEBGL, Chromium, Page
-from .viewing import serving
+from .viewing import serving, wait
 
 pytestmark = pytest.mark.browser
 
@@ -189,11 +189,18 @@ def test_two_viewers_at_once_work_in_one_browser(
     with serving(_VIEW, tmp_path) as address:
         second = _Viewer(address, browser.open(address, *_SIZE))
         assert second.host != viewer.host
+        for one in (viewer, second):
+            for path in ("/ui", "/state"):  # which the page opens by itself
+                wait(lambda start=f"ws://{one.host}{path}", page=one.page: _has(page, start))
+        assert second.page.errors == []
         for one, another in ((viewer, second), (second, viewer)):
             assert _works(one.page, one.host)
             assert not _opens(one.page, another.host, "/state")
-        assert second.page.errors == []
         second.page.call("Page.close")
+
+
+def _has(page: Page, start: str) -> bool:
+    return any(url.startswith(start) for url in page.websockets)
 
 
 def test_the_viewer_s_page_was_not_disturbed(viewer: _Viewer, other: Page) -> None:
