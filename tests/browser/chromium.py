@@ -233,6 +233,20 @@ class Page:
         ]
 
     @property
+    def websockets(self) -> list[str]:
+        """The addresses of the WebSockets that the page has opened and that were accepted."""
+        self.evaluate("0")
+        urls: dict[str, str] = {}
+        accepted = []
+        for event in self._browser.events_of(self._session):
+            params = event["params"]
+            if event["method"] == "Network.webSocketCreated":
+                urls[params["requestId"]] = params["url"]
+            elif event["method"] == "Network.webSocketHandshakeResponseReceived":
+                accepted += [urls[params["requestId"]]] * (params["response"]["status"] == 101)
+        return accepted
+
+    @property
     def errors(self) -> list[Any]:
         """What the page has complained of: exceptions, errors and warnings in its console."""
         self.evaluate("0")

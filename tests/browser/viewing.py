@@ -1,4 +1,4 @@
-"""What tests of the viewer share: a program that views, in a process of its own, and its page.
+"""Shared by tests of the viewer: a program that views, in a process of its own, and its page.
 
 view = ["-m", "limberjack", "view", "humanoid", "stand"]
 with viewed_by(view, tmp_path, 480, 360) as (page, address):
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from .chromium import SOFTWARE_WEBGL, Chromium, Page
 
-__all__ = ["LIMIT", "viewed_by", "wait"]
+__all__ = ["LIMIT", "serving", "viewed_by", "wait"]
 
 LIMIT = 60.0  # seconds for anything, on the slowest machine too
 
@@ -25,22 +25,30 @@ LIMIT = 60.0  # seconds for anything, on the slowest machine too
 def viewed_by(
     arguments: list[str], directory: Path, width: int, height: int, scale: float = 1.0
 ) -> Iterator[tuple[Page, str]]:
-    """The page whose address is the first line that Python prints, given these arguments."""
+    """The page of such a program, and its address with the token."""
     with (
         Chromium(directory, *SOFTWARE_WEBGL) as browser,
-        subprocess.Popen(
-            [sys.executable, *arguments],
-            cwd=directory,
-            env={**os.environ, "HOME": str(directory)},  # Studio keeps its settings there
-            stdout=subprocess.PIPE,
-            text=True,
-        ) as process,
+        serving(arguments, directory) as address,
     ):
+        yield browser.open(address, width, height, scale), address
+
+
+@contextlib.contextmanager
+def serving(arguments: list[str], directory: Path) -> Iterator[str]:
+    """The address that Python, given these arguments, prints first; it ends with the block."""
+    with subprocess.Popen(
+        [sys.executable, *arguments],
+        cwd=directory,
+        env={**os.environ, "HOME": str(directory)},
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
         try:
             assert process.stdout is not None
             found = re.match(r"http://\S+", process.stdout.readline())
             assert found, "no address was printed"
-            yield browser.open(found[0], width, height, scale), found[0]
+            yield found[0]
+            assert process.poll() is None, "the viewer ended"
         finally:
             process.kill()
 

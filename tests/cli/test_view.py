@@ -1,4 +1,4 @@
-"""`limberjack view` and `viewer.launch` without a browser: addresses, errors and ends."""
+"""`limberjack view` and `viewer.launch` without a browser: access, addresses, errors and ends."""
 
 import os
 import re
@@ -7,9 +7,11 @@ import socket
 import subprocess
 import sys
 import textwrap
+import threading
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,6 +21,7 @@ from limberjack import suite, viewer
 from limberjack.cli import app
 from limberjack.viewer.session import ViewerError
 from tests.programs import INSTALL, run
+from tests.viewer.handshakes import WEBSOCKET, Answer, ask, connect, head, seconds_until_closed
 
 pytest.importorskip(
     "limberjack.viewer.studio", reason="needs the extra 'view'", exc_type=ImportError
@@ -52,13 +55,24 @@ def running(tmp_path: Path) -> "Iterator[subprocess.Popen[str]]":
     process.communicate()
 
 
-def _port_of(process: "subprocess.Popen[str]") -> int:
-    """The port that the command announces."""
+def _announced(process: "subprocess.Popen[str]") -> tuple[str, int, str]:
+    """The address that the command prints, its port and its token."""
     assert process.stdout is not None
     line = process.stdout.readline()
-    found = re.match(r"http://127\.0\.0\.1:(\d+)/ ", line)
+    found = re.match(r"(http://127\.0\.0\.1:(\d+)/\?token=([\w-]{43}))(\s|$)", line)
     assert found, (line, process.communicate())
-    return int(found[1])
+    return found[1], int(found[2]), found[3]
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespace]:
+    """The command, serving: its process, port, and the headers with which it lets a browser in."""
+    directory = tmp_path_factory.mktemp("served")
+    process = _program(directory, "-m", "limberjack", *_VIEW, "--allow-host", "viewer.example.org")
+    _, port, token = _announced(process)
+    yield SimpleNamespace(process=process, port=port, good={"Cookie": f"limberjack-{port}={token}"})
+    process.kill()
+    process.communicate()
 
 
 def _status(address: str) -> int:
@@ -75,19 +89,113 @@ def _reaches(host: str, port: int) -> bool:
     return True
 
 
-def test_the_command_serves_this_machine_until_ctrl_c(running: Any) -> None:
-    port = _port_of(running)
-    assert _status(f"http://127.0.0.1:{port}/") == 200
-    assert _status(f"http://127.0.0.1:{port}/web_client.wasm") == 200
+# A message to the interface, as a forged click would be: a WebSocket frame of 16 bytes.
+_FRAME = b"\x82\x90\x00\x00\x00\x00" + bytes(16)
+
+
+def _is_refused(answer: Answer) -> bool:
+    return answer.status == 403 and answer.text.startswith("limberjack: ")
+
+
+@pytest.mark.parametrize("path", ["/", "/model", "/ui", "/state", "/drop", "/web_client.wasm"])
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "http://localhost:1"},
+        {"Host": "evil.example"},
+        {"Cookie": ""},
+        {"Cookie": "limberjack-8080=guess"},
+    ],
+)
+def test_other_pages_other_names_and_other_users_are_refused(
+    served: SimpleNamespace, path: str, bad: dict[str, str]
+) -> None:
+    websocket = WEBSOCKET if path in ("/ui", "/state", "/drop") else {}
+    answer = ask(served.port, path, after=_FRAME, **{**websocket, **served.good, **bad})
+    assert _is_refused(answer)
+    assert served.process.poll() is None
+
+
+def test_uploads_are_refused_to_the_viewer_s_own_page(served: SimpleNamespace) -> None:
+    own = {"Origin": f"http://localhost:{served.port}", **served.good, **WEBSOCKET}
+    assert _is_refused(ask(served.port, "/drop?sid=1", **own))
+
+
+@pytest.mark.parametrize(
+    ("host", "origin"),
+    [
+        ("localhost:1", "http://localhost:1"),  # a tunnel from another port
+        ("viewer.example.org", "https://viewer.example.org"),
+    ],
+)
+def test_a_tunnel_and_a_name_that_is_allowed_are_let_in(
+    served: SimpleNamespace, host: str, origin: str
+) -> None:
+    token = served.good["Cookie"].partition("=")[2]
+    page = ask(served.port, f"/?token={token}", Host=host)
+    assert page.status == 200
+    cookie = page.headers["set-cookie"].partition(";")[0]
+    for path, more, status in (("/model", {}, 200), ("/state", WEBSOCKET, 101)):
+        answer = ask(served.port, path, Host=host, Origin=origin, Cookie=cookie, **more)
+        assert answer.status == status
+        assert "access-control-allow-origin" not in answer.headers
+
+
+def test_half_sent_handshakes_are_closed_after_ten_seconds(served: SimpleNamespace) -> None:
+    half = head("/state", {"Host": f"localhost:{served.port}", **served.good})[:-4]
+    took: list[float] = []
+
+    def hold(sent: bytes) -> None:
+        with connect(served.port) as connection:
+            connection.sendall(sent)
+            took.append(seconds_until_closed(connection))
+
+    threads = [threading.Thread(target=hold, args=[sent]) for sent in (b"", half)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert all(9.0 < seconds < 15.0 for seconds in took), took
+    assert len(took) == 2
+
+
+def test_the_command_serves_this_machine_until_ctrl_c(running: Any, tmp_path: Path) -> None:
+    address, port, token = _announced(running)
+    assert _status(address) == 200
+    cookie = f"limberjack-{port}={token}"
+    assert ask(port, "/web_client.wasm", Cookie=cookie).status == 200
     assert not _reaches("127.0.0.2", port)  # where it would be, listening on all networks
     taken = _invoke(*_VIEW, "--port", str(port))
     assert taken.exit_code == 2
     message = rf"limberjack: port {port} is in use; port \d+ is free\n"
     assert re.fullmatch(message, taken.stderr)
+    for rubbish in (b"rubbish\r\n\r\n", b"GET / HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n"):
+        with connect(port) as connection:
+            connection.sendall(rubbish)
+            assert seconds_until_closed(connection) < 15.0
     running.send_signal(signal.SIGINT)
     rest, errors = running.communicate(timeout=60)
     assert (rest, errors, running.returncode) == ("", "", 130)
     assert not _reaches("127.0.0.1", port)
+    assert list(tmp_path.iterdir()) == []  # no ~/.mujoco.ini, no imgui.ini, no log
+
+
+def test_two_viewers_started_at_once_have_ports_and_tokens_of_their_own(
+    running: Any, tmp_path: Path
+) -> None:
+    other = _program(tmp_path, "-m", "limberjack", *_VIEW)
+    try:
+        addresses, ports, tokens = zip(_announced(running), _announced(other), strict=True)
+        assert len(set(ports)) == len(set(tokens)) == 2
+        jar = "; ".join(f"limberjack-{ports[i]}={tokens[i]}" for i in range(2))
+        for address, port, foreign in zip(addresses, ports, reversed(tokens), strict=True):
+            assert _status(address) == 200
+            assert ask(port, "/state", Cookie=jar, **WEBSOCKET).status == 101
+            assert _is_refused(ask(port, f"/?token={foreign}"))
+    finally:
+        other.kill()
+        other.communicate()
 
 
 def test_launch_takes_a_function_and_returns_after_ctrl_c(tmp_path: Path) -> None:
@@ -99,7 +207,7 @@ def test_launch_takes_a_function_and_returns_after_ctrl_c(tmp_path: Path) -> Non
             env = suite.load("humanoid", "stand", task_kwargs={"random": 0})
             return env
 
-        viewer.launch(load, policy="random", title="a title", announce=lambda url: print(url, ""))
+        viewer.launch(load, policy="random", title="a title", announce=print)
         try:
             env.reset()
         except RuntimeError as error:
@@ -107,7 +215,7 @@ def test_launch_takes_a_function_and_returns_after_ctrl_c(tmp_path: Path) -> Non
     """
     process = _program(tmp_path, "-c", textwrap.dedent(program))
     try:
-        _port_of(process)
+        _announced(process)
         process.send_signal(signal.SIGINT)
         rest, errors = process.communicate(timeout=60)
     finally:
@@ -150,6 +258,10 @@ def test_a_process_may_launch_one_viewer_after_another(
         ((*_VIEW, "--policy", "zeor"), "did you mean 'zero'"),
         ((*_VIEW, "--host", "192.0.2.1"), "is not an address of this machine"),
         ((*_VIEW, "--port", "0"), "port is 0"),
+        (
+            (*_VIEW, "--allow-host", "https://a.example"),
+            "expected a name such as viewer.example.org",
+        ),
         ((*_VIEW, "--speed", "0"), "speed is 0.0; expected a positive number"),
         ((*_VIEW, "--time-limit", "inf"), "--time-limit is inf"),
     ],

@@ -1,5 +1,6 @@
-"""Where the web viewer listens."""
+"""The web viewer's address: which ports are free, and taking one."""
 
+import errno
 import socket
 
 import pytest
@@ -30,8 +31,6 @@ def test_a_port_in_use_is_refused_with_one_that_is_free() -> None:
             find_address(port=port)
         free = int(str(info.value).split()[-3])
         assert free != port
-        assert Address("127.0.0.1", port).answers()
-        assert not Address("127.0.0.1", free).answers()
         assert find_address(port=free) == Address("127.0.0.1", free)
     assert find_address(port=port) == Address("127.0.0.1", port)
 
@@ -67,3 +66,35 @@ def test_names_and_all_networks_are_understood() -> None:
     assert not everywhere.is_local
     assert everywhere.url == f"http://localhost:{everywhere.port}/"
     assert Address("::1", 80).url == "http://[::1]:80/"
+
+
+def test_a_port_that_was_not_asked_for_gives_way_to_the_next() -> None:
+    with _listening("127.0.0.1") as taken:
+        port = taken.getsockname()[1]
+        with Address("127.0.0.1", port, is_fixed=False).listen() as listening:
+            assert listening.getsockname()[1] != port
+            socket.create_connection(listening.getsockname(), timeout=60).close()
+        with pytest.raises(OSError, match="in use") as info:
+            Address("127.0.0.1", port).listen()
+    assert info.value.errno == errno.EADDRINUSE
+    assert not find_address().is_fixed
+
+
+def test_viewers_that_start_at_the_same_time_get_ports_of_their_own() -> None:
+    first, second = find_address(), find_address()
+    assert first == second  # neither has taken it
+    with first.listen() as one, second.listen() as other:
+        assert one.getsockname() == (first.host, first.port)
+        assert other.getsockname() != one.getsockname()
+
+
+@pytest.mark.skipif(not socket.has_ipv6, reason="this Python has no IPv6")
+def test_all_networks_of_ipv6_are_those_of_ipv4_too() -> None:
+    try:
+        address = find_address("::")
+    except ValueError:
+        pytest.skip("this machine has no IPv6")
+    with address.listen() as listening:
+        port = listening.getsockname()[1]
+        for host in ("127.0.0.1", "::1"):
+            socket.create_connection((host, port), timeout=60).close()

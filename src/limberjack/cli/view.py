@@ -44,6 +44,10 @@ def _view(
     port: Annotated[
         int | None, typer.Option(help="Where to listen; the first free one from 8080 by default.")
     ] = None,
+    allow_host: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="A name of a proxy that may ask for it; repeatable."),
+    ] = None,
 ) -> None:
     """Show a task, live: pause it, step it, reset it, push its bodies with the mouse.
 
@@ -52,31 +56,35 @@ def _view(
     the right button pushes it, with Ctrl and the left button twists it. Ctrl-C here ends it.
     """
     with misuse_reported():
-        show = _find_viewer(native, host, port, f"{domain} {task}")
+        show = _find_viewer(native, host, port, allow_host or [], f"{domain} {task}")
         environment = _load(domain, task, seed, time_limit)
         begin = _begin(policy)
     with contextlib.closing(environment):
         raise typer.Exit(_show(environment, begin, seed, speed, show))
 
 
-def _find_viewer(native: bool, host: str, port: int | None, title: str) -> "Show":
+def _find_viewer(
+    native: bool, host: str, port: int | None, allow_hosts: list[str], title: str
+) -> "Show":
     """What shows a session as it was asked for."""
     from limberjack import viewer
+    from limberjack.viewer.access import Access
     from limberjack.viewer.address import find_address
 
     if native:
         return viewer.in_window()
     address = find_address(host, port)
+    access = Access(address, allow_hosts)
     try:
-        show = viewer.in_browsers(address, title, _print_address)
+        show = viewer.in_browsers(access, title, _print_address)
     except ImportError as error:
         complain(f"limberjack view {error}; --native needs nothing")
         raise typer.Exit(FAILED) from None
     if not address.is_local:
         complain(
-            f"whoever reaches port {address.port} of this machine can see and control the viewer; "
-            "browsers on other machines show it through a tunnel or HTTPS only: "
-            f"ssh -L {address.port}:localhost:{address.port}"
+            f"port {address.port} is open to other machines and is not encrypted: anyone on the "
+            "network can read the token; a tunnel is safe, and browsers on other machines show the "
+            f"page only through one, or HTTPS: ssh -L {address.port}:localhost:{address.port}"
         )
     return show
 

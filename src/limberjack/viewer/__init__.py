@@ -11,14 +11,15 @@ extra `view`; a window does not, nor does `session`: what a viewer does to an en
 
 import contextlib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from limberjack import policies
 from limberjack.factories import takes_a_seed
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
-from limberjack.viewer.address import Address, find_address
+from limberjack.viewer.access import Access
+from limberjack.viewer.address import find_address
 from limberjack.viewer.session import Act, Begin, Session, Viewed, idle
 
 # Any: whatever `Session` takes, or a function of a seed or of nothing that makes it.
@@ -36,6 +37,7 @@ def launch(
     native: bool = False,
     host: str = "127.0.0.1",
     port: int | None = None,
+    allow_hosts: Sequence[str] = (),
     seed: int | None = None,
     speed: float = 1.0,
     announce: Callable[[str], object] = print,
@@ -55,10 +57,13 @@ def launch(
       native: open a window, instead of serving browsers.
       host: the address to listen on, of this machine; by default no other machine can reach it.
       port: to listen on; None for the first free one from 8080 on.
+      allow_hosts: names under which browsers may reach it besides this machine's own, as through a
+        proxy.
       seed: of the first episode; the next has seed + 1. None lets the environment's random stream
         go on from episode to episode.
       speed: simulated seconds per second.
-      announce: called with the address to open in a browser.
+      announce: called with the address to open in a browser, which carries the token that lets
+        it in.
 
     Raises:
       ImportError: the extra `view` is missing.
@@ -66,7 +71,11 @@ def launch(
       TypeError: there is no MuJoCo simulation to show.
       ViewerError: there is no display for a window, or Studio does not start.
     """
-    show = in_window() if native else in_browsers(find_address(host, port), title, announce)
+    show = (
+        in_window()
+        if native
+        else in_browsers(Access(find_address(host, port), allow_hosts), title, announce)
+    )
     begin = begin_with(policy)
     if isinstance(environment_loader, Environment) or not callable(environment_loader):
         _show(show, environment_loader, begin, seed, speed)
@@ -88,7 +97,7 @@ def _show(
 
 
 def in_browsers(
-    address: Address, title: str, announce: Callable[[str], object]
+    access: Access, title: str, announce: Callable[[str], object]
 ) -> Callable[[Session], None]:
     """What shows a session in browsers; see `limberjack.viewer.studio`.
 
@@ -97,7 +106,7 @@ def in_browsers(
     """
     from limberjack.viewer import studio
 
-    return lambda session: studio.run(session, address, title, announce)
+    return lambda session: studio.run(session, access, title, announce)
 
 
 def in_window() -> Callable[[Session], None]:

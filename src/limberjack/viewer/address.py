@@ -1,7 +1,11 @@
-"""Where the web viewer listens.
+"""`Address`: the host and port on which the web viewer listens.
 
-address = find_address()  # this machine only, port 8080 or the next that is free
-print(address.url)
+    address = find_address()  # this machine only, port 8080 or the next that is free
+    with address.listen() as listening:
+        print(listening.getsockname())
+
+Finding an address says early that a port is in use; listening takes the port, or the next one where
+none was asked for and another program was faster.
 """
 
 import dataclasses
@@ -21,6 +25,7 @@ class Address:
 
     host: str  # in numbers
     port: int
+    is_fixed: bool = True  # False where another port will do
 
     @property
     def url(self) -> str:
@@ -34,15 +39,18 @@ class Address:
         """Whether only programs on this machine can reach it."""
         return ipaddress.ip_address(self.host).is_loopback
 
-    def answers(self) -> bool:
-        """Whether a program listens there now."""
-        ip = ipaddress.ip_address(self.host)
-        near = {4: "127.0.0.1", 6: "::1"}[ip.version] if ip.is_unspecified else self.host
+    def listen(self) -> socket.socket:
+        """A socket that listens here, or on the next free port where the port is not fixed.
+
+        Raises:
+          OSError: the port is in use.
+        """
         try:
-            socket.create_connection((near, self.port), timeout=1.0).close()
-        except OSError:
-            return False
-        return True
+            return _listening(self.host, self.port)
+        except OSError as error:
+            if self.is_fixed or error.errno != errno.EADDRINUSE:
+                raise
+        return _listening(self.host, _free_port(self.host, self.port + 1))
 
 
 def find_address(host: str = "127.0.0.1", port: int | None = None) -> Address:
@@ -57,7 +65,7 @@ def find_address(host: str = "127.0.0.1", port: int | None = None) -> Address:
     """
     number = _number(host)
     if port is None:
-        return Address(number, _free_port(number, _FIRST_PORT))
+        return Address(number, _free_port(number, _FIRST_PORT), is_fixed=False)
     if not 1 <= port <= 65535:
         raise ValueError(f"port is {port}; expected 1 to 65535")
     reason = _refusal(number, port)
@@ -101,18 +109,29 @@ def _free_port(host: str, first: int) -> int:
 def _refusal(host: str, port: int) -> int | None:
     """The number of the error with which the system refuses to listen there; None if it does not.
 
-    It may be taken by others between this and its use.
+    Another program may take it between this and its use.
     """
     try:
-        with _socket(host) as tried:
-            tried.bind((host, port))
-            tried.listen()
+        _listening(host, port).close()
     except OSError as error:
         return error.errno or errno.EADDRNOTAVAIL
     return None
 
 
+def _listening(host: str, port: int) -> socket.socket:
+    made = _socket(host)
+    try:
+        made.bind((host, port))
+        made.listen()
+    except OSError:
+        made.close()
+        raise
+    return made
+
+
 def _socket(host: str) -> socket.socket:
     made = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
     made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    if host == "::":  # all networks, those of IPv4 too
+        made.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
     return made

@@ -1,6 +1,6 @@
 """A `Session` in MuJoCo Studio's web viewer; needs the extra `view`.
 
-    run(session, find_address(), "humanoid walk", announce=print)
+    run(session, Access(find_address()), "humanoid walk", announce=print)
 
 Studio draws, and sends what its user does; `_Loop` does it to the session, and sends the session's
 state back. What Studio would do to a simulation of its own - stepping, edits of joints, controls,
@@ -9,10 +9,11 @@ options and keyframes, loading other models - is refused, so that the environmen
 The only file that imports mujoco.studio.
 """
 
+import concurrent.futures
 import contextlib
 import dataclasses
 import logging
-import queue
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -21,7 +22,9 @@ from typing import Any
 import mujoco
 
 from limberjack.utils.log import log
-from limberjack.viewer.address import Address
+from limberjack.viewer.access import Access
+from limberjack.viewer.guard import Guard
+from limberjack.viewer.patches import private_settings, replaced
 from limberjack.viewer.session import Session, Status, ViewerError
 
 try:
@@ -32,10 +35,12 @@ try:
         plugin,
         sim,  # pyright: ignore[reportAttributeAccessIssue] (compiled)
         sim_history,
+        ux,  # pyright: ignore[reportAttributeAccessIssue] (compiled)
         viewer_protocol,
         web_viewer,
     )
     from mujoco.studio.dear_imgui import dear_imgui as imgui
+    from mujoco.studio.web import web_server
 except ImportError as error:
     raise ImportError("needs the extra 'view': pip install 'limberjack[view]'") from error
 
@@ -43,12 +48,13 @@ __all__ = ["run"]
 
 _BREATH = 0.002  # seconds between two looks at the clock: other threads draw meanwhile
 _START_LIMIT = 60.0  # seconds that Studio may take to start
+_GUARD_LIMIT = 30.0  # seconds that its server may take to listen; it takes milliseconds
 _PANEL = (16.0, 48.0, 320.0, 360.0)  # left, top, width, height; pixels
 
 
 def run(
     session: Session,
-    address: Address,
+    access: Access,
     title: str = "limberjack",
     announce: Callable[[str], object] | None = None,
 ) -> None:
@@ -56,26 +62,38 @@ def run(
 
     Args:
       session: begun; it is stepped in this thread.
-      address: where to listen.
+      access: where to listen, and what to answer.
       title: of the panel with the reward.
-      announce: called with the address, once a browser can open it.
+      announce: called with the address and its token, once a browser can open it.
 
     Raises:
-      ViewerError: Studio does not start.
+      ViewerError: Studio does not start, or the port is in use.
       KeyboardInterrupt: Ctrl-C was pressed; everything is closed.
       Exception: what the policy, the task or the environment raised.
     """
     panel = _Panel(title)
-    shown = app.App(app.Config(show_options=False, show_inspector=False))
-    plugins = [shown, panel, _Loop(session), sim_history.SimHistory()]
-    with _launch(address, title, plugins) as handle:
-        _wait_until(panel.is_ready.is_set, handle)
-        _wait_until(address.answers, handle)
-        if announce is not None:
-            announce(address.url)
-        _set_model(handle, session)
-        while handle.is_running():
-            handle.sync()
+    with _listening(access) as sock, private_settings(ux):
+        shown = app.App(app.Config(show_options=False, show_inspector=False))
+        plugins = [shown, panel, _Loop(session), sim_history.SimHistory()]
+        with _launch(access, sock, title, plugins) as handle:
+            _wait_until(panel.is_ready.is_set, handle)
+            if announce is not None:
+                announce(access.url)
+            _set_model(handle, session)
+            while handle.is_running():
+                handle.sync()
+
+
+@contextlib.contextmanager
+def _listening(access: Access) -> Iterator[socket.socket]:
+    """A socket for the server; `access` then has its port."""
+    try:
+        made = access.address.listen()
+    except OSError as error:
+        raise ViewerError(f"port {access.address.port} cannot be used: {error}") from error
+    with made:
+        access.address = dataclasses.replace(access.address, port=made.getsockname()[1])
+        yield made
 
 
 def _wait_until(is_ready: Callable[[], bool], handle: Any) -> None:
@@ -295,42 +313,48 @@ def _pause_state(paused: bool) -> Any:
     return sim.PauseState.NORMAL_PAUSED if paused else sim.PauseState.UNPAUSED
 
 
-def _launch(address: Address, title: str, plugins: list[Any]) -> Any:
+def _launch(access: Access, sock: socket.socket, title: str, plugins: list[Any]) -> Any:
     """Starts Studio in a thread of its own; returns its `ViewerHandle`."""
     # It tells of each browser that comes and goes, on standard output.
     logging.getLogger("WebServer").setLevel(logging.WARNING)
-    config = viewer_protocol.ViewerConfig(title, gfx="web", http_port=address.port)
+    config = viewer_protocol.ViewerConfig(title, gfx="web", http_port=access.address.port)
     of_viewer, of_loop = plugin.split_plugins(plugins)
 
     def show(endpoint: Any) -> None:
-        viewer = _WebViewer(address.host, config, endpoint, plugins=of_viewer)
+        viewer = _WebViewer(access, sock, config, endpoint, plugins=of_viewer)
         viewer_protocol.run_viewer_loop(viewer)
 
     return launch_thread.launch_thread(show, sim_plugins=of_loop)
 
 
 class _WebViewer(web_viewer.WebViewer):
-    """Studio's web viewer, which listens where it is told to, prints nothing and takes no files."""
+    """Studio's web viewer: guarded, on a socket of ours, silent, and closed to files."""
 
-    def __init__(self, host: str, *args: Any, **kwargs: Any) -> None:
-        self._listens_on = host
-        with _no_banner():
+    def __init__(self, access: Access, sock: socket.socket, *args: Any, **kwargs: Any) -> None:
+        self._access = access
+        # MuJoCo 4.0 binds to all networks and prints its addresses, and has no options for it.
+        with (
+            replaced(web_server, "bind_public_socket", lambda host, port: sock),
+            replaced(web_viewer, "_print_url_banner", lambda host, port: None),
+        ):
             super().__init__(*args, **kwargs)
-        if self._http_sock.getsockname()[0] != host:
-            self.close()
-            raise ViewerError(f"this version of MuJoCo Studio does not listen on {host} only")
         # An earlier episode's model is never shown again: let none but the present one be kept.
         assert self._web_server is not None
         self._web_server.model_cache_bytes = 0
 
-    # MuJoCo 4.0 sets this to all networks, and has no option for it.
-    @property
-    def _host(self) -> str:
-        return self._listens_on
-
-    @_host.setter
-    def _host(self, host: str) -> None:
-        pass
+    def _start_server(self) -> None:
+        """Starts the server with the guard in it; without it, the viewer closes."""
+        guard = Guard(self._access, web_server.serve, web_server.ServerConnection)
+        try:
+            with replaced(web_server, "serve", guard.serve):
+                super()._start_server()
+                guard.wait(_GUARD_LIMIT)
+        except (OSError, concurrent.futures.TimeoutError) as error:
+            self.close()
+            raise ViewerError(
+                "this version of MuJoCo Studio does not serve its page with limberjack's access "
+                f"checks ({error!r}); expected MuJoCo 4.0"
+            ) from error
 
     @messages.handler(priority=messages.Priority.INTERNAL)
     def _on_post_model(self, event: messages.PostModelEvent) -> None:
@@ -346,18 +370,5 @@ class _WebViewer(web_viewer.WebViewer):
         vars(self).pop("_headless_ui", None)
 
     def get_drop_file(self) -> str:
-        """No file: what is dropped on the page is forgotten."""
-        with contextlib.suppress(queue.Empty):
-            self._drop_queue.get_nowait()
+        """No file: the guard refuses uploads."""
         return ""
-
-
-@contextlib.contextmanager
-def _no_banner() -> Iterator[None]:
-    """Within it Studio does not print its addresses: `run` announces the one that there is."""
-    before = web_viewer._print_url_banner
-    web_viewer._print_url_banner = lambda host, port: None
-    try:
-        yield
-    finally:
-        web_viewer._print_url_banner = before

@@ -1,0 +1,166 @@
+"""`Access`: the rules by which the web viewer answers a request, and its token.
+
+    access = Access(find_address(), allow_hosts=["viewer.example.org"])
+    print(access.url)  # the address to open in a browser; it carries the token
+
+Three things must hold. The header `Host` names this machine: no page can reach the viewer under a
+name of its own. The header `Origin`, if there is one, is that same host and port: no page but the
+viewer's own can read from it or send to it. The token is right: no other user of the machine gets
+in. The printed address brings it, and a cookie keeps it. `/drop`, the path of Studio's uploads, is
+always refused.
+
+The rules need no server and no package; `limberjack.viewer.guard` applies them to one. They do not
+encrypt, and they do not limit how much those do who have the token.
+"""
+
+import dataclasses
+import hmac
+import ipaddress
+import re
+import secrets
+import urllib.parse
+from collections.abc import Sequence
+
+from limberjack.viewer.address import Address
+
+__all__ = ["Access", "Request"]
+
+_TOKEN_BYTES = 32  # of randomness: too many to guess
+_PAGE = "/"  # the only path to which the address can bring the token
+_UPLOADS = "/drop"  # where Studio's page sends files
+_PORTS = {"http": 80, "https": 443}  # which browsers leave out of Host and Origin
+_HOST = re.compile(r"(?:\[(?P<six>[0-9a-f:.]+)\]|(?P<name>[a-z0-9._-]+))(?::(?P<port>[0-9]{1,5}))?")
+_ORIGIN = re.compile(r"(?P<scheme>https?)://(?P<host>[^/]*)")
+
+
+@dataclasses.dataclass(frozen=True)
+class Request:
+    """The parts of an HTTP request that decide whether it is answered."""
+
+    method: str
+    path: str  # with its query
+    headers: Sequence[tuple[str, str]]
+    arrived_at: str  # the address of this machine that the connection was made to, in numbers
+
+    def values(self, header: str) -> list[str]:
+        """All values of a header, in their order."""
+        return [value for name, value in self.headers if name.lower() == header.lower()]
+
+
+class Access:
+    """The hosts and the token of one viewer; see the module's docstring."""
+
+    def __init__(self, address: Address, allow_hosts: Sequence[str] = ()) -> None:
+        """Draws a token.
+
+        Args:
+          address: where the viewer listens.
+          allow_hosts: names that requests may have in `Host` besides this machine's, without port:
+            of a proxy or a tunnel with a name of its own.
+
+        Raises:
+          ValueError: one of `allow_hosts` is not a host name.
+        """
+        self.address = address
+        self.token = secrets.token_urlsafe(_TOKEN_BYTES)
+        self._allowed = {_checked_name(name) for name in allow_hosts}
+
+    @property
+    def url(self) -> str:
+        """The address that a browser on this machine opens, with the token."""
+        return f"{self.address.url}?token={self.token}"
+
+    def refusal(self, request: Request) -> str | None:
+        """The reason not to answer the request, for the person who made it; None to answer it."""
+        host = _only(request.values("Host"))
+        parsed = _HOST.fullmatch(host.lower())
+        if parsed is None or not self._names_this_machine(parsed, request.arrived_at):
+            return (
+                f"Host is {host!r}; expected localhost, the address that the viewer listens on, or "
+                "a name that it was started with: --allow-host NAME"
+            )
+        for origin in request.values("Origin"):
+            if not _is_same(origin.lower(), parsed):
+                return f"Origin is {origin!r}; expected the viewer's own page, at {host!r}"
+        path = request.path.partition("?")[0]
+        if request.method != "GET" or not path.startswith("/"):
+            return f"the request is {request.method} {path!r}; expected GET and a path"
+        if path == _UPLOADS:
+            return "files are refused: the viewer shows one environment"
+        if not (self._has_cookie(request) or self._brings_token(request)):
+            return "the token is missing or wrong: open the address that the viewer printed"
+        return None
+
+    def cookie(self, request: Request) -> str | None:
+        """The header `Set-Cookie` of the answer, where the address brought the token."""
+        if not self._brings_token(request):
+            return None
+        return f"{self._cookie_name(request)}={self.token}; Path=/; HttpOnly; SameSite=Strict"
+
+    def _names_this_machine(self, host: re.Match[str], arrived_at: str) -> bool:
+        name = host["name"] or host["six"]
+        if name == "localhost" or name in self._allowed:
+            return True
+        number = _number(name)
+        if number is None:
+            return False
+        bound = _number(self.address.host)
+        if bound is None or bound.is_unspecified:  # it listens on all of the machine's addresses
+            bound = _number(arrived_at)
+        return number.is_loopback or number == bound
+
+    def _has_cookie(self, request: Request) -> bool:
+        pairs = (
+            pair.partition("=") for value in request.values("Cookie") for pair in value.split(";")
+        )
+        name = self._cookie_name(request)
+        return any(self._is_token(value) for key, _, value in pairs if key.strip() == name)
+
+    def _brings_token(self, request: Request) -> bool:
+        path, _, query = request.path.partition("?")
+        found = urllib.parse.parse_qs(query).get("token", [])
+        return path == _PAGE and len(found) == 1 and self._is_token(found[0])
+
+    def _is_token(self, text: str) -> bool:
+        return hmac.compare_digest(text.strip().encode("utf-8", "replace"), self.token.encode())
+
+    def _cookie_name(self, request: Request) -> str:
+        """A name with the browser's port: cookies of one host are shared among its ports."""
+        host = _HOST.fullmatch(_only(request.values("Host")).lower())
+        port = host["port"] if host is not None else None
+        return f"limberjack-{port or self.address.port}"
+
+
+def _checked_name(name: str) -> str:
+    parsed = _HOST.fullmatch(name.lower())
+    if parsed is None or parsed["port"] is not None:
+        raise ValueError(
+            f"allowed host is {name!r}; expected a name such as viewer.example.org, without "
+            "scheme, port and path"
+        )
+    return parsed["name"] or parsed["six"]
+
+
+def _only(values: list[str]) -> str:
+    """The value of a header that must be there once; text that names no host otherwise."""
+    return values[0] if len(values) == 1 else " and ".join(values)
+
+
+def _is_same(origin: str, host: re.Match[str]) -> bool:
+    """Whether an origin is the page's own: the host that was asked, with its port."""
+    parts = _ORIGIN.fullmatch(origin)
+    other = None if parts is None else _HOST.fullmatch(parts["host"])
+    if parts is None or other is None:
+        return False
+    default = _PORTS[parts["scheme"]]
+    ports = [int(which["port"] or default) for which in (other, host)]
+    return (other["name"], other["six"]) == (host["name"], host["six"]) and ports[0] == ports[1]
+
+
+def _number(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        number = ipaddress.ip_address(text)
+    except ValueError:
+        return None
+    mapped = number.ipv4_mapped if number.version == 6 else None
+    return number if mapped is None else mapped

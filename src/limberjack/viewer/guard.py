@@ -1,0 +1,138 @@
+"""`Guard`: a server of the library `websockets` that answers only what `Access` permits.
+
+    guard = Guard(Access(address), websockets.asyncio.server.serve, ServerConnection)
+    server = await guard.serve(handler, sock=..., process_request=..., process_response=...)
+
+`Guard.serve` takes the place of `serve` in MuJoCo Studio, which calls it. A request that is refused
+gets status 403 and a line of text, and reaches nothing of Studio's. A connection that has made no
+permitted request ten seconds after it was opened is closed.
+
+It imports neither `websockets` nor MuJoCo Studio: it is given both.
+"""
+
+import asyncio
+import concurrent.futures
+import weakref
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+from limberjack.viewer.access import Access, Request
+
+__all__ = ["Guard"]
+
+# Any: functions and objects of `websockets`, which is not installed everywhere.
+_Serve = Callable[..., Awaitable[Any]]
+_Connect = Callable[..., Any]
+_Check = Callable[[Any, Any], Any]
+_Finish = Callable[[Any, Any, Any], Any]
+
+_HANDSHAKE_LIMIT = 10.0  # seconds from a connection's start to a request that is permitted
+_DOWNLOAD_LIMIT = 600.0  # seconds; a model of 13 MB at 200 kbit/s
+_LONGEST_MESSAGE = 2**20  # bytes; Studio's own limit, 64 times as much, is for uploads
+_SWITCHING = 101  # the status of an answer that opens a WebSocket
+# Other pages can neither read an answer nor show it in a frame; the token stays in the address.
+_HEADERS = {
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Content-Security-Policy": "frame-ancestors 'self'",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+}
+
+
+class Guard:
+    """One server's checks; see the module's docstring."""
+
+    def __init__(self, access: Access, serve: _Serve, connect: _Connect) -> None:
+        """Prepares them.
+
+        Args:
+          access: the rules.
+          serve: of `websockets.asyncio.server`.
+          connect: its `ServerConnection`.
+        """
+        self._access = access
+        self._serve = serve
+        self._connect = connect
+        self._permitted: weakref.WeakSet[Any] = weakref.WeakSet()
+        self._started: concurrent.futures.Future[None] = concurrent.futures.Future()
+
+    def wait(self, limit: float) -> None:
+        """Returns once the server listens with these checks; for another thread.
+
+        Raises:
+          TimeoutError: it does not after so many seconds.
+          OSError: it cannot.
+        """
+        self._started.result(limit)
+
+    async def serve(
+        self,
+        handler: Any,
+        *,
+        process_request: _Check,
+        process_response: _Finish,
+        **options: Any,
+    ) -> Any:
+        """The server that `serve` makes, with the checks before `process_request`."""
+
+        def check(connection: Any, request: Any) -> Any:
+            refusal = self._access.refusal(_seen(connection, request))
+            if refusal is not None:
+                return connection.respond(403, f"limberjack: {refusal}\n")
+            self._permitted.add(connection)
+            return process_request(connection, request)
+
+        def finish(connection: Any, request: Any, response: Any) -> Any:
+            response = process_response(connection, request, response) or response
+            self._finish(connection, request, response)
+            return response
+
+        options |= {"max_size": _LONGEST_MESSAGE, "create_connection": self._accept}
+        try:
+            server = await self._serve(
+                handler, process_request=check, process_response=finish, **options
+            )
+        except BaseException as error:
+            self._started.set_exception(error)
+            raise
+        self._started.set_result(None)
+        return server
+
+    def _accept(self, *args: Any, **options: Any) -> Any:
+        """A connection that is closed unless it makes a permitted request in time.
+
+        A limit for the whole handshake, as `websockets` has it, would cut short the download of a
+        model, which is part of it.
+        """
+        connection = self._connect(*args, **options)
+
+        def expire() -> None:
+            if connection not in self._permitted:
+                connection.transport.abort()
+
+        asyncio.get_running_loop().call_later(_HANDSHAKE_LIMIT, expire)
+        return connection
+
+    def _finish(self, connection: Any, request: Any, response: Any) -> None:
+        """Sets the headers of an answer, and a limit of time where it opens no WebSocket."""
+        headers = response.headers
+        for name in ("Access-Control-Allow-Origin", *_HEADERS):
+            if name in headers:
+                del headers[name]  # values would add up
+        for name, value in _HEADERS.items():
+            headers[name] = value
+        if connection not in self._permitted:
+            return
+        cookie = self._access.cookie(_seen(connection, request))
+        if cookie is not None:
+            headers["Set-Cookie"] = cookie
+        if response.status_code != _SWITCHING:
+            asyncio.get_running_loop().call_later(_DOWNLOAD_LIMIT, connection.transport.abort)
+
+
+def _seen(connection: Any, request: Any) -> Request:
+    """A request as the rules take it."""
+    # Versions of `websockets` without this attribute take GET only.
+    method = getattr(request, "method", "GET")
+    arrived_at = connection.local_address[0]
+    return Request(method, request.path, list(request.headers.raw_items()), arrived_at)

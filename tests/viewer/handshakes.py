@@ -1,0 +1,74 @@
+"""Requests to a viewer, byte by byte: a browser or a library would correct them.
+
+answer = ask(port, "/state", cookie, WEBSOCKET, Origin="http://evil.example")
+assert answer.status == 403
+"""
+
+import dataclasses
+import socket
+import time
+
+__all__ = ["WEBSOCKET", "Answer", "ask", "connect", "head", "seconds_until_closed"]
+
+_LIMIT = 60.0  # seconds for anything, on the slowest machine too
+
+WEBSOCKET = {
+    "Connection": "Upgrade",
+    "Upgrade": "websocket",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """The status and the rest of what came back."""
+
+    status: int
+    headers: dict[str, str]  # names in lower case
+    text: str  # the first bytes that follow; of a WebSocket, its frames
+
+
+def connect(port: int) -> socket.socket:
+    """A connection to a port of this machine."""
+    return socket.create_connection(("127.0.0.1", port), timeout=_LIMIT)
+
+
+def head(path: str, headers: dict[str, str], method: str = "GET") -> bytes:
+    """The bytes of a request."""
+    lines = [f"{method} {path} HTTP/1.1", *(f"{name}: {value}" for name, value in headers.items())]
+    return "\r\n".join([*lines, "", ""]).encode("latin-1")
+
+
+def ask(port: int, path: str, method: str = "GET", after: bytes = b"", **headers: str) -> Answer:
+    """The answer to one request; `Host` is localhost and the port if it is not given.
+
+    In the names of headers `_` stands for `-`. `after` is sent at once after the request.
+    """
+    given = {name.replace("_", "-"): value for name, value in headers.items()}
+    with connect(port) as connection:
+        connection.sendall(head(path, {"Host": f"localhost:{port}", **given}, method) + after)
+        got = b""
+        while b"\r\n\r\n" not in got:
+            received = connection.recv(1 << 16)
+            assert received, f"no answer but {got!r}"
+            got += received
+        first, _, text = got.partition(b"\r\n\r\n")
+        lines = first.decode("latin-1").split("\r\n")
+        found = dict(line.split(": ", 1) for line in lines[1:])
+        length = int(found.get("Content-Length", 0))
+        while len(text) < length and (received := connection.recv(1 << 16)):
+            text += received
+    lowered = {name.lower(): value for name, value in found.items()}
+    return Answer(int(lines[0].split()[1]), lowered, text.decode("latin-1"))
+
+
+def seconds_until_closed(connection: socket.socket) -> float:
+    """Reads until the other side closes; the time that this took."""
+    begun = time.monotonic()
+    try:
+        while connection.recv(1 << 16):
+            pass
+    except ConnectionResetError:
+        pass
+    return time.monotonic() - begun

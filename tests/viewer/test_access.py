@@ -1,0 +1,209 @@
+"""The viewer's rules: hosts, origins, the token and its cookie."""
+
+import pytest
+
+from limberjack.viewer.access import Access, Request
+from limberjack.viewer.address import Address
+
+_LOCAL = Address("127.0.0.1", 8080)
+_EVERYWHERE = Address("0.0.0.0", 8080)
+_ADDRESS = "192.0.2.7"  # of this machine, in a network
+
+
+def _request(
+    access: Access,
+    path: str = "/state",
+    host: str = "localhost:8080",
+    *more: tuple[str, str],
+    arrived_at: str = "127.0.0.1",
+    method: str = "GET",
+) -> Request:
+    """A request with the cookie that the browser of that host and port would send."""
+    port = host.rpartition(":")[2] if host.rpartition(":")[2].isdecimal() else "8080"
+    cookie = ("Cookie", f"other=1; limberjack-{port}={access.token}; last=2")
+    return Request(method, path, [("Host", host), cookie, *more], arrived_at)
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "localhost:8080",
+        "LOCALHOST:8080",
+        "localhost",
+        "127.0.0.1:8080",
+        "127.9.9.9:80",
+        "[::1]:8080",
+    ],
+)
+def test_this_machine_s_names_are_answered_with_any_port(host: str) -> None:
+    access = Access(_LOCAL)
+    assert access.refusal(_request(access, host=host)) is None
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example", "evil.example:8080", "localhost.evil.example", "evil.example@localhost",
+        "127.0.0.1.evil.example", "0.0.0.0:8080", "[::]:8080", _ADDRESS, "2130706433", "127.1",
+        "", ":8080", "localhost:", "localhost:8080:8080", "localhost, evil.example", "[localhost]",
+        "localhost:123456", "localhost/", "localhost\t", "[::1", "::1",
+    ],
+)  # fmt: skip
+def test_other_names_are_refused(host: str) -> None:
+    access = Access(_LOCAL)
+    refusal = access.refusal(_request(access, host=host))
+    assert refusal is not None
+    assert refusal.startswith(f"Host is {host!r}; expected localhost")
+    assert "--allow-host NAME" in refusal
+
+
+def test_a_request_without_a_host_or_with_two_is_refused() -> None:
+    access = Access(_LOCAL)
+    cookie = ("Cookie", f"limberjack-8080={access.token}")
+    local = ("Host", "localhost:8080")
+    assert access.refusal(Request("GET", "/", [local, cookie], "127.0.0.1")) is None
+    for hosts in ([], [local, local], [local, ("host", "evil.example")]):
+        refusal = access.refusal(Request("GET", "/", [*hosts, cookie], "127.0.0.1"))
+        assert refusal is not None
+        assert refusal.startswith("Host is ")
+
+
+def test_an_address_of_the_machine_is_answered_where_the_viewer_listens_on_it() -> None:
+    bound = Access(Address(_ADDRESS, 8080))
+    assert bound.refusal(_request(bound, host=f"{_ADDRESS}:8080")) is None
+    assert bound.refusal(_request(bound, host="192.0.2.8:8080")) is not None
+    everywhere = Access(_EVERYWHERE)
+    for host, arrived_at, is_answered in [
+        (_ADDRESS, _ADDRESS, True),
+        (_ADDRESS, f"::ffff:{_ADDRESS}", True),
+        ("[2001:db8::7]", "2001:db8::7", True),
+        ("192.0.2.8", _ADDRESS, False),
+        ("0.0.0.0", _ADDRESS, False),
+        ("localhost", "127.0.0.1", True),
+    ]:
+        request = _request(everywhere, host=host, arrived_at=arrived_at)
+        assert (everywhere.refusal(request) is None) == is_answered, host
+
+
+def test_names_that_are_allowed_are_answered_and_no_others() -> None:
+    access = Access(_LOCAL, ["viewer.example.org", "Other.Example", "192.0.2.9"])
+    for host in ("viewer.example.org", "viewer.example.org:443", "other.example", "192.0.2.9:80"):
+        assert access.refusal(_request(access, host=host)) is None
+    for host in ("example.org", "a.viewer.example.org", "viewerxexample.org"):
+        assert access.refusal(_request(access, host=host)) is not None
+
+
+@pytest.mark.parametrize(
+    "name", ["", "*", "https://a.example", "a.example:80", "a.example/x", "a example"]
+)
+def test_an_allowed_host_that_is_no_name_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=r"expected a name such as viewer\.example\.org"):
+        Access(_LOCAL, [name])
+
+
+@pytest.mark.parametrize(
+    ("host", "origin"),
+    [
+        ("localhost:8080", "http://localhost:8080"),
+        ("localhost:9999", "http://localhost:9999"),  # a tunnel from another port
+        ("localhost", "http://localhost"),
+        ("localhost:80", "http://localhost"),
+        ("viewer.example.org", "https://viewer.example.org"),
+        ("viewer.example.org:443", "https://viewer.example.org"),
+        ("[::1]:8080", "http://[::1]:8080"),
+    ],
+)
+def test_the_viewer_s_own_page_is_answered(host: str, origin: str) -> None:
+    access = Access(_LOCAL, ["viewer.example.org"])
+    assert access.refusal(_request(access, "/ui", host, ("Origin", origin))) is None
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "http://evil.example", "http://evil.example:8080", "http://localhost:9000",
+        "http://127.0.0.1:8080", "http://localhost", "https://localhost", "null", "",
+        "localhost:8080",
+        "http://localhost:8080.evil.example", "http://localhost:8080/", "file://",
+        "chrome-extension://localhost:8080", "http://localhost:8080 http://evil.example",
+    ],
+)  # fmt: skip
+def test_other_pages_are_refused_with_the_right_cookie_too(origin: str) -> None:
+    access = Access(_LOCAL)
+    refusal = access.refusal(_request(access, "/ui", "localhost:8080", ("Origin", origin)))
+    assert refusal == f"Origin is {origin!r}; expected the viewer's own page, at 'localhost:8080'"
+
+
+def test_a_second_origin_does_not_hide_the_first() -> None:
+    access = Access(_LOCAL)
+    own, other = ("Origin", "http://localhost:8080"), ("Origin", "http://evil.example")
+    for pair in ((own, other), (other, own)):
+        assert access.refusal(_request(access, "/ui", "localhost:8080", *pair)) is not None
+
+
+@pytest.mark.parametrize("path", ["/drop", "/drop?sid=1"])
+def test_uploads_are_refused(path: str) -> None:
+    access = Access(_LOCAL)
+    refusal = access.refusal(_request(access, path))
+    assert refusal == "files are refused: the viewer shows one environment"
+
+
+def test_only_plain_get_requests_are_answered() -> None:
+    access = Access(_LOCAL)
+    for method in ("POST", "PUT", "HEAD", "OPTIONS", "get"):
+        assert access.refusal(_request(access, method=method)) is not None
+    for path in ("http://localhost:8080/drop", "*", ""):
+        assert access.refusal(_request(access, path)) is not None
+
+
+def test_without_the_token_nothing_is_answered() -> None:
+    access, other = Access(_LOCAL), Access(_LOCAL)
+    assert len(access.token) > 40
+    assert access.token != other.token
+    for token in ("", "x", other.token, access.token[:-1], f"{access.token}x", "é"):
+        headers = [("Host", "localhost:8080"), ("Cookie", f"limberjack-8080={token}")]
+        for path in ("/", "/ui", "/state", "/model", f"/?token={other.token}", "/?token="):
+            refusal = access.refusal(Request("GET", path, headers, "127.0.0.1"))
+            assert refusal is not None
+            assert "open the address that the viewer printed" in refusal
+            assert access.token not in refusal
+
+
+def test_the_printed_address_brings_the_token_to_the_page_and_to_nothing_else() -> None:
+    access = Access(_LOCAL)
+    prefix = "http://127.0.0.1:8080"
+    assert access.url == f"{prefix}/?token={access.token}"
+    host = [("Host", "127.0.0.1:8080")]
+    page = Request("GET", access.url.removeprefix(prefix), host, "127.0.0.1")
+    assert access.refusal(page) is None
+    cookie = f"limberjack-8080={access.token}; Path=/; HttpOnly; SameSite=Strict"
+    assert access.cookie(page) == cookie
+    for path in (f"/ui?token={access.token}", f"/?token={access.token}&token=x"):
+        request = Request("GET", path, host, "127.0.0.1")
+        assert access.refusal(request) is not None
+        assert access.cookie(request) is None
+
+
+def test_the_cookie_s_name_has_the_port_that_the_browser_uses() -> None:
+    access = Access(_LOCAL)
+    for host, port in (("localhost:9999", 9999), ("localhost", 8080)):
+        page = Request("GET", f"/?token={access.token}", [("Host", host)], "127.0.0.1")
+        cookie = access.cookie(page)
+        assert cookie is not None
+        assert cookie.startswith(f"limberjack-{port}=")
+        sent = [("Host", host), ("Cookie", cookie.partition(";")[0])]
+        assert access.refusal(Request("GET", "/ui", sent, "127.0.0.1")) is None
+
+
+def test_cookies_of_other_programs_on_the_machine_do_not_matter() -> None:
+    access = Access(_LOCAL)
+    name = "limberjack-8080"
+    for text in (
+        f'bad"[]=x; {name}={access.token}',
+        f"{name}=old; {name}={access.token}",
+        f"alone;;{name}={access.token}",
+    ):
+        headers = [("Host", "localhost:8080"), ("Cookie", text)]
+        assert access.refusal(Request("GET", "/ui", headers, "127.0.0.1")) is None
+    parted = [("Host", "localhost:8080"), ("Cookie", "a=b"), ("Cookie", f"{name}={access.token}")]
+    assert access.refusal(Request("GET", "/ui", parted, "127.0.0.1")) is None
