@@ -18,6 +18,8 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+from limberjack.utils.requirements import MUJOCO
+
 __all__ = ["mujoco"]
 
 _VARIABLE = "MUJOCO_GL"
@@ -83,7 +85,8 @@ if importlib.util.find_spec("mujoco.batch") is None:
     raise ImportError(
         f"limberjack needs mujoco.batch, which MuJoCo has from 4.0 on, but mujoco "
         f"{getattr(sys.modules['mujoco'], '__version__', 'of an unknown version')} is installed: "
-        "install 'mujoco>=4.0,<5', in an environment of its own if others need an older one"
+        f"pip install '{MUJOCO}', in a virtual environment of its own if another program needs the "
+        "older one"
     )
 
 mujoco: Any = sys.modules["mujoco"]  # its names are MuJoCo's to define
