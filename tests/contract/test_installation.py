@@ -178,7 +178,7 @@ def test_the_installed_package_requires_nothing_that_it_does_not_name(
 
 def test_the_installed_package_steps_each_domain(installed: _Environment) -> None:
     output = installed.run("-W", "error", "-c", _PROGRAM).splitlines()
-    assert {line.split()[0] for line in output[:-1]} == {domain for domain, _ in registry.TASKS}
+    assert {line.split()[0] for line in output[:-1]} == {row.domain for row in registry.TASKS}
 
 
 def test_the_installed_command_lists_the_tasks_and_its_version(installed: _Environment) -> None:
