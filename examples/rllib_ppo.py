@@ -1,6 +1,6 @@
 """RLlib's PPO, each of whose env runners steps a batch in its own process.
 
-    pip install 'limberjack[rllib]'
+    pip install 'ray[rllib]' torch
     python examples/rllib_ppo.py --steps 1000000 --envs 64 --runners 2
 
 The env runners make the batch through Gymnasium's vector entry point; the id names the module that

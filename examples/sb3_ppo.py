@@ -1,6 +1,6 @@
 """Stable-Baselines3's PPO on a batch: one process, no workers.
 
-    pip install 'limberjack[sb3]'
+    pip install stable-baselines3
     python examples/sb3_ppo.py --steps 1000000 --envs 64
 
 It prints SB3's own table as it learns, and at last the return of a few episodes. A million steps of

@@ -1,6 +1,6 @@
 """TorchRL's collector over a batch: tensordicts of transitions from a policy of yours.
 
-    pip install 'limberjack[torchrl]'
+    pip install torchrl
     python examples/torchrl_collect.py --steps 100000 --envs 64
 
 TorchRL wraps the Gymnasium vector environment. It resets rows by itself, hence the autoreset mode

@@ -98,7 +98,7 @@ def test_what_cannot_be_shown_is_refused(frames: Any, fps: float, message: str) 
 
 def test_a_film_without_ffmpeg_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(ImportError, match=r"pip install 'limberjack\[video\]'"):
+    with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg matplotlib"):
         limberjack.show([_PICTURE] * 2)
 
 

@@ -30,6 +30,7 @@ from limberjack.gym import arguments
 from limberjack.gym.observations import Observations
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.control import Environment
+from limberjack.utils.requirements import missing_extra
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.suggest import did_you_mean
 
@@ -39,7 +40,7 @@ try:
         vec_env,
     )
 except ImportError as error:
-    raise ImportError("needs the extra 'sb3': pip install 'limberjack[sb3]'") from error
+    raise missing_extra("sb3") from error
 
 __all__ = ["SavedPolicy", "VecEnv", "make_vec_env"]
 

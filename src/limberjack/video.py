@@ -25,6 +25,7 @@ from typing import Protocol
 import numpy as np
 
 from limberjack.utils.files import partial_path, put_in_place
+from limberjack.utils.requirements import missing_extra
 
 __all__ = ["Film", "Rendered", "Writer", "find_ffmpeg", "frame_stride", "mosaic"]
 
@@ -291,11 +292,11 @@ def find_ffmpeg() -> str:
     """The path of the ffmpeg that films are written with.
 
     Raises:
-      ImportError: there is none; the message names the extra that brings it.
+      ImportError: there is none; the message names the packages to install.
     """
     try:
         import imageio_ffmpeg
 
         return imageio_ffmpeg.get_ffmpeg_exe()
     except (ImportError, RuntimeError) as error:  # RuntimeError: a wheel without the program
-        raise ImportError("needs the extra 'video': pip install 'limberjack[video]'") from error
+        raise missing_extra("video") from error

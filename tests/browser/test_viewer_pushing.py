@@ -21,7 +21,7 @@ from .viewing import LIMIT, viewed_by, wait
 pytestmark = pytest.mark.browser
 
 pytest.importorskip(
-    "limberjack.viewer.studio", reason="needs the extra 'view'", exc_type=ImportError
+    "limberjack.viewer.studio", reason="MuJoCo Studio does not load here", exc_type=ImportError
 )
 Image = pytest.importorskip("PIL.Image", reason="needs Pillow, which comes with the extra 'video'")
 

@@ -213,7 +213,7 @@ def test_without_the_extra_it_is_named(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     done = _invoke(*_WALK, *_SIZE, "--out", tmp_path / "film.gif")
     assert done.exit_code == 1
-    assert "needs the extra 'video': pip install 'limberjack[video]'" in done.stderr
+    assert "needs the extra 'video': pip install imageio-ffmpeg matplotlib" in done.stderr
 
 
 _POLICY = """

@@ -316,7 +316,7 @@ def test_without_the_extra_one_line_names_it(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert result.stderr == (
         "limberjack: no video.mp4 and no return.png: needs the extra 'video': "
-        "pip install 'limberjack[video]'\n"
+        "pip install imageio-ffmpeg matplotlib\n"
     )
     left = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert left == ["report.html", "result.json"]

@@ -24,7 +24,7 @@ from tests.programs import INSTALL, run
 from tests.viewer.handshakes import WEBSOCKET, Answer, ask, connect, head, seconds_until_closed
 
 pytest.importorskip(
-    "limberjack.viewer.studio", reason="needs the extra 'view'", exc_type=ImportError
+    "limberjack.viewer.studio", reason="MuJoCo Studio does not load here", exc_type=ImportError
 )
 
 _VIEW = ("view", "humanoid", "stand")
@@ -292,7 +292,7 @@ def test_launch_refuses_what_it_cannot_show() -> None:
         viewer.launch(suite.load("humanoid", "stand"), policy=[0.0] * 21)  # pyright: ignore
 
 
-def test_without_the_extra_the_command_says_what_to_install(
+def test_a_studio_that_does_not_load_is_reported_with_the_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(sys.modules, "mujoco.studio", None)
@@ -301,8 +301,8 @@ def test_without_the_extra_the_command_says_what_to_install(
     result = _invoke(*_VIEW)
     assert result.exit_code == 1
     expected = (
-        "limberjack: limberjack view needs the extra 'view': pip install 'limberjack[view]'; "
-        "--native needs nothing\n"
+        "limberjack: limberjack view needs MuJoCo Studio, which cannot be imported: "
+        "import of mujoco.studio halted; None in sys.modules; --native needs nothing\n"
     )
     assert result.stderr == expected
 

@@ -10,6 +10,8 @@ from types import ModuleType
 
 import pytest
 
+from limberjack.utils.requirements import missing_extra
+
 from .source import PACKAGE, imports, is_public, modules, tree
 
 # Imports point down, or stay level. The longest name that a module begins with counts.
@@ -58,7 +60,6 @@ _ONLY_IN = {
 # Modules that are made of a package of an extra, and cannot be imported without it.
 _MADE_OF = {
     "limberjack.sb3": ("stable_baselines3", "sb3"),
-    "limberjack.viewer.studio": ("mujoco.studio", "view"),
 }
 
 # Modules that one folder uses and that lie outside it: dm_control's paths, and what users import.
@@ -164,7 +165,7 @@ def test_without_its_extra_a_module_says_what_to_install(module: str) -> None:
     package, extra = _MADE_OF[module]
     code = f"import sys; sys.modules[{package!r}] = None; import {module}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
-    assert f"needs the extra '{extra}': pip install 'limberjack[{extra}]'" in done.stderr
+    assert f"ImportError: {missing_extra(extra)}" in done.stderr
 
 
 def test_the_package_itself_imports_only_what_registers_the_ids() -> None:

@@ -16,7 +16,7 @@ import limberjack
 from .source import REPOSITORY
 
 _PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-_CORE = {"dm-env", "gymnasium", "mujoco-core", "numpy", "rich", "typer"}
+_CORE = {"dm-env", "gymnasium", "mujoco", "numpy", "rich", "typer"}
 
 
 def _name(requirement: str) -> str:
@@ -83,7 +83,7 @@ def test_constraints_pin_every_requirement_and_name_no_address() -> None:
 
 def test_the_pinned_mujoco_is_one_version() -> None:
     pins = _constraints()
-    assert pins["mujoco"] == pins["mujoco-core"]
+    assert pins["mujoco"] == pins["mujoco-core"] == pins["mujoco-studio"]
 
 
 def test_the_package_is_typed_and_carries_its_models() -> None:

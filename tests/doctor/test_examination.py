@@ -1,4 +1,4 @@
-"""An examination of this machine, with a MUJOCO_GL that is nonsense."""
+"""An examination of this machine, with a MUJOCO_GL that names no backend."""
 
 import json
 import os
@@ -9,13 +9,14 @@ from typing import Any
 import pytest
 
 import limberjack
-from limberjack.doctor import packages
+from limberjack.doctor import examine, packages
+from limberjack.doctor.child import Answer
 from limberjack.utils import cores
 
 
 @pytest.fixture(scope="module")
 def here() -> dict[str, Any]:
-    """The JSON that the command prints on this machine, with a MUJOCO_GL that is nonsense."""
+    """The JSON that the command prints on this machine, with a MUJOCO_GL that names no backend."""
     done = subprocess.run(
         [sys.executable, "-m", "limberjack", "doctor", "--json"],
         env={**os.environ, "MUJOCO_GL": "nonsense"},
@@ -29,7 +30,7 @@ def here() -> dict[str, Any]:
 
 
 def test_the_core_steps_and_threads_are_recommended(here: dict[str, Any]) -> None:
-    assert here["core"] == {"works": True, "version": packages.version("mujoco-core"), "why": ""}
+    assert here["core"] == {"works": True, "version": packages.version("mujoco"), "why": ""}
     assert here["versions"]["limberjack"] == limberjack.__version__
     assert (here["usable_cores"], here["total_cores"]) == (cores.usable_cores(), os.cpu_count())
     speeds = {int(n): speed for n, speed in here["threads"]["steps_per_second"].items()}
@@ -52,7 +53,7 @@ def test_each_backend_is_tried_by_itself_whatever_the_environment_says(
     for backend in here["backends"]:
         assert backend["works"] is not bool(backend["why"])
         assert "nonsense" not in backend["why"]
-        assert backend["works"] or ";" in backend["why"]  # what to do stands behind it
+        assert backend["works"] or ";" in backend["why"]  # the remedy follows the reason
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL is Linux's")
@@ -62,7 +63,7 @@ def test_a_backend_that_draws_is_found_with_its_driver(here: dict[str, Any]) -> 
         pytest.skip(f"EGL does not work here: {egl['why']}")
     assert egl["renderer"]
     assert egl["vendor"]
-    # Mesa's draws without any device, too; but where devices are listed, they are its.
+    # Mesa's EGL draws without a device too; but where devices are listed, one of them draws.
     assert not here["devices"] or egl["renderer"] in here["devices"]
 
 
@@ -71,5 +72,19 @@ def test_an_installed_dm_control_is_tried(here: dict[str, Any]) -> None:
     assert found["version"] == packages.version("dm_control")
     assert found["works"] is not bool(found["why"])
     if found["version"] == "1.0.50":
-        # Its table of array sizes names fields that MuJoCo 4 does not have; or OpenGL stops it.
+        # Its table of array sizes names fields that MuJoCo 4 lacks; or OpenGL stops it.
         assert not found["works"]
+        assert "needs MuJoCo 3, so install it in a virtual environment of its own" in found["why"]
+
+
+def test_a_clash_of_packages_is_reported_without_the_failures_that_it_causes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def ask(probe: str, *_: object) -> Answer:
+        return Answer(why="ImportError: no core")
+
+    assert len(examine(ask).problems) == 3
+    monkeypatch.setattr(packages, "clashes", lambda: ["MuJoCo 4.0.0 lacks 143 of its files"])
+    diagnosis = examine(ask)
+    assert diagnosis.problems == ("MuJoCo 4.0.0 lacks 143 of its files",)
+    assert not diagnosis.core.works

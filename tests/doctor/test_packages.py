@@ -1,57 +1,83 @@
 """Installed packages and extras."""
 
-import email.message
 import importlib.metadata
-import tomllib
 from pathlib import Path
 
 import pytest
 
 from limberjack.doctor import packages
+from limberjack.utils import requirements
 
-_REPOSITORY = Path(__file__).parents[2]
-
-
-def test_extras_are_those_of_the_projects_metadata() -> None:
-    with open(_REPOSITORY / "pyproject.toml", "rb") as file:
-        project = tomllib.load(file)["project"]
-    found = {extra.name: extra for extra in packages.extras()}
-    assert set(found) == set(project["optional-dependencies"])
-    for name, extra in found.items():
-        assert extra.command == f"pip install 'limberjack[{name}]'"
-    # This very test needs it.
-    assert "pytest" not in found["test"].missing
+_CLEAN = {"mujoco": "4.0.0", "mujoco-core": "4.0.0", "mujoco-studio": "4.0.0"}
+_REMEDY = (
+    "run: pip uninstall -y mujoco mujoco-core mujoco-studio; then: pip install 'mujoco>=4.0,<5'. "
+    "Programs that need MuJoCo 3, as dm_control does, belong into another virtual environment"
+)
 
 
-def test_extras_come_from_the_metadata_where_it_is_installed(
+def test_extras_name_the_packages_that_are_missing_and_the_command(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    metadata = email.message.Message()
-    for name in ("draw", "all"):
-        metadata["Provides-Extra"] = name
-    for requirement in (
-        "numpy",
-        'no-such-thing>=2; extra == "draw"',
-        'pytest; extra == "draw"',
-        'old-thing; python_version < "3.9" and extra == "draw"',
-        'new-thing; python_version >= "3.9" and extra == "draw"',
-        'limberjack[draw]; extra == "all"',
-        'other_thing[part]<3 ; extra == "all"',
-    ):
-        metadata["Requires-Dist"] = requirement
-    monkeypatch.setattr(importlib.metadata, "metadata", lambda _: metadata)
-    draw, all_ = packages.extras()
-    assert (draw.name, draw.missing) == ("draw", ("new-thing", "no-such-thing"))
-    assert not draw.is_installed
-    assert all_.missing == ("new-thing", "no-such-thing", "other_thing")
-    assert all_.command == "pip install 'limberjack[all]'"
+    installed = {"matplotlib": "3.9", "ipykernel": "6.29", "ray": "2.60"}
+    monkeypatch.setattr(packages, "version", installed.get)
+    found = {extra.name: extra for extra in packages.extras()}
+    assert found.keys() == requirements.PACKAGES.keys()
+    assert found["video"].missing == ("imageio-ffmpeg",)
+    assert found["video"].command == "pip install imageio-ffmpeg matplotlib"
+    assert found["notebook"].missing == ("imageio-ffmpeg",)
+    assert found["rllib"].missing == ("torch",)
+    assert not found["rllib"].is_installed
 
 
-def test_an_older_mujoco_beside_mujoco_core_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(packages, "version", {"mujoco": "3.3.0", "mujoco-core": "4.0.0"}.get)
+def test_versions_are_those_of_the_installed_distributions() -> None:
+    found = packages.versions()
+    assert found["mujoco"] == importlib.metadata.version("mujoco")
+    assert packages.version("no-such-package") is None
+
+
+def test_mujocos_packages_agree_here() -> None:
+    assert packages.clashes() == []
+
+
+@pytest.mark.parametrize(
+    ("change", "listed"),
+    [
+        (
+            {"mujoco": "3.3.0"},
+            "mujoco 3.3.0, mujoco-core 4.0.0, mujoco-studio 4.0.0 are installed together",
+        ),
+        (
+            {"mujoco-studio": "4.0.1"},
+            "mujoco 4.0.0, mujoco-core 4.0.0, mujoco-studio 4.0.1 are installed together",
+        ),
+    ],
+)
+def test_parts_of_several_mujocos_are_a_problem_with_its_remedy(
+    change: dict[str, str], listed: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(packages, "version", {**_CLEAN, **change}.get)
     (problem,) = packages.clashes()
-    assert "mujoco 3.3.0 is installed beside mujoco-core 4.0.0" in problem
-    assert "pip uninstall" in problem
-    for versions in ({"mujoco": "4.0.0", "mujoco-core": "4.0.0"}, {"mujoco-core": "4.0.0"}):
-        monkeypatch.setattr(packages, "version", versions.get)
-        assert packages.clashes() == []
+    assert problem.startswith(listed)
+    assert problem.endswith(_REMEDY)
+
+
+def test_files_that_mujoco_lost_are_a_problem_with_its_remedy(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    metadata = tmp_path / "mujoco_core-4.0.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Name: mujoco-core\nVersion: 4.0.0\n", encoding="utf-8")
+    files = ("mujoco/batch.py,,", "mujoco/__pycache__/batch.pyc,,", "mujoco/_specs.so,,")
+    (metadata / "RECORD").write_text("\n".join(files), encoding="utf-8")
+    (tmp_path / "mujoco").mkdir()
+    (tmp_path / "mujoco" / "batch.py").touch()
+    core = importlib.metadata.PathDistribution(metadata)
+    monkeypatch.setattr(packages, "version", _CLEAN.get)
+    monkeypatch.setattr(
+        importlib.metadata, "files", lambda name: core.files if name == "mujoco-core" else []
+    )
+    (problem,) = packages.clashes()
+    assert problem.startswith("MuJoCo 4.0.0 lacks 1 of its files, such as mujoco/_specs.so")
+    assert problem.endswith(_REMEDY)
+    (tmp_path / "mujoco" / "_specs.so").touch()
+    assert packages.clashes() == []

@@ -39,7 +39,7 @@ def test_numbers_that_are_not_finite_are_reported_with_the_step(
     from limberjack.suite import humanoid
 
     monkeypatch.setattr(humanoid.Humanoid, "reward_of", lambda self, terms: float("nan"))
-    with pytest.raises(RuntimeError, match="humanoid:stand: step 1 gave a number"):
+    with pytest.raises(RuntimeError, match="humanoid:stand: step 1 returned a number"):
         probes.core()
 
 

@@ -1,4 +1,4 @@
-"""A whole evaluation: what it says, what it keeps, and how it goes on after a kill."""
+"""A whole evaluation: its result, its files, and continuing after a kill."""
 
 import json
 import linecache
@@ -197,7 +197,7 @@ def test_a_policy_that_was_typed_in_is_known_by_its_source_or_not_at_all(
         exec(compile(source, name, "exec"), module)
         act.append(module["act"])
     _evaluate(act[0], out=tmp_path / "unknown")
-    with pytest.raises(ValueError, match="'typed_in:act', whose source is not known here"):
+    with pytest.raises(ValueError, match="'typed_in:act', whose source is unknown here"):
         _evaluate(act[0], out=tmp_path / "unknown")
     # As in a notebook: what was typed is kept where `inspect` looks.
     for name, source in cells.items():
@@ -226,7 +226,7 @@ def test_a_policy_that_fails_keeps_the_episodes_before(tmp_path: Path) -> None:
         ([2**32], "seed is 4294967296; expected a whole number"),
         ([1.5], "seed is 1.5; expected a whole number"),
         ([True], "seed is True; expected a whole number"),
-        ([1, 2, 1], "a seed stands twice"),
+        ([1, 2, 1], "a seed occurs twice"),
     ],
 )
 def test_seeds_that_cannot_be_are_refused(seeds: Any, message: str, tmp_path: Path) -> None:
@@ -266,7 +266,7 @@ def test_without_matplotlib_all_but_the_picture_is_there(
     evaluation = _evaluate(out=tmp_path)
     assert evaluation.files == (tmp_path / "result.json",)
     assert evaluation.left_out == (
-        "no returns.png: needs the extra 'video': pip install 'limberjack[video]'"
+        "no returns.png: needs the extra 'video': pip install imageio-ffmpeg matplotlib"
     )
     assert not (tmp_path / "returns.png").exists()
 

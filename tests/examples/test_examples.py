@@ -12,6 +12,7 @@ import pytest
 import limberjack
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
+from limberjack.utils.requirements import install_command
 
 _EXAMPLES = Path(__file__).parents[2] / "examples"
 _SOURCE = Path(limberjack.__file__).parents[1]
@@ -54,7 +55,7 @@ def test_every_example_is_here_and_says_how_to_run_it() -> None:
     for name, (_, extra) in _NEEDS.items():
         text = (_EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
         assert f"    python examples/{name}.py --steps " in text
-        assert not extra or f"    pip install 'limberjack[{extra}]'\n" in text
+        assert not extra or f"    {install_command(extra)}\n" in text
 
 
 def test_batch() -> None:

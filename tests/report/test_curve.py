@@ -65,5 +65,5 @@ def test_a_plot_without_matplotlib_names_the_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    with pytest.raises(ImportError, match=r"pip install 'limberjack\[video\]'"):
+    with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg matplotlib"):
         report.write_return_plot(tmp_path / "return.png", "", _EPISODES, 0.01)

@@ -13,7 +13,7 @@ from limberjack import suite
 from limberjack.viewer.session import Session
 
 studio = pytest.importorskip(
-    "limberjack.viewer.studio", reason="needs the extra 'view'", exc_type=ImportError
+    "limberjack.viewer.studio", reason="MuJoCo Studio does not load here", exc_type=ImportError
 )
 messages = pytest.importorskip("mujoco.studio.messages")
 sim = pytest.importorskip("mujoco.studio.sim")

@@ -1,4 +1,4 @@
-"""Calling a probe in a process of its own, so that whatever happens there, this one goes on.
+"""Runs a probe in a process of its own, so that a crash or a hang there does not stop this one.
 
 answer = ask("drawing", {"MUJOCO_GL": "egl"})
 print(answer.value if answer.why is None else answer.why)
@@ -17,11 +17,11 @@ from typing import Any, BinaryIO
 
 __all__ = ["Answer", "ask"]
 
-_LIMIT = 60.0  # seconds; a probe takes one or two, on a busy machine some more
-_KILLING = 2.0  # seconds; a process that waits in a driver may outlast being killed
+_LIMIT = 60.0  # seconds; a probe takes one or two, and longer on a busy machine
+_KILLING = 2.0  # seconds; a process that waits in a driver may survive a kill for a while
 _LONGEST_REASON = 300  # characters
 
-# Finds what this process finds: its path may have been changed since it was started.
+# The module search path is passed on: it may have changed since this process started.
 _PROGRAM = """
 import sys
 sys.path[:] = {path!r}
@@ -32,30 +32,30 @@ probes.answer({probe!r}, {file!r})
 
 @dataclasses.dataclass(frozen=True)
 class Answer:
-    """What a probe returned, or why it did not."""
+    """The value that a probe returned, or the reason why it returned none."""
 
-    value: Any = None  # Any: whatever JSON can say
+    value: Any = None  # Any: any JSON value
     why: str | None = None
 
 
 def ask(probe: str, variables: Mapping[str, str] | None = None, limit: float = _LIMIT) -> Answer:
-    """What a function of `probes` returns in a new process.
+    """The answer of a function of `probes`, called in a new process.
 
     Args:
-      probe: its name.
-      variables: of the environment, besides those of this process.
-      limit: seconds that it may take.
+      probe: the function's name.
+      variables: environment variables, in addition to those of this process.
+      limit: the longest time that the probe may take, in seconds.
     """
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as directory:
         file = os.path.join(directory, "answer.json")
         program = _PROGRAM.format(path=sys.path, probe=probe, file=file)
-        # A file, because a pipe would be waited for as long as any process below has it open.
+        # A file: reading a pipe would block as long as any descendant process holds it open.
         with open(os.path.join(directory, "errors"), "w+b") as errors:
             status = _run(program, {**os.environ, **(variables or {})}, errors, limit)
             errors.seek(0)
             complaints = errors.read().decode(errors="replace")
         with contextlib.suppress(OSError, ValueError), open(file, encoding="utf-8") as answer:
-            # It has answered, even if a driver crashed it afterwards.
+            # The answer counts even if a driver crashed the process afterwards.
             return Answer(**json.load(answer))
     if status is None:
         return Answer(why=f"no answer within {limit:.0f} s")
@@ -63,7 +63,7 @@ def ask(probe: str, variables: Mapping[str, str] | None = None, limit: float = _
 
 
 def _run(program: str, environment: dict[str, str], errors: BinaryIO, limit: float) -> int | None:
-    """The exit status of a Python program; None if it took too long."""
+    """The exit status of a Python program; None if it exceeded the limit."""
     process = subprocess.Popen(
         [sys.executable, "-c", program],
         env=environment,
@@ -82,7 +82,7 @@ def _run(program: str, environment: dict[str, str], errors: BinaryIO, limit: flo
 
 
 def _reason(status: int, complaints: str) -> str:
-    """Why a process ended without an answer, in one line."""
+    """The reason why a process ended without an answer, in one line."""
     lines = [line.strip() for line in complaints.splitlines() if line.strip()]
     last = lines[-1][:_LONGEST_REASON] if lines else ""
     if status >= 0:

@@ -1,4 +1,4 @@
-"""`examine`: asks all probes, and puts together what they answer.
+"""`examine`: runs all probes and collects their answers in a `Diagnosis`.
 
 diagnosis = examine()
 """
@@ -16,16 +16,19 @@ from limberjack.utils import cores
 __all__ = ["examine"]
 
 _VARIABLES = ("MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID")
+_DM_CONTROL_REMEDY = (
+    "dm_control up to 1.0.50 needs MuJoCo 3, so install it in a virtual environment of its own"
+)
 
 
 def examine(ask: Callable[..., Answer] = child.ask) -> Diagnosis:
-    """Examines this machine, which takes some ten seconds.
+    """Examines this machine, which takes about ten seconds.
 
     Args:
-      ask: calls a probe by name, with variables of the environment; `child.ask`, but in tests.
+      ask: runs a probe, given its name and environment variables; tests pass their own.
     """
     domains = ask("domains")
-    core, threads = ask("core"), ask("threads")  # alone, as the second measures time
+    core, threads = ask("core"), ask("threads")  # not in parallel: the second measures speed
     names = ask("backends").value or ()
     with ThreadPoolExecutor(max_workers=cores.usable_cores()) as pool:
         drawing = pool.submit(ask, "drawing")
@@ -34,7 +37,7 @@ def examine(ask: Callable[..., Answer] = child.ask) -> Diagnosis:
     devices, ffmpeg, dm_control = (future.result() for future in others)
     backend = _backend("", drawing.result())
     return Diagnosis(
-        core=_check(core, packages.version("mujoco-core")),
+        core=_check(core, packages.version("mujoco")),
         versions=packages.versions(),
         system=platform.platform(),
         usable_cores=cores.usable_cores(),
@@ -48,7 +51,7 @@ def examine(ask: Callable[..., Answer] = child.ask) -> Diagnosis:
         ffmpeg=_check(ffmpeg, ffmpeg.value),
         domains=(domains.value or {}).get("found", {}),
         dm_control=_check_of_dm_control(dm_control),
-        problems=(*_problems(core, backend), *_problems_of_domains(domains)),
+        problems=tuple(packages.clashes() or _problems(core, backend, domains)),
     )
 
 
@@ -58,11 +61,15 @@ def _check(answer: Answer, version: str | None) -> Check:
 
 def _check_of_dm_control(answer: Answer) -> Check:
     version = packages.version("dm_control")
-    return Check(False, None, "not installed") if version is None else _check(answer, version)
+    if version is None:
+        return Check(False, None, "not installed")
+    if answer.why is None:
+        return Check(True, version)
+    return Check(False, version, f"{answer.why}; {_DM_CONTROL_REMEDY}")
 
 
 def _backend(name: str, answer: Answer) -> Backend:
-    """What a probe found that drew, or tried to draw, a picture."""
+    """The result of the probe that draws a picture."""
     if answer.why is not None:
         return Backend(name, works=False, why=answer.why)
     found = {"name": name, **answer.value}
@@ -77,22 +84,17 @@ def _threads(answer: Answer) -> Threads:
     return Threads(steps_per_second=speeds, **found)
 
 
-def _problems(core: Answer, backend: Backend) -> Iterator[str]:
-    """What is wrong, the worst first."""
-    yield from packages.clashes()
+def _problems(core: Answer, backend: Backend, domains: Answer) -> Iterator[str]:
+    """Problems of this machine, the worst first; clashes of packages would cause all of them."""
     if core.why is not None:
         yield (
-            f"environments do not step: {core.why}. Install Limberjack anew, in a virtual "
-            "environment of its own"
+            f"environments do not step: {core.why}. Install Limberjack again, in a new virtual "
+            "environment"
         )
     if not backend.works:
-        yield f"no pictures can be drawn; all else goes on. {backend.why}"
-
-
-def _problems_of_domains(answer: Answer) -> Iterator[str]:
-    """Problems of the domains of installed packages."""
-    if answer.why is not None:
-        yield f"the domains of installed packages cannot be listed: {answer.why}"
+        yield f"no pictures can be drawn; everything else works without. {backend.why}"
+    if domains.why is not None:
+        yield f"the domains that installed packages provide cannot be listed: {domains.why}"
         return
-    for name, why in answer.value["problems"].items():
+    for name, why in domains.value["problems"].items():
         yield f"domain {name!r} of an installed package cannot be used: {why}"

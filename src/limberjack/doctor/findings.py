@@ -1,4 +1,4 @@
-"""What `limberjack.doctor.examine` finds: plain values, which `dataclasses.asdict` makes JSON of.
+"""Results of `limberjack.doctor.examine`: plain values, which `dataclasses.asdict` turns into JSON.
 
 Check(works=False, version="1.0.50", why="AttributeError: ...")
 """
@@ -11,66 +11,66 @@ __all__ = ["Backend", "Check", "Diagnosis", "Extra", "Threads"]
 
 @dataclasses.dataclass(frozen=True)
 class Check:
-    """Whether something works; if not, `why`."""
+    """Whether something works, and if not, the reason."""
 
     works: bool
-    version: str | None = None  # None: not installed, or it does not say
+    version: str | None = None  # None: not installed, or unknown
     why: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
 class Backend:
-    """Whether a picture can be drawn by a source of OpenGL; if not, why and what to do."""
+    """Whether an OpenGL backend can draw a picture; if not, the reason and the remedy."""
 
-    name: str  # as MUJOCO_GL has it; may be empty where none works
+    name: str  # a value of MUJOCO_GL; may be empty where no backend works
     works: bool
-    renderer: str = ""  # the driver's name for what draws; may be empty where the backend works
+    renderer: str = ""  # as the driver names it; may be empty where the backend works
     vendor: str = ""
     why: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
 class Threads:
-    """Steps per second of a batch with several numbers of threads."""
+    """Speed of a batch by number of threads."""
 
     domain: str
     task: str
     num_envs: int
-    steps_per_second: Mapping[int, float]  # of all rows together, by number of threads
+    steps_per_second: Mapping[int, float]  # of all rows together; keys are numbers of threads
     recommended: int | None  # None: it could not be measured
     why: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
 class Extra:
-    """An optional part of Limberjack, as its metadata has it."""
+    """An optional feature of Limberjack and the packages that it needs."""
 
     name: str
-    missing: tuple[str, ...]  # distributions; empty where it is installed
-    command: str  # that installs it
+    missing: tuple[str, ...]  # packages that are not installed
+    command: str  # installs the packages of this extra
 
     @property
     def is_installed(self) -> bool:
-        """Whether nothing is missing."""
+        """Whether all packages of the extra are installed."""
         return not self.missing
 
 
 @dataclasses.dataclass(frozen=True)
 class Diagnosis:
-    """All of it."""
+    """All results."""
 
-    core: Check  # a short episode steps, and its numbers are finite
+    core: Check  # whether a short episode steps, with finite numbers
     versions: Mapping[str, str | None]  # None: not installed
     system: str
-    usable_cores: int  # that the scheduler grants this process
+    usable_cores: int  # those that the scheduler grants this process
     total_cores: int
     threads: Threads
-    variables: Mapping[str, str | None]  # those of the environment that choose OpenGL
-    drawing: Backend  # what a program draws with that is started here
+    variables: Mapping[str, str | None]  # the environment variables that select OpenGL
+    drawing: Backend  # the backend that a program started here would use
     backends: tuple[Backend, ...]
-    devices: tuple[str | None, ...]  # EGL's, by number: what draws there; None where nothing does
+    devices: tuple[str | None, ...]  # renderers of EGL's devices, by number; None: no OpenGL there
     extras: tuple[Extra, ...]
     ffmpeg: Check
-    domains: Mapping[str, str]  # those of installed packages: their modules by name
-    dm_control: Check  # an installed one, on this MuJoCo
-    problems: tuple[str, ...]  # a sentence each, with the next move
+    domains: Mapping[str, str]  # domains that installed packages provide: module by name
+    dm_control: Check  # whether an installed dm_control loads with this MuJoCo
+    problems: tuple[str, ...]  # one sentence each, with the remedy

@@ -1,4 +1,4 @@
-"""What is installed, by the metadata of distributions: nothing of it is imported.
+"""Installed packages, read from their metadata: none of them is imported.
 
 print(versions()["numpy"])
 for extra in extras():
@@ -6,39 +6,26 @@ for extra in extras():
 """
 
 import importlib.metadata
-import operator
 import platform
-import re
-import sys
-import tomllib
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator
 
 import limberjack
 from limberjack.doctor.findings import Extra
+from limberjack.utils.requirements import MUJOCO, PACKAGES, install_command
 
 __all__ = ["clashes", "extras", "version", "versions"]
 
-_PACKAGE = "limberjack"
-# Besides Limberjack and Python: what numbers and episodes depend on.
-_OTHERS = ("mujoco-core", "numpy", "gymnasium", "dm-env")
-
-_NAME = re.compile(r"[A-Za-z0-9._-]+")
-_OWN_EXTRAS = re.compile(rf"{_PACKAGE}\[([\w., -]+)\]")
-_OF_EXTRA = re.compile(r"extra\s*==\s*['\"]([^'\"]+)['\"]")
-_OF_PYTHON = re.compile(r"python_version\s*(<=|>=|<|>|==|!=)\s*['\"]([\d.]+)['\"]")
-_COMPARISONS = {
-    "<": operator.lt,
-    "<=": operator.le,
-    "==": operator.eq,
-    "!=": operator.ne,
-    ">=": operator.ge,
-    ">": operator.gt,
-}
+# Besides Limberjack and Python: the packages that numbers and episodes depend on.
+_OTHERS = ("mujoco", "numpy", "gymnasium", "dm-env")
+_PARTS_OF_MUJOCO = ("mujoco", "mujoco-core", "mujoco-studio")
+_REMEDY = (
+    f"run: pip uninstall -y {' '.join(_PARTS_OF_MUJOCO)}; then: pip install '{MUJOCO}'. "
+    "Programs that need MuJoCo 3, as dm_control does, belong into another virtual environment"
+)
 
 
 def version(distribution: str) -> str | None:
-    """The version of an installed distribution; None if there is none."""
+    """The version of an installed distribution; None if it is not installed."""
     try:
         return importlib.metadata.version(distribution)
     except importlib.metadata.PackageNotFoundError:
@@ -48,70 +35,42 @@ def version(distribution: str) -> str | None:
 def versions() -> dict[str, str | None]:
     """The versions of what numbers and episodes depend on; None for what is not installed."""
     found = {name: version(name) for name in _OTHERS}
-    return {_PACKAGE: limberjack.__version__, "python": platform.python_version(), **found}
+    return {"limberjack": limberjack.__version__, "python": platform.python_version(), **found}
 
 
 def clashes() -> list[str]:
-    """Installed packages that overwrite each other's files, with the remedy."""
-    core, full = version("mujoco-core"), version("mujoco")
-    if core is None or full is None or core == full:
-        return []
-    return [
-        f"mujoco {full} is installed beside mujoco-core {core}: their files lie in one directory "
-        "and overwrite each other. pip uninstall mujoco mujoco-core, and install Limberjack anew"
-    ]
+    """Problems with MuJoCo's packages, which share one folder, each with the remedy."""
+    found = {name: version(name) for name in _PARTS_OF_MUJOCO}
+    installed = {name: number for name, number in found.items() if number is not None}
+    if len(set(installed.values())) > 1:
+        listed = ", ".join(f"{name} {number}" for name, number in installed.items())
+        return [
+            f"{listed} are installed together: they share a folder and overwrite each other's "
+            f"files; {_REMEDY}"
+        ]
+    lost = [name for distribution in installed for name in _lost_files(distribution)]
+    if lost:
+        return [
+            f"MuJoCo {found['mujoco']} lacks {len(lost)} of its files, such as {lost[0]}: pip "
+            f"removes them where it replaces MuJoCo 3; {_REMEDY}"
+        ]
+    return []
 
 
 def extras() -> tuple[Extra, ...]:
-    """The extras that Limberjack's metadata names, or its source where it is not installed."""
-    needs = {name: set(_needed(name)) for name in _requirements()}
+    """Each extra, with the packages that are missing and the command that installs them."""
     return tuple(
         Extra(
             name,
-            tuple(sorted(need for need in needed if version(need) is None)),
-            f"pip install '{_PACKAGE}[{name}]'",
+            tuple(package for package in packages if version(package.partition("[")[0]) is None),
+            install_command(name),
         )
-        for name, needed in needs.items()
+        for name, packages in PACKAGES.items()
     )
 
 
-def _needed(extra: str) -> Iterator[str]:
-    """The distributions that an extra brings on this Python, those of extras that it names too."""
-    for requirement in _requirements()[extra]:
-        marker = requirement.partition(";")[2]
-        if not all(_holds(*python) for python in _OF_PYTHON.findall(marker)):
-            continue
-        if own := _OWN_EXTRAS.match(requirement):
-            for name in own[1].split(","):
-                yield from _needed(name.strip())
-        elif name := _NAME.match(requirement):
-            yield name[0]
-
-
-def _holds(comparison: str, number: str) -> bool:
-    """Whether this Python's version, of two numbers, compares so."""
-    wanted = tuple(int(part) for part in number.split("."))
-    return _COMPARISONS[comparison](sys.version_info[: len(wanted)], wanted)
-
-
-def _requirements() -> Mapping[str, list[str]]:
-    """What each extra requires, in the form of the metadata."""
-    try:
-        of_package = importlib.metadata.metadata(_PACKAGE)
-    except importlib.metadata.PackageNotFoundError:
-        return _requirements_of_source()
-    found = {name: [] for name in of_package.get_all("Provides-Extra") or ()}
-    for requirement in of_package.get_all("Requires-Dist") or ():
-        for name in _OF_EXTRA.findall(requirement.partition(";")[2]):
-            found[name].append(requirement)
-    return found
-
-
-def _requirements_of_source() -> Mapping[str, list[str]]:
-    """The same from pyproject.toml, where the package is run from its source."""
-    file = Path(limberjack.__file__).parents[2] / "pyproject.toml"
-    try:
-        project = tomllib.loads(file.read_text(encoding="utf-8"))["project"]
-    except (OSError, ValueError, KeyError):
-        return {}
-    return project.get("optional-dependencies", {}) if project.get("name") == _PACKAGE else {}
+def _lost_files(distribution: str) -> Iterator[str]:
+    """Recorded files of an installed distribution that do not exist; bytecode does not count."""
+    for file in importlib.metadata.files(distribution) or ():
+        if file.suffix != ".pyc" and not file.locate().exists():
+            yield file.as_posix()

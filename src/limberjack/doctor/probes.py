@@ -1,9 +1,8 @@
-"""What is tried in a process of its own; `child.ask` calls these, and each returns JSON's types.
+"""Checks that run in a process of their own: `child.ask` calls these, and each returns JSON types.
 
     probes.answer("drawing", "answer.json")     # {"value": {"name": "egl", ...}, "why": null}
 
-A probe that fails raises; its error is the answer. Everything is imported by the probe that needs
-it.
+A probe that fails raises, and its error is the answer. Each probe imports what it needs.
 """
 
 import importlib
@@ -27,13 +26,13 @@ __all__ = [
     "threads",
 ]
 
-_TASK = registry.largest_task()  # it takes the most memory and time
+_TASK = registry.largest_task()  # the task that takes the most memory and time
 _EPISODE = 0.25  # simulated seconds
 
 _ROWS = 64
-_ROUNDS = 4  # for each number of threads, each a twentieth of a second or more
+_ROUNDS = 4  # per number of threads; a round takes at least a twentieth of a second
 _WARM_UP_STEPS = 2
-_NEARLY_BEST = 0.95  # of the highest speed: threads beyond it are better used elsewhere
+_NEARLY_BEST = 0.95  # of the highest speed: further threads are better used elsewhere
 
 _SCENE = """
 <mujoco>
@@ -44,11 +43,11 @@ _SCENE = """
   </worldbody>
 </mujoco>
 """
-_SIZE = 64  # pixels a side
+_SIZE = 64  # pixels per side
 
 
 def answer(probe: str, file: str) -> None:
-    """Writes what a probe returns, or why it fails, to a file."""
+    """Writes the value that a probe returns, or the reason why it fails, to a file."""
     result: dict[str, object]
     try:
         result = {"value": globals()[probe]()}
@@ -62,10 +61,10 @@ def answer(probe: str, file: str) -> None:
 
 
 def core() -> dict[str, int]:
-    """Steps a short episode; how many steps it had.
+    """The number of steps of a short episode.
 
     Raises:
-      RuntimeError: a number is not finite.
+      RuntimeError: a reward or an observation is not finite.
     """
     import numpy as np
 
@@ -75,7 +74,7 @@ def core() -> dict[str, int]:
         observed = step.time_step.observation.values()
         if not all(math.isfinite(n) for n in [step.reward, *map(np.sum, observed)]):
             name = ":".join(_TASK)
-            raise RuntimeError(f"{name}: step {step.number} gave a number that is not finite")
+            raise RuntimeError(f"{name}: step {step.number} returned a number that is not finite")
 
     env = suite.load(*_TASK, task_kwargs={"random": 0, "time_limit": _EPISODE})
     action = np.full(env.action_spec().shape, 0.1)
@@ -84,7 +83,7 @@ def core() -> dict[str, int]:
 
 
 def threads() -> dict[str, object]:
-    """Steps per second of a batch by number of threads, and the number to take."""
+    """Speed of a batch by number of threads, and the recommended number."""
     import numpy as np
 
     from limberjack import bench, gym
@@ -104,7 +103,7 @@ def threads() -> dict[str, object]:
         min_rounds=_ROUNDS,
         warm_up_steps=_WARM_UP_STEPS,
     )
-    # What else the machine does can only slow a round.
+    # The fastest round counts: other programs can only slow a round down.
     speeds = {n: _ROWS / min(taken[str(n)]) for n in counts}
     enough = [n for n in counts if speeds[n] >= _NEARLY_BEST * max(speeds.values())]
     domain, task = _TASK
@@ -118,7 +117,7 @@ def threads() -> dict[str, object]:
 
 
 def domains() -> dict[str, Any]:
-    """Modules of the domains of installed packages by name, and what is wrong with the others."""
+    """Domains that installed packages provide: modules by name, and problems by name."""
     from limberjack import suite
 
     problems = suite.find_installed()
@@ -128,18 +127,18 @@ def domains() -> dict[str, Any]:
 
 
 def backends() -> list[str]:
-    """The platform's sources of OpenGL, in the order in which they are tried."""
+    """The platform's OpenGL backends, in the order in which they are tried."""
     from limberjack.mujoco.rendering import backends
 
     return list(backends.names())
 
 
 def drawing() -> dict[str, str]:
-    """Draws a picture as the environment's variables say; what drew it.
+    """Draws a picture with the backend that the environment variables select, and names it.
 
     Raises:
-      RenderingError: OpenGL cannot be had.
-      RuntimeError: what was drawn is of one colour.
+      RenderingError: no OpenGL context can be created.
+      RuntimeError: all pixels have one colour.
     """
     from limberjack.mujoco import Physics, rendering
 
@@ -153,19 +152,19 @@ def drawing() -> dict[str, str]:
     backend = rendering.backend()
     assert backend is not None
     if picture.min() == picture.max():
-        raise RuntimeError(f"{backend.renderer!r} draws pictures of one colour")
+        raise RuntimeError(f"{backend.renderer!r} draws all pixels in one colour")
     return {"name": backend.name, "renderer": backend.renderer, "vendor": backend.vendor}
 
 
 def devices() -> list[str | None]:
-    """What draws on each of EGL's devices, by number; None where nothing does."""
+    """The renderer of each EGL device, by number; None where a device has no OpenGL."""
     from limberjack.mujoco.rendering.egl import Egl
 
     return Egl.devices()
 
 
 def ffmpeg() -> str:
-    """The version of the ffmpeg that films are written with."""
+    """The version of the ffmpeg that writes films."""
     from limberjack import video
 
     command = [video.find_ffmpeg(), "-version"]
@@ -175,8 +174,8 @@ def ffmpeg() -> str:
 
 
 def dm_control() -> str:
-    """Loads a task of an installed dm_control; raises whatever it raises."""
-    # Any: a package that need not be installed.
+    """Loads a task with an installed dm_control, whose errors it passes on."""
+    # Any: the package may be missing.
     suite: Any = importlib.import_module("dm_control.suite")
     suite.load(*_TASK).reset()
     return "loads"

@@ -5,11 +5,11 @@
             print(score.seed, score.total)
 
 Each row of a batch plays one seed's episode; a row whose episode has ended takes the next seed.
-Seeds that are equal modulo 64 play one after the other, so that an actor can tell rows by that.
-Scores come in lists, of the episodes that end with the same step; they lack kinds of starts. Each
-episode is `rollout.run_episode` of an environment with that seed, bit for bit, as long as the
-policy gives a row the same action whatever the other rows are. Where that would raise
-`PhysicsError`, the episode ends and its score has `diverged`.
+Seeds that are equal modulo 64 are played one after the other, so that an actor can use `seed % 64`
+as a row number. Scores come in lists: one list for all episodes that end with the same step. They
+lack the kind of start. Each episode equals `rollout.run_episode` of an environment with that seed,
+bit for bit, if the policy's action for a row does not depend on the other rows. Where that would
+raise `PhysicsError`, the episode ends and its score has `diverged`.
 """
 
 import contextlib
@@ -28,7 +28,7 @@ from limberjack.rl.control import Environment, PhysicsError
 __all__ = ["play", "play_alone"]
 
 _LAST = int(dm_env.StepType.LAST)
-_FIRST_CAPACITY = 1000  # steps whose rewards there is room for at first: the suite's episodes
+_INITIAL_CAPACITY = 1000  # steps per row whose rewards fit at first: a suite episode
 
 _OnSteps = Callable[[int], object]
 
@@ -40,17 +40,17 @@ def play(
     num_threads: int | None = None,
     on_steps: _OnSteps | None = None,
 ) -> Iterator[list[Score]]:
-    """The scores of each seed's first episode, as they end.
+    """The scores of each seed's first episode, as the episodes end.
 
     Args:
-      environment: a `control.Environment`; it is left alone.
+      environment: a `control.Environment`, which is not changed.
       actor: acts in all rows.
       seeds: at least one.
-      num_threads: threads that step the rows; by default the cores that this process may use.
-      on_steps: called after each step of the batch with how many episodes went on.
+      num_threads: number of threads that step the rows; by default one per usable core.
+      on_steps: called after each step of the batch with the number of rows that it stepped.
 
     Raises:
-      ValueError: the task cannot be played in a batch; nothing was played.
+      ValueError: the task cannot run in batches; nothing was played.
     """
     rows = min(ROWS, len(seeds))
     batch = BatchEnvironment.from_environment(environment, rows, num_threads)
@@ -58,7 +58,7 @@ def play(
 
 
 class _Playing:
-    """A batch that plays seeds."""
+    """A batch that plays one episode per seed."""
 
     def __init__(self, batch: BatchEnvironment, actor: Actor, seeds: Sequence[int]) -> None:
         rows = batch.num_envs
@@ -68,10 +68,10 @@ class _Playing:
         self._running = np.zeros(rows, bool)
         self._seeds = np.zeros(rows, np.int64)
         self._lengths = np.zeros(rows, int)
-        self._rewards = np.zeros((rows, _FIRST_CAPACITY))
+        self._rewards = np.zeros((rows, _INITIAL_CAPACITY))
 
     def episodes(self, on_steps: _OnSteps | None) -> Iterator[list[Score]]:
-        """Play all seeds, and close the batch."""
+        """Plays all seeds, and closes the batch."""
         with contextlib.closing(self._batch):
             yield from self._episodes(on_steps)
 
@@ -82,7 +82,7 @@ class _Playing:
             assert time_step is not None
             running = np.flatnonzero(self._running)
             time_step = batch.step(self._actor.act(time_step.observation, running))
-            self._note(time_step.reward, running)
+            self._record(time_step.reward, running)
             if on_steps is not None:
                 on_steps(len(running))
             ended = running[time_step.step_type[running] == _LAST]
@@ -92,7 +92,7 @@ class _Playing:
                 time_step = self._begin() or time_step
 
     def _begin(self) -> dm_env.TimeStep | None:
-        """Has idle rows take the next seeds, as far as there are any; None if there is none."""
+        """Begins the next seeds' episodes in idle rows; None if no seed can begin now."""
         idle = np.flatnonzero(~self._running)
         seeds = self._taken(len(idle))
         taking = idle[: len(seeds)]
@@ -106,21 +106,21 @@ class _Playing:
         return time_step
 
     def _taken(self, most: int) -> list[int]:
-        """The next seeds that no running one equals modulo 64; they wait no longer."""
-        places = set((self._seeds[self._running] % ROWS).tolist())
+        """Takes the next waiting seeds whose remainders modulo 64 no running seed has."""
+        occupied = set((self._seeds[self._running] % ROWS).tolist())
         taken: list[int] = []
-        passed: list[int] = []
+        skipped: list[int] = []
         for seed in self._waiting:
             if len(taken) == most:
                 break
-            free = seed % ROWS not in places
-            places.add(seed % ROWS)
-            (taken if free else passed).append(seed)
-        self._waiting = passed + self._waiting[len(taken) + len(passed) :]
+            is_free = seed % ROWS not in occupied
+            occupied.add(seed % ROWS)
+            (taken if is_free else skipped).append(seed)
+        self._waiting = skipped + self._waiting[len(taken) + len(skipped) :]
         return taken
 
-    def _note(self, reward: np.ndarray, running: np.ndarray) -> None:
-        """Keeps the rewards of a step."""
+    def _record(self, reward: np.ndarray, running: np.ndarray) -> None:
+        """Records the rewards of a step."""
         if self._lengths.max() == self._rewards.shape[1]:
             self._rewards = np.concatenate([self._rewards, np.zeros_like(self._rewards)], axis=1)
         self._rewards[running, self._lengths[running]] = reward[running]
@@ -140,12 +140,12 @@ def play_alone(
     seeds: Sequence[int],
     on_steps: _OnSteps | None = None,
 ) -> Iterator[list[Score]]:
-    """As `play`, with a policy that can play only one episode at a time.
+    """Like `play`, with a policy that can play only one episode at a time.
 
     Args:
-      environment: a `control.Environment` that nobody else uses.
-      policy: begun anew with each seed.
-      seeds: they come in this order.
+      environment: a `control.Environment`, which is reseeded and stepped.
+      policy: called at the start of each episode.
+      seeds: played in this order.
       on_steps: called with 1 after each step.
     """
     for seed in seeds:
@@ -161,7 +161,7 @@ def play_alone(
         try:
             episode = rollout.run_episode(environment, policy, seed, on_step)
         except PhysicsError:
-            # As in a batch: the step that diverged is the last, and its reward is 0.
+            # As in a batch: the step that diverges is the last one, and its reward is 0.
             yield [Score.of_divergence(seed, so_far[1], so_far[0] + 1)]
         else:
             yield [Score.of_rewards(seed, episode.rewards)]

@@ -1,4 +1,4 @@
-"""`evaluate`: a policy on many seeds, beside doing nothing and acting at random on the same ones.
+"""`evaluate`: scores of a policy, of zero actions and of random actions, on the same seeds.
 
 evaluation = evaluate("manipulator", "bring_ball", "my_policies:still", range(1000))
 print(evaluation.summary().mean, evaluation.summary("zero").mean)
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from limberjack import report
 from limberjack.evaluation import actors, statistics
-from limberjack.evaluation.course import Course, OnProgress, check_seeding
+from limberjack.evaluation.runner import OnProgress, Runner, check_seeding
 from limberjack.evaluation.statistics import Score, Summary
 from limberjack.evaluation.store import RESULT, Store
 from limberjack.factories import Factory, Make, factory_of
@@ -24,20 +24,20 @@ from limberjack.utils.seeds import checked_seed
 
 __all__ = ["FLOORS", "PICTURE", "Evaluation", "evaluate"]
 
-FLOORS = ("zero", "random")  # played on the same seeds, whatever is evaluated
+FLOORS = ("zero", "random")  # baselines, always played on the same seeds as the policy
 PICTURE = "returns.png"
 
-_PLACE = "line-"  # followed by a number, it stands for a line of result.json
+_PLACEHOLDER = "line-"  # followed by a number, it stands for a line of result.json
 
 
 @dataclasses.dataclass(frozen=True)
 class Evaluation:
-    """What a policy and the two floors reached on the same seeds."""
+    """Scores of a policy and of the two baselines on the same seeds."""
 
-    facts: Facts  # what was asked for, and all that the numbers depend on
+    facts: Facts  # the request, and everything that the numbers depend on
     scores: dict[str, list[Score]]  # by policy, in the order of the seeds; the evaluated one first
-    files: tuple[Path, ...] = ()  # that were written
-    left_out: str | None = None  # why the picture was not
+    files: tuple[Path, ...] = ()  # files that were written
+    left_out: str | None = None  # the reason why the picture was not written
 
     @property
     def policy(self) -> str:
@@ -45,7 +45,7 @@ class Evaluation:
         return next(iter(self.scores))
 
     def summary(self, policy: str | None = None) -> Summary:
-        """What all episodes say about the policy, or about 'zero' or 'random'."""
+        """Statistics of all episodes of the policy, or of 'zero' or 'random'."""
         return statistics.summarise(self.scores[policy or self.policy])
 
     def strata(self, policy: str | None = None) -> dict[str, Summary]:
@@ -53,7 +53,7 @@ class Evaluation:
         return statistics.strata(self.scores[policy or self.policy])
 
     def as_json(self) -> Facts:
-        """What result.json holds."""
+        """The content of result.json."""
         rows = {
             policy: {
                 **self.summary(policy).as_json(),
@@ -77,7 +77,7 @@ class Evaluation:
 
         Raises:
           OSError: the file cannot be written.
-          ImportError: the extra `video` is missing.
+          ImportError: matplotlib is not installed.
         """
         facts = self.facts
         name = facts.get("environment") or f"{facts['domain']} {facts['task']}"
@@ -112,17 +112,17 @@ def evaluate(
       seeds: distinct, from 0 to 2**32 - 1.
       out: a folder for the results. Episodes that finished there in an earlier call, which may have
         been killed, are not played again.
-      num_threads: threads that step the batch; by default the cores that this process may use.
+      num_threads: number of threads that step the batch; by default one per usable core.
       time_limit: seconds per episode; the task's own by default, as with a function.
       on_progress: called before a policy's first step, and after each step and episode, with the
-        policy that plays, how many episodes of all policies have finished, and what has been played
-        of running ones, in episodes.
+        name of the policy, the number of finished episodes of all policies, and how many episodes'
+        worth of steps the running ones have played.
 
     Raises:
       ValueError, TypeError: there is no such task, policy or seed, a number is out of range, the
-        episodes have no time limit, the task cannot be played in batches, or the folder holds other
+        episodes have no time limit, the task cannot run in batches, or the folder holds other
         results. Nothing was played.
-      PolicyError: the policy returned what is no action; finished episodes are kept in the folder.
+      PolicyError: the policy returned no valid action; finished episodes stay in the folder.
       OSError: a file cannot be written.
     """
     checked = _checked_seeds(seeds)
@@ -138,16 +138,16 @@ def evaluate(
     identity = _identity(factory, found, environment)
     if callable(domain):
         check_seeding(factory, environment, checked[:2])
-    falls = factory if callable(domain) else factory_of(domain, task)
+    full_length = factory if callable(domain) else factory_of(domain, task)
     store = _store(directory, identity, found)
     everyone = [found, *(actors.find(n, environment) for n in FLOORS if n != found.name)]
-    course = Course(environment, falls.make(0), store, checked, num_threads)
+    runner = Runner(environment, full_length.make(0), store, checked, num_threads)
     try:
         for one in everyone:
-            course.run(one, on_progress)
+            runner.run(one, on_progress)
     finally:
         store.close()
-        course.close()
+        runner.close()
     facts = {**identity, **_asked_for(checked), **_played_with(store, identity)}
     scores = {one.name: [store.scores[one.name][seed] for seed in checked] for one in everyone}
     evaluation = Evaluation(facts, scores)
@@ -155,16 +155,17 @@ def evaluate(
 
 
 def _check_known(factory: Factory) -> None:
-    """Raise ValueError if results in a folder might be those of another environment."""
+    """Raises ValueError if results in a folder could belong to another environment."""
     if not factory.is_known:
         raise ValueError(
-            f"{factory.title} cannot be told from others that are called so, and its results not "
-            "be kept: define make(seed) at the top of a module, or leave out the folder"
+            f"{factory.title} cannot be distinguished from other functions of that name, so its "
+            "results cannot be kept: define make(seed) at the top level of a module, or pass no "
+            "folder"
         )
 
 
 def _check_ends(factory: Factory, environment: Environment) -> None:
-    """Raise ValueError if episodes have no time limit."""
+    """Raises ValueError if episodes have no time limit."""
     if environment.step_limit is None:
         raise ValueError(
             f"{factory.title} has no time limit, so an episode might never end: give it a "
@@ -173,33 +174,33 @@ def _check_ends(factory: Factory, environment: Environment) -> None:
 
 
 def _store(directory: Path | None, identity: Facts, found: actors.Found) -> Store:
-    """Where the episodes are kept; raises if those that are there may be another policy's."""
+    """The store in a folder; raises if its episodes may be those of another policy."""
     store = Store(directory, identity)
     if found.sha256 is None and store.scores[found.name]:
         store.close()
         raise ValueError(
-            f"{directory} holds episodes of {found.name!r}, whose source is not known here, so "
-            "another policy of that name may have played them: choose another folder, or keep the "
-            "policy in a file"
+            f"{directory} holds episodes of {found.name!r}, whose source is unknown here, so "
+            "another policy of that name may have played them: choose another folder, or define "
+            "the policy in a file"
         )
     return store
 
 
 def _written(evaluation: Evaluation, directory: Path) -> Evaluation:
-    """Writes result.json and returns.png; the evaluation then knows which of them are there."""
+    """Writes result.json and returns.png; returns the evaluation with the files' names."""
     result, picture = directory / RESULT, directory / PICTURE
     with replacing(result) as partial:
         partial.write_text(_text(evaluation.as_json()), encoding="utf-8")
     try:
         evaluation.draw(picture)
     except ImportError as error:
-        picture.unlink(missing_ok=True)  # that of an earlier call
+        picture.unlink(missing_ok=True)  # of an earlier call
         return dataclasses.replace(evaluation, files=(result,), left_out=f"no {PICTURE}: {error}")
     return dataclasses.replace(evaluation, files=(result, picture))
 
 
 def _identity(factory: Factory, found: actors.Found, environment: Environment) -> Facts:
-    """All that an episode depends on but its seed."""
+    """Everything that an episode depends on except its seed."""
     limit, control_timestep = environment.step_limit, environment.control_timestep()
     return {
         **factory.facts,
@@ -214,13 +215,13 @@ def _identity(factory: Factory, found: actors.Found, environment: Environment) -
 
 
 def _played_with(store: Store, identity: Facts) -> Facts:
-    """The versions that played the episodes, where those are not the present ones alone."""
+    """The versions that played the episodes, if others than the present ones did."""
     present = [identity["versions"]]
     return {} if store.versions == present else {"versions_of_episodes": store.versions}
 
 
 def _asked_for(seeds: list[int]) -> Facts:
-    """The seeds, and what is counted and how."""
+    """The seeds, and the definitions of success and of the interval."""
     first, end = seeds[0], seeds[-1] + 1
     is_range = seeds == list(range(first, end))
     return {
@@ -243,18 +244,18 @@ def _checked_seeds(seeds: Iterable[int]) -> list[int]:
     """The seeds as a list.
 
     Raises:
-      ValueError, TypeError: there are none, one stands twice, or one is no seed.
+      ValueError, TypeError: there is no seed, one occurs twice, or one is invalid.
     """
     checked = [checked_seed(seed) for seed in seeds]
     if not checked:
         raise ValueError("there are no seeds; expected at least one, such as range(100)")
     if len(set(checked)) < len(checked):
-        raise ValueError("a seed stands twice; expected each once, or its episode counts twice")
+        raise ValueError("a seed occurs twice; expected each once, so that no episode counts twice")
     return checked
 
 
 def _entry(score: Score) -> Facts:
-    """An episode as `limberjack run` writes it, and how it ended."""
+    """An episode as `limberjack run` writes it, with its final reward and success."""
     entry: Facts = {"seed": score.seed, "return": score.total, "length": score.length}
     if score.start is not None:
         entry["start"] = score.start
@@ -263,12 +264,12 @@ def _entry(score: Score) -> Facts:
 
 
 def _text(content: Facts) -> str:
-    """JSON with a line for each episode, so that a thousand of them can still be looked through."""
+    """JSON with one line per episode, so that a file of a thousand episodes stays readable."""
     lines: list[str] = []
 
     def on_one_line(value: object) -> str:
         lines.append(json.dumps(value, allow_nan=False))
-        return f"{_PLACE}{len(lines) - 1}"
+        return f"{_PLACEHOLDER}{len(lines) - 1}"
 
     episodes = [on_one_line(episode) for episode in content["episodes"]]
     floors = {
@@ -277,4 +278,4 @@ def _text(content: Facts) -> str:
     }
     shown = {**content, "episodes": episodes, "floors": floors}
     text = json.dumps(shown, indent=2, allow_nan=False)
-    return re.sub(f'"{_PLACE}(\\d+)"', lambda found: lines[int(found[1])], text) + "\n"
+    return re.sub(f'"{_PLACEHOLDER}(\\d+)"', lambda found: lines[int(found[1])], text) + "\n"

@@ -1,9 +1,9 @@
-"""The kind of start of a seed; scores are reported for each kind.
+"""The kind of start that a seed gives; scores are reported for each kind.
 
     environment = suite.load("stacker", "stack_2")
     kind_of_start(environment, seed=3)      # 'level_1'
 
-Tasks know their kinds: `start` and `STARTS` of `limberjack.suite.base.Task`.
+Tasks name their kinds of starts: see `start` and `STARTS` of `limberjack.suite.base.Task`.
 """
 
 from limberjack.rl import control
@@ -15,8 +15,8 @@ def kind_of_start(environment: control.Environment, seed: int) -> str | None:
     """The kind of start of the first episode with this seed; None if the task has no kinds.
 
     Args:
-      environment: one that is not used elsewhere.
-      seed: it is reseeded with.
+      environment: is reseeded and reset.
+      seed: of the episode.
     """
     environment.reseed(seed)
     environment.reset()

@@ -1,11 +1,11 @@
-"""What many episodes say about a policy: mean return, how sure that is, median, success.
+"""Statistics over episodes: mean return with a confidence interval, median, success rate.
 
     summary = summarise(scores)
     print(summary.mean, summary.interval, summary.success_rate)
     by_start = strata(scores)           # the same for each kind of start
 
 An episode counts as a success if the mean reward of its last 100 steps is at least 0.9: the goal
-was reached and kept. Nothing here is random: the bootstrap's draws have a seed of their own.
+was reached and held. Results are reproducible: the bootstrap has a fixed seed.
 """
 
 import collections
@@ -26,41 +26,41 @@ __all__ = [
     "summarise",
 ]
 
-LAST_STEPS = 100  # steps at the end of an episode that decide on success; a tenth of the suite's
-SUCCESS_REWARD = 0.9  # their mean reward from which on it is one; the reward's most is 1
-CONFIDENCE = 0.95  # of the interval of the mean
-RESAMPLES = 10_000  # of the bootstrap; a 2.5 % tail then holds 250 of them
+LAST_STEPS = 100  # final steps of an episode that decide on success; a tenth of a suite episode
+SUCCESS_REWARD = 0.9  # mean reward of those steps that counts as success; the maximum is 1
+CONFIDENCE = 0.95  # level of the interval of the mean
+RESAMPLES = 10_000  # of the bootstrap, so that each tail of 2.5 % holds 250 of them
 
 _BOOTSTRAP_SEED = 0
-_CHUNK = 1_000_000  # numbers drawn at a time, 8 MB
+_CHUNK = 1_000_000  # numbers drawn at once; they take 8 MB
 
 
 @dataclasses.dataclass(frozen=True)
 class Score:
-    """What an episode gave."""
+    """Result of one episode."""
 
     seed: int
     total: float  # the return
     length: int  # steps
     final_reward: float  # the mean of the last 100 steps' rewards; 0 if the simulation diverged
     diverged: bool = False
-    start: str | None = None  # the kind of start, where there are kinds
+    start: str | None = None  # the kind of start; None if the task has no kinds
 
     @classmethod
     def of_rewards(cls, seed: int, rewards: np.ndarray) -> "Score":
-        """The score of an episode that ended as it should.
+        """The score of an episode that ended normally.
 
         Args:
-          seed: of the environment whose first episode it is.
-          rewards: (T,), one per step; an episode shorter than 100 steps counts as a whole.
+          seed: of the environment; the episode is its first.
+          rewards: (T,), one per step; of an episode shorter than 100 steps, all count for success.
         """
-        # Added in order, as `rollout.Episode.total` is.
+        # Summed in order, as in `rollout.Episode.total`.
         total = float(np.cumsum(rewards)[-1])
         return cls(seed, total, len(rewards), float(np.mean(rewards[-LAST_STEPS:])))
 
     @classmethod
     def of_divergence(cls, seed: int, total: float, length: int) -> "Score":
-        """The score of an episode whose simulation diverged in its last step: no success."""
+        """The score of an episode that ended because its simulation diverged: never a success."""
         return cls(seed, total, length, final_reward=0.0, diverged=True)
 
     @property
@@ -71,14 +71,14 @@ class Score:
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """What many episodes gave."""
+    """Statistics of several episodes."""
 
     episodes: int
     mean: float  # of the returns
     interval: tuple[float, float] | None  # 95 % of the mean; None for fewer than two episodes
     median: float  # of the returns
     successes: int
-    diverged: int  # episodes whose simulation diverged; their returns end there
+    diverged: int  # episodes that ended because their simulation diverged
 
     @property
     def success_rate(self) -> float:
@@ -86,7 +86,7 @@ class Summary:
         return self.successes / self.episodes
 
     def as_json(self) -> dict[str, object]:
-        """Its numbers by name."""
+        """The numbers by name, as result.json has them."""
         return {**dataclasses.asdict(self), "success_rate": self.success_rate}
 
 
@@ -113,21 +113,21 @@ def strata(scores: Iterable[Score]) -> dict[str, Summary]:
 
 
 def bootstrap_interval(values: np.ndarray) -> tuple[float, float] | None:
-    """Bounds that hold the mean with 95 % confidence, by the percentile bootstrap.
+    """The 95 % confidence interval of the mean, by the percentile bootstrap.
 
-    10,000 times as many values are drawn, with replacement, as there are; the bounds cut off 2.5 %
-    of their means on either side. The same values in the same order give the same bounds.
+    It draws 10,000 resamples of N values with replacement, and returns the 2.5 % and the 97.5 %
+    quantile of their means. The same values in the same order give the same bounds.
 
     Args:
       values: (N,).
 
     Returns:
-      The bounds; None for fewer than two values, which say nothing about their spread.
+      The bounds; None for fewer than two values, which have no spread.
     """
     count = len(values)
     if count < 2:
         return None
-    # RandomState, because its streams are the same in every version of NumPy.
+    # RandomState: its streams are the same in all versions of NumPy.
     stream = np.random.RandomState(_BOOTSTRAP_SEED)
     at_once = max(1, _CHUNK // count)
     means = []

@@ -1,16 +1,17 @@
-"""Finished episodes in a file that only grows, so that a run goes on where it was killed.
+"""Finished episodes in a file that only grows, so that a killed run can continue.
 
     store = Store(Path("out"), identity)
     store.add("random", [score])
     store.scores["random"][score.seed]
 
-The file is episodes.jsonl: a line says whose results these are, and each other line is one episode
-of one policy. A line that a kill left unfinished is dropped; its episode is played again. What was
-added is on the disk, so a loss of power takes none of it. One process at a time may write: others
-are refused, where the system knows locks.
+The file is episodes.jsonl: the first line identifies the evaluation, and each other line is one
+episode of one policy. An unfinished last line, as a kill leaves it, is dropped, and its episode is
+played again. Added episodes are flushed to the disk and survive a power loss. Where the system has
+file locks, one process at a time may write; others are refused.
 
-Versions of the first line may have other patch numbers than those that resume: a line for each
-such resumption says with which versions the episodes after it were played.
+An evaluation continues with other patch versions, which give the same numbers if the model's
+fingerprint is equal; a line then records the versions that played the episodes after it. Another
+major or minor version, or another fingerprint, is refused.
 """
 
 import collections
@@ -38,20 +39,21 @@ class Store:
 
     Attributes:
       scores: by policy and seed.
-      versions: those that episodes were played with, the first ones first.
+      versions: those that played the episodes, in the order of their first use.
     """
 
     def __init__(self, directory: Path | None, identity: Mapping[str, object]) -> None:
-        """Open the directory's file, or make both.
+        """Opens the file in a directory, and creates both if needed.
 
         Args:
           directory: None keeps the episodes in memory only.
-          identity: all that an episode depends on but its seed, as JSON has it; has 'versions'.
+          identity: everything that an episode depends on except its seed, as JSON values, including
+            'versions'.
 
         Raises:
-          ValueError: the directory holds the results of something else, or another process writes
-            there; it is left as it is.
-          OSError: it cannot be read or written.
+          ValueError: the directory holds other results, or another process writes to it; nothing in
+            it was changed.
+          OSError: the file cannot be read or written.
         """
         self.scores: dict[str, dict[int, Score]] = collections.defaultdict(dict)
         self.versions: list[object] = []
@@ -63,14 +65,14 @@ class Store:
         path = directory / EPISODES
         if (directory / RESULT).exists() and not path.exists():
             raise ValueError(
-                f"{directory} holds a {RESULT} but no {EPISODES}, so the results of something "
-                "else: choose another folder"
+                f"{directory} holds a {RESULT} but no {EPISODES}, so its results are not those of "
+                "an evaluation: choose another folder"
             )
         directory.mkdir(parents=True, exist_ok=True)
         self._path = path
         try:
             self._hold = Hold(directory)
-            # Unbuffered: a line reaches the system in one piece, whatever then kills the process.
+            # Unbuffered: a line reaches the system in one piece, even if a kill follows.
             self._file = path.open("ab", buffering=0)
             self._read(path, identity)
             if not any(self.scores.values()):
@@ -83,7 +85,7 @@ class Store:
             raise
 
     def add(self, policy: str, scores: Iterable[Score]) -> None:
-        """Keep episodes that have just ended: they are on the disk when this returns."""
+        """Saves episodes that have just ended: they are on the disk when this returns."""
         if self.versions[-1:] != [self._present]:
             if self.versions:
                 self._write({_VERSIONS: self._present})
@@ -95,7 +97,7 @@ class Store:
             os.fsync(self._file.fileno())
 
     def close(self) -> None:
-        """Close the file; closing twice is fine."""
+        """Closes the file; may be called twice."""
         if self._file is not None:
             self._file.close()
         if self._hold is not None:
@@ -106,18 +108,18 @@ class Store:
             return
         left = json.dumps(entry).encode() + b"\n"
         try:
-            while left:  # a disk that is nearly full takes a part, and says so the next time
+            while left:  # a nearly full disk takes a part and raises at the next write
                 left = left[self._file.write(left) :]
         except OSError as error:
             error.filename = str(self._path)
             raise
 
     def _read(self, path: Path, identity: Mapping[str, object]) -> None:
-        """Read what is there, and drop a line that has no end."""
+        """Reads the episodes in the file, and drops an unfinished last line."""
         content = path.read_bytes()
         complete = content[: content.rfind(b"\n") + 1]
         head, *lines = complete.splitlines() or [b""]
-        if lines:  # without episodes there is nothing that could be mixed up
+        if lines:  # a file without episodes may be taken over by any evaluation
             first = _parsed(path, 1, head)
             _check_identity(path, first, identity)
             self.versions.append(first[_VERSIONS])
@@ -148,13 +150,13 @@ def _parsed(path: Path, number: int, line: bytes) -> Facts:
 
 def _damaged(path: Path, number: int) -> ValueError:
     return ValueError(
-        f"{path}: line {number} is no episode: remove that line to have it played again, or choose "
-        "another folder"
+        f"{path}: line {number} is no episode: remove that line to play the episode again, or "
+        "choose another folder"
     )
 
 
 def _check_identity(path: Path, there: Facts, here: Mapping[str, object]) -> None:
-    """Raise ValueError if the file is that of another evaluation."""
+    """Raises ValueError if the file belongs to another evaluation."""
     for name, expected in here.items():
         found = there.get(name)
         equal = _are_alike(found, expected) if name == _VERSIONS else found == expected
@@ -166,7 +168,7 @@ def _check_identity(path: Path, there: Facts, here: Mapping[str, object]) -> Non
 
 
 def _are_alike(found: object, expected: object) -> bool:
-    """Whether versions are of the same programs, and differ in patch numbers at most."""
+    """Whether two tables of versions name the same programs and differ in patch numbers at most."""
     if not (isinstance(found, dict) and isinstance(expected, dict)):
         return False
     return {name: _series(version) for name, version in found.items()} == {
@@ -175,5 +177,5 @@ def _are_alike(found: object, expected: object) -> bool:
 
 
 def _series(version: object) -> list[str]:
-    """The major and the minor number."""
+    """The major and the minor number of a version."""
     return str(version).split(".")[:2]

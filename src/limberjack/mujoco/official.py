@@ -18,6 +18,8 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+from limberjack.utils.requirements import MUJOCO
+
 __all__ = ["mujoco"]
 
 _VARIABLE = "MUJOCO_GL"
@@ -83,7 +85,8 @@ if importlib.util.find_spec("mujoco.batch") is None:
     raise ImportError(
         f"limberjack needs mujoco.batch, which requires MuJoCo 4.0 or later, but mujoco "
         f"{getattr(sys.modules['mujoco'], '__version__', 'of an unknown version')} is installed: "
-        "install 'mujoco>=4.0,<5', in a separate environment if other packages need an older MuJoCo"
+        f"pip install '{MUJOCO}', in a virtual environment of its own if another program needs the "
+        "older one"
     )
 
 mujoco: Any = sys.modules["mujoco"]  # the package's names are not listed here

@@ -12,6 +12,7 @@ import numpy as np
 
 from limberjack.rollout import Episode
 from limberjack.utils.files import replacing
+from limberjack.utils.requirements import missing_extra
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,7 +112,7 @@ def _figure() -> "Figure":
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise ImportError("needs the extra 'video': pip install 'limberjack[video]'") from error
+        raise missing_extra("video") from error
 
     figure = Figure(figsize=_SIZE, dpi=_DOTS_PER_INCH, layout="constrained")
     FigureCanvasAgg(figure)

@@ -5,8 +5,7 @@
     env = suite.load("humanoid", "walk", task_kwargs={"random": 0})
     viewer.launch(env, policy=lambda time_step: my_action(time_step.observation))
 
-It answers to `dm_control.viewer.launch` too. The command is `limberjack view`. Browsers need the
-extra `view`; a window does not, nor does `session`: what a viewer does to an environment.
+It answers to `dm_control.viewer.launch` too. The command is `limberjack view`.
 """
 
 import contextlib
@@ -66,7 +65,7 @@ def launch(
         it in.
 
     Raises:
-      ImportError: the extra `view` is missing.
+      ImportError: MuJoCo Studio cannot be imported.
       ValueError: the port is in use, or another argument is no such thing; nothing is started.
       TypeError: there is no MuJoCo simulation to show.
       ViewerError: there is no display for a window, or Studio does not start.
@@ -102,7 +101,7 @@ def in_browsers(
     """What shows a session in browsers; see `limberjack.viewer.studio`.
 
     Raises:
-      ImportError: the extra `view` is missing.
+      ImportError: MuJoCo Studio cannot be imported.
     """
     from limberjack.viewer import studio
 

@@ -1,4 +1,4 @@
-"""A `Session` in MuJoCo Studio's web viewer; needs the extra `view`.
+"""A `Session` in MuJoCo Studio's web viewer.
 
     run(session, Access(find_address()), "humanoid walk", announce=print)
 
@@ -42,7 +42,7 @@ try:
     from mujoco.studio.dear_imgui import dear_imgui as imgui
     from mujoco.studio.web import web_server
 except ImportError as error:
-    raise ImportError("needs the extra 'view': pip install 'limberjack[view]'") from error
+    raise ImportError(f"needs MuJoCo Studio, which cannot be imported: {error}") from error
 
 __all__ = ["run"]
 

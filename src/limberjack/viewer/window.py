@@ -1,8 +1,8 @@
-"""A `Session` in a window of MuJoCo's own viewer: on this machine's display, without the extra.
+"""A `Session` in a window of MuJoCo's own viewer: on this machine's display.
 
     run(session)
 
-It is the classic viewer of mujoco-core: the window of MuJoCo Studio 4.0.0 does not open on Linux.
+It is MuJoCo's classic viewer: the window of MuJoCo Studio 4.0.0 does not open on Linux.
 Space pauses, backspace begins the next episode, the right arrow takes a step; the mouse pushes.
 
 The only file that imports mujoco.viewer.

@@ -1,7 +1,7 @@
-"""Plays the episodes that a store lacks, each with the kind of its start.
+"""Plays the episodes that a store lacks, and adds the kind of start to each score.
 
-course = Course(environment, falls, store, seeds=[0, 1, 2], threads=None)
-course.run(found, on_progress=None)
+runner = Runner(environment, full_length, store, seeds=[0, 1, 2], threads=None)
+runner.run(found, on_progress=None)
 """
 
 import dataclasses
@@ -19,65 +19,74 @@ from limberjack.evaluation.store import Store
 from limberjack.factories import Factory
 from limberjack.rl.control import Environment
 
-__all__ = ["Course", "OnProgress", "check_seeding"]
+__all__ = ["OnProgress", "Runner", "check_seeding"]
 
-# Called with the policy that plays, the episodes finished, and the part played of running ones.
+# Called with the name of the policy, the number of finished episodes, and how many episodes' worth
+# of steps the running ones have played.
 OnProgress = Callable[[str, int, float], object]
 
 
-class Course:
-    """Plays what is missing in a store."""
+class Runner:
+    """Plays the episodes that are missing in a store."""
 
     def __init__(
         self,
         environment: Environment,
-        falls: Environment,
+        full_length: Environment,
         store: Store,
         seeds: list[int],
         threads: int | None,
     ) -> None:
-        """Takes over two environments of the task; that of `falls` has no short time limit."""
+        """Takes over two environments of the task.
+
+        Args:
+          environment: plays the episodes.
+          full_length: has the task's own time limit; its resets show the kinds of starts.
+          store: holds the finished episodes, and receives the new ones.
+          seeds: one per episode.
+          threads: number of threads that step a batch; None for all usable cores.
+        """
         self._environment = environment
-        self._falls = falls
+        self._full_length = full_length
         self._store = store
         self._seeds = seeds
         self._threads = threads
         by_seed = (score for of_policy in store.scores.values() for score in of_policy.values())
         self._starts = {score.seed: score.start for score in by_seed}
-        self._finished = 0  # episodes, those of earlier calls included
+        self._finished = 0  # episodes, including those of earlier calls
 
     def run(self, found: actors.Found, on_progress: OnProgress | None) -> None:
-        """Plays the seeds that the policy has not played."""
+        """Plays the seeds that the policy has not played yet."""
         known = self._store.scores[found.name]
         missing = [seed for seed in self._seeds if seed not in known]
         limit = self._environment.step_limit or math.inf
         self._finished += len(self._seeds) - len(missing)
-        steps = 0  # of episodes that go on
+        steps = 0  # of unfinished episodes
 
-        def tell() -> None:
+        def report_progress() -> None:
             if on_progress is not None:
                 on_progress(found.name, self._finished, steps / limit)
 
         def on_steps(count: int) -> None:
             nonlocal steps
             steps += count
-            tell()
+            report_progress()
 
         if not missing:
             return
-        playing = self._scores(found, missing, on_steps)  # raises if it cannot be in a batch
-        tell()
+        playing = self._scores(found, missing, on_steps)  # raises if batches cannot play the task
+        report_progress()
         for ended in playing:
             self._store.add(found.name, [self._with_start(score) for score in ended])
             for score in ended:
                 self._finished += 1
                 steps -= score.length
-                tell()
+                report_progress()
 
     def close(self) -> None:
         """Frees the environments."""
         self._environment.close()
-        self._falls.close()
+        self._full_length.close()
 
     def _scores(
         self, found: actors.Found, seeds: list[int], on_steps: Callable[[int], None]
@@ -88,34 +97,34 @@ class Course:
         return play_alone(self._environment, found.alone, seeds, on_steps)
 
     def _with_start(self, score: Score) -> Score:
-        """The score with the kind of its start, which is found once for each seed."""
+        """The score with its kind of start, which is determined once per seed."""
         if score.seed not in self._starts:
-            self._starts[score.seed] = kind_of_start(self._falls, score.seed)
+            self._starts[score.seed] = kind_of_start(self._full_length, score.seed)
         return dataclasses.replace(score, start=self._starts[score.seed])
 
 
 def check_seeding(factory: Factory, environment: Environment, seeds: Sequence[int]) -> None:
-    """Compare environments that a factory makes with one that is seeded again instead.
+    """Compares the environments that a factory makes with one that is reseeded.
 
-    An evaluation makes one environment and seeds it for each episode.
+    An evaluation makes one environment and reseeds it for each episode.
 
     Raises:
-      ValueError: they do not begin the same episode, or differ in the length of episodes or steps.
+      ValueError: their first episodes differ in the start, the time limit or the control timestep.
     """
     for seed in seeds:
         made = factory.make(seed)
         environment.reseed(seed)
         if _beginning(made) != _beginning(environment):
             raise ValueError(
-                f"{factory.title} with seed {seed} makes another environment than reseed({seed}) "
-                "of the one that it made before: what depends on the seed must be drawn from "
-                "task.random in initialize_episode, and the rest be the same for all seeds"
+                f"{factory.title} with seed {seed} makes an environment that differs from the one "
+                f"made before after reseed({seed}): draw what depends on the seed from task.random "
+                "in initialize_episode, and make everything else the same for all seeds"
             )
         made.close()
 
 
 def _beginning(environment: Environment) -> tuple[object, ...]:
-    """What an episode of the environment depends on, once it has begun."""
+    """The values that determine an episode after its reset."""
     observation = environment.reset().observation
     return (
         environment.step_limit,

@@ -1,0 +1,40 @@
+"""The packages that optional features need, and the error that names them where one is missing.
+
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise missing_extra("video") from error
+    # ImportError: needs the extra 'video': pip install imageio-ffmpeg matplotlib
+
+Messages name these packages and never `limberjack[...]`: Limberjack is on no package index, and
+whoever took that name there would be installed instead. pyproject.toml says the same with versions.
+"""
+
+import shlex
+from collections.abc import Mapping
+from types import MappingProxyType
+
+__all__ = ["MUJOCO", "PACKAGES", "install_command", "missing_extra"]
+
+MUJOCO = "mujoco>=4.0,<5"
+
+_FILMS = ("imageio-ffmpeg", "matplotlib")
+PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "video": _FILMS,
+        "notebook": (*_FILMS, "ipykernel"),
+        "sb3": ("stable-baselines3",),
+        "torchrl": ("torchrl",),
+        "rllib": ("ray[rllib]", "torch"),
+    }
+)
+
+
+def install_command(extra: str) -> str:
+    """The command that installs the packages of an extra, for a shell."""
+    return f"pip install {shlex.join(PACKAGES[extra])}"
+
+
+def missing_extra(extra: str) -> ImportError:
+    """The error to raise where a package of an extra is not installed."""
+    return ImportError(f"needs the extra {extra!r}: {install_command(extra)}")
