@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import domain_pages
+import numpy as np
 import reference_pages
 import yaml
 
@@ -135,7 +136,7 @@ def _write_pictures(folder: Path) -> None:
             picture = gallery.draw(domain, task, *_PICTURE)
         except RenderingError as error:
             _log.info("pictures of the tasks are empty: %s", error)
-            picture = gallery.blank(*_PICTURE)
+            picture = np.full((*_PICTURE, 3), 128, np.uint8)
         path = folder / domain_pages.picture_name(domain, task)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(png.encode(picture))
@@ -146,9 +147,11 @@ def _config(pages: Path, out: Path) -> dict[str, Any]:
     """The configuration of MkDocs, with every page in the navigation."""
     config = yaml.safe_load(_CONFIG.read_text(encoding="utf-8"))
     sections = {name: entries for section in config["nav"] for name, entries in section.items()}
-    written = set(re.findall(r"[\w.-]+\.md", yaml.safe_dump(config["nav"])))
-    new = (f"{domain}.md" for domain in suite.TASKS_BY_DOMAIN)
-    sections["Domains"] += [page for page in new if page not in written]
+    named = set(re.findall(r"[\w.-]+\.md", yaml.safe_dump(config["nav"])))
+    domains = [f"{domain}.md" for domain in suite.TASKS_BY_DOMAIN]
+    sections["Domains"] += [page for page in domains if page not in named]
+    others = {path.name for path in pages.glob("*.md")} - named - set(domains)
+    sections["Extend"] += sorted(others)
     sections["API reference"] = [
         f"{_REFERENCE}/{reference_pages.INDEX}",
         *({name: f"{_REFERENCE}/{name}.md"} for name in reference_pages.modules()),
