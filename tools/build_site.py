@@ -57,7 +57,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, default=_REPOSITORY / "site", help="the site's folder")
     parser.add_argument(
-        "--work", type=Path, default=_REPOSITORY / "build" / "site", help="for the pages as Markdown"
+        "--work",
+        type=Path,
+        default=_REPOSITORY / "build" / "site",
+        help="for the pages as Markdown",
     )
     given = parser.parse_args(arguments)
     logging.basicConfig(format="%(message)s", level=logging.INFO)

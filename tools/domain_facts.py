@@ -21,9 +21,19 @@ from limberjack.mujoco import Physics
 __all__ = ["Action", "Facts", "Joint", "Measurement", "Observation", "Term", "read"]
 
 _TAGS = ("benchmarking", "easy", "hard", "extra")
-_JOINT = mujoco.mjtJoint
-_TRANSMISSION = mujoco.mjtTrn
-_BIAS = mujoco.mjtBias
+_KINDS_OF_JOINTS = {
+    int(mujoco.mjtJoint.mjJNT_FREE): ("free", 7, 6),  # numbers in qpos and in qvel
+    int(mujoco.mjtJoint.mjJNT_BALL): ("ball", 4, 3),
+    int(mujoco.mjtJoint.mjJNT_SLIDE): ("slide", 1, 1),
+    int(mujoco.mjtJoint.mjJNT_HINGE): ("hinge", 1, 1),
+}
+_JOINT = int(mujoco.mjtTrn.mjTRN_JOINT)
+_JOINT_IN_PARENT = int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
+_BODY = int(mujoco.mjtTrn.mjTRN_BODY)
+_OF_JOINTS = int(mujoco.mjtWrap.mjWRAP_JOINT)
+_WITHOUT_BIAS, _AFFINE = int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE)
+_WITHOUT_DYNAMICS = int(mujoco.mjtDyn.mjDYN_NONE)
 
 
 class Observation(NamedTuple):
@@ -184,48 +194,50 @@ def _action(model: mujoco.MjModel, number: int) -> Action:
 
 def _kind_of_actuator(model: mujoco.MjModel, number: int) -> str:
     """What a control means: a force, or a position or velocity to be reached."""
-    bias, dynamics = model.actuator_biastype[number], model.actuator_dyntype[number]
-    if dynamics != mujoco.mjtDyn.mjDYN_NONE:
+    bias = int(model.actuator_biastype[number])
+    if int(model.actuator_dyntype[number]) != _WITHOUT_DYNAMICS:
         return "general"
-    if bias == _BIAS.mjBIAS_NONE:
+    if bias == _WITHOUT_BIAS:
         return "motor"
     _, of_position, of_velocity = model.actuator_biasprm[number, :3]
-    if bias == _BIAS.mjBIAS_AFFINE and of_position:
+    if bias == _AFFINE and of_position:
         return "position"
-    return "velocity" if bias == _BIAS.mjBIAS_AFFINE and of_velocity else "general"
+    return "velocity" if bias == _AFFINE and of_velocity else "general"
 
 
 def _targets(model: mujoco.MjModel, number: int) -> tuple[list[str], bool]:
     """The names of what an actuator acts on, and whether along a line (else about an axis)."""
-    target, kind = int(model.actuator_trnid[number, 0]), model.actuator_trntype[number]
-    if kind in (_TRANSMISSION.mjTRN_JOINT, _TRANSMISSION.mjTRN_JOINTINPARENT):
-        return [model.joint(target).name], model.jnt_type[target] == _JOINT.mjJNT_SLIDE
-    if kind == _TRANSMISSION.mjTRN_TENDON:
-        start, count = model.tendon_adr[target], model.tendon_num[target]
+    target, kind = int(model.actuator_trnid[number, 0]), int(model.actuator_trntype[number])
+    if kind in (_JOINT, _JOINT_IN_PARENT):
+        return [model.joint(target).name], _kind_of_joint(model, target)[0] == "slide"
+    if kind == _TENDON:
+        start, count = int(model.tendon_adr[target]), int(model.tendon_num[target])
         wrapped = range(start, start + count)
-        if all(model.wrap_type[i] == mujoco.mjtWrap.mjWRAP_JOINT for i in wrapped):
+        if all(int(model.wrap_type[i]) == _OF_JOINTS for i in wrapped):
             joints = [int(model.wrap_objid[i]) for i in wrapped]
-            slides = [model.jnt_type[joint] == _JOINT.mjJNT_SLIDE for joint in joints]
-            return [model.joint(joint).name for joint in joints], all(slides)
+            are_slides = all(_kind_of_joint(model, joint)[0] == "slide" for joint in joints)
+            return [model.joint(joint).name for joint in joints], are_slides
         return [model.tendon(target).name], True
-    if kind == _TRANSMISSION.mjTRN_BODY:
+    if kind == _BODY:
         return [model.body(target).name], True
     return [model.site(target).name], True
 
 
+def _kind_of_joint(model: mujoco.MjModel, number: int) -> tuple[str, int, int]:
+    return _KINDS_OF_JOINTS[int(model.jnt_type[number])]
+
+
 def _joint(model: mujoco.MjModel, number: int) -> Joint:
-    kind = _JOINT(model.jnt_type[number])
-    positions = {_JOINT.mjJNT_FREE: 7, _JOINT.mjJNT_BALL: 4}.get(kind, 1)
-    velocities = {_JOINT.mjJNT_FREE: 6, _JOINT.mjJNT_BALL: 3}.get(kind, 1)
+    kind, positions, velocities = _kind_of_joint(model, number)
     low, high = model.jnt_range[number]
     limits = "none"
-    if model.jnt_limited[number] and kind == _JOINT.mjJNT_SLIDE:
+    if model.jnt_limited[number]:
         limits = f"{low:g} to {high:g} m"
-    elif model.jnt_limited[number]:
-        limits = f"{math.degrees(low):.0f} to {math.degrees(high):.0f} degrees"
+        if kind != "slide":
+            limits = f"{math.degrees(low):.0f} to {math.degrees(high):.0f} degrees"
     return Joint(
         model.joint(number).name,
-        kind.name.removeprefix("mjJNT_").lower(),
+        kind,
         limits,
         _places(int(model.jnt_qposadr[number]), positions),
         _places(int(model.jnt_dofadr[number]), velocities),

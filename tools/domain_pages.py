@@ -42,7 +42,7 @@ def fill(text: str, domain: str = "") -> str:
             return _all_tasks()
         if name not in SECTIONS:
             raise ValueError(
-                f"mark {mark[0]!r} names no table; expected one of: all tasks, {', '.join(SECTIONS)}"
+                f"mark {mark[0]!r} names no table; expected: all tasks, {', '.join(SECTIONS)}"
             )
         return SECTIONS[name](_facts(domain))
 
@@ -114,11 +114,8 @@ def _all_tasks() -> str:
         for domain in suite.TASKS_BY_DOMAIN
         for f in _facts(domain)
     ]
-    return _table(
-        ["domain", "task", "tags", "actions", "observation", "partly", "time limit"]
-        + ["control step", "physics steps"],
-        rows,
-    )
+    columns = ["domain", "task", "tags", "actions", "observation", "partly"]
+    return _table([*columns, "time limit", "control step", "physics steps"], rows)
 
 
 def _partly_size(facts: Facts) -> str:
@@ -151,15 +148,13 @@ def _observations(facts: Sequence[Facts]) -> str:
 
 
 def _observations_of(facts: Facts) -> str:
-    rows = [
-        [_code(o.key), o.shape, o.flat, o.unit, o.meaning] for o in facts.observations
-    ]
+    rows = [[_code(o.key), o.shape, o.flat, o.unit, o.meaning] for o in facts.observations]
     table = _table(["key", "shape", "flat", "unit", "meaning"], rows)
     if not facts.partly:
         return table
     keys = ", ".join(map(_code, facts.partly))
     return (
-        f"{table}\n\nWith `task_kwargs={{\"fully_observable\": False}}` the observation is {keys}: "
+        f'{table}\n\nWith `task_kwargs={{"fully_observable": False}}` the observation is {keys}: '
         f"{_partly_size(facts)} numbers."
     )
 
@@ -208,7 +203,7 @@ def _starts(facts: Sequence[Facts]) -> str:
         parts = [_document(each.kind, "initialize_episode")]
         if each.starts:
             parts.append("Kinds of starts: " + ", ".join(map(_code, each.starts)) + ".")
-        methods = [name for name in ("initialize_episode", "_draw_start", "start")]
+        methods = ("initialize_episode", "_draw_start", "start")
         return "\n\n".join([*filter(None, parts), _source(each.kind, methods)])
 
     return _by_task(facts, lambda f: (f.starts, f.kind), text)

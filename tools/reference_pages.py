@@ -75,9 +75,7 @@ def _table(exported: list[tuple[str, str]]) -> str:
 
 
 def _index(found: dict[str, Path]) -> str:
-    rows = [
-        f"| [`{name}`]({name}.md) | {_summary(path)} |" for name, path in found.items()
-    ]
+    rows = [f"| [`{name}`]({name}.md) | {_summary(path)} |" for name, path in found.items()]
     return "\n".join([_HEAD, "| module | contents |", "|---|---|", *rows]) + "\n"
 
 

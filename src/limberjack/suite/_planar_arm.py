@@ -48,7 +48,9 @@ OBSERVATIONS = {
     "touch": base.Observed(
         "log(1 + force) on palm, finger, thumb, fingertip and thumbtip", "log(1 + N)"
     ),
-    "hand_pos": base.Observed("planar pose of the hand: x, z, cosine and sine of half the angle", "m; 1"),
+    "hand_pos": base.Observed(
+        "planar pose of the hand: x, z, cosine and sine of half the angle", "m; 1"
+    ),
 }
 
 _ARM_FILE = "./_planar_arm.xml"

@@ -36,9 +36,7 @@ PICTURES = {name: base.Picture("fixed", seed=4, steps=3) for name in ("stack_2",
 OBSERVATIONS = {
     **_planar_arm.OBSERVATIONS,
     "box_pos": base.Observed("planar pose of each box", "m; 1"),
-    "box_vel": base.Observed(
-        "velocities of each box in turn: x; about y; z", "m/s; rad/s; m/s"
-    ),
+    "box_vel": base.Observed("velocities of each box in turn: x; about y; z", "m/s; rad/s; m/s"),
     "target_pos": base.Observed("x and z of the target's centre", "m"),
 }
 
