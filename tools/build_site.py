@@ -17,7 +17,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def write_pages(folder: Path) -> None:
     """Writes all pages as Markdown, and their pictures."""
     shutil.copytree(_DOCS / "images", folder / "images")
+    shutil.copy(_DOCS / "site.css", folder)
     for source in _sources():
         text = _with_links_of_the_site(source)
         text = domain_pages.fill(text, source.stem)
@@ -157,10 +158,21 @@ def _config(pages: Path, out: Path) -> dict[str, Any]:
     sections["Extend"] += sorted(others)
     sections["API reference"] = [
         f"{_REFERENCE}/{reference_pages.INDEX}",
-        *({name: f"{_REFERENCE}/{name}.md"} for name in reference_pages.modules()),
+        *_by_package(reference_pages.modules()),
     ]
     nav = [{name: entries} for name, entries in sections.items()]
     return {**config, "nav": nav, "docs_dir": str(pages), "site_dir": str(out)}
+
+
+def _by_package(modules: Iterable[str]) -> list[dict[str, Any]]:
+    """The pages of modules, those of a package below its name."""
+    groups: dict[str, list[dict[str, str]]] = {}
+    for name in modules:
+        package = ".".join(name.split(".")[:2])
+        groups.setdefault(package, []).append({name: f"{_REFERENCE}/{name}.md"})
+    return [
+        {package: pages} if len(pages) > 1 else dict(pages[0]) for package, pages in groups.items()
+    ]
 
 
 if __name__ == "__main__":
