@@ -105,7 +105,9 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
 def _text_of_articles(folder: Path) -> Iterator[tuple[Path, str]]:
     """The text of each page outside of code, as a reader sees it."""
     for path in sorted(folder.rglob("*.html")):
-        article = path.read_text(encoding="utf-8").partition("<article")[2].partition("</article")[0]
+        article = (
+            path.read_text(encoding="utf-8").partition("<article")[2].partition("</article")[0]
+        )
         prose = re.sub(r"(?s)<(pre|code|script|style)\b.*?</\1>", "", article)
         yield path, re.sub(r"<[^>]+>", "", prose)
 
@@ -132,7 +134,9 @@ def test_no_markup_is_left_as_text(built: tuple[Path, str]) -> None:
 
 def test_every_picture_has_words_in_its_place(built: tuple[Path, str]) -> None:
     for path in sorted(built[0].rglob("*.html")):
-        article = path.read_text(encoding="utf-8").partition("<article")[2].partition("</article")[0]
+        article = (
+            path.read_text(encoding="utf-8").partition("<article")[2].partition("</article")[0]
+        )
         for picture in re.findall(r"<img\b[^>]*>", article):
             words = re.search(r'alt="([^"]*)"', picture)
             assert words is not None, f"{path}: {picture}"
