@@ -82,10 +82,11 @@ solved: [what can be reached](planner.md#what-can-be-reached).
 _PUBLISHED_TEXT = """
 ## Published scores
 
-The best results from states that we found, up to November 2026, for orientation. They come from few
-episodes, older versions of MuJoCo and other seeds, so differences of a few percent mean nothing (see
-[Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). *steps*: steps of the environment
-in training. Tasks that are not in the table have no published score above that of doing nothing.
+The best results from states that we found, up to November 2026, for orientation. They come from
+few episodes, older versions of MuJoCo and other seeds, so differences of a few percent mean nothing
+(see [Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). *steps*: steps of the
+environment in training. Tasks that are not in the table have no published score above that of doing
+nothing.
 """
 
 _MEASURED = """
@@ -194,7 +195,7 @@ def _unsolved_lines(results: Sequence[_Result]) -> Iterator[str]:
         if seeds:
             yield f"{result['task']}, {len(seeds)} of {result['episodes_asked_for']}:"
             yield ""
-            words = f"Starts of {result['task']} that the planner did not solve, labelled with their seeds"
+            words = f"Starts of {result['task']} that the planner did not solve, with their seeds"
             yield f"![{words}](images/{_picture_of(result)})"
             yield ""
 

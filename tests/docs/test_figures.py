@@ -1,4 +1,4 @@
-"""Figures, messages, versions and pictures of the pages agree with the files that they come from."""
+"""Figures, messages, versions and pictures of the pages agree with their sources."""
 
 import ast
 import json
