@@ -1,7 +1,9 @@
 # make demo   watch a task being solved
 # make test   every check that decides whether a change is good
 #
-# Everything is installed into .venv; remove it, or say `make clean`, to start afresh.
+# make docs   the documentation as a searchable site
+#
+# Everything is installed into .venv; remove it, or run `make clean`, to start again.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,19 +11,19 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 OLDEST := 3.11
 VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
-# A stamp per Python version: another PYTHON makes the environment anew.
+# A stamp per Python version: another PYTHON creates a new environment.
 MADE := $(VENV)/made-with-python-$(VERSION)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	--constraint constraints.txt --editable
 
-# A worker per core, each with whole files: what a file's tests share is made once. Not more than
-# four, as some tests use all cores themselves.
+# One worker per core, each with whole files: what the tests of a file share is made once. At most
+# four, because some tests use all cores themselves.
 IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --memory
 
 export PYTHONUNBUFFERED = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow test-training lint format clean check-python
+.PHONY: help demo docs test test-slow test-training lint format clean check-python
 .DELETE_ON_ERROR:
 
 help:  ## Show this list
@@ -31,6 +33,10 @@ help:  ## Show this list
 demo: $(VENV)/installed-demo  ## Let the planner bring a ball home; video, report and numbers in demo/
 	$(BIN)/limberjack solve manipulator bring_ball --seed 1003 --out demo
 	@echo "Open $(CURDIR)/demo/report.html to see it."
+
+docs: $(VENV)/installed-docs  ## Build the documentation as a site in site/
+	$(BIN)/python tools/build_site.py
+	@echo "To read it: $(BIN)/python -m http.server --directory site, then open http://localhost:8000"
 
 test: lint  ## Run ruff, pyright and all tests but the slow ones
 	$(BIN)/python -m pytest $(IN_PARALLEL) --ignore tests/browser
@@ -53,7 +59,7 @@ format: $(VENV)/installed-test  ## Rewrite files in the project's style
 	$(BIN)/ruff format .
 
 clean:  ## Remove what make, the tests and the demo have written
-	rm -rf $(VENV) demo build dist .pytest_cache .ruff_cache
+	rm -rf $(VENV) demo site build dist .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 check-python:
@@ -76,9 +82,13 @@ $(VENV)/installed-demo: $(MADE) pyproject.toml constraints.txt
 	$(INSTALL) '.[video]'
 	@touch $@
 
+$(VENV)/installed-docs: $(MADE) pyproject.toml constraints.txt
+	$(INSTALL) '.[docs]'
+	@touch $@
+
 $(VENV)/installed-test: $(MADE) pyproject.toml constraints.txt
 	$(INSTALL) '.[test]'
-	@touch $@ $(VENV)/installed-demo
+	@touch $@ $(VENV)/installed-demo $(VENV)/installed-docs
 
 # PyTorch for the CPU is enough. Where pip's index has only the CUDA build, which is several GB, name
 # one that has it: make PIP_EXTRA_INDEX_URL=... test-training

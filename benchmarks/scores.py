@@ -3,8 +3,8 @@
     limberjack evaluate humanoid walk --policy planner --seeds 0:100 --out DIR
     python benchmarks/scores.py DIR
 
-takes over DIR's result, draws what the planner did not solve in it, and writes the page; without a
-folder it writes the page anew. It measures nothing itself.
+copies DIR's result, draws the starts that the planner did not solve, and writes the page. Without a
+folder it only writes the page. It measures nothing itself.
 """
 
 import argparse
@@ -52,43 +52,45 @@ _PUBLISHED = {
 
 _HEAD = """# Scores
 
-What policies reach on all ten tasks, and what doing nothing reaches. `benchmarks/scores.py` made
-this page from the results in `benchmarks/results/scores`; each of them was made by
+Returns of policies on all ten tasks, and of doing nothing. `benchmarks/scores.py` writes this page
+from the results in `benchmarks/results/scores`. Each of them was made by
 
     limberjack evaluate DOMAIN TASK --policy NAME --seeds A:B --out DIR
 
-and has every episode in it, so that all figures can be computed again. How they are computed:
-[Evaluation](evaluation.md). A return is a sum of 1,000 rewards between 0 and 1, at an action repeat
-of 1. *interval*: 95 %, of the mean. *success*: the mean reward of the last 100 steps is at least
-0.9. *zero here*: the mean return of doing nothing on the very seeds of the row.
+and contains every episode, so that all figures can be computed again, as
+[Evaluation](evaluation.md) describes. A return is a sum of 1,000 rewards between 0 and 1, at an
+action repeat of 1. *interval*: 95 % confidence, of the mean. *success*: the share of episodes whose
+last 100 steps have a mean reward of at least 0.9. *zero here*: the mean return of doing nothing on
+the same seeds.
 """
 
 _BY_START = """
 ## By start
 
-Mean return, and in brackets the share of successes. The arm's starts are told in
-[Manipulator](manipulator.md#start) and [Stacker](stacker.md#start), the humanoid's in
-[Evaluation](evaluation.md#kinds-of-starts).
+Mean return, with the share of successes in brackets. [Manipulator](manipulator.md#start),
+[Stacker](stacker.md#start) and [Evaluation](evaluation.md#kinds-of-starts), for the humanoid,
+describe the kinds of starts.
 """
 
 _UNSOLVED = """
 ## What the planner did not solve
 
-The starts of the arm's episodes that were no success, each with its seed. In some of them nothing
-can be done: [what can be reached](planner.md#what-can-be-reached).
+The starts of the arm's episodes that were not a success, each with its seed. Some of them cannot be
+solved: [what can be reached](planner.md#what-can-be-reached).
 """
 
 _PUBLISHED_TEXT = """
 ## Published scores
 
-The best from states that were found, up to November 2026: for orientation. They come from few
-episodes, older versions of MuJoCo and other seeds, so differences of some percent mean nothing (see
-[Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). *steps*: of the environment, in
-training. Tasks that are not in the table have no published score above that of doing nothing.
+The best results from states that we found, up to November 2026, for orientation. They come from
+few episodes, older versions of MuJoCo and other seeds, so differences of a few percent mean nothing
+(see [Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). *steps*: steps of the
+environment in training. Tasks that are not in the table have no published score above that of doing
+nothing.
 """
 
 _MEASURED = """
-## What the scores were measured with
+## Versions and models
 """
 
 _Result = dict[str, Any]
@@ -193,7 +195,8 @@ def _unsolved_lines(results: Sequence[_Result]) -> Iterator[str]:
         if seeds:
             yield f"{result['task']}, {len(seeds)} of {result['episodes_asked_for']}:"
             yield ""
-            yield f"![Starts of {result['task']}](images/{_picture_of(result)})"
+            words = f"Starts of {result['task']} that the planner did not solve, with their seeds"
+            yield f"![{words}](images/{_picture_of(result)})"
             yield ""
 
 

@@ -140,6 +140,11 @@ def test_the_example_notebook_runs_and_shows_a_picture_and_two_films() -> None:
     assert re.fullmatch(r"40 frames, return \d+\.\d+\n", "".join(said))
 
 
-def test_the_example_notebook_is_committed_without_outputs() -> None:
-    cells = json.loads(_NOTEBOOK.read_text())["cells"]
-    assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
+def test_the_example_notebook_is_committed_with_the_outputs_of_one_execution() -> None:
+    cells = [c for c in json.loads(_NOTEBOOK.read_text())["cells"] if c["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    shown = ["".join(output["data"]["text/html"]) for output in outputs if "data" in output]
+    assert [html.split()[0] for html in shown] == ["<img", "<video", "<video"]
+    printed = ["".join(output["text"]) for output in outputs if output["output_type"] == "stream"]
+    assert re.fullmatch(r"40 frames, return \d+\.\d+\n", "".join(printed))

@@ -86,7 +86,8 @@ def test_what_the_planner_does_not_solve_is_drawn(
     width, height = (int.from_bytes(picture[at : at + 4]) for at in (16, 20))
     assert (height, width) == (150, 2 * 200)  # the two side by side
     page = (tmp_path / "scores.md").read_text(encoding="utf-8")
-    assert "bring_peg, 2 of 100:\n\n![Starts of bring_peg](images/unsolved-bring_peg.png)" in page
+    assert "bring_peg, 2 of 100:\n\n![Starts of bring_peg that" in page
+    assert "](images/unsolved-bring_peg.png)" in page
 
 
 @pytest.mark.parametrize("path", _RESULTS, ids=lambda path: path.stem)

@@ -10,7 +10,15 @@ from limberjack import mujoco
 from limberjack.suite import base, common
 from limberjack.utils import arrays, rewards, xml_tools
 
-__all__ = ["CONTROL_TIMESTEP", "TIME_LIMIT", "ArmTask", "Physics", "is_close", "model_without"]
+__all__ = [
+    "CONTROL_TIMESTEP",
+    "OBSERVATIONS",
+    "TIME_LIMIT",
+    "ArmTask",
+    "Physics",
+    "is_close",
+    "model_without",
+]
 
 TIME_LIMIT = 10  # seconds
 CONTROL_TIMESTEP = 0.01  # seconds
@@ -33,6 +41,17 @@ _TOUCH_SENSORS = [
     "fingertip_touch",
     "thumbtip_touch",
 ]
+
+OBSERVATIONS = {
+    "arm_pos": base.Observed("sine and cosine of the angle of each joint of the arm"),
+    "arm_vel": base.Observed("velocities of the arm's joints", "rad/s"),
+    "touch": base.Observed(
+        "log(1 + force) on palm, finger, thumb, fingertip and thumbtip", "log(1 + N)"
+    ),
+    "hand_pos": base.Observed(
+        "planar pose of the hand: x, z, cosine and sine of half the angle", "m; 1"
+    ),
+}
 
 _ARM_FILE = "./_planar_arm.xml"
 _ASSETS = {**common.ASSETS, _ARM_FILE: common.read_model(_ARM_FILE)}

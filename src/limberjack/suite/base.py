@@ -16,7 +16,7 @@ from limberjack.rl.contract import Nested
 from limberjack.rl.reward_terms import reward_of_terms
 from limberjack.utils.arrays import Quantity
 
-__all__ = ["Kwargs", "Picture", "Random", "Task"]
+__all__ = ["Kwargs", "Observed", "Picture", "Random", "Task"]
 
 # Any: keyword arguments of `control.Environment`, which checks them.
 Kwargs = Mapping[str, Any] | None
@@ -38,6 +38,13 @@ class Picture(NamedTuple):
     camera: int | str = 0
     seed: int = 0  # seed of the episode
     steps: int = 0  # steps after its start
+
+
+class Observed(NamedTuple):
+    """Meaning and unit of an observation: `OBSERVATIONS` of a domain's module, by key."""
+
+    meaning: str
+    unit: str = ""  # empty for a pure number
 
 
 _Physics = TypeVar("_Physics", bound=mujoco.Physics)

@@ -17,6 +17,7 @@ from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
+    "OBSERVATIONS",
     "PICTURES",
     "SUITE",
     "Humanoid",
@@ -49,6 +50,24 @@ PICTURES = {
     "walk": base.Picture("side", seed=159, steps=4),
     "run": base.Picture("side", seed=237, steps=4),
     "run_pure_state": base.Picture("back", seed=141, steps=4),
+}
+OBSERVATIONS = {
+    "joint_angles": base.Observed("angles of the hinges, in the order of the joints", "rad"),
+    "head_height": base.Observed("height of the centre of the head", "m"),
+    "extremities": base.Observed(
+        "x, y, z in the torso's frame: left hand, left foot, right hand, right foot", "m"
+    ),
+    "torso_vertical": base.Observed(
+        "the world's vertical in the torso's frame; its last number is 1 upright, -1 head down"
+    ),
+    "com_velocity": base.Observed("velocity of the body's centre of mass in the world", "m/s"),
+    "position": base.Observed(
+        "root x, y, z; root quaternion w, x, y, z; angles of the hinges", "m; 1; rad"
+    ),
+    "velocity": base.Observed(
+        "root's linear velocity in the world; root's angular velocity in its own frame; hinges",
+        "m/s; rad/s; rad/s",
+    ),
 }
 
 

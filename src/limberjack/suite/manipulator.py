@@ -18,6 +18,7 @@ from limberjack.utils import containers
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
+    "OBSERVATIONS",
     "PICTURES",
     "SUITE",
     "Bring",
@@ -40,6 +41,12 @@ PICTURES = {
     "bring_peg": base.Picture("fixed", seed=5, steps=3),
     "insert_ball": base.Picture("fixed", seed=5, steps=3),
     "insert_peg": base.Picture("fixed", seed=7, steps=3),
+}
+OBSERVATIONS = {
+    **_planar_arm.OBSERVATIONS,
+    "object_pos": base.Observed("planar pose of the ball or peg", "m; 1"),
+    "object_vel": base.Observed("velocities of the ball or peg: x; z; about y", "m/s; m/s; rad/s"),
+    "target_pos": base.Observed("planar pose of the target", "m; 1"),
 }
 # The planner's cost for each pair of (use_peg, insert).
 _PLANNER_COSTS = {

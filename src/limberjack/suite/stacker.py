@@ -15,7 +15,16 @@ from limberjack.suite._planar_arm import Physics
 from limberjack.suite.base import Kwargs, Random
 from limberjack.utils import arrays, containers, rewards
 
-__all__ = ["PICTURES", "SUITE", "Physics", "Stack", "make_model", "stack_2", "stack_4"]
+__all__ = [
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Physics",
+    "Stack",
+    "make_model",
+    "stack_2",
+    "stack_4",
+]
 
 _BOXES = 4  # in the model's file
 _HAND_AWAY = 0.1  # metres; distance from the target beyond which the hand counts as removed
@@ -24,6 +33,12 @@ _HAND_MARGIN = 0.01  # metres
 SUITE = containers.TaggedTasks()
 # Chosen by eye: a start in which boxes and target are visible.
 PICTURES = {name: base.Picture("fixed", seed=4, steps=3) for name in ("stack_2", "stack_4")}
+OBSERVATIONS = {
+    **_planar_arm.OBSERVATIONS,
+    "box_pos": base.Observed("planar pose of each box", "m; 1"),
+    "box_vel": base.Observed("velocities of each box in turn: x; about y; z", "m/s; rad/s; m/s"),
+    "target_pos": base.Observed("x and z of the target's centre", "m"),
+}
 
 
 def make_model(n_boxes: int) -> tuple[bytes, dict[str, bytes]]:

@@ -1,0 +1,103 @@
+"""Figures, messages, versions and pictures of the pages agree with their sources."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import limberjack
+
+_REPOSITORY = Path(__file__).parents[2]
+_DOCS = _REPOSITORY / "docs"
+_SOURCE = Path(limberjack.__file__).parent
+_SPEEDS = _REPOSITORY / "benchmarks" / "results" / "steps_per_second.json"
+_PAGES = [_REPOSITORY / "README.md", *sorted(_DOCS.glob("*.md"))]
+_FEWEST_WORDS = 5  # in the place of a picture
+
+
+def _text(page: Path) -> str:
+    """The page with its line breaks as blanks."""
+    return " ".join(page.read_text(encoding="utf-8").split())
+
+
+def _ratio(measure: str, num_envs: int) -> float:
+    """A geometric mean over all tasks from the committed results."""
+    rows = json.loads(_SPEEDS.read_text(encoding="utf-8"))["rows"]
+    wanted = measure, f"geometric mean, N={num_envs}"
+    (value,) = [row["value"] for row in rows if (row["measure"], row["subject"]) == wanted]
+    return value
+
+
+def test_the_speed_in_the_readme_is_the_one_that_was_measured() -> None:
+    (ratio,) = re.findall(r"takes ([\d.]+) times the steps per second of EnvPool", _text(_PAGES[0]))
+    assert ratio == f"{_ratio('vector / EnvPool', 1024):.2f}"
+
+
+def test_the_speed_in_the_comparison_is_the_one_that_was_measured() -> None:
+    text = _text(_DOCS / "comparison.md")
+    (ratio,) = re.findall(r"over EnvPool 1\.2\.5 \| ([\d.]+) times", text)
+    assert ratio == f"{_ratio('vector / EnvPool', 1024):.2f}"
+
+
+@pytest.mark.parametrize(
+    ("row", "measure"),
+    [
+        (r"EnvPool 1\.2\.5, both on 2 cores", "vector / EnvPool"),
+        (r"EnvPool 1\.2\.5, on 4 cores, [^|]*", "vector / EnvPool on all cores"),
+    ],
+)
+def test_the_speeds_of_batches_are_those_that_were_measured(row: str, measure: str) -> None:
+    (cells,) = re.findall(rf"\| {row} ((?:\| [\d.]+ \([^)]*\) ){{3}})", _text(_DOCS / "batches.md"))
+    written = re.findall(r"\| ([\d.]+) \(", cells)
+    assert written == [f"{_ratio(measure, num_envs):.2f}" for num_envs in (64, 256, 1024)]
+
+
+def _messages() -> str:
+    """All texts of the package, those that are made of parts joined as they are printed."""
+    texts = []
+    for path in sorted(_SOURCE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+            elif isinstance(node, ast.JoinedStr):
+                parts = (p.value for p in node.values if isinstance(p, ast.Constant))
+                texts.append("".join(map(str, parts)))
+    return "\n".join(texts)
+
+
+def test_every_message_on_the_page_of_troubleshooting_is_one_that_the_package_prints() -> None:
+    text = (_DOCS / "troubleshooting.md").read_text(encoding="utf-8")
+    ours = text.partition("## Loading")[2].partition("## Warnings of other packages")[0]
+    found = re.findall(r"^\| `([^`]+)` \|", ours, re.MULTILINE)
+    assert len(found) > 15
+    messages = _messages()
+    assert [message for message in found if message not in messages] == []
+
+
+@pytest.mark.parametrize("page", _PAGES, ids=lambda page: page.name)
+def test_every_picture_has_words_in_its_place(page: Path) -> None:
+    for words, path in re.findall(r"!\[([^\]]*)\]\(([^)]*)\)", page.read_text(encoding="utf-8")):
+        assert len(words.split()) >= _FEWEST_WORDS, path
+
+
+def test_the_first_picture_of_the_readme_is_within_its_first_lines() -> None:
+    lines = (_REPOSITORY / "README.md").read_text(encoding="utf-8").splitlines()
+    (first, *_) = [number for number, line in enumerate(lines) if line.startswith("![")]
+    assert first < 10
+
+
+def test_the_citation_names_this_version() -> None:
+    for name in ("CITATION.cff", "docs/citing.md"):
+        text = (_REPOSITORY / name).read_text(encoding="utf-8")
+        assert re.findall(r"^ *version *[:=] \{?([\d.]+)\}?,?$", text, re.MULTILINE) == [
+            limberjack.__version__
+        ], name
+
+
+def test_the_citation_in_both_files_is_of_the_same_work() -> None:
+    cff, page = (_REPOSITORY / "CITATION.cff").read_text(), (_DOCS / "citing.md").read_text()
+    found = re.findall(r"doi: (\S+)", cff)
+    assert len(found) == 2
+    assert found == re.findall(r"doi *= \{(\S+)\}", page)

@@ -1,0 +1,268 @@
+"""Pages of the domains, made from the registry.
+
+    domain_pages.fill(text, "humanoid")     # a page of docs/ with its tables in place
+    domain_pages.skeleton("swing")          # the page of a domain that docs/ has none for
+
+A page of docs/ marks the place of a table by a line `<!-- generated: observations -->`, below a
+heading of its own. A domain without such a page gets one with all tables. So a new domain has its
+page as soon as it is registered, and no table can differ from the model.
+"""
+
+import functools
+import inspect
+import re
+from collections.abc import Callable, Sequence
+
+import domain_facts
+from domain_facts import Facts
+
+from limberjack import suite
+
+__all__ = ["SECTIONS", "alternative", "fill", "picture_name", "skeleton"]
+
+_MARK = re.compile(r"^<!-- generated: ([\w ]+) -->$", re.MULTILINE)
+_FOLDER = "images/domains"
+
+
+@functools.cache
+def _facts(domain: str) -> tuple[Facts, ...]:
+    return tuple(domain_facts.read(domain, task) for task in suite.TASKS_BY_DOMAIN[domain])
+
+
+def fill(text: str, domain: str = "") -> str:
+    """A page with every marked table in place.
+
+    Raises:
+      ValueError: a mark names no table.
+    """
+
+    def table(mark: re.Match[str]) -> str:
+        name = mark[1]
+        if name == "all tasks":
+            return _all_tasks()
+        if name not in SECTIONS:
+            raise ValueError(
+                f"mark {mark[0]!r} names no table; expected: all tasks, {', '.join(SECTIONS)}"
+            )
+        return SECTIONS[name](_facts(domain))
+
+    return _MARK.sub(table, text)
+
+
+def skeleton(domain: str) -> str:
+    """The page of a domain that has no hand-written one."""
+    module = suite.module_of(domain)
+    text = inspect.getdoc(module) or ""
+    parts = [f"# {domain.replace('_', ' ').capitalize()}", text]
+    for name, section in SECTIONS.items():
+        found = section(_facts(domain))
+        if found:
+            parts += [f"## {name.capitalize()}", found]
+    return "\n\n".join(parts) + "\n"
+
+
+def picture_name(domain: str, task: str) -> str:
+    """The path of a task's picture, below the folder of the pages."""
+    return f"{_FOLDER}/{domain}-{task}.png"
+
+
+def alternative(facts: Facts) -> str:
+    """Words in the place of a task's picture."""
+    return (
+        f"The {facts.domain} a moment after the start of an episode of {facts.task}. "
+        f"The task: {facts.wants}"
+    )
+
+
+def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table without the columns that are empty in every row."""
+    kept = [i for i in range(len(columns)) if any(row[i] for row in rows)]
+    lines = [[columns[i] for i in kept], ["---"] * len(kept)]
+    lines += [[row[i].replace("|", "\\|") for i in kept] for row in rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _code(text: str) -> str:
+    return f"`{text}`" if text else ""
+
+
+def _by_task(
+    facts: Sequence[Facts], key: Callable[[Facts], object], show: Callable[[Facts], str]
+) -> str:
+    """What `show` says, once for the tasks that have the same `key`; with their names if needed."""
+    groups: dict[object, list[Facts]] = {}
+    for each in facts:
+        groups.setdefault(key(each), []).append(each)
+    parts = []
+    for group in groups.values():
+        shown = show(group[0])
+        if shown and len(groups) > 1:
+            names = ", ".join(each.task for each in group)
+            shown = f"**{names}**\n\n{shown}"
+        parts += [shown] if shown else []
+    return "\n\n".join(parts)
+
+
+def _all_tasks() -> str:
+    """The tasks of all domains."""
+    rows = [
+        [
+            *(f"[{f.domain}]({f.domain}.md)", f.task, ", ".join(f.tags)),
+            *(str(len(f.actions)), f.observations[-1].flat.split(":")[1], _partly_size(f) or "-"),
+            *(f.time_limit, f.control_timestep, f.physics_steps),
+        ]
+        for domain in suite.TASKS_BY_DOMAIN
+        for f in _facts(domain)
+    ]
+    columns = ["domain", "task", "tags", "actions", "observation", "partly"]
+    return _table([*columns, "time limit", "control step", "physics steps"], rows)
+
+
+def _partly_size(facts: Facts) -> str:
+    """How many numbers are left with `fully_observable=False`; empty without that option."""
+    ends = [o.flat.split(":")[1] for o in facts.observations if o.key in facts.partly]
+    return ends[-1] if ends else ""
+
+
+def _tasks(facts: Sequence[Facts]) -> str:
+    """Pictures of the tasks, and their names, tags and times."""
+    pictures = "\n".join(
+        f"![{alternative(each)}]({picture_name(each.domain, each.task)})"
+        '{ width="220" loading="lazy" }'
+        for each in facts
+    )
+    rows = [
+        [
+            *(_code(f.task), f.wants, ", ".join(f.tags), f.steps, f.time_limit, f.control_timestep),
+            *(f.physics_steps, _code(f"limberjack/{f.domain}-{f.task}-v0")),
+        ]
+        for f in facts
+    ]
+    columns = ["task", "goal", "tags", "steps", "time limit", "control step", "physics steps"]
+    return f"{pictures}\n\n{_table([*columns, 'Gymnasium id'], rows)}"
+
+
+def _observations(facts: Sequence[Facts]) -> str:
+    """What is observed, by name, place and unit."""
+    return _by_task(facts, lambda f: (f.observations, f.partly), _observations_of)
+
+
+def _observations_of(facts: Facts) -> str:
+    rows = [[_code(o.key), o.shape, o.flat, o.unit, o.meaning] for o in facts.observations]
+    table = _table(["key", "shape", "flat", "unit", "meaning"], rows)
+    if not facts.partly:
+        return table
+    keys = ", ".join(map(_code, facts.partly))
+    return (
+        f'{table}\n\nWith `task_kwargs={{"fully_observable": False}}` the observation is {keys}: '
+        f"{_partly_size(facts)} numbers."
+    )
+
+
+def _actions(facts: Sequence[Facts]) -> str:
+    """The actuators, in the order of the action."""
+
+    def table(each: Facts) -> str:
+        rows = [
+            [a.action, _code(a.actuator), a.kind, a.range, a.gear, a.unit, a.joint]
+            for a in each.actions
+        ]
+        columns = ["action", "actuator", "kind", "range", "gear", "unit", "joint"]
+        return _table(columns, rows)
+
+    return _by_task(facts, lambda f: f.actions, table)
+
+
+def _joints(facts: Sequence[Facts]) -> str:
+    """The joints, and where each stands in the generalised positions and velocities."""
+
+    def table(each: Facts) -> str:
+        rows = [[_code(j.joint), j.kind, j.range, j.qpos, j.qvel] for j in each.joints]
+        return _table(["joint", "kind", "range", "qpos", "qvel"], rows)
+
+    return _by_task(facts, lambda f: f.joints, table)
+
+
+def _reward(facts: Sequence[Facts]) -> str:
+    """The terms of the reward and how they are put together, in the task's own words."""
+
+    def text(each: Facts) -> str:
+        rows = [[_code(t.term), t.goal] for t in each.terms]
+        parts = [_table(["term", "part of the goal"], rows)] if rows else []
+        methods = ("reward_terms", "reward_of") if rows else ("get_reward",)
+        described = [_document(each.kind, name) for name in methods]
+        return "\n\n".join([*parts, *filter(None, described), _source(each.kind, methods)])
+
+    return _by_task(facts, lambda f: (f.terms, f.kind), text)
+
+
+def _starts(facts: Sequence[Facts]) -> str:
+    """How episodes start, and the kinds of starts that scores are reported for."""
+
+    def text(each: Facts) -> str:
+        parts = [_document(each.kind, "initialize_episode")]
+        if each.starts:
+            parts.append("Kinds of starts: " + ", ".join(map(_code, each.starts)) + ".")
+        methods = ("initialize_episode", "_draw_start", "start")
+        return "\n\n".join([*filter(None, parts), _source(each.kind, methods)])
+
+    return _by_task(facts, lambda f: (f.starts, f.kind), text)
+
+
+def _measurements(facts: Sequence[Facts]) -> str:
+    """The methods of the domain's physics."""
+
+    def table(each: Facts) -> str:
+        rows = [[_code(m.method), m.gives] for m in each.measurements]
+        return _table(["method of `env.physics`", "gives"], rows) if rows else ""
+
+    return _by_task(facts, lambda f: f.measurements, table)
+
+
+def _cameras(facts: Sequence[Facts]) -> str:
+    """The cameras of the model, by name and number."""
+    return _by_task(
+        facts,
+        lambda f: f.cameras,
+        lambda f: ", ".join(f"`{name}` ({i})" for i, name in enumerate(f.cameras)) + ".",
+    )
+
+
+def _document(kind: type, name: str) -> str:
+    """The docstring of a task's own method, as a sentence about it; empty if it is inherited."""
+    method = _own_method(kind, name)
+    text = inspect.getdoc(method) if method is not None else None
+    return f"`{name}`: {' '.join(text.split())}" if text else ""
+
+
+def _own_method(kind: type, name: str) -> Callable[..., object] | None:
+    """A method that the task's class defines, or a base class outside of the common one."""
+    for base in kind.__mro__:
+        if base.__module__ in ("limberjack.suite.base", "limberjack.rl.control"):
+            return None
+        if name in vars(base):
+            return vars(base)[name]
+    return None
+
+
+def _source(kind: type, methods: Sequence[str]) -> str:
+    """The source of a task's own methods, folded."""
+    found = [method for method in (_own_method(kind, name) for name in methods) if method]
+    if not found:
+        return ""
+    code = "\n".join(inspect.getsource(method).rstrip() + "\n" for method in found)
+    lines = ["```python", *inspect.cleandoc("\n" + code).splitlines(), "```"]
+    indented = "\n".join(f"    {line}".rstrip() for line in lines)
+    return f'??? note "Source"\n\n{indented}'
+
+
+SECTIONS: dict[str, Callable[[Sequence[Facts]], str]] = {
+    "tasks": _tasks,
+    "starts": _starts,
+    "observations": _observations,
+    "actions": _actions,
+    "joints": _joints,
+    "reward": _reward,
+    "measurements": _measurements,
+    "cameras": _cameras,
+}
