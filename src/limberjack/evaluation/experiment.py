@@ -22,9 +22,10 @@ from limberjack.rl.guards import at_least_one
 from limberjack.utils.files import replacing
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["FLOORS", "PICTURE", "Evaluation", "evaluate"]
+__all__ = ["FLOORS", "PAGE", "PICTURE", "Evaluation", "evaluate"]
 
 FLOORS = ("zero", "random")  # played on the same seeds, whatever is evaluated
+PAGE = "report.html"
 PICTURE = "returns.png"
 
 _PLACE = "line-"  # followed by a number, it stands for a line of result.json
@@ -99,6 +100,7 @@ def evaluate(
     num_threads: int | None = None,
     time_limit: float | None = None,
     on_progress: OnProgress | None = None,
+    command: str = "",
 ) -> Evaluation:
     """The scores of a policy, of zero actions and of random ones, on the same seeds.
 
@@ -117,6 +119,7 @@ def evaluate(
       on_progress: called before a policy's first step, and after each step and episode, with the
         policy that plays, how many episodes of all policies have finished, and what has been played
         of running ones, in episodes.
+      command: the command line as it was typed, for the page; empty if there was none.
 
     Raises:
       ValueError, TypeError: there is no such task, policy or seed, a number is out of range, the
@@ -151,7 +154,7 @@ def evaluate(
     facts = {**identity, **_asked_for(checked), **_played_with(store, identity)}
     scores = {one.name: [store.scores[one.name][seed] for seed in checked] for one in everyone}
     evaluation = Evaluation(facts, scores)
-    return evaluation if directory is None else _written(evaluation, directory)
+    return evaluation if directory is None else _written(evaluation, directory, command)
 
 
 def _check_known(factory: Factory) -> None:
@@ -185,17 +188,20 @@ def _store(directory: Path | None, identity: Facts, found: actors.Found) -> Stor
     return store
 
 
-def _written(evaluation: Evaluation, directory: Path) -> Evaluation:
-    """Writes result.json and returns.png; the evaluation then knows which of them are there."""
-    result, picture = directory / RESULT, directory / PICTURE
+def _written(evaluation: Evaluation, directory: Path, command: str) -> Evaluation:
+    """The evaluation with the names of its files: result.json, report.html and returns.png."""
+    result, page, picture = (directory / name for name in (RESULT, PAGE, PICTURE))
+    content = evaluation.as_json()
     with replacing(result) as partial:
-        partial.write_text(_text(evaluation.as_json()), encoding="utf-8")
+        partial.write_text(_text(content), encoding="utf-8")
+    report.write_evaluation_page(page, content, command)
+    files = (result, page)
     try:
         evaluation.draw(picture)
     except ImportError as error:
         picture.unlink(missing_ok=True)  # that of an earlier call
-        return dataclasses.replace(evaluation, files=(result,), left_out=f"no {PICTURE}: {error}")
-    return dataclasses.replace(evaluation, files=(result, picture))
+        return dataclasses.replace(evaluation, files=files, left_out=f"no {PICTURE}: {error}")
+    return dataclasses.replace(evaluation, files=(*files, picture))
 
 
 def _identity(factory: Factory, found: actors.Found, environment: Environment) -> Facts:
