@@ -77,7 +77,7 @@ class Transitions:
         if any_last:
             truncated = batch.timed_out
         if any_last and self._mode is AutoresetMode.SAME_STEP:
-            observation, info = self._begin_anew(last, observation)
+            observation, info = self._begin_next(last, observation)
         else:
             first = step_type == _FIRST
             info = self._terms(~first) | self._drawn(first)
@@ -97,9 +97,9 @@ class Transitions:
             )
         return np.array(given)
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Make every row begin an episode with the next step, or wait for a reset."""
-        self.batch.begin_anew()
+        self.batch.restart()
 
     def check_begun(self) -> None:
         """Raise ResetNeeded if rows wait for a reset that the mode leaves to the user."""
@@ -113,7 +113,7 @@ class Transitions:
                 "options={'reset_mask': mask}; nothing was stepped"
             )
 
-    def _begin_anew(self, last: np.ndarray, observation: Observation) -> tuple[Observation, Info]:
+    def _begin_next(self, last: np.ndarray, observation: Observation) -> tuple[Observation, Info]:
         """Begin the next episode of rows; the info has the last observation of the old one."""
         ended = np.flatnonzero(last)
         final = np.full(len(last), None, object)

@@ -202,7 +202,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             steps = [part.step(given) for part, given in zip(self._parts, checked, strict=True)]
         except BaseException:  # the other half's step is lost
             for part in self._parts:
-                part.begin_anew()
+                part.restart()
             raise
         observation, *flags, info = (self._joined(parts) for parts in zip(*steps, strict=True))
         return observation, flags[0], flags[1], flags[2], info

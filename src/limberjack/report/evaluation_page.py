@@ -99,8 +99,9 @@ def _explained(result: Facts) -> str:
     success, interval = result["success"], result["interval"]
     return (
         f"Success: a mean reward of at least {success['mean_reward_at_least']} over the last "
-        f"{success['last_steps']} steps. Interval: of the mean, {100 * interval['confidence']:g} %, "
-        f"by {interval['method']} with {interval['resamples']:,} resamples."
+        f"{success['last_steps']} steps. Interval: of the mean, "
+        f"{100 * interval['confidence']:g} %, by {interval['method']} with "
+        f"{interval['resamples']:,} resamples."
     )
 
 

@@ -40,7 +40,6 @@ from limberjack.utils.log import log
 
 __all__ = ["BatchEnvironment"]
 
-
 _Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
 
 
@@ -163,8 +162,8 @@ class BatchEnvironment:
             self._begins[rows] = False
         return self._counter.shown(observation)
 
-    def begin_anew(self) -> None:
-        """Has every row begin an episode with the next step, whatever it is doing."""
+    def restart(self) -> None:
+        """Make every row begin an episode with the next step, in the middle of one too."""
         self._begins[:] = True
 
     def step(self, actions: Nested) -> dm_env.TimeStep:
