@@ -37,7 +37,9 @@ def test_one_that_gymnasium_counts_refuses_steps_that_it_has_not_counted() -> No
     action = np.zeros(env.action_space.shape or ())
     env.step(action)
     env.environment.step(action)
-    with pytest.raises(RuntimeError, match="inside is at step 2, and Gymnasium's TimeLimit at s"):
+    with pytest.raises(
+        RuntimeError, match="inner environment is at step 2, and Gymnasium's TimeLimit at s"
+    ):
         env.step(action)
 
 

@@ -26,6 +26,7 @@ _COLOURS = 8  # of the page; more lines are drawn in shades
 _MOST_NAMED = 64  # lines in a legend; more than these are not told apart
 _MARGIN = 0.05  # of the range, above and below the lines
 _DASH = 7.0  # pixels
+_GRID = 401  # points at which lines are compared; the dashes are coarser
 _TOUCHING = 0.005  # of the chart's height; lines nearer than this hide each other
 _HIDDEN = 0.1  # share of a line that others may hide before it is drawn between their dashes
 
@@ -122,7 +123,10 @@ def _drawn(at: np.ndarray, until: float, lines: Sequence[Line], low: float, high
     """
     buckets = max(_FEWEST_BUCKETS, min(_BUCKETS, _ALL_BUCKETS // max(len(lines), 1)))
     heights = [(line.values - low) / (high - low) for line in lines]
-    dashes = _dashes(heights) if len(lines) <= _COLOURS else [""] * len(lines)
+    dashes = [""] * len(lines)
+    if len(lines) <= _COLOURS:
+        x_of = [(at if line.at is None else line.at) / until for line in lines]
+        dashes = _dashes([_resampled(x, y) for x, y in zip(x_of, heights, strict=True)])
     drawn = []
     for number, line in enumerate(lines):
         kept = thinned(line.values, buckets)
@@ -163,10 +167,17 @@ def _dashes(heights: Sequence[np.ndarray]) -> list[str]:
     return dashes
 
 
+def _resampled(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A line's heights at equal distances from left to right; NaN where it is not drawn."""
+    finite = np.isfinite(y)
+    if not finite.any():
+        return np.full(_GRID, np.nan)
+    grid = np.linspace(0.0, 1.0, _GRID)
+    return np.interp(grid, x[finite], y[finite], left=np.nan, right=np.nan)
+
+
 def _hides(upper: np.ndarray, lower: np.ndarray) -> bool:
     """Whether a line lies on a good part of another."""
-    if upper.shape != lower.shape:
-        return False
     shown = np.isfinite(upper) & np.isfinite(lower)
     touching = abs(upper[shown] - lower[shown]) < _TOUCHING
     return bool(touching.size) and float(touching.mean()) > _HIDDEN

@@ -69,12 +69,10 @@ _OF_JOINT = {
     "JOINTLIMITFRC": ("N", "N·m"),
 }
 _VECTOR, _QUATERNION = fields.COLUMN_NAMES["xyz"], fields.COLUMN_NAMES["quat"]
+_TURNED = [(f" {part}", "") for part in _QUATERNION]
 _POSITIONS = {  # of a joint's kind: the parts of its names and their units
-    _Joint.mjJNT_FREE: [
-        *((f" {axis}", "m") for axis in _VECTOR),
-        *((f" {q}", "") for q in _QUATERNION),
-    ],
-    _Joint.mjJNT_BALL: [(f" {part}", "") for part in _QUATERNION],
+    _Joint.mjJNT_FREE: [*((f" {axis}", "m") for axis in _VECTOR), *_TURNED],
+    _Joint.mjJNT_BALL: _TURNED,
     _Joint.mjJNT_SLIDE: [("", "m")],
     _Joint.mjJNT_HINGE: [("", "rad")],
 }
