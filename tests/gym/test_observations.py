@@ -33,7 +33,7 @@ def test_the_layout_has_each_part_in_order_without_gaps() -> None:
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("flat", [True, False])
-def test_a_row_of_a_batch_is_what_one_simulation_gives(flat: bool, dtype: str) -> None:
+def test_a_row_of_a_batch_is_the_observation_of_one_simulation(flat: bool, dtype: str) -> None:
     observations = Observations(_SPECS, flat, dtype)
     together = observations.of_batch(_batched(), observations.buffer(_ROWS))
     for row in range(_ROWS):
@@ -73,7 +73,7 @@ def test_one_simulations_observation_is_in_arrays_of_its_own(flat: bool) -> None
 
 @pytest.mark.parametrize("flat", [True, False])
 @pytest.mark.parametrize("rows", [[0, 2], [1], [2]])
-def test_copies_of_rows_are_those_rows_and_stay_as_they_are(flat: bool, rows: list[int]) -> None:
+def test_copies_of_rows_are_those_rows_and_do_not_change_later(flat: bool, rows: list[int]) -> None:
     observations = Observations(_SPECS, flat, "float64")
     batched = _batched()
     together = observations.of_batch(batched, observations.buffer(_ROWS))
