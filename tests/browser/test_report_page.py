@@ -1,6 +1,8 @@
-"""report.html in a real browser, opened from disk: it plays, it is right, and it is alone."""
+"""report.html in a real browser, opened from disk: it plays, is right, and loads nothing else."""
 
 import json
+import shlex
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,9 +27,25 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files of a run."""
     directory = tmp_path_factory.mktemp("run") / "a directory, with a blank"
     arguments = [*_RUN, "--time-limit", str(_SECONDS), "--out", str(directory)]
-    done = typer.testing.CliRunner().invoke(app, arguments)
-    assert done.exit_code == 0, done.output
+    _typed(arguments)
     return directory
+
+
+@pytest.fixture(scope="module")
+def scores(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of an evaluation."""
+    directory = tmp_path_factory.mktemp("scores")
+    arguments = ["evaluate", "manipulator", "bring_ball", "--episodes", "8"]
+    _typed([*arguments, "--time-limit", "0.2", "--policy", "random", "--out", str(directory)])
+    return directory
+
+
+def _typed(arguments: list[str]) -> None:
+    """Run a command as if it had been typed."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["limberjack", *arguments])
+        done = typer.testing.CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
 
 
 @pytest.fixture(scope="module")
@@ -89,10 +107,9 @@ def test_the_page_shows_the_figures_of_the_result(page: Page, out: Path) -> None
     assert _texts(page, "h1") == ["manipulator bring_ball"]
     facts = dict(zip(_texts(page, ".facts dt"), _texts(page, ".facts dd"), strict=True))
     assert facts.items() >= result["versions"].items()
-    assert facts["Model"] == result["fingerprint"]
-    assert facts["Command"] == (
-        "limberjack run manipulator bring_ball --policy random --seed 4 --episodes 3 --time-limit 2"
-    )
+    assert facts["Model"].startswith(f"{result['fingerprint']}\n")
+    typed = ["limberjack", *_RUN, "--time-limit", str(_SECONDS), "--out", str(out)]
+    assert facts["Command"] == shlex.join(typed)
     assert page.evaluate("JSON.parse(document.querySelector('#result').text)") == result
 
 
@@ -106,15 +123,42 @@ def test_a_click_into_a_chart_chooses_the_moment(page: Page) -> None:
     page.click(box[0] + 0.25 * box[2], box[1] + 0.5 * box[3])
     page.wait_for("parseFloat(document.querySelector('.cursor').style.left) > 24")
     lefts = page.evaluate(
-        "[...document.querySelectorAll('.cursor')].map(c => parseFloat(c.style.left))"
+        "[...document.querySelectorAll('[data-axis=seconds] .cursor')]"
+        ".map(c => parseFloat(c.style.left))"
     )
     assert lefts == pytest.approx([25.0] * len(lefts), abs=1.0)
+    others = "document.querySelector('[data-axis=percent] .cursor').style.left"
+    assert page.evaluate(others) == ""  # its axis is not time
     shown = _texts(page, ".legend output")
     assert len(shown) > 1
     assert all(0.0 <= float(value) <= 1.0 for value in shown[:2])
     if page.evaluate("Boolean(document.querySelector('video'))"):
         moment = page.evaluate("document.querySelector('video').currentTime")
         assert moment == pytest.approx(0.25 * _SECONDS, abs=0.05)
+
+
+def test_a_name_below_a_chart_shows_its_line_alone(page: Page) -> None:
+    opacities = (
+        "[...document.querySelector('.one').querySelectorAll('polyline')]"
+        ".map(line => getComputedStyle(line).opacity)"
+    )
+    page.evaluate("document.querySelectorAll('.legend')[1].children[2].focus()")
+    # The first name's line is drawn last.
+    *faint, shown, second, first = page.evaluate(opacities)
+    assert shown == "1"
+    assert {*faint, second, first} == {"0.12"}
+    page.evaluate("document.activeElement.blur()")
+    assert page.evaluate("document.querySelector('.one')") is None
+
+
+def test_lines_that_hide_each_other_are_dashed_in_turn(page: Page) -> None:
+    # Returns of the same policy and starts: zeros, one on top of the other.
+    dashes = page.evaluate(
+        "[...document.querySelectorAll('polyline.c0')]"
+        ".map(line => getComputedStyle(line).strokeDasharray).filter(dash => dash !== 'none')"
+    )
+    assert dashes
+    assert set(dashes) <= {"7px, 7px", "7px, 14px", "7px, 21px"}
 
 
 @pytest.mark.parametrize("width", [1280, 360])
@@ -129,3 +173,20 @@ def test_the_page_fits_its_window(page: Page, width: int, scheme: str, tmp_path:
     )
     brightness = [sum(map(int, c[4:-1].split(","))) for c in colours]
     assert (brightness[0] < brightness[1]) == (scheme == "light")
+
+
+# Last: a page of its own hides the other one, which then draws no more.
+def test_the_page_of_an_evaluation_is_right_and_loads_itself_alone(
+    browser: Chromium, scores: Path
+) -> None:
+    address = (scores / "report.html").as_uri()
+    page = browser.open(address)
+    assert page.requests == [address]
+    assert page.errors == []
+    result = _result(scores)
+    assert _texts(page, "h1") == ["manipulator bring_ball"]
+    assert f"{result['summary']['random']['mean']:.1f}" in _texts(page, ".figures dd")
+    assert page.evaluate("document.querySelectorAll('tbody tr').length") >= 8 + 2
+    for width in (1280, 360):
+        page.resize(width, 800)
+        assert page.evaluate("document.documentElement.scrollWidth") == width

@@ -1,4 +1,4 @@
-"""Checks of what users give to `Env` and `VectorEnv`."""
+"""Checks of the arguments of `Env` and `VectorEnv`."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ def test_a_sequence_gives_each_row_its_own_seed_or_none() -> None:
     assert arguments.row_seeds(np.array([2, 1]), 2) == [2, 1]
 
 
-def test_the_last_rows_seed_must_be_one_too() -> None:
+def test_the_last_rows_seed_must_be_valid_too() -> None:
     assert arguments.row_seeds(_LARGEST - 2, 3)[-1] == _LARGEST
     with pytest.raises(ValueError, match=f"seed is {_LARGEST + 1}"):
         arguments.row_seeds(_LARGEST - 2, 4)
@@ -63,7 +63,7 @@ def test_without_a_mask_there_is_none() -> None:
         (np.array([False, False]), ValueError, "selects no row"),
     ],
 )
-def test_a_mask_that_is_none_is_refused(mask: Any, error: Any, message: str) -> None:
+def test_an_invalid_mask_is_refused(mask: Any, error: Any, message: str) -> None:
     with pytest.raises(error, match=message):
         arguments.reset_mask({"reset_mask": mask}, 2)
 
@@ -98,7 +98,7 @@ def test_keywords_are_known_if_any_of_the_callables_takes_them_by_name() -> None
         arguments.refuse_unknown({"positional": 1}, first, second)
 
 
-def test_what_is_given_alone_joins_the_rest_and_leaves_the_callers_mapping_alone() -> None:
+def test_separate_arguments_join_the_others_and_leave_the_callers_mapping_alone() -> None:
     given = {"random": 1}
     assert arguments.task_arguments(given, 2.5) == {"random": 1, "time_limit": 2.5}
     assert arguments.task_arguments(None, None) == {}
@@ -109,9 +109,59 @@ def test_what_is_given_alone_joins_the_rest_and_leaves_the_callers_mapping_alone
 
 
 @pytest.mark.parametrize("name", ["randomize", "pixels"])
-def test_what_is_given_twice_is_refused_by_name(name: str) -> None:
+def test_an_argument_given_twice_is_refused_by_name(name: str) -> None:
     alone: dict[str, Any] = {"randomize": None, "pixels": None, name: {}}
     with pytest.raises(TypeError, match=f"{name} is given twice"):
         arguments.environment_arguments({name: {}}, **alone)
     with pytest.raises(TypeError, match="time_limit is given twice"):
         arguments.task_arguments({"time_limit": 1}, 2.0)
+
+
+def test_a_function_that_suggests_names_works_as_before() -> None:
+    @arguments.suggests_names
+    def add(first: int, *, second: int = 0) -> int:
+        """A sum."""
+        return first + second
+
+    assert add(1) == 1
+    assert add(first=1, second=2) == 3
+    assert add.__doc__ == "A sum."
+    wrong: Any = add
+    with pytest.raises(
+        TypeError, match=r"no argument 'secnod'\. Did you mean 'second'\? There are: first, second"
+    ):
+        wrong(1, secnod=2)
+    with pytest.raises(TypeError, match="missing 1 required positional argument"):
+        wrong()
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ((None, None, None, None, None), {}),
+        (
+            ({"camera": "side"}, 64, 48, None, None),
+            {"camera_id": "side", "width": 64, "height": 48},
+        ),
+        ((None, None, None, 0, None), {"camera_id": 0}),
+        (({"quality": "fast"}, None, None, None, "side"), {"camera_id": "side", "quality": "fast"}),
+    ],
+)
+def test_the_arguments_of_a_picture_are_joined(given: Any, expected: dict[str, object]) -> None:
+    assert arguments.picture_arguments(*given) == expected
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ((None, None, None, 0, "side"), "camera_id is 0 and camera_name is 'side'; expected one"),
+        (({"width": 3}, 64, None, None, None), "width is given twice"),
+        (({"camera": 0}, None, None, None, "side"), "camera_id is given twice"),
+        (({"camra": 0}, None, None, None, None), "'camra'. Did you mean 'camera_id'"),
+    ],
+)
+def test_arguments_of_a_picture_that_contradict_or_are_unknown_are_refused(
+    given: Any, message: str
+) -> None:
+    with pytest.raises(TypeError, match=message):
+        arguments.picture_arguments(*given)

@@ -1,4 +1,4 @@
-"""`Env`: one simulation as Gymnasium sees it."""
+"""`Env`: one simulation as a Gymnasium environment."""
 
 import copy
 import os
@@ -29,7 +29,7 @@ def _env(task: tuple[str, str] = ("humanoid", "walk"), **kwargs: Any) -> gym.Env
 
 @pytest.mark.parametrize(("domain", "task"), TASKS)
 @pytest.mark.parametrize("kwargs", [{}, {"flat": True, "dtype": "float32"}], ids=["dict", "flat"])
-def test_gymnasiums_checker_has_nothing_to_say(
+def test_gymnasiums_checker_finds_nothing_wrong(
     domain: str, task: str, kwargs: dict[str, Any]
 ) -> None:
     env = gymnasium.make(f"limberjack/{domain}-{task}-v0", **kwargs)
@@ -50,11 +50,71 @@ def test_it_runs_within_gymnasiums_wrappers() -> None:
     assert info["episode"]["r"] == pytest.approx(total, abs=1e-6)
 
 
+def _warnings_of_sb3(env: gym.Env) -> list[str]:
+    """The conditions under which Stable-Baselines3's `check_env` warns, checked as it does.
+
+    Of version 2.7. `tests/test_sb3.py` calls the checker itself, where that is installed.
+    """
+    spaces = getattr(env.observation_space, "spaces", {"": env.observation_space})
+    found = [name for name, space in spaces.items() if len(space.shape) not in (1, 3)]
+    action: Any = env.action_space
+    if (action.low != -1).any() or (action.high != 1).any():
+        found.append("actions are not from -1 to 1")
+    if action.dtype != np.float32:
+        found.append("actions are not float32")
+    return found
+
+
+@pytest.mark.parametrize(("domain", "task"), TASKS)
+def test_flat_observations_give_sb3s_checker_no_reason_to_warn(domain: str, task: str) -> None:
+    assert _warnings_of_sb3(_env((domain, task), flat=True)) == []
+
+
+def test_observations_by_name_give_it_reasons_that_the_docs_name() -> None:
+    assert _warnings_of_sb3(_env()) == ["head_height"]
+    assert "arm_pos" in _warnings_of_sb3(_env(("manipulator", "bring_ball")))
+
+
+def test_the_simulation_is_reached_through_wrappers() -> None:
+    env: Any = gymnasium.make("limberjack/humanoid-walk-v0")
+    env.reset(seed=0)
+    physics = env.unwrapped.physics
+    assert physics is env.unwrapped.environment.physics
+    assert physics.head_height() > 0
+
+
+def test_actions_are_float32_whatever_the_observations_are() -> None:
+    env = _env()
+    env.reset(seed=0)
+    action = env.action_space.sample()
+    assert action.dtype == np.float32
+    observation, *_ = env.step(action)
+    assert observation["velocity"].dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda **kwargs: gym.load("humanoid", "walk", **kwargs),
+        lambda **kwargs: gym.Env(suite.load("humanoid", "walk"), **kwargs),
+        lambda **kwargs: gymnasium.make("limberjack/humanoid-walk-v0", **kwargs),
+        lambda **kwargs: gymnasium.make_vec("limberjack/humanoid-walk-v0", num_envs=1, **kwargs),
+        lambda **kwargs: gym.VectorEnv(suite.load_batch("humanoid", "walk", 1), **kwargs),
+    ],
+    ids=["load", "Env", "make", "make_vec", "VectorEnv"],
+)
+def test_unknown_keywords_are_answered_with_the_nearest_name(make: Any) -> None:
+    with pytest.raises(TypeError, match=r"'camera_nam'\. Did you mean 'camera_name'"):
+        make(camera_nam="side")
+    with pytest.raises(TypeError, match=r"'camra'\. Did you mean 'camera_id'"):
+        make(render_kwargs={"camra": 0})
+
+
 # Seeds, and that the numbers are dm_control's.
 
 
 @pytest.mark.parametrize(("domain", "task"), TASKS)
-def test_a_seed_begins_the_episode_of_random_and_then_the_stream_goes_on(
+def test_a_seed_begins_the_episode_of_random_and_then_the_stream_continues(
     domain: str, task: str
 ) -> None:
     env: Any = gym.load(domain, task, time_limit=0.1)
@@ -90,7 +150,7 @@ def test_a_seed_out_of_range_is_refused(seed: int) -> None:
         _env().reset(seed=seed)
 
 
-def test_a_seed_that_is_no_whole_number_is_refused() -> None:
+def test_a_seed_that_is_not_a_whole_number_is_refused() -> None:
     with pytest.raises(TypeError, match=r"seed is 1\.5"):
         _env().reset(seed=1.5)  # pyright: ignore[reportArgumentType]
 
@@ -125,7 +185,7 @@ def test_a_step_without_an_episode_is_refused() -> None:
         env.step(np.zeros(21))
 
 
-def test_divergence_raises_and_a_reset_begins_anew() -> None:
+def test_divergence_raises_and_a_reset_begins_another_episode() -> None:
     env = _env()
     env.reset(seed=0)
     env.environment.physics.data.qpos[0] = np.nan
@@ -150,7 +210,7 @@ def test_a_refused_action_changes_nothing(bad: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(("domain", "task"), TASKS)
-def test_the_layout_says_where_each_observation_stands(domain: str, task: str) -> None:
+def test_the_layout_gives_the_position_of_each_observation(domain: str, task: str) -> None:
     flat = gym.load(domain, task, flat=True)
     parts: Any = gym.load(domain, task)
     array, _ = flat.reset(seed=0)
@@ -220,7 +280,7 @@ def test_the_info_of_a_task_without_terms_is_empty() -> None:
     assert env.step(np.zeros(21))[4] == {}
 
 
-def test_what_was_randomised_is_in_the_info_of_a_reset() -> None:
+def test_randomised_fields_are_in_the_info_of_a_reset() -> None:
     from limberjack.rl.randomize import scale
 
     env = _env(randomize={"geom_friction": scale(0.5, 2.0)})
@@ -243,6 +303,22 @@ def test_a_picture_is_that_of_the_physics() -> None:
     assert env.metadata["render_fps"] == 40
 
 
+@pytest.mark.skipif(_NO_OPENGL, reason="MUJOCO_GL=disable: there are no pictures")
+def test_size_and_camera_are_given_as_in_gymnasiums_own_environments() -> None:
+    shown: dict[str, Any] = {"render_mode": "rgb_array", "width": 48, "height": 32}
+    for camera in ({"camera_id": 1}, {"camera_name": "side"}):
+        env: Any = gymnasium.make("limberjack/humanoid-walk-v0", **shown, **camera)
+        env.reset(seed=0)
+        expected = env.unwrapped.physics.render(32, 48, camera_id=next(iter(camera.values())))
+        np.testing.assert_array_equal(env.render(), expected)
+        env.close()
+    envs = gymnasium.make_vec("limberjack/humanoid-walk-v0", num_envs=2, **shown, camera_id=1)
+    envs.reset(seed=0)
+    assert np.shape(envs.render()) == (2, 32, 48, 3)
+    np.testing.assert_array_equal(envs.render()[0], expected)  # pyright: ignore[reportOptionalSubscript]
+    envs.close()
+
+
 def test_there_is_no_picture_without_a_render_mode() -> None:
     env = _env()
     env.reset(seed=0)
@@ -254,7 +330,7 @@ def test_an_unknown_render_mode_is_refused() -> None:
         _env(render_mode="human")
 
 
-def test_closing_twice_is_fine_and_later_use_says_closed() -> None:
+def test_closing_twice_is_fine_and_later_use_is_refused() -> None:
     env = _env()
     env.reset(seed=0)
     env.close()
@@ -265,7 +341,7 @@ def test_closing_twice_is_fine_and_later_use_says_closed() -> None:
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_goes_on_as_the_original_does(copied: Any) -> None:
+def test_a_copy_continues_as_the_original_does(copied: Any) -> None:
     env = _env()
     env.reset(seed=0)
     env.step(np.ones(21))
@@ -284,7 +360,7 @@ def test_a_time_limit_given_twice_is_refused() -> None:
 
 
 @pytest.mark.parametrize("context", ["fork", "spawn"])
-def test_gymnasiums_processes_give_what_one_process_gives(context: str) -> None:
+def test_gymnasiums_processes_give_the_numbers_of_one_process(context: str) -> None:
     # The batch is there so that a fork takes its threads along.
     program = f"""
         import functools
@@ -322,7 +398,7 @@ def _as_arrays(observation: Any) -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize("make", [gym.load, lambda *task: gym.load_vector(*task, num_envs=2)])
-def test_options_that_are_no_mapping_are_refused_and_nothing_is_reset(make: Any) -> None:
+def test_options_that_are_not_a_mapping_are_refused_and_nothing_is_reset(make: Any) -> None:
     env = make("stacker", "stack_2")
     before = env.reset(seed=0)[0]
     for options in ("x", [("reset_mask", None)], 7):
@@ -334,7 +410,7 @@ def test_options_that_are_no_mapping_are_refused_and_nothing_is_reset(make: Any)
 
 
 @pytest.mark.parametrize("make", [gym.load, lambda *task: gym.load_vector(*task, num_envs=2)])
-def test_true_is_no_seed(make: Any) -> None:
+def test_true_is_not_a_seed(make: Any) -> None:
     env = make("stacker", "stack_2")
     for seed in (True, False):
         with pytest.raises(TypeError, match=f"seed is {seed}; expected a whole number"):

@@ -92,7 +92,7 @@ def test_an_odd_number_of_rows_has_the_larger_half_first() -> None:
     assert [batch.num_envs for batch in envs.batches] == [3, 2]
 
 
-def test_the_caller_goes_on_while_a_half_is_stepped() -> None:
+def test_the_caller_continues_while_a_half_is_stepped() -> None:
     _, envs = _pair()
     part, entered, leave = envs._parts[0], threading.Event(), threading.Event()
     step = part.step
@@ -221,7 +221,7 @@ def _threads_of_halves() -> int:
     return sum(thread.name.startswith("limberjack-half") for thread in threading.enumerate())
 
 
-def test_closing_waits_for_what_is_under_way_and_ends_the_threads() -> None:
+def test_closing_waits_for_running_steps_and_ends_the_threads() -> None:
     _, envs = _pair()
     for half, rows in enumerate(envs.halves):
         envs.send(np.zeros((5, 21))[rows], half)
@@ -230,7 +230,7 @@ def test_closing_waits_for_what_is_under_way_and_ends_the_threads() -> None:
     assert _threads_of_halves() == 0
 
 
-def test_an_environment_that_is_dropped_takes_its_threads_along() -> None:
+def test_the_threads_of_an_environment_that_is_dropped_end() -> None:
     _, envs = _pair()
     envs.send(np.zeros((3, 21)), 0)
     envs.recv()

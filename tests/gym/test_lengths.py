@@ -43,7 +43,7 @@ def test_specs_report_the_lengths_of_episodes() -> None:
 
 
 @pytest.mark.parametrize("mode", ["single", *_MODES])
-def test_without_a_wish_the_episode_has_its_own_length(mode: str) -> None:
+def test_the_episode_has_its_own_length_by_default(mode: str) -> None:
     env = _make(mode)
     assert _length(env, 1001) == 1000
     env.close()
@@ -80,14 +80,14 @@ def test_a_shorter_time_limit_is_kept(mode: str, kwargs: dict[str, Any]) -> None
 @pytest.mark.parametrize(
     ("time_limit", "instead"), [(20.0, 2000), (float("inf"), -1)], ids=["longer", "none"]
 )
-def test_a_longer_time_limit_is_refused_and_the_argument_to_take_named(
+def test_a_longer_time_limit_is_refused_with_the_argument_to_give_instead(
     mode: str, time_limit: float, instead: int
 ) -> None:
     with pytest.raises(ValueError, match=f"give max_episode_steps={instead} to gymnasium.make"):
         _make(mode, time_limit=time_limit)
 
 
-def test_a_batch_takes_both_and_the_shorter_one_counts() -> None:
+def test_a_batch_takes_both_and_the_shorter_one_holds() -> None:
     both = {"max_episode_steps": 2000, "time_limit": 12.0}
     envs = _make("vector_entry_point", **both)
     assert _length(envs, 1300) == 1200
@@ -97,7 +97,7 @@ def test_a_batch_takes_both_and_the_shorter_one_counts() -> None:
 @pytest.mark.parametrize(
     ("most", "error"), [(0, ValueError), (-2, ValueError), (2.5, TypeError), (True, TypeError)]
 )
-def test_a_batch_refuses_a_number_of_steps_that_is_none(most: Any, error: type[Exception]) -> None:
+def test_a_batch_refuses_an_invalid_number_of_steps(most: Any, error: type[Exception]) -> None:
     with pytest.raises(error, match=f"max_episode_steps is {most}"):
         _make("vector_entry_point", max_episode_steps=most)
 
@@ -154,7 +154,7 @@ def _steps(env: Any, count: int) -> list[tuple[float, bool]]:
     return [(env.step(action)[1], env.step(action)[3]) for _ in range(count)]
 
 
-def test_a_restored_environment_counts_on_from_the_snapshot() -> None:
+def test_a_restored_environment_counts_from_the_step_of_the_snapshot() -> None:
     env: Any = gymnasium.make(_ID, max_episode_steps=20)
     env.reset(seed=1)
     _steps(env, 6)
@@ -167,7 +167,7 @@ def test_a_restored_environment_counts_on_from_the_snapshot() -> None:
         assert _steps(twin, 4) == future
 
 
-def test_restoring_often_does_not_use_the_episode_up() -> None:
+def test_restoring_often_does_not_shorten_the_episode() -> None:
     env: Any = gymnasium.make(_ID, max_episode_steps=10)
     env.reset(seed=1)
     snapshot = env.unwrapped.environment.snapshot()
@@ -176,7 +176,7 @@ def test_restoring_often_does_not_use_the_episode_up() -> None:
         assert not any(truncated for _, truncated in _steps(env, 4))
 
 
-def test_restoring_below_gymnasiums_count_is_refused_at_the_next_step() -> None:
+def test_restoring_inside_gymnasiums_wrapper_is_refused_at_the_next_step() -> None:
     env: Any = gymnasium.make(_ID)
     env.reset(seed=1)
     _steps(env, 3)

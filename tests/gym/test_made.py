@@ -31,13 +31,15 @@ def test_a_single_environment_is_that_of_load_without_a_length_of_its_own() -> N
     np.testing.assert_array_equal(env.reset(seed=3)[0], own.reset(seed=3)[0])
 
 
-def test_one_that_gymnasium_counts_refuses_steps_that_it_has_not_counted() -> None:
+def test_steps_that_gymnasium_has_not_counted_are_refused() -> None:
     env = made.make(*_TASK)
     env.reset(seed=0)
     action = np.zeros(env.action_space.shape or ())
     env.step(action)
     env.environment.step(action)
-    with pytest.raises(RuntimeError, match="inside is at step 2, and Gymnasium's TimeLimit at s"):
+    with pytest.raises(
+        RuntimeError, match="inner environment is at step 2, and Gymnasium's TimeLimit at s"
+    ):
         env.step(action)
 
 
@@ -49,7 +51,7 @@ def test_a_time_limit_that_is_asked_for_is_kept(how: dict[str, Any]) -> None:
     envs.close()
 
 
-def test_a_longer_time_limit_is_refused_with_what_to_give_instead() -> None:
+def test_a_longer_time_limit_is_refused_with_the_argument_to_give_instead() -> None:
     with pytest.raises(ValueError, match=r"=1500 to gymnasium\.make instead"):
         made.make(*_TASK, time_limit=15.0)
     with pytest.raises(ValueError, match=r"=1500 to gymnasium\.make_vec instead"):
@@ -117,7 +119,7 @@ def test_another_module_under_the_domains_name_is_refused() -> None:
         made.make_vector(*_TASK, 2, module="my_package.manipulator")
 
 
-def test_a_domain_that_only_this_process_has_is_made_from_it() -> None:
+def test_a_domain_without_a_module_is_made_in_its_own_process() -> None:
     suite._DOMAINS["pushing"] = plain_domain
     try:
         here = registry.NotImportable("pushing")
@@ -127,7 +129,7 @@ def test_a_domain_that_only_this_process_has_is_made_from_it() -> None:
         del suite._DOMAINS["pushing"]
 
 
-def test_gymnasium_knows_what_single_environments_render() -> None:
+def test_gymnasium_knows_the_render_modes_of_single_environments() -> None:
     metadata = getattr(made.make, "metadata", None)
     assert metadata is gym.Env.metadata
     env = gymnasium.make("limberjack/manipulator-bring_ball-v0", render_mode="rgb_array_list")

@@ -33,7 +33,7 @@ def test_the_layout_has_each_part_in_order_without_gaps() -> None:
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("flat", [True, False])
-def test_a_row_of_a_batch_is_what_one_simulation_gives(flat: bool, dtype: str) -> None:
+def test_a_row_of_a_batch_is_the_observation_of_one_simulation(flat: bool, dtype: str) -> None:
     observations = Observations(_SPECS, flat, dtype)
     together = observations.of_batch(_batched(), observations.buffer(_ROWS))
     for row in range(_ROWS):
@@ -73,7 +73,7 @@ def test_one_simulations_observation_is_in_arrays_of_its_own(flat: bool) -> None
 
 @pytest.mark.parametrize("flat", [True, False])
 @pytest.mark.parametrize("rows", [[0, 2], [1], [2]])
-def test_copies_of_rows_are_those_rows_and_stay_as_they_are(flat: bool, rows: list[int]) -> None:
+def test_copies_of_rows_are_those_rows_and_do_not_change_later(flat: bool, rows: list[int]) -> None:
     observations = Observations(_SPECS, flat, "float64")
     batched = _batched()
     together = observations.of_batch(batched, observations.buffer(_ROWS))
@@ -116,7 +116,18 @@ def test_the_specs_of_a_row_lack_the_first_axis() -> None:
 
 def test_the_action_space_has_the_specs_bounds_for_each_actuator() -> None:
     spec = specs.BoundedArray((3,), float, [-1.0, -2.0, 0.0], 5.0)
-    space = action_space(spec, np.dtype("float32"))
+    space = action_space(spec)
     assert space.dtype == np.float32
     assert space.low.tolist() == [-1.0, -2.0, 0.0]
     assert space.high.tolist() == [5.0] * 3
+
+
+def test_the_action_space_lies_within_bounds_that_float32_rounds() -> None:
+    low, high = np.array([-0.1, 0.1, -0.3]), np.array([0.1, 0.3, 0.7])
+    space = action_space(specs.BoundedArray((3,), float, low, high))
+    assert (np.float32(low) < low).any()  # the nearest numbers would not do
+    assert (np.float32(high) > high).any()
+    assert (space.low >= low).all()
+    assert (space.high <= high).all()
+    np.testing.assert_allclose(space.low, low, rtol=2e-7)  # float32 has 24 binary digits
+    np.testing.assert_allclose(space.high, high, rtol=2e-7)

@@ -84,7 +84,7 @@ def test_spaces_have_the_pictures_beside_the_state_or_alone() -> None:
 
 @_draws
 @_FORMS
-def test_what_is_observed_lies_in_the_spaces(only: bool, flat: bool) -> None:
+def test_observations_lie_in_the_spaces(only: bool, flat: bool) -> None:
     kwargs: Any = {"only": only, "flat": flat, "dtype": "float32"}
     each: Any = (_env(**kwargs), _envs(2, **kwargs), _envs(1, 1, **kwargs))
     for env in each:
@@ -113,7 +113,7 @@ def test_an_id_takes_pixels() -> None:
 @_FORMS
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("sizes", [(3,), (2, 1)], ids=["batch", "halves"])
-def test_rows_see_what_single_environments_see(
+def test_rows_have_the_pictures_of_single_environments(
     sizes: tuple[int, ...], mode: AutoresetMode, only: bool, flat: bool
 ) -> None:
     kwargs: dict[str, Any] = {"only": only, "flat": flat}
@@ -152,7 +152,7 @@ def test_a_masked_reset_begins_the_stacks_of_its_rows_only(mode: AutoresetMode) 
 
 
 @_draws
-def test_what_rows_ended_with_has_their_last_pictures() -> None:
+def test_final_observations_have_the_last_pictures() -> None:
     same, following = (_envs(2, autoreset_mode=mode) for mode in ("SameStep", "NextStep"))
     for envs in (same, following):
         envs.reset(seed=1)
@@ -167,7 +167,7 @@ def test_what_rows_ended_with_has_their_last_pictures() -> None:
 
 
 @_draws
-def test_halves_in_turn_see_what_a_batch_sees() -> None:
+def test_halves_in_turn_have_the_pictures_of_a_batch() -> None:
     envs, batch = _envs(2, 1, only=True), _envs(3, only=True)
     envs.reset(seed=0)
     batch.reset(seed=[0, 1, 2])
@@ -194,7 +194,7 @@ def test_a_copy_observes_the_same_pixels(make: Any, copied: Any) -> None:
 
 
 @_draws
-def test_a_snapshot_of_a_row_brings_its_stack() -> None:
+def test_a_snapshot_of_a_row_holds_its_stack() -> None:
     envs = _envs(3, only=True)
     envs.reset(seed=0)
     envs.step(np.ones((3, 5)))

@@ -45,7 +45,7 @@ def test_an_episode_is_terminated_or_truncated_and_never_both(mode: AutoresetMod
     assert truncations
 
 
-def test_in_the_same_step_the_info_has_what_ended_and_the_observation_what_begins() -> None:
+def test_in_same_step_mode_the_info_has_the_old_episode_and_the_observation_the_new_one() -> None:
     envs, (observation, _, terminated, truncated, info) = _end_of_an_episode(
         AutoresetMode.SAME_STEP
     )
@@ -113,7 +113,7 @@ def test_a_mask_gives_each_row_its_own_seed() -> None:
     envs.close()
 
 
-def test_what_was_drawn_is_told_where_episodes_begin_and_stays_as_it_was() -> None:
+def test_drawn_fields_are_reported_where_episodes_begin_and_do_not_change_later() -> None:
     physics = humanoid.Physics.from_shared_xml(*humanoid.get_model_and_assets())
     task = humanoid.Humanoid(move_speed=0, pure_state=False, random=0)
     from limberjack.rl import control

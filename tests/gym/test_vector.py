@@ -136,7 +136,7 @@ def test_threads_make_no_difference() -> None:
 # Resets.
 
 
-def test_a_sequence_of_seeds_gives_one_to_each_row_and_none_lets_it_go_on() -> None:
+def test_a_sequence_of_seeds_gives_one_to_each_row_and_with_none_the_stream_continues() -> None:
     envs = _envs(3, flat=True)
     env = gym.load(*_WALK, flat=True)
     observation, _ = envs.reset(seed=[5, None, np.int64(9)])
@@ -297,7 +297,7 @@ def test_a_seed_in_task_kwargs_is_refused() -> None:
 
 @pytest.mark.parametrize("flat", [False, True])
 @pytest.mark.parametrize("mode", MODES)
-def test_what_was_returned_never_changes(flat: bool, mode: AutoresetMode) -> None:
+def test_returned_arrays_never_change(flat: bool, mode: AutoresetMode) -> None:
     envs = _envs(2, flat=flat, time_limit=0.05, autoreset_mode=mode)
     envs.reset(seed=0)
     results = []
@@ -332,7 +332,7 @@ def test_without_copies_the_flat_array_is_one_and_its_values_are_the_same() -> N
 
 
 @pytest.mark.parametrize(("domain", "task"), TASKS)
-def test_the_layout_says_where_each_observation_stands(domain: str, task: str) -> None:
+def test_the_layout_gives_the_position_of_each_observation(domain: str, task: str) -> None:
     flat, parts = _envs(2, (domain, task), flat=True), _envs(2, (domain, task))
     array, _ = flat.reset(seed=0)
     observation, _ = parts.reset(seed=0)
@@ -367,7 +367,7 @@ def test_a_row_whose_episode_begins_has_no_terms() -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_what_was_randomised_is_told_where_an_episode_begins(mode: AutoresetMode) -> None:
+def test_randomised_fields_are_reported_where_an_episode_begins(mode: AutoresetMode) -> None:
     from limberjack.rl.randomize import scale
 
     randomize = {"body_mass": scale(0.5, 2.0)}
@@ -402,7 +402,7 @@ def test_a_row_that_diverges_terminates_alone(
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_divergence_raises_if_asked_to(mode: AutoresetMode) -> None:
+def test_divergence_raises_if_so_configured(mode: AutoresetMode) -> None:
     envs = _envs(3, on_divergence="raise", autoreset_mode=mode)
     envs.reset(seed=0)
     envs.batches[0].physics.data.qpos[1, 2] = np.nan
@@ -480,7 +480,7 @@ def test_there_are_no_pictures_without_a_render_mode() -> None:
 
 
 @pytest.mark.parametrize("pipelined", [False, True])
-def test_closing_twice_is_fine_and_later_use_says_closed(pipelined: bool) -> None:
+def test_closing_twice_is_fine_and_later_use_is_refused(pipelined: bool) -> None:
     envs = _envs(2, pipelined=pipelined)
     envs.reset(seed=0)
     envs.close()
@@ -493,7 +493,7 @@ def test_closing_twice_is_fine_and_later_use_says_closed(pipelined: bool) -> Non
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda envs: pickle.loads(pickle.dumps(envs))])
 @pytest.mark.parametrize("pipelined", [False, True])
-def test_a_copy_goes_on_as_the_original_does(copied: Any, pipelined: bool) -> None:
+def test_a_copy_continues_as_the_original_does(copied: Any, pipelined: bool) -> None:
     envs = _envs(3, pipelined=pipelined, time_limit=0.1, flat=True)
     envs.reset(seed=0)
     envs.step(np.ones((3, 21)))
@@ -502,7 +502,7 @@ def test_a_copy_goes_on_as_the_original_does(copied: Any, pipelined: bool) -> No
         assert_same(envs.step(np.ones((3, 21))), twin.step(np.ones((3, 21))))
 
 
-def test_a_snapshot_of_the_batch_lets_it_go_on_from_there() -> None:
+def test_a_batch_continues_from_its_snapshot() -> None:
     envs = falling_envs(3, autoreset_mode="SameStep", flat=True)
     envs.reset(seed=0)
     envs.step(np.ones((3, 21)))
@@ -532,7 +532,7 @@ def test_halves_are_two_batches_of_the_same_kind() -> None:
     gym.VectorEnv(walk, suite.load_batch(*_WALK, 3, 1)).close()
 
 
-def test_one_that_could_not_be_made_leaves_its_batch_open() -> None:
+def test_an_environment_that_could_not_be_made_leaves_its_batch_open() -> None:
     batch = suite.load_batch(*_WALK, 2, 1)
     with pytest.raises(ValueError, match="dtype"):
         gym.VectorEnv(batch, dtype="int8")
@@ -549,6 +549,6 @@ def test_make_vec_and_gymnasiums_own_vector_environments_agree() -> None:
         envs.close()
 
 
-def test_a_misspelt_argument_is_told_the_right_one() -> None:
+def test_a_misspelt_argument_is_answered_with_the_right_one() -> None:
     with pytest.raises(TypeError, match=r"no argument 'time_limt'\. Did you mean 'time_limit'\?"):
         gym.load_vector("humanoid", "walk", 2, time_limt=1)

@@ -5,10 +5,10 @@ import re
 import numpy as np
 import pytest
 
-from limberjack.report.chart import Line, line_chart, thinned
+from limberjack.report.chart import Line, line_chart, steps_of, thinned
 
 
-def test_thinning_keeps_the_peaks_and_what_is_finite() -> None:
+def test_thinning_keeps_the_peaks_and_drops_values_that_are_not_finite() -> None:
     values = np.zeros(10_000)
     values[1234], values[5678], values[9999] = 5.0, -7.0, np.nan
     kept = thinned(values, 100)
@@ -46,11 +46,62 @@ def test_a_chart_of_a_constant_and_one_of_nothing_can_be_drawn() -> None:
         assert "inf" not in chart
 
 
-def test_few_lines_have_names_and_many_have_shades() -> None:
+def test_lines_have_names_unless_they_are_very_many() -> None:
     seconds = np.arange(5.0)
-    few = [Line(f"line {i}", seconds) for i in range(3)]
-    many = [Line(f"line {i}", seconds) for i in range(30)]
-    assert line_chart("few", seconds, few).count("<li class=") == 3
-    chart = line_chart("many", seconds, many)
-    assert "<li " not in chart
-    assert len(set(re.findall(r"--hue: \d+", chart))) == 30
+    lines = [Line(f"line {i}", seconds + i) for i in range(65)]
+    assert line_chart("few", seconds, lines[:3]).count('<li class="c') == 3
+    chart = line_chart("many", seconds, lines[:30])
+    assert chart.count('<li class="shade"') == 30
+    # A name has the colour of its line.
+    hues = re.findall(r"(<li|<polyline)[^>]*--hue: (\d+)", chart)
+    assert len({hue for _, hue in hues}) == 30
+    assert sorted(hue for tag, hue in hues if tag == "<li") == sorted(
+        hue for tag, hue in hues if tag == "<polyline"
+    )
+    assert "<li " not in line_chart("very many", seconds, lines)
+
+
+def _dashes(chart: str) -> list[tuple[float, float, float] | None]:
+    """Length, gap and start of the dashes of each line, the upper lines first."""
+    found = []
+    for line in reversed(re.findall(r"<polyline[^>]*>", chart)):
+        dash = re.search(r'dasharray="(\S+) (\S+)" stroke-dashoffset="(\S+)"', line)
+        found.append(None if dash is None else (float(dash[1]), float(dash[2]), -float(dash[3])))
+    return found
+
+
+def test_lines_that_lie_on_top_of_each_other_can_all_be_seen() -> None:
+    seconds = np.linspace(0, 10, 50)
+    same = [Line(name, np.sin(seconds)) for name in ("reward", "first term", "second term")]
+    apart = Line("apart", np.cos(seconds))
+    upper, middle, lower, other = _dashes(line_chart("Reward", seconds, [*same, apart]))
+    assert lower is None
+    assert other is None
+    assert upper is not None
+    assert middle is not None
+    length, gap, start = upper
+    # Each shows a third, one after the other.
+    assert (gap, start) == (2 * length, 0)
+    assert middle == (length, gap, length)
+
+
+def test_lines_of_different_samples_are_compared_where_they_are_drawn() -> None:
+    ends = np.array([0.0, 100.0])
+    few, many = steps_of("few", [0.0, 0.0]), steps_of("many", [0.0] * 9 + [5.0])
+    assert [dash is None for dash in _dashes(line_chart("x", ends, [few, many]))] == [False, True]
+    crossing = [Line("up", np.array([0.0, 1.0])), Line("down", np.array([1.0, 0.0]))]
+    assert _dashes(line_chart("x", np.array([0.0, 1.0]), crossing)) == [None, None]
+    gone = [Line("here", np.ones(3)), Line("nowhere", np.full(3, np.nan))]
+    assert _dashes(line_chart("x", np.arange(3.0), gone)) == [None, None]
+
+
+def test_steps_show_each_value_over_its_share() -> None:
+    line = steps_of("return", [3.0, 1.0])
+    assert line.at is not None
+    assert list(zip(line.at, line.values, strict=True)) == [(0, 1), (50, 1), (50, 3), (100, 3)]
+
+
+def test_a_chart_of_very_many_lines_is_small() -> None:
+    seconds = np.arange(1000.0)
+    lines = [Line(str(i), np.random.RandomState(i).uniform(size=1000)) for i in range(1000)]
+    assert len(line_chart("many", seconds, lines)) < 500_000

@@ -1,6 +1,7 @@
-"""report.html: what is traced, how it is drawn, and what the page says; see also tests/browser."""
+"""The page of a run: its charts, names, facts and film; see also tests/browser."""
 
 import errno
+import html
 import html.parser
 import json
 import re
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from limberjack import policies, report, rollout, suite
+from limberjack.report.labels import Labels
 from limberjack.report.result import as_result
 
 _RUN = {
@@ -21,6 +23,9 @@ _RUN = {
     "control_timestep": 0.025,
     "episodes_asked_for": 1,
 }
+
+
+_COMMAND = "limberjack run humanoid walk --out 'a <folder>'"
 
 
 def _traced(domain: str, task: str, seconds: float) -> tuple[rollout.Episode, report.Trace]:
@@ -34,7 +39,7 @@ def _page(path: Path, **changes: Any) -> str:
     """The page of a short run, with its facts changed."""
     episode, trace = _traced("humanoid", "walk", 0.5)
     result = as_result(_RUN | changes, [episode], "abc")
-    report.write_page(path, result, trace, None, "no <GL>")
+    report.write_page(path, result, [episode], trace, None, "no <GL>", _COMMAND)
     return path.read_text(encoding="utf-8")
 
 
@@ -80,7 +85,7 @@ def test_the_page_is_whole_and_names_no_address(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "report.html"]
 
 
-def test_what_comes_from_outside_is_text_on_the_page(tmp_path: Path) -> None:
+def test_names_with_markup_are_text_on_the_page(tmp_path: Path) -> None:
     hostile = "m:</script><script>alert(1)</script><b>&"
     text = _page(tmp_path / "report.html", policy=hostile)
     assert "<script>alert" not in text
@@ -126,7 +131,7 @@ def test_a_return_that_is_not_finite_is_named(tmp_path: Path) -> None:
     _, trace = _traced("humanoid", "walk", 0.5)
     broken = rollout.Episode(3, None, np.array([np.nan]))
     path = tmp_path / "report.html"
-    report.write_page(path, as_result(_RUN, [broken], "abc"), trace, None, "")
+    report.write_page(path, as_result(_RUN, [broken], "abc"), [broken], trace, None)
     assert "not a number" in path.read_text()
 
 
@@ -135,6 +140,57 @@ def test_the_page_of_a_long_episode_is_small(tmp_path: Path) -> None:
     trace = report.Trace(env)
     episode = rollout.run_episode(env, policies.random, 0, trace.add)
     path = tmp_path / "report.html"
-    report.write_page(path, as_result(_RUN, [episode], "abc"), trace, None, "")
+    report.write_page(path, as_result(_RUN, [episode], "abc"), [episode], trace, None)
     assert episode.length == 1000
-    assert path.stat().st_size < 450_000
+    assert path.stat().st_size < 600_000
+
+
+def test_the_legends_name_joints_sensors_and_actuators_with_their_units(tmp_path: Path) -> None:
+    text = _page(tmp_path / "report.html")
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", text)
+    assert "joint_angles, 21 numbers, rad" in captions
+    assert "head_height, one number, m" in captions
+    assert "velocity, 27 numbers" in captions  # of two units
+    assert "action, in brackets the force or torque of 1, 21 numbers" in captions
+    names = re.findall(r"<li [^>]*>(.*?) <output>", text)
+    expected = {"left_knee", "root x [m/s]", "left_knee [rad/s]", "left_hand z"}
+    assert expected | {"torso_subtreelinvel x", "right_knee [80 N·m]"} <= set(names)
+
+
+def test_a_page_without_labels_numbers_its_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("limberjack.report.trace.labels_of", lambda environment: Labels({}, ()))
+    text = _page(tmp_path / "report.html")
+    assert "torso_vertical, 3 numbers<" in text
+    names = re.findall(r"<li [^>]*>(.*?) <output>", text)
+    assert names.count("2") == 6  # of the observations with more than two numbers, and the action
+
+
+def test_the_page_shows_the_command_as_typed_and_explains_the_fingerprint(tmp_path: Path) -> None:
+    text = _page(tmp_path / "report.html")
+    assert f"<dt>Command</dt><dd><code>{html.escape(_COMMAND)}</code></dd>" in text
+    assert "<code>abc</code>" in text
+    assert "SHA-256 of all names and numbers of the compiled model" in text
+
+
+def test_the_page_of_several_episodes_has_curves_and_returns_of_all(tmp_path: Path) -> None:
+    first, trace = _traced("humanoid", "walk", 0.5)
+    episodes = [first, rollout.Episode(4, None, np.ones(30)), rollout.Episode(5, None, np.ones(7))]
+    path = tmp_path / "report.html"
+    result = as_result(_RUN | {"episodes_asked_for": 3}, episodes, "abc")
+    report.write_page(path, result, episodes, trace, None)
+    text = path.read_text(encoding="utf-8")
+    part = text[text.index("<h2>All episodes") : text.index("<h2>Episodes</h2>")]
+    returns, rewards, ordered = part.split("<figure")[1:]
+    for chart in (returns, rewards):
+        assert f"seed 3: {first.total:.3f}" in chart
+        assert "seed 4: 30.000" in chart
+        assert "seed 5: 7.000" in chart
+    # The longest has 30 steps; that of 7 ends earlier. The last line is drawn first.
+    ends = re.findall(r'points="[^"]* ([\d.]+),([\d.]+)"', returns)
+    assert [float(x) for x, _ in ends] == pytest.approx(
+        [1000 * 7 / 30, 1000, 1000 * 20 / 30], abs=0.1
+    )
+    assert f"return from {first.total:.3g} to 30" in ordered
+    assert "All episodes" not in _page(tmp_path / "report.html")

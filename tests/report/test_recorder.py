@@ -54,19 +54,23 @@ def _played(recorder: report.Recorder, env: Any) -> None:
     recorder.finish_film()
 
 
-def test_what_cannot_be_filmed_is_left_out_with_one_line_and_the_rest_is_written(
+def test_an_episode_that_cannot_be_filmed_is_reported_in_one_line_and_the_rest_is_written(
     environment: Any, tmp_path: Path
 ) -> None:
-    recorder = report.Recorder(tmp_path / "new" / "out", _about(environment))
+    out = tmp_path / "new" / "out"
+    recorder = report.Recorder(out, _about(environment), "limberjack run humanoid stand")
     _played(recorder, environment)
     recorder.write(_about(environment), _EPISODES, "abc")
     assert recorder.left_out == ["no video.mp4: no OpenGL"]
     names = ["result.json", "return.png", "report.html"]
     assert [path.name for path in recorder.written] == names
-    assert sorted(path.name for path in (tmp_path / "new" / "out").iterdir()) == sorted(names)
+    assert sorted(path.name for path in out.iterdir()) == sorted(names)
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "<code>limberjack run humanoid stand</code>" in page
+    assert "There is no video: no OpenGL" in page
 
 
-def test_files_of_an_earlier_run_that_this_one_has_not_are_removed(
+def test_files_of_an_earlier_run_that_this_run_lacks_are_removed(
     environment: Any, tmp_path: Path
 ) -> None:
     for name in ("video.mp4", "return.png", "report.html", "notes.txt"):

@@ -1,10 +1,13 @@
-"""Traces: what was seen of an episode, step by step."""
+"""Traces: rewards, observations and actions of an episode, step by step."""
+
+from typing import Any
 
 import numpy as np
 import pytest
 
 from limberjack import policies, report, rollout, suite
 from limberjack.report import trace as trace_module
+from limberjack.report.labels import Labels
 from tests.representatives import PAIRS
 
 
@@ -35,12 +38,49 @@ def test_a_trace_is_of_every_step(domain: str, task: str) -> None:
     )
 
 
+def test_actions_are_traced_as_the_policy_gave_them() -> None:
+    env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.25})
+    trace = report.Trace(env)
+    given = []
+    rollout.run_episode(
+        env, policies.random, 3, lambda step: (given.append(step.action), trace.add(step))
+    )
+    assert trace.actions.shape == (len(given), 21)
+    assert np.isnan(trace.actions[0]).all()
+    np.testing.assert_array_equal(trace.actions[1:], np.array(given[1:]))
+    before = trace.actions[1:].copy()
+    given[1][...] = 7.0  # the trace has copies
+    np.testing.assert_array_equal(trace.actions[1:], before)
+
+
+def test_actions_that_are_no_arrays_are_not_traced() -> None:
+    env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.05})
+    trace = report.Trace(env)
+    time_step = env.reset()
+    trace.add(rollout.Step(0, 0.0, time_step, None))
+    nested: Any = {"arm": np.zeros(3), "leg": np.zeros(2)}
+    trace.add(rollout.Step(1, 0.0, env.step(np.zeros(21)), nested))
+    assert trace.actions.shape == (2, 0)
+
+
+def test_labels_are_known_when_the_episode_has_ended() -> None:
+    env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.05})
+    trace = report.Trace(env)
+    assert trace.labels == Labels({}, ())
+    rollout.run_episode(env, policies.zero, 3, trace.add)
+    assert {name: len(labels) for name, labels in trace.labels.observations.items()} == {
+        name: values.shape[1] for name, values in trace.observations.items()
+    }
+    assert len(trace.labels.actions) == trace.actions.shape[1]
+
+
 def test_a_long_trace_is_kept_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trace_module, "_MOST_SAMPLES", 8)
     episode, trace = _traced("humanoid", "walk", 0.5)  # 20 steps
     np.testing.assert_allclose(trace.seconds, 0.025 * np.arange(0, 21, 4))
     np.testing.assert_array_equal(trace.rewards[1:], episode.rewards[3::4])
     assert all(len(series) == 6 for series in trace.observations.values())
+    assert trace.actions.shape == (6, 21)
 
 
 def test_a_task_without_terms_is_traced_by_its_reward() -> None:

@@ -9,6 +9,7 @@ import pytest
 from dm_env import specs
 
 from limberjack.rl import guards
+from limberjack.utils.cores import usable_cores
 
 _NONE_BEGINS = np.zeros(3, bool)
 
@@ -82,6 +83,18 @@ def test_rows_are_given_by_numbers_or_a_mask(ids: Any, expected: list[int]) -> N
 def test_other_rows_are_refused(ids: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         guards.as_rows(ids, 3)
+
+
+# Threads.
+
+
+def test_there_are_no_more_threads_than_rows_and_cores_by_default() -> None:
+    assert guards.threads_for(3, 8) == 3
+    assert guards.threads_for(3, 2) == 2
+    assert guards.threads_for(None, 10**6) == usable_cores()
+    assert guards.threads_for(None, 1) == 1
+    with pytest.raises(ValueError, match="num_threads is 0; expected a whole number"):
+        guards.threads_for(0, 8)
 
 
 # Seeds.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.rl.randomize import scale, shift, stream_beside
+from limberjack.rl.randomize import scale, shift, show_drawn, stream_beside
 from tests.representatives import REPRESENTATIVES
 
 _RANDOMIZE = {
@@ -156,3 +156,12 @@ def test_the_stream_for_model_fields_depends_on_the_position_of_the_tasks() -> N
     first = stream_beside(stream).rand()
     stream.rand()  # the same 624 numbers as before, at another position
     assert stream_beside(stream).rand() != first
+
+
+def test_drawn_values_are_shown_in_the_rows_they_belong_to() -> None:
+    shown: dict[str, np.ndarray] = {}
+    show_drawn(shown, {"opt.gravity": np.array([1.0, 2.0])}, 1, num_envs=3)
+    assert shown["opt.gravity"].tolist() == [[0, 0], [1, 2], [0, 0]]
+    array = shown["opt.gravity"]
+    show_drawn(shown, {"opt.gravity": np.array([[3.0, 4.0], [5.0, 6.0]])}, np.array([0, 2]), 3)
+    assert array.tolist() == [[3, 4], [1, 2], [5, 6]]

@@ -30,6 +30,15 @@ def test_replacing_a_stream_replaces_the_one_for_model_fields() -> None:
     assert streams.own[0].rand() == np.random.RandomState(0).rand()
 
 
+def test_the_seed_of_a_row_is_known_until_its_stream_is_loaded() -> None:
+    streams = Streams(seed=7, count=3)
+    streams.replace(1, np.random.RandomState(40), 40)
+    assert streams.seeds == [7, 40, 9]
+    streams.replace(0, np.random.RandomState(41))
+    streams.load(np.array([2]), streams.save(np.array([1]), with_beside=True))
+    assert streams.seeds == [None, 40, None]
+
+
 @pytest.mark.parametrize("with_beside", [True, False])
 def test_saved_streams_continue_in_other_rows(with_beside: bool) -> None:
     source = Streams(seed=3, count=4)

@@ -25,6 +25,7 @@ from limberjack.cli.output import (
     search_working_directory,
     table,
 )
+from limberjack.cli.typed import command_line
 
 if TYPE_CHECKING:
     from limberjack.evaluation import Evaluation, Summary
@@ -88,6 +89,7 @@ def _evaluate(
             num_threads=threads,
             time_limit=time_limit,
             on_progress=progress.show,
+            command=command_line(),
         )
     _print(evaluation)
 

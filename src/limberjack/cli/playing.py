@@ -17,6 +17,7 @@ from limberjack.cli.output import (
     show_progress,
     table,
 )
+from limberjack.cli.typed import command_line
 
 if TYPE_CHECKING:
     from limberjack.report import Facts, Recorder
@@ -71,7 +72,7 @@ class Playing:
             }
         self._recorder: Recorder | None = None
         if out is not None:
-            self._recorder = report.Recorder(out, self._about)
+            self._recorder = report.Recorder(out, self._about, command_line())
         self._recordings: list[Path] = []  # files that the command has written itself
         self._episodes: list[Episode] = []
 

@@ -8,6 +8,7 @@ import typer
 
 from limberjack.cli.app import app
 from limberjack.cli.output import FAILED, complain, misuse_reported
+from limberjack.cli.typed import command_line
 
 if TYPE_CHECKING:
     from limberjack.planner.record import Recording
@@ -52,7 +53,8 @@ def _replay(
         environment = _environment_of(about)
         other = _versions_differ(about, environment)
         _check_out(out, file)
-        recorder = None if out is None else report.Recorder(out, {**about, "policy": _RECORDED})
+        played = {**about, "policy": _RECORDED}
+        recorder = None if out is None else report.Recorder(out, played, command_line())
     with contextlib.closing(environment), misuse_reported():
         try:
             difference = _played(recording, about, environment, recorder)

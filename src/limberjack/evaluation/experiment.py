@@ -22,9 +22,10 @@ from limberjack.rl.guards import at_least_one
 from limberjack.utils.files import replacing
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["FLOORS", "PICTURE", "Evaluation", "evaluate"]
+__all__ = ["FLOORS", "PAGE", "PICTURE", "Evaluation", "evaluate"]
 
 FLOORS = ("zero", "random")  # baselines, always played on the same seeds as the policy
+PAGE = "report.html"
 PICTURE = "returns.png"
 
 _PLACEHOLDER = "line-"  # followed by a number, it stands for a line of result.json
@@ -99,6 +100,7 @@ def evaluate(
     num_threads: int | None = None,
     time_limit: float | None = None,
     on_progress: OnProgress | None = None,
+    command: str = "",
 ) -> Evaluation:
     """The scores of a policy, of zero actions and of random ones, on the same seeds.
 
@@ -117,6 +119,7 @@ def evaluate(
       on_progress: called before a policy's first step, and after each step and episode, with the
         name of the policy, the number of finished episodes of all policies, and how many episodes'
         worth of steps the running ones have played.
+      command: the command line as it was typed, for the page; empty if there was none.
 
     Raises:
       ValueError, TypeError: there is no such task, policy or seed, a number is out of range, the
@@ -151,7 +154,7 @@ def evaluate(
     facts = {**identity, **_asked_for(checked), **_played_with(store, identity)}
     scores = {one.name: [store.scores[one.name][seed] for seed in checked] for one in everyone}
     evaluation = Evaluation(facts, scores)
-    return evaluation if directory is None else _written(evaluation, directory)
+    return evaluation if directory is None else _written(evaluation, directory, command)
 
 
 def _check_known(factory: Factory) -> None:
@@ -186,17 +189,20 @@ def _store(directory: Path | None, identity: Facts, found: actors.Found) -> Stor
     return store
 
 
-def _written(evaluation: Evaluation, directory: Path) -> Evaluation:
-    """Writes result.json and returns.png; returns the evaluation with the files' names."""
-    result, picture = directory / RESULT, directory / PICTURE
+def _written(evaluation: Evaluation, directory: Path, command: str) -> Evaluation:
+    """Writes result.json, report.html and returns.png; returns the evaluation with their names."""
+    result, page, picture = (directory / name for name in (RESULT, PAGE, PICTURE))
+    content = evaluation.as_json()
     with replacing(result) as partial:
-        partial.write_text(_text(evaluation.as_json()), encoding="utf-8")
+        partial.write_text(_text(content), encoding="utf-8")
+    report.write_evaluation_page(page, content, command)
+    files = (result, page)
     try:
         evaluation.draw(picture)
     except ImportError as error:
         picture.unlink(missing_ok=True)  # of an earlier call
-        return dataclasses.replace(evaluation, files=(result,), left_out=f"no {PICTURE}: {error}")
-    return dataclasses.replace(evaluation, files=(result, picture))
+        return dataclasses.replace(evaluation, files=files, left_out=f"no {PICTURE}: {error}")
+    return dataclasses.replace(evaluation, files=(*files, picture))
 
 
 def _identity(factory: Factory, found: actors.Found, environment: Environment) -> Facts:

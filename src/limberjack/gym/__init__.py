@@ -6,10 +6,10 @@
     env = gymnasium.make("limberjack/humanoid-walk-v0")
     envs = gymnasium.make_vec("limberjack/humanoid-walk-v0", num_envs=256)
 
-Importing this module, as `import limberjack` does, registers the ids of the suite from its table:
-neither MuJoCo nor a domain is imported. The ids of another domain appear when it is registered.
-`load` and `load_vector` make the same environments without an id. Environments with a task of your
-own come from `Env(environment)` and `VectorEnv(batch)`.
+Importing this module, as `import limberjack` does, registers the ids of the suite from its table,
+without importing MuJoCo or a domain. The ids of another domain appear when it is registered. `load`
+and `load_vector` make the same environments without an id; `Env(environment)` and
+`VectorEnv(batch)` make them from a task of your own.
 """
 
 import importlib
@@ -38,21 +38,21 @@ _MODULES = {
 }
 
 
-_NAME = re.compile(r"limberjack/[\w.-]+")  # as Gymnasium has it
+_NAME = re.compile(r"limberjack/[\w.-]+")  # the ids that Gymnasium accepts
 
 
 def __getattr__(name: str) -> object:
-    """Imports what is exported when it is first used."""
+    """Import a public name when it is first used."""
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_MODULES[name]), name)
 
 
 def _follow(domain: registry.Domain, is_added: bool) -> None:
-    """Registers the ids of a domain, or removes them."""
+    """Register the ids of a domain, or remove them."""
     for row in domain.rows:
         name = f"limberjack/{row.domain}-{row.task}-v0"
-        if not _NAME.fullmatch(name):  # what is assigned to `suite._DOMAINS` may have any name
+        if not _NAME.fullmatch(name):  # names assigned to `suite._DOMAINS` are not checked
             continue
         gymnasium.registry.pop(name, None)
         if not is_added:

@@ -1,12 +1,15 @@
-"""Checks of what users give to `Env` and `VectorEnv`; nothing has changed when one raises."""
+"""Checks of the arguments of `Env` and `VectorEnv`; nothing has changed when one raises."""
 
+import functools
 import inspect
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from limberjack.mujoco.drawing import check_names
+from limberjack.rl.pixels import render_arguments
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.suggest import did_you_mean
 
@@ -15,22 +18,44 @@ __all__ = [
     "autoreset_mode",
     "check_options",
     "environment_arguments",
+    "picture_arguments",
     "refuse_unknown",
     "render_mode",
     "reset_mask",
     "row_seeds",
+    "suggests_names",
     "task_arguments",
 ]
 
 RENDER_MODES = ["rgb_array"]
 
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_WITH_NAMES = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+
+
+def suggests_names(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """The function, which answers an unknown keyword with the nearest name and a list.
+
+    Python suggests names by itself from 3.13 on, without the list.
+    """
+    parameters = inspect.signature(function).parameters
+    known = [n for n, p in parameters.items() if p.kind in _WITH_NAMES and n != "self"]
+
+    @functools.wraps(function)
+    def checked(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        _refuse(kwargs, known)
+        return function(*args, **kwargs)
+
+    return checked
+
 
 # Any: a number, or a sequence of numbers and None.
 def row_seeds(seed: Any, num_envs: int) -> list[int | None]:
-    """The seed of each row: `seed + i` for one number, one each for a sequence.
+    """The seed of each row: `seed + i` for a number, the items of a sequence otherwise.
 
     Raises:
-      TypeError, ValueError: see `checked_seed`; or there are not `num_envs` of them.
+      TypeError, ValueError: see `checked_seed`; or a sequence has another length than `num_envs`.
     """
     if seed is None:
         return [None] * num_envs
@@ -44,7 +69,7 @@ def row_seeds(seed: Any, num_envs: int) -> list[int | None]:
 
 
 def check_options(options: object) -> None:
-    """Raises TypeError if the options of a reset are neither a mapping nor None."""
+    """Raise TypeError if the options of a reset are neither a mapping nor None."""
     if options is not None and not isinstance(options, Mapping):
         raise TypeError(
             f"options is {options!r}; expected a mapping, such as {{'reset_mask': mask}}, or None"
@@ -52,11 +77,11 @@ def check_options(options: object) -> None:
 
 
 def reset_mask(options: Mapping[str, object] | None, num_envs: int) -> np.ndarray | None:
-    """A copy of `options["reset_mask"]`; None if there is none.
+    """A copy of `options["reset_mask"]`; None without one.
 
     Raises:
-      TypeError: it is no array of booleans, or the options are no mapping.
-      ValueError: it is not (num_envs,), or selects no row.
+      TypeError: it is not an array of booleans, or the options are not a mapping.
+      ValueError: its shape is not (num_envs,), or it selects no row.
     """
     check_options(options)
     mask = (options or {}).get("reset_mask")
@@ -72,10 +97,10 @@ def reset_mask(options: Mapping[str, object] | None, num_envs: int) -> np.ndarra
 
 
 def autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
-    """The mode, also by its value, such as 'SameStep'.
+    """The mode, given as itself or by its value, such as 'SameStep'.
 
     Raises:
-      ValueError: there is no such mode.
+      ValueError: the mode is unknown.
     """
     try:
         return AutoresetMode(mode)
@@ -88,10 +113,10 @@ def autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
 
 
 def render_mode(mode: str | None) -> str | None:
-    """The mode, if there is one of that name.
+    """The mode itself.
 
     Raises:
-      ValueError: there is none.
+      ValueError: the mode is unknown.
     """
     if mode is not None and mode not in RENDER_MODES:
         raise ValueError(
@@ -101,10 +126,10 @@ def render_mode(mode: str | None) -> str | None:
 
 
 def refuse_unknown(kwargs: Mapping[str, object], *callables: Callable[..., object]) -> None:
-    """Raises unless each name is a keyword that one of the callables takes.
+    """Raise unless each name is a keyword-only argument of one of the callables.
 
     Raises:
-      TypeError: one is not; with a suggestion.
+      TypeError: one is not; the message suggests the nearest name.
     """
     known = [
         name
@@ -112,7 +137,11 @@ def refuse_unknown(kwargs: Mapping[str, object], *callables: Callable[..., objec
         for name, parameter in inspect.signature(one).parameters.items()
         if parameter.kind is parameter.KEYWORD_ONLY
     ]
-    for name in kwargs:
+    _refuse(kwargs, known)
+
+
+def _refuse(names: Iterable[str], known: list[str]) -> None:
+    for name in names:
         if name not in known:
             raise TypeError(
                 f"there is no argument {name!r}.{did_you_mean(name, known)} There are: "
@@ -120,13 +149,44 @@ def refuse_unknown(kwargs: Mapping[str, object], *callables: Callable[..., objec
             )
 
 
+def picture_arguments(
+    render_kwargs: Mapping[str, object] | None,
+    width: int | None,
+    height: int | None,
+    camera_id: int | None,
+    camera_name: str | None,
+) -> dict[str, object]:
+    """The keyword arguments of `Physics.render` for a picture.
+
+    Args:
+      render_kwargs: such arguments, with `camera` as another name for `camera_id`.
+      width: pixels; None leaves it to `render_kwargs`.
+      height: pixels; None leaves it to `render_kwargs`.
+      camera_id: number of a camera; None leaves it to `camera_name` or `render_kwargs`.
+      camera_name: name of a camera.
+
+    Raises:
+      TypeError: an argument is unknown, or given twice.
+    """
+    if camera_id is not None and camera_name is not None:
+        raise TypeError(
+            f"camera_id is {camera_id!r} and camera_name is {camera_name!r}; expected one of them"
+        )
+    kwargs = render_arguments(render_kwargs or {})
+    check_names(kwargs)
+    camera = camera_id if camera_name is None else camera_name
+    for name, value in (("width", width), ("height", height), ("camera_id", camera)):
+        kwargs = _with(name, value, kwargs, "render_kwargs")
+    return kwargs
+
+
 def task_arguments(
     task_kwargs: Mapping[str, object] | None, time_limit: float | None
 ) -> dict[str, object]:
-    """`task_kwargs` with the time limit among them.
+    """`task_kwargs` with the time limit added.
 
     Raises:
-      TypeError: it is given twice.
+      TypeError: the time limit is given twice.
     """
     return _with("time_limit", time_limit, task_kwargs, "task_kwargs")
 
@@ -136,10 +196,10 @@ def environment_arguments(
     randomize: Mapping[str, object] | None,
     pixels: Mapping[str, object] | None,
 ) -> dict[str, object]:
-    """`environment_kwargs` with the randomisation and the pictures among them.
+    """`environment_kwargs` with the randomisation and the pictures added.
 
     Raises:
-      TypeError: one is given twice.
+      TypeError: one of them is given twice.
     """
     kwargs = _with("randomize", randomize, environment_kwargs, "environment_kwargs")
     return _with("pixels", pixels, kwargs, "environment_kwargs")
@@ -148,7 +208,7 @@ def environment_arguments(
 def _with(
     name: str, value: object, kwargs: Mapping[str, object] | None, where: str
 ) -> dict[str, object]:
-    """`kwargs` and one more, unless that is None."""
+    """`kwargs` with a value added, unless that is None."""
     known = dict(kwargs or {})
     if value is None:
         return known

@@ -5,8 +5,8 @@
     observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
 `reset(seed=s)` begins the episode that dm_control begins with `random=s`; without a seed the
-random stream goes on. The time limit truncates; only the task terminates. It does not reset by
-itself: `VectorEnv` does.
+random stream continues. The time limit truncates; only the task terminates. After an episode the
+caller resets; `VectorEnv` resets its rows by itself.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ from limberjack.gym.observations import Info, Observation, Part, action_space
 from limberjack.gym.pixels import observations_of
 from limberjack.rl import control
 from limberjack.rl.action_specs import bounded_spec
-from limberjack.rl.pixels import render_arguments
+from limberjack.rl.represented import of_environment, represented
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.seeds import checked_seed
 
@@ -33,16 +33,17 @@ __all__ = ["Env", "load"]
 class Env(gymnasium.Env):
     """One simulation; see the module's docstring.
 
-    `layout` says where each observation stands in the flat array: `Part`s of name, slice, shape.
-    The info of a step has `reward_terms`, the terms of the reward by name, and `success`, whether
-    the goal is reached now, where the task has them. That of a reset has `randomization`, the
-    fields of the model that were drawn, if any are.
+    `layout` gives the position of each observation in the flat array, as `Part`s of name, slice
+    and shape. The info of a step has `reward_terms`, the terms of the reward by name, and
+    `success`, whether the goal is reached now, where the task defines them. The info of a reset
+    has `randomization`, the fields of the model that were drawn, if any are.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
         "render_modes": arguments.RENDER_MODES
     }
 
+    @arguments.suggests_names
     def __init__(
         self,
         environment: control.Environment,
@@ -51,31 +52,40 @@ class Env(gymnasium.Env):
         dtype: npt.DTypeLike = "float64",
         render_mode: str | None = None,
         render_kwargs: Mapping[str, object] | None = None,
+        width: int | None = None,
+        height: int | None = None,
+        camera_id: int | None = None,
+        camera_name: str | None = None,
     ) -> None:
-        """Takes over an environment, of the suite or your own.
+        """Take over an environment, of the suite or your own.
 
         Args:
           environment: it must not be used elsewhere.
-          flat: observations are one array (see `layout`) instead of a dict; if there are pixels
-            as well, it is called 'state'.
-          dtype: 'float64', or 'float32', of observations and of the action space.
+          flat: observations are one array (see `layout`) instead of a dict; beside pixels, that
+            array is called 'state'.
+          dtype: of observations, 'float64' or 'float32'. Actions are float32.
           render_mode: None or 'rgb_array'.
-          render_kwargs: keyword arguments of `Physics.render`, such as {'camera': 'side'}.
+          render_kwargs: keyword arguments of `Physics.render`, such as {'quality': 'fast'}.
+          width, height: of a picture, pixels; 320 and 240 by default.
+          camera_id, camera_name: the camera of a picture; the free camera by default.
 
         Raises:
-          ValueError: there is no such dtype or render mode.
+          ValueError: the dtype or the render mode is unknown.
+          TypeError: an argument is unknown, or given twice.
         """
         spec = environment.observation_spec()
         self._observations = observations_of(spec, flat, dtype, environment.pixels)
         self.layout: tuple[Part, ...] = self._observations.layout
         self.observation_space = self._observations.space
-        bounded_spec(environment.task, environment.physics)  # raises where none can be relied on
-        self.action_space = action_space(environment.action_spec(), self._observations.dtype)
+        bounded_spec(environment.task, environment.physics)  # raises if there is none
+        self.action_space = action_space(environment.action_spec())
         self.render_mode = arguments.render_mode(render_mode)
         self.metadata = {**self.metadata, "render_fps": round(1 / environment.control_timestep())}
-        self._render_kwargs = render_arguments(render_kwargs or {})
+        self._render_kwargs = arguments.picture_arguments(
+            render_kwargs, width, height, camera_id, camera_name
+        )
         self._environment = environment
-        # Whether Gymnasium's TimeLimit counts the steps, and how many it has counted.
+        # Whether Gymnasium's TimeLimit counts the steps, and its count.
         self._is_counted_outside = False
         self._counted = 0
         self._closed = False
@@ -85,18 +95,24 @@ class Env(gymnasium.Env):
         """The dm_env environment, with its `physics` and `task`."""
         return self._environment
 
+    # Any: of the domain's own class.
+    @property
+    def physics(self) -> Any:
+        """The simulation, also of a wrapped environment as `env.unwrapped.physics`."""
+        return self._environment.physics
+
     def reset(
         self, *, seed: int | None = None, options: Info | None = None
     ) -> tuple[Observation, Info]:
-        """Begins an episode; returns its first observation and info.
+        """Begin an episode; return its first observation and info.
 
         Args:
-          seed: the episode is the first of `RandomState(seed)`; None lets the stream go on.
-          options: none are known; they are ignored.
+          seed: the episode is the first of `RandomState(seed)`; with None the stream continues.
+          options: ignored, as Gymnasium's other environments do.
 
         Raises:
           ValueError: the seed is not between 0 and 2**32 - 1.
-          TypeError: the seed is no whole number, or the options are no mapping.
+          TypeError: the seed is not a whole number, or the options are not a mapping.
         """
         self._check_open()
         arguments.check_options(options)
@@ -111,15 +127,15 @@ class Env(gymnasium.Env):
         return self._observations.of_one(observation), info
 
     def step(self, action: npt.ArrayLike) -> tuple[Observation, float, bool, bool, Info]:
-        """Applies the action; returns observation, reward, terminated, truncated, info.
+        """Apply the action; return observation, reward, terminated, truncated and info.
 
         Raises:
-          ResetNeeded: there is no episode, or it has ended.
+          ResetNeeded: no episode has begun, or it has ended.
           ValueError, TypeError: the action is not a finite array of the space's shape; nothing has
             moved.
-          PhysicsError: the simulation diverged; `reset` begins anew.
-          RuntimeError: the environment inside was restored or stepped, so that Gymnasium's count of
-            steps is wrong.
+          PhysicsError: the simulation diverged; `reset` begins another episode.
+          RuntimeError: the inner environment was restored or stepped directly, so that Gymnasium's
+            count of steps is wrong.
         """
         self._check_open()
         environment = self._environment
@@ -127,9 +143,9 @@ class Env(gymnasium.Env):
             raise error.ResetNeeded("no episode is running: call reset() before step()")
         if self._is_counted_outside and environment._step_count != self._counted:
             raise RuntimeError(
-                f"the environment inside is at step {environment._step_count}, and Gymnasium's "
+                f"the inner environment is at step {environment._step_count}, and Gymnasium's "
                 f"TimeLimit at step {self._counted}: restore with limberjack.gym.restore(env, "
-                "snapshot), and step through the outermost environment"
+                "snapshot), and step the outermost environment only"
             )
         time_step = environment.step(action)
         self._counted += 1
@@ -140,7 +156,7 @@ class Env(gymnasium.Env):
         return observation, reward, is_last and not truncated, truncated, self._info()
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Goes on from a snapshot; `limberjack.gym.restore` does so for a wrapped environment.
+        """Continue from a snapshot; `limberjack.gym.restore` does so for a wrapped environment.
 
         Raises:
           ValueError: see `control.Environment.restore`.
@@ -157,13 +173,18 @@ class Env(gymnasium.Env):
         return self._environment.physics.render(**self._render_kwargs)
 
     def close(self) -> None:
-        """Frees the simulation; closing twice is fine, using it later is an error."""
+        """Free the simulation; closing twice is fine, using it later is an error."""
         if not self._closed:
             self._closed = True
             self._environment.close()
 
+    def __repr__(self) -> str:
+        return represented(self, of_environment(self._environment))
+
+    __str__ = __repr__  # Gymnasium's wrappers show it within their own
+
     def _info(self) -> Info:
-        """The terms of the last step's reward, and whether the goal is reached."""
+        """The terms of the last step's reward, and whether the goal is reached now."""
         task, terms = self._environment.task, self._environment.reward_terms
         if not terms:
             return {}
@@ -177,6 +198,7 @@ class Env(gymnasium.Env):
             raise error.ClosedEnvironmentError("this environment is closed: make a new one")
 
 
+@arguments.suggests_names
 def load(
     domain: str,
     task: str,
@@ -190,6 +212,10 @@ def load(
     dtype: npt.DTypeLike = "float64",
     render_mode: str | None = None,
     render_kwargs: Mapping[str, object] | None = None,
+    width: int | None = None,
+    height: int | None = None,
+    camera_id: int | None = None,
+    camera_name: str | None = None,
 ) -> Env:
     """An environment of a task, which counts the steps of its episodes itself.
 
@@ -199,10 +225,14 @@ def load(
       time_limit: length of an episode, seconds; None for the task's own.
       task_kwargs: see `suite.load`.
       environment_kwargs: see `suite.load`.
-      randomize: fields of the model to draw anew for each episode; see `limberjack.rl.randomize`.
+      randomize: fields of the model to draw for each episode; see `limberjack.rl.randomize`.
       pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
         `limberjack.rl.pixels`.
-      flat, dtype, render_mode, render_kwargs: see `Env`.
+      flat, dtype, render_mode, render_kwargs, width, height, camera_id, camera_name: see `Env`.
+
+    Raises:
+      TypeError: an argument is unknown; the message suggests the nearest name.
+      ValueError: the domain or the task is unknown, or an argument is out of range.
     """
     of_task = arguments.task_arguments(task_kwargs, time_limit)
     of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
@@ -212,4 +242,8 @@ def load(
         dtype=dtype,
         render_mode=render_mode,
         render_kwargs=render_kwargs,
+        width=width,
+        height=height,
+        camera_id=camera_id,
+        camera_name=camera_name,
     )

@@ -1,8 +1,8 @@
-"""Two halves of a batch: a worker thread for each, and what they return joined.
+"""Two halves of a batch: a worker thread for each, and their results joined.
 
 The threads are those of `concurrent.futures`, which the interpreter joins before it exits, so that
-none is ever stopped in the middle of a step. They start with the first `send`, and step in turn:
-each half uses all the threads that its batch has.
+none is stopped in the middle of a step. They start with the first `send`, and step in turn: each
+half uses all the threads of its batch.
 """
 
 import collections
@@ -21,7 +21,7 @@ class Workers:
     """A thread for each half; each runs one job at a time, received in the order sent."""
 
     def __init__(self, count: int) -> None:
-        """Makes `count` workers, without starting their threads."""
+        """Make `count` workers, without starting their threads."""
         self._count = count
         self._forget()
 
@@ -33,18 +33,18 @@ class Workers:
 
     @property
     def busy(self) -> list[int]:
-        """The halves that were sent and not received, in that order."""
-        if self._process != os.getpid():  # forked: there are no threads here
+        """The halves that were sent and not yet received, in that order."""
+        if self._process != os.getpid():  # forked: threads stay in the parent
             self._forget()
         return [half for half, _ in self._sent]
 
     def check_idle(self) -> None:
-        """Raises RuntimeError if a half was sent and not received."""
+        """Raise RuntimeError if a half was sent and not yet received."""
         if self.busy:
             raise RuntimeError(f"halves {self.busy} were sent: receive them with recv() first")
 
     def send(self, half: int, job: Callable[..., object], *given: object) -> None:
-        """Lets a half's thread call `job(*given)`."""
+        """Have a half's thread call `job(*given)`."""
         if half in self.busy:
             raise RuntimeError(f"half {half} was sent already: receive it with recv() first")
         if half not in self._threads:
@@ -52,8 +52,9 @@ class Workers:
         future = self._threads[half].submit(_when_it_is_its_turn, self._turn, job, given)
         self._sent.append((half, future))
 
-    def receive(self) -> tuple[int, Any]:  # what the job returns
-        """The half that was sent first, and what its job returned; or raises what it raised.
+    # Any: the result of a job.
+    def receive(self) -> tuple[int, Any]:
+        """The half that was sent first, and the result of its job, whose error it raises.
 
         Ctrl-C while it waits loses nothing: the next call waits for the same half.
         """
@@ -65,7 +66,7 @@ class Workers:
         return half, future.result()
 
     def close(self) -> None:
-        """Waits for what is under way and ends the threads."""
+        """Wait for running jobs and end the threads."""
         if self._process == os.getpid():
             for thread in self._threads.values():
                 thread.shutdown()
@@ -85,12 +86,13 @@ def _when_it_is_its_turn(
         return job(*given)
 
 
-def joined(parts: Sequence[Any], sizes: Sequence[int]) -> Any:  # arrays or dicts of them
+# Any: arrays, or dicts of them.
+def joined(parts: Sequence[Any], sizes: Sequence[int]) -> Any:
     """Arrays, or equally named dicts of them, one after the other along the first axis.
 
     Args:
-      parts: one for each half; None where a half has none, which counts as zeros, or for objects
-        as None.
+      parts: one for each half; None for a half without one, whose rows are zeros, or None in an
+        array of objects.
       sizes: rows of each half.
     """
     given = next(part for part in parts if part is not None)

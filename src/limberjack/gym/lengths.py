@@ -1,12 +1,12 @@
-"""The length of episodes where Gymnasium makes the environment, and who counts the steps.
+"""The length of episodes of environments that Gymnasium makes.
 
     env = gymnasium.make("limberjack/humanoid-walk-v0", max_episode_steps=200)
     gym.restore(env, snapshot)
 
-`gymnasium.make` puts a `TimeLimit` around a single environment, of `max_episode_steps` or of the
-id's own length, and does not pass the number on. So the environment inside has no limit of its
-own, unless `time_limit` asks for a shorter one. `make_vec` passes the number to a batch, which
-counts by itself.
+`gymnasium.make` wraps a single environment in a `TimeLimit` of `max_episode_steps`, or of the id's
+own length, and does not pass the number on. So the inner environment has no limit of its own,
+unless `time_limit` sets a shorter one. `make_vec` passes the number to a batch, which counts its
+steps itself.
 """
 
 import math
@@ -25,7 +25,7 @@ UNLIMITED = -1  # Gymnasium's `max_episode_steps` for no limit
 
 
 def asks_for_a_time_limit(kwargs: Mapping[str, object]) -> bool:
-    """Whether the arguments of an environment contain a time limit."""
+    """Whether the arguments of an environment set a time limit."""
     of_task = kwargs.get("task_kwargs")
     beside = isinstance(of_task, Mapping) and of_task.get("time_limit") is not None
     return kwargs.get("time_limit") is not None or beside
@@ -36,12 +36,12 @@ def limit_of_single(name: str, length: int, own: float, is_asked_for: bool) -> f
 
     Args:
       name: of the task, for messages.
-      length: of the id, in steps, which `TimeLimit` counts unless the caller says otherwise.
+      length: of the id, in steps, which `TimeLimit` counts unless the caller gives another number.
       own: the environment's limit as it was loaded.
       is_asked_for: whether the caller gave a time limit.
 
     Raises:
-      ValueError: the episode would be cut short silently.
+      ValueError: `TimeLimit` would end the episode earlier.
     """
     if is_asked_for:
         if own > length:
@@ -61,14 +61,14 @@ def limit_of_batch(
 
     Args:
       name: of the task, for messages.
-      length: of the id, in steps; None if it has none.
+      length: of the id, in steps; None for an id without a length.
       most: `max_episode_steps` as Gymnasium passes it on: the caller's, or that of the id.
       own: the batch's limit as it was loaded.
       is_asked_for: whether the caller gave a time limit.
 
     Raises:
-      TypeError: `most` is no whole number.
-      ValueError: it is out of range, or less than the time limit that was asked for.
+      TypeError: `most` is not a whole number.
+      ValueError: `most` is out of range, or less than the time limit.
     """
     if most is None:
         return own
@@ -77,7 +77,7 @@ def limit_of_batch(
         if most != UNLIMITED and own > most:
             raise ValueError(
                 f"time_limit makes episodes of {_steps(own)}, and max_episode_steps={most} ends "
-                f"those of {name} before: give {_maximum(own)} to gymnasium.make_vec instead"
+                f"those of {name} earlier: give {_maximum(own)} to gymnasium.make_vec instead"
             )
         return own
     if length is not None and most == length:
@@ -86,7 +86,7 @@ def limit_of_batch(
 
 
 def restore(env: gymnasium.Env, snapshot: Snapshot) -> None:
-    """Goes on from a snapshot in an environment that `gymnasium.make` or `gym.load` has made.
+    """Continue from a snapshot in an environment made by `gymnasium.make` or `gym.load`.
 
     It also sets the count of Gymnasium's `TimeLimit`, which `env.unwrapped.environment.restore`
     cannot reach.
@@ -121,7 +121,7 @@ def _time_limits(env: gymnasium.Env) -> list[TimeLimit]:
 
 
 def _check_control_step(name: str, length: int, own: float) -> None:
-    """Refuses an environment whose control step was changed, so that its length is another one."""
+    """Raise ValueError if a changed control step gives episodes another length than the id's."""
     if math.isinf(own) or math.ceil(own) != length:
         raise ValueError(
             f"with these arguments episodes of {name} have {_steps(own)}, and Gymnasium ends them "

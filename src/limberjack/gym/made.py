@@ -1,8 +1,8 @@
 """Entry points of the ids that `limberjack.gym` registers, for `gymnasium.make` and `make_vec`.
 
-They are `gym.load` and `gym.load_vector`, except for the length of episodes, which is Gymnasium's;
-see `limberjack.gym.lengths`. The spec of a domain that is not the suite's carries the name of its
-module, which is imported where the environment is made.
+They are `gym.load` and `gym.load_vector`, except for the length of episodes, which Gymnasium sets;
+see `limberjack.gym.lengths`. The spec of a domain outside the suite has the name of its module,
+which is imported where the environment is made.
 """
 
 from typing import Any
@@ -31,7 +31,7 @@ def make(
       kwargs: of `gym.load`.
 
     Raises:
-      TypeError: an argument is misspelt; the message has a suggestion.
+      TypeError: an argument is unknown; the message suggests the nearest name.
       ValueError: the time limit is longer than the id's, or the arguments change the control step.
     """
     arguments.refuse_unknown(kwargs, load)
@@ -39,7 +39,7 @@ def make(
         suite.require(domain, module)
     env = load(domain, task, **kwargs)
     length = registry.steps(domain, task) if module is None else steps
-    if length is None:  # the id has none, so there is no TimeLimit
+    if length is None:  # Gymnasium adds no TimeLimit
         return env
     environment = env.environment
     is_asked_for = lengths.asks_for_a_time_limit(kwargs)
@@ -50,7 +50,7 @@ def make(
     return env
 
 
-# So that `gymnasium.make` knows what 'human' and 'rgb_array_list' can be made of.
+# Read by `gymnasium.make`, which wraps 'rgb_array' for the modes 'human' and 'rgb_array_list'.
 make.metadata = Env.metadata  # pyright: ignore[reportFunctionMemberAccess]
 
 
@@ -76,8 +76,8 @@ def make_vector(
       kwargs: of `gym.load_vector`.
 
     Raises:
-      TypeError: an argument is misspelt; the message has a suggestion.
-      ValueError: the time limit is longer than `max_episode_steps`, or that is no such number.
+      TypeError: an argument is unknown; the message suggests the nearest name.
+      ValueError: the time limit is longer than `max_episode_steps`, or that is out of range.
     """
     if isinstance(module, str):
         suite.require(domain, module)

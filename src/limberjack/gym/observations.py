@@ -1,4 +1,4 @@
-"""Observations as Gymnasium wants them: a dict or one flat array, of one number type.
+"""Observations in the form of Gymnasium: a dict or one flat array, of one number type.
 
 layout = Observations(environment.observation_spec(), flat=True, dtype="float32").layout
 for name, columns, shape in layout:
@@ -18,13 +18,13 @@ from gymnasium import spaces
 
 __all__ = ["Info", "Observation", "Observations", "Part", "action_space", "specs_of_one_row"]
 
-# MuJoCo calls a state beyond this diverged, so no observation lies there.
+# A state beyond this has diverged in MuJoCo's terms, so no observation is larger.
 _BOUND = mujoco.mjMAXVAL
 
 
-# An array, or a dict of arrays, as the arguments of an environment say.
+# Any: an array, or a dict of arrays, depending on the arguments of an environment.
 Observation = Any
-# As Gymnasium's own environments have it.
+# Any: as in Gymnasium.
 Info = dict[str, Any]
 
 
@@ -37,14 +37,14 @@ class Part(NamedTuple):
 
 
 class Observations:
-    """The form in which observations are given: dict or flat, and the number type.
+    """The form of observations: dict or flat, and the number type.
 
     `layout` has the flat array's parts, in its order, which is also that of the dict; `space` is
     the space of one simulation's observation.
     """
 
     def __init__(self, of_one: Mapping[str, specs.Array], flat: bool, dtype: npt.DTypeLike) -> None:
-        """Takes the specs of one simulation's observations.
+        """Take the specs of one simulation's observations.
 
         Raises:
           ValueError: `dtype` is neither float64 nor float32.
@@ -65,7 +65,7 @@ class Observations:
         return joined
 
     def buffer(self, num_envs: int) -> np.ndarray | None:
-        """An array for `of_batch` to write to; None where it has no use for one."""
+        """An array for `of_batch` to write to; None where it does not need one."""
         return np.empty((num_envs, self._size), self.dtype) if self.flat else None
 
     def of_batch(
@@ -74,11 +74,11 @@ class Observations:
         """A batch's observation, in arrays of its own or in the buffer.
 
         Args:
-          observation: arrays of (num_envs, ...) that nobody else uses.
-          buffer: as made by `buffer`.
+          observation: arrays of (num_envs, ...) that are not used elsewhere.
+          buffer: the result of `buffer`.
         """
         if buffer is None:
-            # The same type of number is no reason for a copy.
+            # Numbers of the right type are not copied.
             return {
                 part.name: observation[part.name].astype(self.dtype, copy=False)
                 for part in self.layout
@@ -88,7 +88,7 @@ class Observations:
         return buffer
 
     def copies_of_rows(self, observation: Observation, rows: np.ndarray) -> list[Observation]:
-        """The observations of some rows of what `of_batch` gave, each as `of_one` gives it."""
+        """Some rows of an observation of `of_batch`, each in the form of `of_one`."""
         if isinstance(observation, np.ndarray):
             return list(observation[rows])
         kept = {name: values[rows] for name, values in observation.items()}
@@ -107,10 +107,16 @@ def specs_of_one_row(batched: Mapping[str, specs.Array]) -> dict[str, specs.Arra
     return {name: specs.Array(spec.shape[1:], spec.dtype) for name, spec in batched.items()}
 
 
-def action_space(spec: specs.BoundedArray, dtype: np.dtype) -> spaces.Box:
-    """The space of one simulation's actions; its numbers are of the observations' type."""
-    low, high = (np.broadcast_to(b, spec.shape).astype(dtype) for b in (spec.minimum, spec.maximum))
-    return spaces.Box(low, high, spec.shape, dtype.type)
+def action_space(spec: specs.BoundedArray) -> spaces.Box:
+    """The space of one simulation's actions, float32 as in Gymnasium's MuJoCo environments.
+
+    It lies within the spec: bounds that float32 cannot represent are rounded inward.
+    """
+    low, high = (np.broadcast_to(bound, spec.shape) for bound in (spec.minimum, spec.maximum))
+    least, most = low.astype(np.float32), high.astype(np.float32)
+    least = np.where(least < low, np.nextafter(least, np.inf), least)
+    most = np.where(most > high, np.nextafter(most, -np.inf), most)
+    return spaces.Box(least, most, spec.shape, np.float32)
 
 
 def _layout(shapes: Mapping[str, tuple[int, ...]]) -> tuple[Part, ...]:

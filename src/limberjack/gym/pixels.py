@@ -1,10 +1,10 @@
-"""Observations with pictures, as Gymnasium wants them: uint8 beside numbers, or alone.
+"""Observations with pictures in the form of Gymnasium: uint8, beside numbers or alone.
 
     env = load("humanoid", "walk", flat=True, pixels={"camera": "side", "frame_stack": 3})
     env.observation_space    # Dict: 'state' (67,) float64, 'pixels' (84, 84, 9) uint8
 
-The pictures are 'pixels' in the dict of observations; with `flat`, all else is 'state'; with
-`only=True` the observation is the array of pictures itself.
+The pictures are 'pixels' in the dict of observations. With `flat` the other observations are
+'state'; with `only=True` the observation is the array of pictures itself.
 """
 
 import collections
@@ -20,11 +20,11 @@ from limberjack.rl.pixels import PIXELS_KEY, Pixels
 
 __all__ = ["STATE_KEY", "PixelObservations", "observations_of"]
 
-STATE_KEY = "state"  # what the flat array is called beside the pictures
+STATE_KEY = "state"  # the name of the flat array beside the pictures
 
 
 class PixelObservations(Observations):
-    """The form in which observations with pictures are given.
+    """The form of observations with pictures.
 
     `layout` has the parts of the flat array, none of which is a picture.
     """
@@ -32,7 +32,7 @@ class PixelObservations(Observations):
     def __init__(
         self, of_one: Mapping[str, specs.Array], flat: bool, dtype: npt.DTypeLike, only: bool
     ) -> None:
-        """Takes the specs of one simulation's observations, and whether there are pictures only."""
+        """Take the specs of one simulation's observations; `only` keeps the pictures alone."""
         numbers = {} if only else {n: s for n, s in of_one.items() if n != PIXELS_KEY}
         super().__init__(numbers, flat, dtype)
         self._only = only
@@ -51,7 +51,7 @@ class PixelObservations(Observations):
     def of_batch(
         self, observation: Mapping[str, np.ndarray], buffer: np.ndarray | None
     ) -> Observation:
-        """A batch's observation, in arrays of its own, or all but the pictures in the buffer."""
+        """A batch's observation in arrays of its own; with a buffer, all but the pictures in it."""
         pixels = observation[PIXELS_KEY]
         return pixels if self._only else self._with(super().of_batch(observation, buffer), pixels)
 
@@ -63,7 +63,7 @@ class PixelObservations(Observations):
 def observations_of(
     of_one: Mapping[str, specs.Array], flat: bool, dtype: npt.DTypeLike, pixels: Pixels | None
 ) -> Observations:
-    """The form of observations with these specs, which have pictures if `pixels` is not None.
+    """The form of observations with these specs; they have pictures unless `pixels` is None.
 
     Raises:
       ValueError: `dtype` is neither float64 nor float32.

@@ -1,6 +1,6 @@
-"""`Transitions`: a `BatchEnvironment` told in Gymnasium's terms, in one of three autoreset modes.
+"""`Transitions`: resets and steps of a `BatchEnvironment` in Gymnasium's terms.
 
-What a row of a step is when the row's episode has ended differs by mode: see docs/batches.md.
+There are three autoreset modes, which differ in the step after a row's last: see docs/batches.md.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,14 +30,14 @@ class Transitions:
     def __init__(
         self, batch: BatchEnvironment, mode: AutoresetMode, observations: Observations, copy: bool
     ) -> None:
-        """Takes over a batch.
+        """Take over a batch.
 
         Args:
           batch: it must not be used elsewhere at the same time.
-          mode: when a row whose episode has ended begins the next one.
-          observations: how observations are given.
-          copy: give observations in new arrays each time, else in the same one where that is
-            quicker.
+          mode: the time at which a row whose episode has ended begins the next one.
+          observations: the form of the observations.
+          copy: return observations in new arrays each time; else in the same array where that is
+            faster.
         """
         self.batch = batch
         self._mode = mode
@@ -48,28 +48,28 @@ class Transitions:
     def reset(
         self, seeds: Sequence[int | None], mask: np.ndarray | None
     ) -> tuple[Observation, Info]:
-        """Begins an episode in every row or in those of the mask; returns observation and info.
+        """Begin an episode in every row or in those of the mask; return observation and info.
 
         Args:
-          seeds: of each row's random stream, which goes on where it is None.
+          seeds: of each row's random stream, which continues where the seed is None.
           mask: (num_envs,), None for all.
         """
         batch = self.batch
         begun = np.ones(batch.num_envs, bool) if mask is None else mask
         of_rows = [seeds[row] for row in np.flatnonzero(begun).tolist()]
-        return self._told(batch.reset(begun, of_rows).observation), self._drawn(begun)
+        return self._in_form(batch.reset(begun, of_rows).observation), self._drawn(begun)
 
     def step(self, actions: npt.ArrayLike) -> Step:
-        """Steps every row.
+        """Step every row.
 
         Raises:
-          ResetNeeded: an episode has ended that the mode does not follow by another.
+          ResetNeeded: an episode has ended, and the mode leaves the reset to the user.
           ValueError, TypeError, PhysicsError: see `BatchEnvironment.step`.
         """
         batch = self.batch
         self.check_begun()
         time_step = batch.step(actions)
-        observation = self._told(time_step.observation)
+        observation = self._in_form(time_step.observation)
         step_type = time_step.step_type
         last = step_type == _LAST
         truncated = np.zeros(batch.num_envs, bool)
@@ -77,7 +77,7 @@ class Transitions:
         if any_last:
             truncated = batch.timed_out
         if any_last and self._mode is AutoresetMode.SAME_STEP:
-            observation, info = self._begin_anew(last, observation)
+            observation, info = self._begin_next(last, observation)
         else:
             first = step_type == _FIRST
             info = self._terms(~first) | self._drawn(first)
@@ -85,7 +85,7 @@ class Transitions:
         return observation, time_step.reward, last & ~truncated, truncated, info
 
     def checked(self, actions: npt.ArrayLike) -> np.ndarray:
-        """A copy of the actions, refused now if `step` would refuse them."""
+        """A copy of the actions; raises the errors that `step` would raise for them."""
         self.check_begun()
         batch = self.batch
         given = check_actions(actions, batch.num_envs, batch.begins, batch.first_row)
@@ -97,12 +97,12 @@ class Transitions:
             )
         return np.array(given)
 
-    def begin_anew(self) -> None:
-        """Has every row begin an episode with the next step, or wait for a reset."""
-        self.batch.begin_anew()
+    def restart(self) -> None:
+        """Make every row begin an episode with the next step, or wait for a reset."""
+        self.batch.restart()
 
     def check_begun(self) -> None:
-        """Raises ResetNeeded if rows wait for a reset that the mode leaves to the user."""
+        """Raise ResetNeeded if rows wait for a reset that the mode leaves to the user."""
         if self._mode is AutoresetMode.NEXT_STEP:
             return
         waiting = np.flatnonzero(self.batch.begins)
@@ -113,8 +113,8 @@ class Transitions:
                 "options={'reset_mask': mask}; nothing was stepped"
             )
 
-    def _begin_anew(self, last: np.ndarray, observation: Observation) -> tuple[Observation, Info]:
-        """Begins the next episode of rows; what they ended with goes into the info."""
+    def _begin_next(self, last: np.ndarray, observation: Observation) -> tuple[Observation, Info]:
+        """Begin the next episode of rows; the info has the last observation of the old one."""
         ended = np.flatnonzero(last)
         final = np.full(len(last), None, object)
         for row, one in zip(
@@ -124,22 +124,22 @@ class Transitions:
         info = self._terms(~last)
         info |= {"final_obs": final, "_final_obs": last}
         info |= {"final_info": self._terms(last), "_final_info": last}
-        observation = self._told(self.batch.reset(ended).observation)
+        observation = self._in_form(self.batch.reset(ended).observation)
         return observation, info | self._drawn(last)
 
     def _drawn(self, begun: np.ndarray) -> Info:
-        """What was drawn for the episodes that rows have begun."""
+        """The model's fields that were drawn for the episodes that rows have begun."""
         drawn = self.batch.randomization
         if not drawn or not any_of(begun):
             return {}
-        told = _with_masks({name: values.copy() for name, values in drawn.items()}, begun)
-        return {"randomization": told, "_randomization": begun.copy()}
+        values = _with_masks({name: values.copy() for name, values in drawn.items()}, begun)
+        return {"randomization": values, "_randomization": begun.copy()}
 
     def _terms(self, rows: np.ndarray) -> Info:
-        """What the last step's reward is made of in some rows.
+        """The terms of the last step's reward, and whether the goal is reached, in some rows.
 
         Args:
-          rows: mask of the rows that this is said of; the others have zeros.
+          rows: mask of the rows that these are valid for; the others have zeros.
         """
         batch = self.batch
         terms = batch.reward_terms
@@ -148,17 +148,16 @@ class Transitions:
         rows = rows & ~batch.diverged
         all_rows = bool(rows.all())
         shown = {
-            # A step makes its terms anew, so that they may be given away.
+            # Each step computes new arrays, which need no copy.
             name: values if all_rows and _is_own(values) else np.where(rows, values, 0.0)
             for name, values in terms.items()
         }
-        told = _with_masks(shown, rows)
-        info: Info = {"reward_terms": told, "_reward_terms": rows}
+        info: Info = {"reward_terms": _with_masks(shown, rows), "_reward_terms": rows}
         if batch.task.GOAL:
             info |= {"success": batch.task.is_success(terms) & rows, "_success": rows}
         return info
 
-    def _told(self, observation: Observation) -> Observation:
+    def _in_form(self, observation: Observation) -> Observation:
         if self._copies:
             buffer = self._observations.buffer(self.batch.num_envs)
             return self._observations.of_batch(observation, buffer)
@@ -166,10 +165,10 @@ class Transitions:
 
 
 def _is_own(values: object) -> bool:
-    """Whether it is an array of numbers for each row that shows nothing that lives on."""
+    """Whether it is an array of one number for each row, and not a view of another array."""
     return isinstance(values, np.ndarray) and values.ndim == 1 and values.flags.owndata
 
 
 def _with_masks(values: Mapping[str, Quantity], rows: np.ndarray) -> dict[str, Quantity]:
-    """The values and, as Gymnasium has it, the mask of rows that each is said of, as '_name'."""
+    """The values and, as in Gymnasium, the mask of rows that each is valid for, as '_name'."""
     return {**values, **{f"_{name}": rows.copy() for name in values}}

@@ -5,18 +5,18 @@
     observations, rewards, terminated, truncated, info = envs.step(actions)    # (256, 21)
 
 Row i is `Env` with seed `seed + i`, bit for bit. The time limit truncates; only the task and
-divergence terminate. What a row of a step is when its episode ends depends on `autoreset_mode`,
-which docs/batches.md explains with a picture.
+divergence terminate. `autoreset_mode` decides what a step returns for a row whose episode has
+ended; docs/batches.md explains it with a picture.
 
-With `pipelined=True` the rows are two halves that are stepped in turn, on a thread each, while the
-policy works on the other half's observations:
+With `pipelined=True` the rows are two halves, which are stepped in turn, on a thread each, while
+the policy computes the actions of the other half:
 
     observations, info = envs.reset(seed=0)
     for half, rows in enumerate(envs.halves):
         envs.send(policy(observations[rows]), half)
     for step in range(1000):
         for half in (0, 1):
-            observations, rewards, terminated, truncated, info = envs.recv()  # the half sent first
+            observations, rewards, terminated, truncated, info = envs.recv()  # the oldest half
             envs.send(policy(observations), half)
 """
 
@@ -47,7 +47,7 @@ from limberjack.gym.pixels import observations_of
 from limberjack.gym.transitions import Step, Transitions
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import at_least_one
-from limberjack.rl.pixels import render_arguments
+from limberjack.rl.represented import of_batch, represented
 
 __all__ = ["VectorEnv", "load_vector"]
 
@@ -55,20 +55,21 @@ __all__ = ["VectorEnv", "load_vector"]
 class VectorEnv(gymnasium_vector.VectorEnv):
     """A batch, or two halves of one; see the module's docstring.
 
-    `layout` says where each observation stands in the flat array: `Part`s of name, slice, shape.
-    `batches` has the batch or the halves, for snapshots and physics; `halves` the rows of each.
-    The info of a step has `reward_terms`, (num_envs,) by name, and `success`, booleans, where the
-    task has them, and `diverged`. Where episodes begin, in a reset or a step, it has
-    `randomization`, the fields of the model that were drawn, if any are. Beside
-    each entry is a mask of the rows that it is said of, `_success` and so on, as Gymnasium has it.
+    `layout` gives the position of each observation in the flat array, as `Part`s of name, slice
+    and shape. `batches` has the batch or the halves, for snapshots and physics; `halves` the rows
+    of each. The info of a step has `reward_terms`, (num_envs,) by name, and `success`, booleans,
+    where the task defines them, and `diverged`. Where episodes begin, in a reset or a step, it has
+    `randomization`, the fields of the model that were drawn, if any are. Beside each entry is a
+    mask of the rows that it is valid for, `_success` and so on, as in Gymnasium.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as Gymnasium has it)
         "render_modes": arguments.RENDER_MODES
     }
     _spec: EnvSpec | None = None
-    closed = True  # until it is made: Gymnasium closes what is not, even if making it failed
+    closed = True  # until it is made: Gymnasium closes an open one, even if making it failed
 
+    @arguments.suggests_names
     def __init__(
         self,
         *batches: BatchEnvironment,
@@ -78,28 +79,31 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         copy: bool = True,
         render_mode: str | None = None,
         render_kwargs: Mapping[str, object] | None = None,
+        width: int | None = None,
+        height: int | None = None,
+        camera_id: int | None = None,
+        camera_name: str | None = None,
     ) -> None:
-        """Takes over a batch, or two for pipelining.
+        """Take over a batch, or two for pipelining.
 
         Args:
           batches: of the suite or your own task; they must not be used elsewhere at the same time.
-          autoreset_mode: when a row whose episode has ended begins the next one.
-          flat: observations are one array (see `layout`) instead of a dict; if there are pixels
-            as well, it is called 'state'.
-          dtype: 'float64', or 'float32', of observations and of the action space.
-          copy: observations are new arrays each time; False allows that they are overwritten by the
-            next step or reset.
-          render_mode: None or 'rgb_array'.
-          render_kwargs: keyword arguments of `Physics.render`, such as {'camera': 'side'}.
+          autoreset_mode: the time at which a row whose episode has ended begins the next one.
+          flat, dtype, render_mode, render_kwargs, width, height, camera_id, camera_name: see `Env`.
+          copy: observations are new arrays each time; with False the next step or reset may
+            overwrite them.
 
         Raises:
-          ValueError: there are not one or two batches, they do not fit together, or there is no
-            such mode or dtype.
+          ValueError: there are not one or two batches, they do not fit together, or a mode or dtype
+            is unknown.
+          TypeError: an argument is unknown, or given twice.
         """
         _check_halves(batches)
         mode = arguments.autoreset_mode(autoreset_mode)
         self.render_mode = arguments.render_mode(render_mode)
-        self._render_kwargs = render_arguments(render_kwargs or {})
+        self._render_kwargs = arguments.picture_arguments(
+            render_kwargs, width, height, camera_id, camera_name
+        )
         self.batches = batches
         sizes = [batch.num_envs for batch in batches]
         self.num_envs = sum(sizes)
@@ -114,7 +118,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self.metadata = {**self.metadata, "render_fps": fps, "autoreset_mode": mode}
         self.closed = False
 
-    # Gymnasium has a plain attribute, which `make_vec` sets.
+    # A plain attribute in Gymnasium, which `make_vec` sets.
     @property
     def spec(self) -> EnvSpec | None:
         """The spec of the id, with the length of episodes here as its `max_episode_steps`."""
@@ -135,7 +139,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._observations = observations_of(of_one, flat, dtype, batch.pixels)
         self.layout: tuple[Part, ...] = self._observations.layout
         spec = batch.task.action_spec(batch.single)
-        self.single_action_space = action_space(spec, self._observations.dtype)
+        self.single_action_space = action_space(spec)
         self.single_observation_space = self._observations.space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -147,16 +151,16 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         seed: SupportsIndex | Sequence[SupportsIndex | None] | None = None,
         options: Mapping[str, object] | None = None,
     ) -> tuple[Observation, Info]:
-        """Begins an episode in every row, or in some; returns the observations and info.
+        """Begin an episode in every row, or in some; return the observations and info.
 
         Args:
-          seed: row i begins the first episode of `RandomState(seed + i)`; or one for each row;
-            where None the stream goes on.
-          options: `{"reset_mask": mask}`, (num_envs,) booleans, resets some rows only; the others
-            are as they were. Anything else is ignored; nothing is changed in it.
+          seed: row i begins the first episode of `RandomState(seed + i)`; a sequence has a seed for
+            each row. Where it is None the row's stream continues.
+          options: `{"reset_mask": mask}`, (num_envs,) booleans, resets some rows only and leaves
+            the others alone. Other options are ignored; the mapping is not changed.
 
         Raises:
-          ValueError, TypeError: a seed or the mask is not as it should be; nothing was reset.
+          ValueError, TypeError: a seed or the mask is invalid; nothing was reset.
         """
         self._check_open()
         self._workers.check_idle()
@@ -164,19 +168,20 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         mask = arguments.reset_mask(options, self.num_envs)
         if isinstance(seed, int | np.integer):
             super().reset(seed=seeds[0])
-        told = [
+        begun = [
             part.reset(seeds[rows], None if mask is None else mask[rows])
             for part, rows in zip(self._parts, self.halves, strict=True)
         ]
         self._was_reset = True
-        observations, infos = zip(*told, strict=True)
+        observations, infos = zip(*begun, strict=True)
         return self._joined(observations), self._joined(infos)
 
     def step(self, actions: npt.ArrayLike) -> Step:
-        """Steps every row; returns observations, rewards, terminated, truncated, info.
+        """Step every row; return observations, rewards, terminated, truncated and info.
 
         Raises:
-          ResetNeeded: there was no reset, or an episode has ended and `autoreset_mode` is DISABLED.
+          ResetNeeded: `reset` was not called, or `autoreset_mode` is DISABLED and an episode has
+            ended.
           ValueError, TypeError: the actions are not finite numbers, one row for each environment;
             nothing was stepped.
           PhysicsError: a row diverged and `on_divergence` is 'raise'.
@@ -190,28 +195,28 @@ class VectorEnv(gymnasium_vector.VectorEnv):
                 f"actions have shape {np.shape(actions)}; expected {self.action_space.shape}: one "
                 "row for each environment"
             )
-        # All of them before anything is stepped.
+        # All of them are checked before any row is stepped.
         halves = zip(self._parts, self.halves, strict=True)
         checked = [part.checked(np.asarray(actions)[rows]) for part, rows in halves]
         try:
             steps = [part.step(given) for part, given in zip(self._parts, checked, strict=True)]
-        except BaseException:  # what the other half did is lost
+        except BaseException:  # the other half's step is lost
             for part in self._parts:
-                part.begin_anew()
+                part.restart()
             raise
         observation, *flags, info = (self._joined(parts) for parts in zip(*steps, strict=True))
         return observation, flags[0], flags[1], flags[2], info
 
     def send(self, actions: npt.ArrayLike, half: int) -> None:
-        """Begins to step a half, while the caller goes on; `recv` returns what follows.
+        """Begin to step a half, and return at once; `recv` returns the result.
 
         Args:
-          actions: one row for each of the half's; they are copied.
+          actions: one row for each row of the half; they are copied.
           half: 0 or 1.
 
         Raises:
           RuntimeError: the environment is not pipelined, or the half was not received yet.
-          ValueError: there is no such half.
+          ValueError: the half is neither 0 nor 1.
           ResetNeeded, ValueError, TypeError: as `step`; nothing was stepped.
         """
         self._check_begun()
@@ -225,12 +230,12 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._workers.send(half, part.step, part.checked(actions))
 
     def recv(self) -> Step:
-        """Waits for the half that was sent first; returns what `step` returns, for its rows.
+        """Wait for the half that was sent first; return the result of `step` for its rows.
 
         `info["env_id"]` has the numbers of the rows.
 
         Raises:
-          RuntimeError: nothing was sent.
+          RuntimeError: no half was sent.
           PhysicsError: as `step`.
         """
         self._check_open()
@@ -248,10 +253,13 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         return tuple(picture for of_batch in pictures for picture in of_batch)
 
     def close_extras(self, **kwargs: object) -> None:
-        """Waits for what is under way and frees the batch; `close` calls it, once."""
+        """Wait for running steps and free the batch; `close` calls it, once."""
         self._workers.close()
         for batch in self.batches:
             batch.close()
+
+    def __repr__(self) -> str:
+        return represented(self, *map(of_batch, self.batches))
 
     def __getstate__(self) -> dict[str, object]:
         self._workers.check_idle()
@@ -319,16 +327,17 @@ def load_vector(
       time_limit: length of an episode, seconds; None for the task's own.
       task_kwargs: see `suite.load_batch`.
       environment_kwargs: see `suite.load_batch`.
-      randomize: fields of the model to draw anew for each episode; see `limberjack.rl.randomize`.
+      randomize: fields of the model to draw for each episode; see `limberjack.rl.randomize`.
       pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
         `limberjack.rl.pixels`.
       num_threads: threads that step the rows; by default the cores that this process may use.
       on_divergence: see `suite.load_batch`.
       pipelined: make two halves, for `send` and `recv`.
-      kwargs: autoreset_mode, flat, dtype, copy, render_mode, render_kwargs: see `VectorEnv`.
+      kwargs: autoreset_mode, flat, dtype, copy, render_mode, render_kwargs, width, height,
+        camera_id, camera_name: see `VectorEnv`.
 
     Raises:
-      TypeError: an argument is misspelt; the message has a suggestion.
+      TypeError: an argument is unknown; the message suggests the nearest name.
     """
     arguments.refuse_unknown(kwargs, VectorEnv, load_vector)
     num_envs = at_least_one("num_envs", num_envs)

@@ -1,11 +1,13 @@
-"""What a run leaves behind: result.json, return.png, video.mp4 and report.html.
+"""Files of a run or an evaluation: result.json, return.png, video.mp4 and report.html.
 
     from limberjack.report import Recorder, fingerprint
 
-It needs no display; matplotlib and ffmpeg are imported when they are used.
+No display is needed; matplotlib and ffmpeg are imported when they are used.
 """
 
 from limberjack.report.curve import write_distribution_plot, write_return_plot
+from limberjack.report.evaluation_page import write_evaluation_page
+from limberjack.report.labels import Label, Labels, labels_of
 from limberjack.report.page import write_page
 from limberjack.report.recorder import Recorder
 from limberjack.report.result import Facts, fingerprint, versions, write_result
@@ -13,11 +15,15 @@ from limberjack.report.trace import Trace
 
 __all__ = [
     "Facts",
+    "Label",
+    "Labels",
     "Recorder",
     "Trace",
     "fingerprint",
+    "labels_of",
     "versions",
     "write_distribution_plot",
+    "write_evaluation_page",
     "write_page",
     "write_result",
     "write_return_plot",

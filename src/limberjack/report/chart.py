@@ -1,10 +1,11 @@
-"""Line charts as HTML and SVG: text that a page shows as it stands, with nothing to load.
+"""Line charts as HTML and SVG, which a page shows without loading anything.
 
     html = line_chart("Reward", seconds, [Line("reward", rewards)], low=0.0, high=1.0)
 
-The lines stretch with the page, and the text beside them does not: it is HTML. Colours and sizes
-are the page's (`page.html`). Lines of many samples are thinned to what a screen can show, and keep
-their peaks.
+The lines stretch with the page; the text beside them is HTML and does not. Colours and sizes are
+the page's (`page.html`). Lines of many samples are thinned to the resolution of a screen, and keep
+their peaks. Where lines lie on top of each other, the upper ones are dashed, so that all of them
+can be seen.
 """
 
 import html
@@ -14,13 +15,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["Line", "line_chart", "thinned"]
+__all__ = ["Line", "line_chart", "steps_of", "thinned"]
 
 _WIDTH, _HEIGHT = 1000.0, 100.0  # of the drawing, which is stretched to the page
 _BUCKETS = 200  # pairs of a line's points; a chart has about as many pixels on a phone
+_ALL_BUCKETS = 16_000  # of all lines of a chart, which keeps a page of many episodes small
+_FEWEST_BUCKETS = 10
 _X_INTERVALS, _Y_INTERVALS = 5, 4  # between ticks, about
-_NAMED_LINES = 8  # as many as the page has colours; more are drawn in shades, without names
+_COLOURS = 8  # of the page; more lines are drawn in shades
+_MOST_NAMED = 64  # lines in a legend; more than these are not told apart
 _MARGIN = 0.05  # of the range, above and below the lines
+_DASH = 7.0  # pixels
+_GRID = 401  # points at which lines are compared; the dashes are coarser
+_TOUCHING = 0.005  # of the chart's height; lines nearer than this hide each other
+_HIDDEN = 0.1  # share of a line that others may hide before it is drawn between their dashes
 
 
 class Line(NamedTuple):
@@ -28,17 +36,18 @@ class Line(NamedTuple):
 
     name: str
     values: np.ndarray  # (n,)
+    at: np.ndarray | None = None  # (n,), ascending; None for the chart's
 
 
 def thinned(values: np.ndarray, buckets: int = _BUCKETS) -> np.ndarray:
-    """Which samples to draw: of each of many short spans the least and the greatest.
+    """The indices of the samples to draw: the least and the greatest of each of many short spans.
 
     Args:
       values: (n,); those that are not finite are not drawn.
       buckets: the number of spans.
 
     Returns:
-      Sorted numbers of samples, no more than twice as many as there are spans.
+      Sorted indices, at most twice as many as there are spans.
     """
     finite = np.flatnonzero(np.isfinite(values))
     if len(finite) <= 2 * buckets:
@@ -48,49 +57,55 @@ def thinned(values: np.ndarray, buckets: int = _BUCKETS) -> np.ndarray:
     return np.unique(ends)
 
 
+def steps_of(name: str, values: Sequence[float]) -> Line:
+    """Values in ascending order over 0 to 100 percent of them, a step for each."""
+    ascending = np.sort(np.asarray(values, float))
+    shares = np.linspace(0.0, 100.0, len(ascending) + 1)
+    return Line(name, np.repeat(ascending, 2), np.repeat(shares, 2)[1:-1])
+
+
 def line_chart(
     title: str,
-    seconds: np.ndarray,
+    at: np.ndarray,
     lines: Sequence[Line],
     low: float | None = None,
     high: float | None = None,
+    axis: str = "seconds",
 ) -> str:
-    """A chart of lines over time, as HTML.
+    """A chart of lines over time or another quantity, as HTML.
 
     Args:
-      title: what is shown.
-      seconds: (n,), ascending.
-      lines: the first few have names and colours of their own; many are drawn in shades.
+      title: the caption.
+      at: (n,), ascending from 0: the times of the lines' values.
+      lines: each has an entry in the legend unless there are very many.
       low: the bottom of the chart at most; by default the least value.
       high: the top of the chart at least.
+      axis: the quantity from left to right; charts of the same one show the same moment.
     """
     low, high = _range(lines, low, high)
-    until = float(seconds[-1]) or 1.0
-    # The first line is the one that matters: it is drawn last, above the others.
-    numbered = reversed(list(enumerate(lines)))
-    drawn = "".join(
-        _polyline(line, seconds / until, low, high, i, len(lines)) for i, line in numbered
-    )
+    until = float(max([at[-1], *(line.at[-1] for line in lines if line.at is not None)])) or 1.0
     x_ticks = [(tick / until, f"{tick:g}") for tick in _ticks(0.0, until, _X_INTERVALS)]
     y_ticks = [
         ((tick - low) / (high - low), f"{tick:g}") for tick in _ticks(low, high, _Y_INTERVALS)
     ]
     grid = "".join(
         f'<line x2="{_WIDTH:g}" y1="{y:.2f}" y2="{y:.2f}"/>'
-        for y in (_HEIGHT * (1 - where) for where, _ in y_ticks)
+        for y in (_HEIGHT * (1 - height) for height, _ in y_ticks)
     )
     return (
-        f'<figure class="chart" data-until="{until!r}"><figcaption>{html.escape(title)}'
+        f'<figure class="chart" data-axis="{html.escape(axis)}" data-until="{until!r}">'
+        f"<figcaption>{html.escape(title)}"
         f"</figcaption>\n<div class=plot><div class=y>{_labels(y_ticks, 'bottom')}</div>\n"
         f'<div class=area><svg viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" preserveAspectRatio="none" '
         f'role=img aria-label="{html.escape(_summary(title, lines))}" data-low="{low!r}" '
-        f'data-high="{high!r}"><g class=grid>{grid}</g>\n{drawn}</svg><div class=cursor></div>'
-        f"</div>\n<div class=x>{_labels(x_ticks, 'left')}</div></div>\n{_legend(lines)}</figure>\n"
+        f'data-high="{high!r}"><g class=grid>{grid}</g>\n{_drawn(at, until, lines, low, high)}'
+        f"</svg><div class=cursor></div></div>\n"
+        f"<div class=x>{_labels(x_ticks, 'left')}</div></div>\n{_legend(lines)}</figure>\n"
     )
 
 
 def _range(lines: Sequence[Line], low: float | None, high: float | None) -> tuple[float, float]:
-    """What the chart's height stands for: a little more than there is to show."""
+    """The values at the bottom and at the top of the chart, a little beyond those of the lines."""
     values = np.concatenate([line.values for line in lines])
     values = values[np.isfinite(values)]
     ends = [end for end in (low, high) if end is not None]
@@ -101,17 +116,71 @@ def _range(lines: Sequence[Line], low: float | None, high: float | None) -> tupl
     return least - margin, most + margin
 
 
-def _polyline(line: Line, where: np.ndarray, low: float, high: float, number: int, of: int) -> str:
-    """A line of the drawing; `where` is 0 to 1 from left to right."""
-    kept = thinned(line.values)
-    y = _HEIGHT * (high - line.values[kept]) / (high - low)
-    # Values are read off the lines that have names, so these are drawn more finely.
-    look, digits = f"class=c{number}", 2
-    if of > _NAMED_LINES:
-        look, digits = f'class=shade style="--hue: {round(300 * number / of)}"', 1
-    x = _WIDTH * where[kept]
-    points = " ".join(f"{a:.1f},{b:.{digits}f}" for a, b in zip(x, y, strict=True))
-    return f'<polyline {look} points="{points}"/>\n'
+def _drawn(at: np.ndarray, until: float, lines: Sequence[Line], low: float, high: float) -> str:
+    """The polylines over `at`, of which `until` is at the right.
+
+    The first line is the one that matters: it is drawn last, above the others.
+    """
+    buckets = max(_FEWEST_BUCKETS, min(_BUCKETS, _ALL_BUCKETS // max(len(lines), 1)))
+    heights = [(line.values - low) / (high - low) for line in lines]
+    dashes = [""] * len(lines)
+    if len(lines) <= _COLOURS:
+        x_of = [(at if line.at is None else line.at) / until for line in lines]
+        dashes = _dashes([_resampled(x, y) for x, y in zip(x_of, heights, strict=True)])
+    drawn = []
+    for number, line in enumerate(lines):
+        kept = thinned(line.values, buckets)
+        x = (at if line.at is None else line.at)[kept] / until
+        # Values are read off lines with names, so these are drawn more finely.
+        digits = 2 if len(lines) <= _MOST_NAMED else 1
+        points = " ".join(
+            f"{_WIDTH * a:.1f},{_HEIGHT * (1 - b):.{digits}f}"
+            for a, b in zip(x, heights[number][kept], strict=True)
+        )
+        look = _look(number, len(lines), dashes[number])
+        drawn.append(f'<polyline {look} points="{points}"/>\n')
+    return "".join(reversed(drawn))
+
+
+def _look(number: int, count: int, dash: str = "") -> str:
+    """The attributes that give a line, or its entry in the legend, its colour."""
+    if count <= _COLOURS:
+        return f'class="c{number}"{dash}'
+    return f'class="shade" style="--hue: {round(300 * number / count)}"'
+
+
+def _dashes(heights: Sequence[np.ndarray]) -> list[str]:
+    """The attribute that dashes a line, for each line that would hide others.
+
+    Of k lines on top of each other the lowest is whole, and each of the others shows one dash of k.
+    """
+    dashes = [""] * len(heights)
+    for number, own in enumerate(heights):
+        below = [i for i in range(number + 1, len(heights)) if _hides(own, heights[i])]
+        if below:
+            above = sum(_hides(heights[i], own) for i in range(number))
+            gap = _DASH * (len(below) + above)
+            offset = _DASH * above
+            dashes[number] = (
+                f' stroke-dasharray="{_DASH:g} {gap:g}" stroke-dashoffset="{-offset:g}"'
+            )
+    return dashes
+
+
+def _resampled(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A line's heights at equal distances from left to right; NaN where it is not drawn."""
+    finite = np.isfinite(y)
+    if not finite.any():
+        return np.full(_GRID, np.nan)
+    grid = np.linspace(0.0, 1.0, _GRID)
+    return np.interp(grid, x[finite], y[finite], left=np.nan, right=np.nan)
+
+
+def _hides(upper: np.ndarray, lower: np.ndarray) -> bool:
+    """Whether a line lies on a good part of another."""
+    shown = np.isfinite(upper) & np.isfinite(lower)
+    touching = abs(upper[shown] - lower[shown]) < _TOUCHING
+    return bool(touching.size) and float(touching.mean()) > _HIDDEN
 
 
 def _ticks(low: float, high: float, intervals: int) -> Iterator[float]:
@@ -128,19 +197,19 @@ def _labels(ticks: Sequence[tuple[float, str]], side: str) -> str:
 
 
 def _legend(lines: Sequence[Line]) -> str:
-    """Names of the lines, with room for the values at the cursor; none for many lines."""
-    if len(lines) > _NAMED_LINES:
+    """The names of the lines, with room for the values at the cursor; none for very many lines."""
+    if len(lines) > _MOST_NAMED:
         return ""
     entries = (
-        f"<li class=c{i}>{html.escape(line.name)} <output></output></li>"
+        f"<li {_look(i, len(lines))} tabindex=0>{html.escape(line.name)} <output></output></li>"
         for i, line in enumerate(lines)
     )
     return f"<ul class=legend>{''.join(entries)}</ul>"
 
 
 def _summary(title: str, lines: Sequence[Line]) -> str:
-    """The chart in words, for those who do not see it."""
-    if len(lines) > _NAMED_LINES:
+    """The chart in words, as a text alternative."""
+    if len(lines) > _COLOURS:
         values = np.concatenate([line.values for line in lines])
         return f"{title}: {len(lines)} lines; {_extent(values)}"
     return f"{title}: " + "; ".join(f"{line.name} {_extent(line.values)}" for line in lines)

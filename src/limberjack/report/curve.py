@@ -1,7 +1,7 @@
 """return.png: reward and return over time, one line per episode; returns.png: many returns.
 
-The only file that imports matplotlib, and that when a plot is asked for. It draws without a
-display and leaves pyplot's global state alone.
+The only module that imports matplotlib, and only while it draws a plot. It needs no display and
+does not touch pyplot's global state.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ _MARGIN = 0.03  # of the range, above and below the lines
 def write_return_plot(
     path: Path, title: str, episodes: Sequence[Episode], control_timestep: float
 ) -> None:
-    """Draws each episode's reward per step, and below it the return so far, over seconds.
+    """Draw each episode's reward per step, and below it the return so far, over seconds.
 
     Raises:
       ImportError: matplotlib is not installed.
@@ -63,13 +63,13 @@ def write_distribution_plot(
     by_policy: Mapping[str, Sequence[float]],
     by_start: Mapping[str, Sequence[float]],
 ) -> None:
-    """Draws the returns of many episodes in order of size: a line per policy, and per start.
+    """Draw the returns of many episodes in order of size: a line per policy, and per start.
 
     Args:
-      path: of the PNG.
+      path: the PNG.
       title: of the picture.
-      by_policy: the returns of each policy, of which the first is the one that matters.
-      by_start: the returns of that policy by kind of start; one kind needs no drawing.
+      by_policy: the returns of each policy; the first is the one under evaluation.
+      by_start: the returns of that policy by kind of start; a single kind is not drawn.
 
     Raises:
       ImportError: matplotlib is not installed.
@@ -80,7 +80,7 @@ def write_distribution_plot(
     for axes, part in zip(panels, parts, strict=True):
         for number, (name, returns) in enumerate(part.items()):
             label = f"{name}: mean {np.mean(returns):.1f} of {len(returns)}"
-            # A step per episode, so that a single one is a line too; the first line lies on top.
+            # A step per episode, so that a single one is also a line; the first line is on top.
             shares = np.linspace(0.0, 100.0, len(returns) + 1)
             heights, on_top = np.sort(returns), len(part) - number
             axes.stairs(heights, shares, baseline=None, zorder=2 + on_top, linewidth=2, label=label)
@@ -95,7 +95,7 @@ def write_distribution_plot(
 
 
 def _limits(series: Sequence[np.ndarray]) -> tuple[float, float]:
-    """Limits of an axis that shows 0 and 1, between which the suite's rewards lie, and all else."""
+    """Limits of an axis that shows all values, and 0 to 1, the range of the suite's rewards."""
     values = np.concatenate([*series, [0.0, 1.0]])
     values = values[np.isfinite(values)]
     margin = _MARGIN * (values.max() - values.min())

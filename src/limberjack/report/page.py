@@ -1,70 +1,81 @@
-"""report.html: a run on one page, with its film within it, for anybody with a browser.
+"""report.html of a run: everything on one page, with the film in it, for any browser.
 
-    write_page(Path("out/report.html"), result, trace, film=Path("out/video.mp4"))
+    write_page(Path("out/report.html"), result, episodes, trace, film=Path("out/video.mp4"))
 
-The page loads nothing from anywhere: no fonts, no scripts, no pictures. It may be sent by mail. How
-it looks is in `page.html`; the charts are from `chart`.
+It shows the first episode in full (film, reward, observations, actions) and the rewards and returns
+of all of them. The page loads nothing from anywhere, so it may be sent by mail. Its style is in
+`page.html`; the charts are from `chart`.
 """
 
 import base64
 import html
-import json
 import math
-import shlex
-import string
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from limberjack.report.chart import Line, line_chart
+from limberjack.report import parts
+from limberjack.report.chart import Line, line_chart, steps_of
 from limberjack.report.result import Facts
 from limberjack.report.trace import Trace
-from limberjack.utils.files import replacing
+from limberjack.report.units import Label
+from limberjack.rollout import Episode
 
 __all__ = ["write_page"]
 
-_TEMPLATE = Path(__file__).with_name("page.html")
+_ABOUT_CONTROLS = "in brackets the force or torque of 1"
 
 
 def write_page(
     path: Path,
     result: Facts,
+    episodes: Sequence[Episode],
     trace: Trace,
     film: Path | None,
     no_film: str = "",
+    command: str = "",
 ) -> None:
     """Writes the page whole, or leaves the one that is there.
 
     Args:
       path: the file.
-      result: what result.json holds, with at least one episode.
+      result: the contents of result.json.
+      episodes: those of the result, at least one.
       trace: of the first episode.
       film: of the first episode; None without one.
-      no_film: why there is none.
+      no_film: the reason why there is none.
+      command: as it was typed; the empty string if it is not known.
 
     Raises:
       OSError: the film cannot be read, or the page cannot be written.
     """
     name = f"{result['domain']} {result['task']}"
-    parts = {
-        "title": f"{name}, policy {result['policy']}",
-        "heading": name,
-        "subtitle": _subtitle(result),
-        "seed": str(result["episodes"][0]["seed"]),
-    }
-    parts = {key: html.escape(text) for key, text in parts.items()} | {
-        "figures": _figures(result),
-        "video": _video(film, no_film, name),
-        "reward": _reward_chart(trace),
-        "observations": "".join(_observation_charts(trace)),
-        "episodes": _episode_table(result["episodes"]),
-        "facts": _facts(result),
-        "result": json.dumps(result, allow_nan=False).replace("<", "\\u003c"),
-    }
-    template = string.Template(_TEMPLATE.read_text(encoding="utf-8"))
-    with replacing(path) as partial:
-        partial.write_text(template.substitute(parts), encoding="utf-8")
+    seen = "".join(_observation_charts(trace)) + "".join(_action_charts(trace))
+    body = [
+        parts.header(name, _subtitle(result)),
+        parts.figures(_figures(result)),
+        parts.section(
+            f"The first episode, seed {result['episodes'][0]['seed']}",
+            parts.cards([_video(film, no_film, name), _reward_chart(trace)]),
+        ),
+        parts.section(
+            "Observations and actions of the first episode, over seconds",
+            f'<div class="pair">\n{seen}</div>\n',
+        ),
+    ]
+    if len(episodes) > 1:
+        charts = parts.cards(_charts_of_all(episodes, result["control_timestep"]))
+        body.append(parts.section("All episodes", charts))
+    body.append(
+        parts.cards(
+            [
+                parts.section("Episodes", _episode_table(result["episodes"])),
+                parts.section("To run it again", parts.facts_of(result, command)),
+            ]
+        )
+    )
+    parts.write_document(path, f"{name}, policy {result['policy']}", "\n".join(body), result)
 
 
 def _subtitle(result: Facts) -> str:
@@ -75,82 +86,121 @@ def _subtitle(result: Facts) -> str:
     return text if done == asked else f"{text}; cut short after {done} of {asked} episodes"
 
 
-def _figures(result: Facts) -> str:
-    """The numbers that are looked for first."""
+def _figures(result: Facts) -> Iterator[tuple[str, str]]:
+    """The numbers that a reader looks for first."""
     episodes = result["episodes"]
     returns = [entry["return"] for entry in episodes if entry["return"] is not None]
     steps = sum(entry["length"] for entry in episodes)
-    figures = [("Episodes", str(len(episodes))), ("Steps", f"{steps:,}")]
+    yield "Episodes", str(len(episodes))
+    yield "Steps", f"{steps:,}"
     if len(returns) > 1:
-        figures.append(("Mean return", f"{np.mean(returns):.3f}"))
-        figures.append(("Standard deviation", f"{np.std(returns, ddof=1):.3f}"))
-        figures.append(("Least and greatest", f"{min(returns):.4g} to {max(returns):.4g}"))
+        yield "Mean return", f"{np.mean(returns):.3f}"
+        yield "Standard deviation", f"{np.std(returns, ddof=1):.3f}"
+        yield "Least and greatest", f"{min(returns):.4g} to {max(returns):.4g}"
     else:
-        figures.append(("Return", _number(episodes[0]["return"])))
+        yield "Return", _number(episodes[0]["return"])
     mean = sum(returns) / steps if returns else math.nan
-    figures.append(("Mean reward", f"{mean:.4f}"))
-    return "".join(f'<div class="card"><dt>{k}</dt><dd>{v}</dd></div>\n' for k, v in figures)
+    yield "Mean reward", f"{mean:.4f}"
 
 
 def _video(film: Path | None, no_film: str, name: str) -> str:
     if film is None:
-        return f'<p class="quiet">There is no video: {html.escape(no_film)}</p>\n'
+        return parts.card(f'<p class="quiet">There is no video: {html.escape(no_film)}</p>\n')
     content = base64.b64encode(film.read_bytes()).decode()
-    return (
+    return parts.card(
         f'<video src="data:video/mp4;base64,{content}" controls loop muted playsinline '
         f'preload="auto" aria-label="{html.escape(name)}, the first episode"></video>\n'
-        '<p class="quiet">Play it, or click into a chart: all of them show the same moment.</p>\n'
+        '<p class="quiet">Play it, or click into a chart: all of them show the same moment. Point '
+        "at a name below a chart to see its line alone.</p>\n"
     )
 
 
 def _reward_chart(trace: Trace) -> str:
     lines = [Line("reward", trace.rewards)]
     lines += [Line(name, values) for name, values in trace.terms.items()]
-    # Rewards of the suite, and what they are made of, lie between 0 and 1.
-    return line_chart("Reward and its terms over seconds", trace.seconds, lines, low=0.0, high=1.0)
+    # Rewards of the suite, and their terms, lie between 0 and 1.
+    chart = line_chart("Reward and its terms over seconds", trace.seconds, lines, low=0.0, high=1.0)
+    return parts.card(chart, "tall")
 
 
-def _observation_charts(trace: Trace) -> Iterable[str]:
+def _observation_charts(trace: Trace) -> Iterator[str]:
     for name, values in trace.observations.items():
-        size = values.shape[1]
-        lines = [Line(str(number), values[:, number]) for number in range(size)]
-        if size == 1:
-            lines = [Line(name, values[:, 0])]
-        count = "one number" if size == 1 else f"{size} numbers"
-        if size:
-            chart = line_chart(f"{name}, {count}", trace.seconds, lines)
-            yield f'<div class="card">\n{chart}</div>\n'
+        if values.shape[1]:
+            labels = trace.labels.observations.get(name, ())
+            yield _labelled_chart(name, trace.seconds, values, labels)
+
+
+def _action_charts(trace: Trace) -> Iterator[str]:
+    if trace.actions.shape[1]:
+        labels = trace.labels.actions
+        name = f"action, {_ABOUT_CONTROLS}" if any(label.unit for label in labels) else "action"
+        yield _labelled_chart(name, trace.seconds, trace.actions, labels, has_own_units=True)
+
+
+def _labelled_chart(
+    name: str,
+    seconds: np.ndarray,
+    values: np.ndarray,
+    labels: Sequence[Label],
+    has_own_units: bool = False,
+) -> str:
+    """A chart of the numbers of an observation or action.
+
+    Args:
+      name: of the quantity.
+      seconds: (n,).
+      values: (n, size).
+      labels: one for each number; none if they are not known.
+      has_own_units: write a unit beside each line, else beside the title if they are all equal.
+    """
+    size = values.shape[1]
+    title = f"{name}, one number" if size == 1 else f"{name}, {size} numbers"
+    if len(labels) != size:
+        labels = [Label(name if size == 1 else str(i)) for i in range(size)]
+    units = {label.unit for label in labels}
+    if len(units) == 1 and not has_own_units:
+        (unit,) = units
+        title += f", {unit}" if unit else ""
+        labels = [Label(label.name) for label in labels]
+    lines = [Line(str(label), values[:, i]) for i, label in enumerate(labels)]
+    return parts.card(line_chart(title, seconds, lines))
+
+
+def _charts_of_all(episodes: Sequence[Episode], control_timestep: float) -> Iterator[str]:
+    """Rewards, returns so far, and returns in order of size, of all episodes."""
+    steps = max(episode.length for episode in episodes)
+    seconds = control_timestep * np.arange(steps + 1)
+    rewards, returns = [], []
+    for episode in episodes:
+        # The reward of a step is earned when the step ends.
+        after = np.full(steps - episode.length, np.nan)
+        name = f"seed {episode.seed}: {_number(episode.total)}"
+        rewards.append(Line(name, np.concatenate([[np.nan], episode.rewards, after])))
+        returns.append(Line(name, np.concatenate([[0.0], episode.returns, after])))
+    yield parts.card(line_chart("Return so far, over seconds", seconds, returns))
+    yield parts.card(line_chart("Reward, over seconds", seconds, rewards, low=0.0, high=1.0))
+    totals = [episode.total for episode in episodes if math.isfinite(episode.total)]
+    if len(totals) > 1:
+        title = "Returns in order of size, over the share of episodes with less in percent"
+        line = steps_of("return", totals)
+        yield parts.card(line_chart(title, np.array([0.0, 100.0]), [line], axis="percent"))
 
 
 def _episode_table(episodes: Sequence[Facts]) -> str:
     has_start = any("start" in entry for entry in episodes)
-    start = '<th scope="col" class="word">Start</th>' if has_start else ""
-    rows = []
-    for entry in episodes:
-        kind = f'<td class="word">{html.escape(entry.get("start", ""))}</td>' if has_start else ""
-        rows.append(
-            f'<tr><th scope="row">{entry["seed"]}</th>{kind}<td>{_number(entry["return"])}</td>'
-            f"<td>{entry['length']}</td></tr>\n"
-        )
-    return (
-        f'<table><thead><tr><th scope="col">Seed</th>{start}<th scope="col">Return</th>'
-        f'<th scope="col">Steps</th></tr></thead>\n<tbody>{"".join(rows)}</tbody></table>\n'
+    columns = ["Seed", *(["Start<"] if has_start else []), "Return", "Steps"]
+    rows = (
+        [
+            str(entry["seed"]),
+            *([entry.get("start", "")] if has_start else []),
+            _number(entry["return"]),
+            str(entry["length"]),
+        ]
+        for entry in episodes
     )
-
-
-def _facts(result: Facts) -> str:
-    """The command that gives this again, and what its numbers depend on."""
-    episodes = result["episodes"]
-    words = ["limberjack", "run", result["domain"], result["task"], "--policy", result["policy"]]
-    words += ["--seed", str(episodes[0]["seed"]), "--episodes", str(result["episodes_asked_for"])]
-    if result["time_limit"] is not None:
-        words += ["--time-limit", f"{result['time_limit']:.12g}"]
-    facts = {"Command": f"<code>{html.escape(shlex.join(words))}</code>"}
-    facts |= {name: html.escape(version) for name, version in result["versions"].items()}
-    facts["Model"] = f"<code>{html.escape(result['fingerprint'])}</code>"
-    return "".join(f"<dt>{name}</dt><dd>{value}</dd>\n" for name, value in facts.items())
+    return parts.table("Episodes", columns, rows)
 
 
 def _number(value: float | None) -> str:
     """A return as the command line prints it."""
-    return "not a number" if value is None else f"{value:.3f}"
+    return "not a number" if value is None or math.isnan(value) else f"{value:.3f}"

@@ -7,9 +7,9 @@
         recorder.write(run, episodes, fingerprint)
     print(recorder.written, recorder.left_out)
 
-A film or a plot that cannot be had is left out, with the reason; the run goes on without it. The
+A film or plot that cannot be made is left out, with the reason; the run goes on without it. The
 page is always written: it needs nothing but Python. One recorder at a time writes to a directory,
-and not over the results of another task or policy.
+and never over the results of another task or policy.
 """
 
 import json
@@ -33,21 +33,22 @@ _PAGE = "report.html"
 _PLOT = "return.png"
 _RESULT = "result.json"
 _EVALUATION = "episodes.jsonl"  # as `limberjack.evaluation.store` calls it
-_SAME = ("domain", "task", "policy")  # what results in one directory have in common
+_SAME = ("domain", "task", "policy")  # equal for all results in one directory
 
 
 class Recorder:
     """Writes a run's files into a directory, which it makes."""
 
-    def __init__(self, directory: Path, run: Mapping[str, object]) -> None:
+    def __init__(self, directory: Path, run: Mapping[str, object], command: str = "") -> None:
         """Make the directory, and keep other processes from writing there until `close`.
 
         Args:
           directory: results of an earlier run of the same task and policy are replaced.
-          run: what is recorded; has 'domain', 'task' and 'policy'.
+          run: the facts of the run; has 'domain', 'task' and 'policy'.
+          command: the command line as it was typed, for the page; empty if there was none.
 
         Raises:
-          ValueError: another process writes there, or it holds the results of something else.
+          ValueError: another process writes there, or it holds other results.
           OSError: it cannot be made.
         """
         directory.mkdir(parents=True, exist_ok=True)
@@ -59,13 +60,14 @@ class Recorder:
             raise
         self.written: list[Path] = []
         self._directory = directory
-        self._reasons: dict[str, list[str]] = {}  # why files are left out: the names
+        self._command = command
+        self._reasons: dict[str, list[str]] = {}  # names of the files left out, by the reason
         self._film: Film | None = None
         self._trace: Trace | None = None
         self._physics: Rendered | None = None
 
     def close(self) -> None:
-        """Remove a film that is under way, and let others write to the directory."""
+        """Remove an unfinished film, and let other processes write to the directory."""
         self.drop_film()
         self._hold.release()
 
@@ -77,11 +79,11 @@ class Recorder:
 
     @property
     def left_out(self) -> list[str]:
-        """One line for each reason why files are left out."""
+        """One line for each reason for leaving out files."""
         return [f"no {' and no '.join(names)}: {why}" for why, names in self._reasons.items()]
 
     def begin(self, environment: Environment) -> None:
-        """Films and traces the environment's episode from its present state on."""
+        """Film and trace the environment's episode from its present state on."""
         self._physics = environment.physics
         self._trace = Trace(environment)
         try:
@@ -90,7 +92,7 @@ class Recorder:
             self._leave_out(_FILM, error)
 
     def add_step(self, step: Step) -> None:
-        """Keep the reset or a step that the environment has just returned, and film it."""
+        """Trace and film the reset or step that the environment has just returned."""
         if self._trace is not None:
             self._trace.add(step)
         if self._film is None or self._physics is None:
@@ -102,7 +104,7 @@ class Recorder:
             self.drop_film()
 
     def finish_film(self) -> None:
-        """Writes the film that is under way, if any."""
+        """Write the unfinished film, if there is one."""
         film, self._film = self._film, None
         if film is None:
             return
@@ -113,17 +115,17 @@ class Recorder:
             self._leave_out(_FILM, error)
 
     def drop_film(self) -> None:
-        """Removes the film that is under way, if any."""
+        """Remove the unfinished film, if there is one."""
         film, self._film = self._film, None
         if film is not None:
             film.discard()
 
     def write(self, run: Facts, episodes: Sequence[Episode], model_fingerprint: str) -> None:
-        """Writes result.json, return.png and report.html, and removes files of an earlier run.
+        """Write result.json, return.png and report.html, and remove files of an earlier run.
 
         Args:
-          run: what was asked for; has 'domain', 'task', 'policy' and 'control_timestep'.
-          episodes: those that ended; without any there is no plot and no page.
+          run: the facts of the run; has 'domain', 'task', 'policy' and 'control_timestep'.
+          episodes: those that ended; without any there is neither plot nor page.
           model_fingerprint: see `report.fingerprint`.
 
         Raises:
@@ -138,7 +140,7 @@ class Recorder:
             if path not in self.written:
                 path.unlink(missing_ok=True)
         if episodes:
-            self._write_page(as_result(run, episodes, model_fingerprint))
+            self._write_page(as_result(run, episodes, model_fingerprint), episodes)
 
     def _write_plot(self, run: Facts, episodes: Sequence[Episode]) -> None:
         title = f"{run['domain']} {run['task']}, policy {run['policy']}"
@@ -150,12 +152,13 @@ class Recorder:
         else:
             self.written.insert(1, path)
 
-    def _write_page(self, result: Facts) -> None:
+    def _write_page(self, result: Facts, episodes: Sequence[Episode]) -> None:
         if self._trace is None:
             return
         film, path = self._directory / _FILM, self._directory / _PAGE
-        reasons = [why for why, names in self._reasons.items() if _FILM in names]
-        write_page(path, result, self._trace, film if film in self.written else None, *reasons)
+        reasons = " and ".join(why for why, names in self._reasons.items() if _FILM in names)
+        shown = film if film in self.written else None
+        write_page(path, result, episodes, self._trace, shown, reasons, self._command)
         self.written.append(path)
 
     def _leave_out(self, name: str, why: Exception) -> None:
@@ -169,7 +172,7 @@ def _check_same(directory: Path, run: Mapping[str, object]) -> None:
         raise ValueError(f"{directory} holds an evaluation: choose another folder")
     try:
         result = json.loads((directory / _RESULT).read_text(encoding="utf-8"))
-    except OSError:  # there is none; or it cannot be replaced either, which `write` reports
+    except OSError:  # it is missing; or it cannot be replaced either, which `write` reports
         return
     except ValueError:
         result = None

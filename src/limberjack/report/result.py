@@ -1,8 +1,8 @@
-"""result.json: what a run gave, and all that is needed to run it again.
+"""result.json: the returns of a run, and everything needed to run it again.
 
     write_result(Path("out/result.json"), run_facts, episodes, fingerprint(physics.model._model))
 
-It is valid JSON: a number that is not finite is written as null.
+The file is valid JSON: a number that is not finite is written as null.
 """
 
 import hashlib
@@ -27,20 +27,20 @@ if TYPE_CHECKING:
 
 __all__ = ["Facts", "as_result", "fingerprint", "versions", "write_result"]
 
-Facts = dict[str, Any]  # Any: what JSON has, whose shape a type checker cannot see from a file
+Facts = dict[str, Any]  # Any: values of JSON, whose types are not known before it is read
 
-# Where a model came from and how it was compiled, not what it is.
+# Fields that depend on the files of a model and on its compiler, not on the model itself.
 _NOT_OF_THE_MODEL = ("paths", "signature")
 
 
 def write_result(
     path: Path, run: Mapping[str, object], episodes: Sequence[Episode], model_fingerprint: str
 ) -> None:
-    """Writes result.json whole, or leaves the one that is there.
+    """Write result.json whole, or leave the one that is there.
 
     Args:
       path: the file.
-      run: what was asked for: domain, task, policy and so on.
+      run: the facts of the run: domain, task, policy and so on.
       episodes: those that ended, in order.
       model_fingerprint: of the compiled model, before the first episode changed it.
     """
@@ -53,7 +53,7 @@ def write_result(
 def as_result(
     run: Mapping[str, object], episodes: Sequence[Episode], model_fingerprint: str
 ) -> Facts:
-    """What result.json holds; arguments are those of `write_result`."""
+    """The contents of result.json; arguments are those of `write_result`."""
     return {
         **run,
         "episodes": [_episode_entry(episode) for episode in episodes],
@@ -63,7 +63,7 @@ def as_result(
 
 
 def versions() -> dict[str, str]:
-    """The versions that numbers depend on."""
+    """The versions of the packages that numbers depend on."""
     return {
         "limberjack": limberjack.__version__,
         "mujoco": mujoco.__version__,
@@ -84,7 +84,7 @@ def fingerprint(model: "MjModel") -> str:
 
 
 def _add_fields(digest: "_Hash", prefix: str, struct: object) -> None:
-    """Adds every public field of a MuJoCo struct, those of the structs within it too."""
+    """Add every public field of a MuJoCo struct, including those of the structs within it."""
     for name in sorted(dir(struct)):
         if name.startswith("_") or name in _NOT_OF_THE_MODEL or name.endswith("pathadr"):
             continue

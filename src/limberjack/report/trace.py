@@ -1,16 +1,19 @@
-"""`Trace`: the reward, its terms and the observations of an episode, step by step.
+"""`Trace`: rewards, their terms, observations and actions of an episode, step by step.
 
     trace = Trace(environment)
     run_episode(environment, policies.random, seed, on_step=trace.add)
     trace.seconds, trace.rewards, trace.terms["upright"], trace.observations["velocity"]
+    trace.labels.observations["velocity"][0]      # Label('root x', 'm/s')
 
-It keeps what the steps returned and computes nothing, so the episode is the same without it. Of a
-long episode it keeps every second step, then every fourth, ..., so that it needs no more memory for
-an hour than for a minute.
+It records what the steps returned and computes nothing until the last one, so the episode is the
+same without it. Of a long episode it records every second step, then every fourth, ..., so that an
+hour takes no more memory than a minute.
 """
 
 import numpy as np
 
+from limberjack.report.labels import Labels, labels_of
+from limberjack.rl.actions import as_numbers
 from limberjack.rl.control import Environment
 from limberjack.rollout import Step
 
@@ -20,10 +23,15 @@ _MOST_SAMPLES = 4000  # four times as many as an episode of the suite has steps
 
 
 class Trace:
-    """What an episode has shown so far."""
+    """Samples of an episode, up to its latest step.
+
+    Attributes:
+      labels: names and units of the observations and actions; empty until the episode has ended.
+    """
 
     def __init__(self, environment: Environment) -> None:
         """Begin a trace of the environment's running episode."""
+        self.labels = Labels({}, ())
         self._environment = environment
         self._control_timestep = environment.control_timestep()
         self._stride = 1
@@ -31,9 +39,12 @@ class Trace:
         self._rewards: list[float] = []
         self._terms: list[dict[str, float]] = []
         self._observations: list[dict[str, np.ndarray]] = []
+        self._actions: list[np.ndarray | None] = []
 
     def add(self, step: Step) -> None:
-        """Keep the reset or a step that the environment has just returned, if its turn has come."""
+        """Record the reset or a step that the environment has just returned, if it is sampled."""
+        if step.time_step.last():
+            self.labels = labels_of(self._environment)
         if step.number % self._stride:
             return
         terms = self._environment.reward_terms if step.number else {}
@@ -42,17 +53,19 @@ class Trace:
         self._terms.append({name: float(value) for name, value in terms.items()})
         observation = step.time_step.observation
         self._observations.append({name: np.array(value) for name, value in observation.items()})
+        self._actions.append(_numbers(step.action))
         if len(self._steps) > _MOST_SAMPLES:
             self._halve()
 
     def _halve(self) -> None:
         self._stride *= 2
-        for samples in (self._steps, self._rewards, self._terms, self._observations):
-            del samples[1::2]
+        samples = (self._steps, self._rewards, self._terms, self._observations, self._actions)
+        for series in samples:
+            del series[1::2]
 
     @property
     def seconds(self) -> np.ndarray:
-        """When each sample was taken, (n,), since the reset."""
+        """The time of each sample since the reset, (n,)."""
         return np.array(self._steps) * self._control_timestep
 
     @property
@@ -62,7 +75,7 @@ class Trace:
 
     @property
     def terms(self) -> dict[str, np.ndarray]:
-        """What the rewards are made of, (n,) each, by name; NaN for the reset."""
+        """The terms of the rewards, (n,) each, by name; NaN for the reset."""
         names = self._terms[-1] if self._terms else {}
         return {
             name: np.array([terms.get(name, np.nan) for terms in self._terms]) for name in names
@@ -76,3 +89,26 @@ class Trace:
             name: np.array([observed[name].ravel() for observed in self._observations], float)
             for name in names
         }
+
+    @property
+    def actions(self) -> np.ndarray:
+        """The action of each sample's step, (n, size); NaN for the reset.
+
+        The size is 0 where actions are not arrays of numbers.
+        """
+        actions = self._actions
+        sizes = {action.size for action in actions[1:] if action is not None}
+        if len(sizes) != 1 or any(action is None for action in actions[1:]):
+            return np.empty((len(actions), 0))
+        (size,) = sizes
+        return np.array([np.full(size, np.nan) if a is None else a.ravel() for a in actions])
+
+
+def _numbers(action: object) -> np.ndarray | None:
+    """A copy of an action as an array; None for the reset, or if it is no array of numbers."""
+    if action is None:
+        return None
+    try:
+        return np.array(as_numbers(getattr(action, "continuous_actions", action)), float)
+    except (TypeError, ValueError):  # a nested structure, which the task understands
+        return None

@@ -29,16 +29,16 @@ from limberjack.rl.batch_safety import check_batch_safe, check_episode_fields
 from limberjack.rl.contract import Nested, Task
 from limberjack.rl.endings import Counter
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments
-from limberjack.rl.randomize import Randomizer
+from limberjack.rl.randomize import Randomizer, show_drawn
+from limberjack.rl.represented import of_batch, represented
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, bad_rows, origin_of
 from limberjack.rl.streams import Streams
-from limberjack.utils import arrays, cores
+from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 from limberjack.utils.log import log
 
 __all__ = ["BatchEnvironment"]
-
 
 _Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
 
@@ -47,6 +47,7 @@ class BatchEnvironment:
     """Episodes of a task on a batch of simulations; see the module's docstring."""
 
     registration: object = None  # see `control.Environment`
+    _name = ""  # see `control.Environment`
 
     def __init__(
         self,
@@ -127,14 +128,15 @@ class BatchEnvironment:
         fields = env._saved_fields()
         check_episode_fields(env.task)
         guards.check_memory(num_envs, env.physics.simulation.save(None, fields).values())
-        threads = cores.usable_cores() if num_threads is None else num_threads
         task = copy.copy(env.task)
         if getattr(task, "visualize_reward", False):
             task.visualize_reward = False  # the rows share the colours of materials
-        threads = min(guards.at_least_one("num_threads", threads), num_envs)
+        threads = guards.threads_for(num_threads, num_envs)
         how = env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence
         replicas = env.physics.replicate(num_envs, threads, fields)
-        return cls(replicas, task, *how, randomizer=env._randomizer, pixels=env.pixels)
+        batch = cls(replicas, task, *how, randomizer=env._randomizer, pixels=env.pixels)
+        batch._name = env._name
+        return batch
 
     def reset(
         self, ids: _Rows = None, seeds: Sequence[int | None] | None = None
@@ -152,16 +154,16 @@ class BatchEnvironment:
         streams = guards.streams_of_seeds(seeds, len(rows))
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             self._begins[rows] = True  # until complete: after an interrupt, rows begin again
-            for row, stream in zip(rows.tolist(), streams, strict=True):
-                if stream is not None:
-                    self._streams.replace(row, stream)
+            for i, (row, stream) in enumerate(zip(rows.tolist(), streams, strict=True)):
+                if stream is not None and seeds is not None:
+                    self._streams.replace(row, stream, seeds[i])
             self._begin(rows)
             observation = self._observe(is_step=False)
             self._begins[rows] = False
         return self._counter.shown(observation)
 
-    def begin_anew(self) -> None:
-        """Makes every row begin a new episode at the next step."""
+    def restart(self) -> None:
+        """Make every row begin an episode with the next step, in the middle of one too."""
         self._begins[:] = True
 
     def step(self, actions: Nested) -> dm_env.TimeStep:
@@ -214,6 +216,7 @@ class BatchEnvironment:
                 self._streams.save(rows, with_beside=self._randomizer is not None),
                 {} if self._frames is None else self._frames.save(rows),
                 self.registration,
+                self._name,
             )
 
     def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
@@ -243,7 +246,8 @@ class BatchEnvironment:
             self._streams.load(rows, snapshot.streams)
             if self._randomizer is not None:
                 fields = self._randomizer.fields
-                self._show_drawn({name: snapshot.physics[name] for name in fields}, rows)
+                saved = {name: snapshot.physics[name] for name in fields}
+                show_drawn(self.randomization, saved, rows, self.num_envs)
             if self._frames is not None:
                 self._frames.load(snapshot.frames, rows)
             self._counter.steps[rows] = snapshot.step_count
@@ -263,6 +267,9 @@ class BatchEnvironment:
             with self._use:
                 self._replicas.free()
             self._use.what_is_wrong = "this batch is closed: create a new one"
+
+    def __repr__(self) -> str:
+        return represented(self, of_batch(self))
 
     def __getstate__(self) -> dict[str, object]:
         """State for an equal batch: for pickling, deep copies and spawned processes."""
@@ -367,7 +374,7 @@ class BatchEnvironment:
             task._random = self._streams.own[row]
             if self._randomizer is not None:
                 drawn = self._randomizer.draw(self._streams.beside[row])
-                self._show_drawn(drawn, row)
+                show_drawn(self.randomization, drawn, row, self.num_envs)
                 replicas.simulation.set_fields(drawn, row)
             with replicas.episode(row) as one:
                 task.initialize_episode(one)
@@ -375,13 +382,6 @@ class BatchEnvironment:
         if self._frames is not None:
             self._frames.forget(rows)
         self._counter.steps[rows] = 0
-
-    def _show_drawn(self, drawn: dict[str, np.ndarray], rows: np.ndarray | int) -> None:
-        """Stores drawn values in the public `randomization`."""
-        for name, values in drawn.items():
-            shape = self.num_envs, *values.shape[np.ndim(rows) :]
-            shown = self.randomization.setdefault(name, np.zeros(shape, values.dtype))
-            shown[rows] = values
 
     def _observe(self, is_step: bool = True) -> MutableMapping[str, np.ndarray]:
         """Current observations in fresh arrays; a step renders every row."""

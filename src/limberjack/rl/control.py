@@ -32,6 +32,7 @@ from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
+from limberjack.rl.represented import of_environment, represented
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, origin_of
 from limberjack.utils.arrays import Quantity
@@ -55,6 +56,8 @@ class Environment(dm_env.Environment):
     _randomizer: Randomizer | None = None
     # The suite's record of the domain, which makes unpickling import the domain's module.
     registration: object = None
+    _name = ""  # such as 'humanoid:walk'; empty unless `suite.load` made it
+    _seeded: tuple[object, object] = (None, None)  # a stream of the task, and its seed if known
     _frames: Frames | None = None  # None without pixel observations
     # The task's stream, and the stream derived from it that model fields are drawn from.
     _draws: tuple[np.random.RandomState, np.random.RandomState] | None = None
@@ -232,6 +235,7 @@ class Environment(dm_env.Environment):
     def reseed(self, seed: int) -> None:
         """Makes the next episode the first one of an environment with `random=seed`."""
         self._task._random = np.random.RandomState(seed)
+        self._seeded = self._task._random, seed
 
     def snapshot(self) -> Snapshot:
         """Everything that the environment's future depends on; see `limberjack.rl.snapshot`."""
@@ -248,6 +252,7 @@ class Environment(dm_env.Environment):
                 [tuple(streams)],
                 {} if self._frames is None else self._frames.save(None),
                 self.registration,
+                self._name,
             )
 
     def restore(self, snapshot: Snapshot) -> None:
@@ -267,6 +272,7 @@ class Environment(dm_env.Environment):
             self._simulated.simulation.load(snapshot.physics)
             own, *beside = snapshot.streams[0]
             self.task.random.set_state(own)
+            self._seeded = (None, None)
             if self._randomizer is not None:
                 self._draw_stream().set_state(beside[0])
                 saved = snapshot.physics
@@ -275,6 +281,9 @@ class Environment(dm_env.Environment):
                 self._frames.load(snapshot.frames, None)
             self._step_count = int(snapshot.step_count[0])
             self._reset_next_step = bool(snapshot.begins[0])
+
+    def __repr__(self) -> str:
+        return represented(self, of_environment(self))
 
     def __getstate__(self) -> dict[str, object]:
         """State for an equal environment with the same current quantities."""

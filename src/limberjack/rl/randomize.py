@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from limberjack.rl.contract import SimulatedPhysics
 
-__all__ = ["Draw", "Randomizer", "scale", "shift", "stream_beside"]
+__all__ = ["Draw", "Randomizer", "scale", "shift", "show_drawn", "stream_beside"]
 
 Draw = Callable[[np.random.RandomState, np.ndarray], ArrayLike]
 
@@ -92,3 +92,22 @@ class Randomizer:
                 )
             drawn[name] = values
         return drawn
+
+
+def show_drawn(
+    shown: dict[str, np.ndarray],
+    drawn: Mapping[str, np.ndarray],
+    rows: np.ndarray | int,
+    num_envs: int,
+) -> None:
+    """Write values drawn for rows into the arrays of a batch, (num_envs, ...) by field.
+
+    Args:
+      shown: the arrays, of which missing ones are added.
+      drawn: the values by field: of one row, or with a leading axis of rows.
+      rows: the number of the row, or the numbers of the rows.
+      num_envs: number of rows of the batch.
+    """
+    for name, values in drawn.items():
+        shape = num_envs, *values.shape[np.ndim(rows) :]
+        shown.setdefault(name, np.zeros(shape, values.dtype))[rows] = values

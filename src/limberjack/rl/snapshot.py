@@ -18,6 +18,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from limberjack.rl.contract import SimulatedPhysics, Task
+from limberjack.rl.represented import Description, represented
 from limberjack.rl.streams import States
 
 __all__ = ["Snapshot", "bad_rows", "origin_of"]
@@ -38,6 +39,7 @@ class Snapshot:
       streams: states of each one's `RandomState`s: the task's, and that of randomisation if any.
       frames: stacks of pictures, by name, (n, ...) each; empty without pixels.
       registration: the suite's record of the domain, whose module is imported by unpickling.
+      name: of the task, such as 'humanoid:walk'; empty for one that `suite.load` did not make.
     """
 
     origin: dict[str, object]
@@ -47,6 +49,13 @@ class Snapshot:
     streams: list[States]
     frames: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     registration: object = None
+    name: str = ""
+
+    def __repr__(self) -> str:
+        task = self.name or str(self.origin.get("task"))
+        return represented(
+            self, Description(task, len(self), (), np.ravel(self.step_count).tolist())
+        )
 
     def __len__(self) -> int:
         return len(self.streams)

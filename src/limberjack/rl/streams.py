@@ -31,11 +31,13 @@ class Streams:
         """
         first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
         checked_seed(first + count - 1)
+        self.seeds: list[int | None] = list(range(first, first + count))  # None: not known
         self.own = [np.random.RandomState(first + i) for i in range(count)]
         self.beside = [stream_beside(stream) for stream in self.own]
 
-    def replace(self, row: int, stream: np.random.RandomState) -> None:
-        """Replaces a row's streams."""
+    def replace(self, row: int, stream: np.random.RandomState, seed: int | None = None) -> None:
+        """Replaces a row's streams; `seed` is the new stream's, if known."""
+        self.seeds[row] = seed
         self.own[row] = stream
         self.beside[row] = stream_beside(stream)
 
@@ -47,5 +49,6 @@ class Streams:
     def load(self, rows: np.ndarray, saved: list[States]) -> None:
         """Restores rows' streams from the result of `save`."""
         for row, states in zip(rows, saved, strict=True):
+            self.seeds[row] = None
             for kind, state in zip((self.own, self.beside), states, strict=False):
                 kind[row].set_state(state)

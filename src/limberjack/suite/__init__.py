@@ -229,6 +229,8 @@ def build_environment(
         _check_environment_keywords(where, of_environment)
     environment = factories[task_name](**kwargs)
     environment.registration = registration_of(domain_name)
+    environment._name = where
+    environment._seeded = getattr(environment.task, "random", None), kwargs.get("random")
     environment.task.visualize_reward = visualize_reward
     return environment
 

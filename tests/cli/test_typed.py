@@ -1,0 +1,12 @@
+"""The command line as it was typed."""
+
+import sys
+
+import pytest
+
+from limberjack.cli.typed import command_line
+
+
+def test_the_command_is_quoted_for_a_shell(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/limberjack", "run", "humanoid", "--out", "a b"])
+    assert command_line() == "limberjack run humanoid --out 'a b'"

@@ -1,0 +1,102 @@
+"""Names and units of observations and actions, found without a declaration."""
+
+import collections
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import mujoco, suite
+from limberjack.report import labels_of
+from limberjack.rl import control
+from tests import plain_domain
+
+
+def _texts(environment: control.Environment) -> dict[str, list[str]]:
+    labels = labels_of(environment)
+    return {name: list(map(str, of)) for name, of in labels.observations.items()}
+
+
+@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
+def test_every_number_that_a_task_observes_has_a_name_of_its_own(domain: str, task: str) -> None:
+    env = suite.load(domain, task, {"random": 0})
+    observation = env.reset().observation
+    labels = labels_of(env)
+    for name, value in observation.items():
+        of_value = labels.observations[name]
+        assert len(set(of_value)) == len(of_value) == np.size(value)
+        assert not any(label.name.isdigit() for label in of_value), name
+    assert len(labels.actions) == env.action_spec().shape[0]
+
+
+def test_names_are_those_of_the_model() -> None:
+    humanoid = _texts(suite.load("humanoid", "walk"))
+    assert humanoid["joint_angles"][0] == "abdomen_z [rad]"
+    assert humanoid["head_height"] == ["head z [m]"]
+    assert humanoid["torso_vertical"] == ["torso zx", "torso zy", "torso zz"]
+    # Computed from several bodies: named after the one that is not shared.
+    limbs = ("left_hand", "left_foot", "right_hand", "right_foot")
+    assert humanoid["extremities"] == [f"{limb} {axis} [m]" for limb in limbs for axis in "xyz"]
+    manipulator = _texts(suite.load("manipulator", "bring_ball"))
+    assert manipulator["arm_pos"][:2] == ["sin arm_root", "cos arm_root"]
+    assert manipulator["touch"][0] == "log(1 + palm_touch [N])"
+    assert manipulator["object_pos"] == ["ball x [m]", "ball z [m]", "ball qw", "ball qy"]
+
+
+def test_joined_observations_have_the_same_names_in_their_order() -> None:
+    flat = suite.load("manipulator", "bring_ball", environment_kwargs={"flat_observation": True})
+    apart = _texts(suite.load("manipulator", "bring_ball"))
+    assert _texts(flat) == {"observations": [name for names in apart.values() for name in names]}
+
+
+def test_a_domain_of_ones_own_needs_no_declaration() -> None:
+    labels = labels_of(plain_domain.push())
+    assert list(map(str, labels.observations["place"])) == ["slide [m]"]
+    assert list(map(str, labels.observations["speed"])) == ["slide [m/s]"]
+    assert [label.name for label in labels.observations["fast"]] == ["slide"]
+    assert labels.actions == ()  # one action drives two actuators
+
+
+def test_looking_for_labels_changes_nothing() -> None:
+    env = suite.load("stacker", "stack_2", {"random": 3})
+    env.reset()
+    env.step(np.full(5, 0.5))
+    task, observe = env.task, env.task.get_observation
+    task.get_observation = lambda physics: {"noise": task.random.uniform(), **observe(physics)}
+    before = env.snapshot()
+    labels_of(env)
+    after = env.snapshot()
+    for name, values in before.physics.items():
+        np.testing.assert_array_equal(after.physics[name], values)
+    np.testing.assert_array_equal(after.streams[0][0][1], before.streams[0][0][1])
+    assert after.streams[0][0][2] == before.streams[0][0][2]
+
+
+def test_numbers_that_depend_on_no_single_object_keep_their_index() -> None:
+    env = suite.load("humanoid", "walk")
+    env.task.get_observation = lambda physics: collections.OrderedDict(
+        mixed=np.array([physics.data.qpos[7:].sum(), physics.data.qpos[8]])
+    )
+    assert _texts(env) == {"mixed": ["0", "abdomen_y [rad]"]}
+
+
+def test_a_task_that_cannot_observe_the_copy_has_no_labels() -> None:
+    class Physics(mujoco.Physics):
+        offset: float
+
+    physics = Physics.from_xml_string(plain_domain._MODEL)
+    physics.offset = 1.0  # which a copy lacks
+
+    class Task(plain_domain.Push):
+        def get_observation(self, physics: Any) -> Any:
+            return {"place": physics.data.qpos + physics.offset}
+
+    env = control.Environment(physics, Task())
+    env.reset()
+    assert labels_of(env).observations == {}
+
+
+def test_a_physics_without_a_model_has_no_labels() -> None:
+    env = suite.load("humanoid", "walk")
+    env._physics = object()  # pyright: ignore[reportAttributeAccessIssue]
+    assert labels_of(env) == ({}, ())
