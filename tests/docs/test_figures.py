@@ -13,6 +13,7 @@ _REPOSITORY = Path(__file__).parents[2]
 _DOCS = _REPOSITORY / "docs"
 _SOURCE = Path(limberjack.__file__).parent
 _SPEEDS = _REPOSITORY / "benchmarks" / "results" / "steps_per_second.json"
+_BATCHES = _DOCS / "batches.md"
 _PAGES = [_REPOSITORY / "README.md", *sorted(_DOCS.glob("*.md"))]
 _FEWEST_WORDS = 5  # in the place of a picture
 
@@ -41,17 +42,36 @@ def test_the_speed_in_the_comparison_is_the_one_that_was_measured() -> None:
     assert ratio == f"{_ratio('vector / EnvPool', 1024):.2f}"
 
 
-@pytest.mark.parametrize(
-    ("row", "measure"),
-    [
-        (r"EnvPool 1\.2\.5, both on 2 cores", "vector / EnvPool"),
-        (r"EnvPool 1\.2\.5, on 4 cores, [^|]*", "vector / EnvPool on all cores"),
-    ],
-)
-def test_the_speeds_of_batches_are_those_that_were_measured(row: str, measure: str) -> None:
-    (cells,) = re.findall(rf"\| {row} ((?:\| [\d.]+ \([^)]*\) ){{3}})", _text(_DOCS / "batches.md"))
-    written = re.findall(r"\| ([\d.]+) \(", cells)
-    assert written == [f"{_ratio(measure, num_envs):.2f}" for num_envs in (64, 256, 1024)]
+def _spread(measure: str, last: str) -> str:
+    """The smallest and the largest ratio of a task, as they are written."""
+    rows = json.loads(_SPEEDS.read_text(encoding="utf-8"))["rows"]
+    of_measure = [row for row in rows if row["measure"] == measure]
+    values = [row["value"] for row in of_measure if row["subject"].endswith(f", {last}")]
+    return f"{min(values):.2f} to {max(values):.2f}"
+
+
+def test_the_speeds_beside_envpool_are_those_that_were_measured() -> None:
+    (cells,) = re.findall(r"\| EnvPool 1\.2\.5 ((?:\| [\d.]+ \([^)]*\) ){3})", _text(_BATCHES))
+    expected = [
+        (f"{_ratio('vector / EnvPool', n):.2f}", _spread("vector / EnvPool", f"N={n}"))
+        for n in (64, 256, 1024)
+    ]
+    assert re.findall(r"\| ([\d.]+) \(([^)]*)\)", cells) == expected
+
+
+def test_the_speeds_beside_a_bare_batch_are_those_that_were_measured() -> None:
+    cells = re.findall(r"Batch\.step`, persistent ((?:\| [^|]+){3})\|", _text(_BATCHES))[0]
+    written = re.findall(r"\(([^)]*)\)", cells)
+    assert written == [_spread("vector / MuJoCo alone", f"N={n}") for n in (64, 256, 1024)]
+    cells = re.findall(r"with nothing bound ((?:\| [\d.]+ ){3})", _text(_BATCHES))[0]
+    expected = [f"{_ratio('vector / not persistent', n):.2f}" for n in (64, 256, 1024)]
+    assert re.findall(r"[\d.]+", cells) == expected
+
+
+def test_the_speeds_beside_processes_are_those_that_were_measured() -> None:
+    (lowest, highest) = re.findall(r"is ([\d.]+) to ([\d.]+) times as fast", _text(_BATCHES))[0]
+    measured = _spread("vector / AsyncVectorEnv", "2 processes").split(" to ")
+    assert [lowest, highest] == [f"{float(value):.1f}" for value in measured]
 
 
 def _messages() -> str:
