@@ -22,6 +22,7 @@ __all__ = ["SECTIONS", "alternative", "fill", "picture_name", "skeleton"]
 
 _MARK = re.compile(r"^<!-- generated: ([\w ]+) -->$", re.MULTILINE)
 _FOLDER = "images/domains"
+_PICTURES_BESIDE = 4  # in a row; they fit a page
 
 
 @functools.cache
@@ -126,20 +127,25 @@ def _partly_size(facts: Facts) -> str:
 
 def _tasks(facts: Sequence[Facts]) -> str:
     """Pictures of the tasks, and their names, tags and times."""
-    pictures = "\n".join(
-        f"![{alternative(each)}]({picture_name(each.domain, each.task)})"
-        '{ width="220" loading="lazy" }'
-        for each in facts
-    )
+    pictures = []
+    for first in range(0, len(facts), _PICTURES_BESIDE):
+        row = facts[first : first + _PICTURES_BESIDE]
+        pictures.append(_table([f.task for f in row], [[_picture(f) for f in row]]))
     rows = [
         [
-            *(_code(f.task), f.wants, ", ".join(f.tags), f.steps, f.time_limit, f.control_timestep),
-            *(f.physics_steps, _code(f"limberjack/{f.domain}-{f.task}-v0")),
+            *(_code(f.task), f.wants, ", ".join(f.tags), f.steps),
+            *(f.time_limit, f.control_timestep, f.physics_steps),
         ]
         for f in facts
     ]
     columns = ["task", "goal", "tags", "steps", "time limit", "control step", "physics steps"]
-    return f"{pictures}\n\n{_table([*columns, 'Gymnasium id'], rows)}"
+    ids = f"Gymnasium's ids are `limberjack/{facts[0].domain}-TASK-v0`."
+    return "\n\n".join([*pictures, _table(columns, rows), ids])
+
+
+def _picture(facts: Facts) -> str:
+    path = picture_name(facts.domain, facts.task)
+    return f'![{alternative(facts)}]({path}){{ width="160" loading="lazy" }}'
 
 
 def _observations(facts: Sequence[Facts]) -> str:
