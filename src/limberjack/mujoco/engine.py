@@ -345,7 +345,7 @@ class Physics(_control.Physics):
 
     def control(self) -> np.ndarray:
         """The control signals, (nu,)."""
-        return self._simulation.ctrl.copy()
+        return self._data._data.ctrl.copy()
 
     def activation(self) -> np.ndarray:
         """The internal states of the actuators, (na,)."""
