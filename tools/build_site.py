@@ -30,7 +30,7 @@ from limberjack import gallery, suite
 from limberjack.mujoco import RenderingError
 from limberjack.utils import png
 
-__all__ = ["main", "site_path", "write_pages"]
+__all__ = ["main", "site_config", "site_path", "with_links_of_the_site", "write_pages"]
 
 _REPOSITORY = Path(__file__).parents[1]
 _DOCS = _REPOSITORY / "docs"
@@ -67,11 +67,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     work = given.work.resolve()
     shutil.rmtree(work, ignore_errors=True)
     write_pages(work / "docs")
-    config = _config(work / "docs", given.out.resolve())
+    config = site_config(work / "docs", given.out.resolve())
     (work / "mkdocs.yml").write_text(yaml.safe_dump(config, sort_keys=False), encoding="utf-8")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--clean"]
     # The theme announces the next major version of MkDocs, which the requirements exclude.
-    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "DISABLE_MKDOCS_2_WARNING": "true"}
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     done = subprocess.run([*command, "--config-file", work / "mkdocs.yml"], env=environment)
     return done.returncode
 
@@ -81,7 +81,7 @@ def write_pages(folder: Path) -> None:
     shutil.copytree(_DOCS / "images", folder / "images")
     shutil.copy(_DOCS / "site.css", folder)
     for source in _sources():
-        text = _with_links_of_the_site(source)
+        text = with_links_of_the_site(source, source.read_text(encoding="utf-8"))
         text = domain_pages.fill(text, source.stem)
         (folder / site_path(source)).write_text(text, encoding="utf-8")
     for domain in suite.TASKS_BY_DOMAIN:
@@ -116,8 +116,12 @@ def site_path(source: Path) -> str:
     return name.removeprefix("docs/")
 
 
-def _with_links_of_the_site(source: Path) -> str:
-    """The text of a page, with links to other files of the repository as the site has them."""
+def with_links_of_the_site(source: Path, text: str) -> str:
+    """The text of a page, with its links to other files as links to pages of the site.
+
+    Raises:
+      ValueError: a link leads to a file that is not part of the site.
+    """
 
     def link(found: re.Match[str]) -> str:
         path, mark, anchor = found[1].partition("#")
@@ -125,7 +129,6 @@ def _with_links_of_the_site(source: Path) -> str:
             return found[1]
         return site_path(source.parent / path) + mark + anchor
 
-    text = source.read_text(encoding="utf-8")
     parts, end = [], 0
     for fence in _FENCE.finditer(text):
         parts += [_LINK.sub(link, text[end : fence.start()]), fence[0]]
@@ -147,7 +150,7 @@ def _write_pictures(folder: Path) -> None:
 
 
 # Any: what a YAML file holds.
-def _config(pages: Path, out: Path) -> dict[str, Any]:
+def site_config(pages: Path, out: Path) -> dict[str, Any]:
     """The configuration of MkDocs, with every page in the navigation."""
     config = yaml.safe_load(_CONFIG.read_text(encoding="utf-8"))
     sections = {name: entries for section in config["nav"] for name, entries in section.items()}

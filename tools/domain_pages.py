@@ -10,8 +10,10 @@ page as soon as it is registered, and no table can differ from the model.
 
 import functools
 import inspect
+import json
 import re
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import domain_facts
 from domain_facts import Facts
@@ -21,7 +23,9 @@ from limberjack import suite
 __all__ = ["SECTIONS", "alternative", "fill", "picture_name", "skeleton"]
 
 _MARK = re.compile(r"^<!-- generated: ([\w ]+) -->$", re.MULTILINE)
+_RESULTS = Path(__file__).parents[1] / "benchmarks" / "results" / "scores"
 _FOLDER = "images/domains"
+_PICTURES_BESIDE = 4  # in a row; they fit a page
 
 
 @functools.cache
@@ -126,20 +130,25 @@ def _partly_size(facts: Facts) -> str:
 
 def _tasks(facts: Sequence[Facts]) -> str:
     """Pictures of the tasks, and their names, tags and times."""
-    pictures = "\n".join(
-        f"![{alternative(each)}]({picture_name(each.domain, each.task)})"
-        '{ width="220" loading="lazy" }'
-        for each in facts
-    )
+    pictures = []
+    for first in range(0, len(facts), _PICTURES_BESIDE):
+        row = facts[first : first + _PICTURES_BESIDE]
+        pictures.append(_table([f.task for f in row], [[_picture(f) for f in row]]))
     rows = [
         [
-            *(_code(f.task), f.wants, ", ".join(f.tags), f.steps, f.time_limit, f.control_timestep),
-            *(f.physics_steps, _code(f"limberjack/{f.domain}-{f.task}-v0")),
+            *(_code(f.task), f.wants, ", ".join(f.tags), f.steps),
+            *(f.time_limit, f.control_timestep, f.physics_steps),
         ]
         for f in facts
     ]
     columns = ["task", "goal", "tags", "steps", "time limit", "control step", "physics steps"]
-    return f"{pictures}\n\n{_table([*columns, 'Gymnasium id'], rows)}"
+    ids = f"Gymnasium's ids are `limberjack/{facts[0].domain}-TASK-v0`."
+    return "\n\n".join([*pictures, _table(columns, rows), ids])
+
+
+def _picture(facts: Facts) -> str:
+    path = picture_name(facts.domain, facts.task)
+    return f'![{alternative(facts)}]({path}){{ width="160" loading="lazy" }}'
 
 
 def _observations(facts: Sequence[Facts]) -> str:
@@ -228,6 +237,28 @@ def _cameras(facts: Sequence[Facts]) -> str:
     )
 
 
+def _scores(facts: Sequence[Facts]) -> str:
+    """Mean returns and successes from the committed results; empty without any."""
+    rows = []
+    for each in facts:
+        best = {}
+        for path in sorted(_RESULTS.glob(f"{each.domain}-{each.task}-*.json")):
+            for policy, summary in json.loads(path.read_text(encoding="utf-8"))["summary"].items():
+                if summary["episodes"] > best.get(policy, {"episodes": 0})["episodes"]:
+                    best[policy] = summary
+        rows += [
+            [
+                *(_code(each.task), policy, str(summary["episodes"]), f"{summary['mean']:.1f}"),
+                f"{100 * summary['success_rate']:.1f} %",
+            ]
+            for policy, summary in best.items()
+        ]
+    if not rows:
+        return ""
+    table = _table(["task", "policy", "episodes", "mean return", "success"], rows)
+    return f"{table}\n\n[Scores](scores.md) has the intervals, the seeds and the versions."
+
+
 def _document(kind: type, name: str) -> str:
     """The docstring of a task's own method, as a sentence about it; empty if it is inherited."""
     method = _own_method(kind, name)
@@ -265,4 +296,5 @@ SECTIONS: dict[str, Callable[[Sequence[Facts]], str]] = {
     "reward": _reward,
     "measurements": _measurements,
     "cameras": _cameras,
+    "scores": _scores,
 }

@@ -8,14 +8,12 @@ packages' names, begin with an underscore are private, and have no page.
 
 import ast
 import importlib
-from collections.abc import Iterator
+import inspect
 from pathlib import Path
-
-import limberjack
 
 __all__ = ["INDEX", "modules", "pages"]
 
-_PACKAGE = limberjack.__name__
+_PACKAGE = "limberjack"
 _SOURCE = Path(__file__).parents[1] / "src" / _PACKAGE
 INDEX = "index.md"
 
@@ -54,25 +52,46 @@ def pages() -> dict[str, str]:
 
 
 def _page(name: str, found: dict[str, Path]) -> str:
-    exported = list(_exported(name, found))
-    parts = [f"# {name}", *([_table(exported)] if exported else []), f"::: {name}"]
+    others = [(other, _home(name, other, found)) for other in _not_defined_here(found[name])]
+    parts = [f"# {name}", *([_table(others)] if others else []), f"::: {name}"]
     return "\n\n".join(parts) + "\n"
 
 
-def _exported(name: str, found: dict[str, Path]) -> Iterator[tuple[str, str]]:
-    """The names that a package takes from its modules, each with the module that defines it."""
-    if found[name].name != "__init__.py":
-        return
-    package = importlib.import_module(name)
-    for public in _public_names(found[name]):
-        home = getattr(getattr(package, public), "__module__", name)
-        if home != name and home in found:
-            yield public, home
+def _not_defined_here(path: Path) -> list[str]:
+    """The public names for which mkdocstrings finds no definition in a module."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    defined = set()
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            defined.add(node.name)
+        target = getattr(node, "target", None)  # of an annotated assignment
+        if isinstance(node, ast.Assign) and len(node.targets) == 1:
+            target = node.targets[0]
+        if isinstance(target, ast.Name):
+            defined.add(target.id)
+    return [name for name in _public_names(path) if name not in defined]
 
 
-def _table(exported: list[tuple[str, str]]) -> str:
-    rows = [f"| `{name}` | [`{home}`]({home}.md) |" for name, home in exported]
-    return "\n".join(["| name | defined in |", "|---|---|", *rows])
+def _home(module: str, name: str, found: dict[str, Path]) -> str:
+    """The module that another one takes a public name from, or the kind of value that it is."""
+    value = getattr(importlib.import_module(module), name)
+    if inspect.ismodule(value):
+        return value.__name__
+    home = getattr(value, "__module__", "")
+    if home in found:
+        return home
+    tree = ast.parse(found[module].read_text(encoding="utf-8"))
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom) and name in {alias.name for alias in node.names}:
+            return node.module or module
+    return type(value).__name__
+
+
+def _table(others: list[tuple[str, str]]) -> str:
+    modules_ = modules()
+    homes = {home: f"[`{home}`]({home}.md)" for _, home in others if home in modules_}
+    rows = [f"| `{name}` | {homes.get(home, f'`{home}`')} |" for name, home in others]
+    return "\n".join(["| name | defined in, or kind |", "|---|---|", *rows])
 
 
 def _index(found: dict[str, Path]) -> str:

@@ -1,5 +1,6 @@
 """The documentation as a site: it builds, its links lead somewhere, its search finds, alone."""
 
+import ast
 import functools
 import http.server
 import re
@@ -10,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import reference_pages
 
 from limberjack import suite
 
@@ -119,6 +121,23 @@ def test_every_domain_has_a_page_and_every_task_a_picture(built: tuple[Path, str
     for domain, task in suite.ALL_TASKS:
         assert (folder / domain / "index.html").exists()
         assert (folder / "images" / "domains" / f"{domain}-{task}.png").stat().st_size > 100
+
+
+def test_every_public_name_is_in_the_reference(built: tuple[Path, str]) -> None:
+    lacking = []
+    for name, path in reference_pages.modules().items():
+        page = built[0] / "reference" / name / "index.html"
+        text = page.read_text(encoding="utf-8")
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        (names,) = [
+            ast.literal_eval(node.value)
+            for node in tree.body
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+        ]
+        shown = re.compile(rf'id="{re.escape(name)}\.(\w+)"|<td><code>(\w+)</code></td>')
+        found = {defined or exported for defined, exported in shown.findall(text)}
+        lacking += [f"{name}.{public}" for public in names if public not in found]
+    assert lacking == []
 
 
 def test_no_markup_is_left_as_text(built: tuple[Path, str]) -> None:

@@ -5,6 +5,7 @@ The expected values are read from the environments here again, not by the code t
 
 import functools
 import importlib
+import json
 import math
 import re
 import sys
@@ -19,6 +20,7 @@ from limberjack import suite
 from tests import plain_domain, tutorial
 
 _DOCS = Path(__file__).parents[2] / "docs"
+_RESULTS = Path(__file__).parents[2] / "benchmarks" / "results" / "scores"
 _STARTS = 2000
 # The tables were made of 20,000 starts, and the test makes 2,000: four standard errors of the
 # difference, for a share of 0.8 of all starts and for one of 0.6 of those that are not uniform.
@@ -250,6 +252,19 @@ def test_the_terms_of_the_reward_are_listed_with_those_of_the_goal(domain: str, 
 def test_the_kinds_of_starts_are_listed(domain: str, task: str) -> None:
     kinds = ", ".join(f"`{kind}`" for kind in suite.load(domain, task).task.STARTS)
     assert f"Kinds of starts: {kinds}." in _page(domain)
+
+
+@every_task
+def test_the_scores_of_a_task_are_those_of_the_committed_results(domain: str, task: str) -> None:
+    written = {
+        row["policy"]: (row["episodes"], row["mean return"])
+        for row in _table(domain, "policy", "mean return")
+        if row["task"] == task
+    }
+    for policy in ("zero", "planner"):
+        path = _RESULTS / f"{domain}-{task}-{policy}.json"
+        summary = json.loads(path.read_text(encoding="utf-8"))["summary"][policy]
+        assert written[policy] == (str(summary["episodes"]), f"{summary['mean']:.1f}")
 
 
 @every_task

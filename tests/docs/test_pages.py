@@ -81,6 +81,12 @@ def test_every_relative_link_leads_somewhere(page: Path) -> None:
         assert not anchor or anchor in _anchors(target), f"{_page_name(page)}: {link}"
 
 
+@every_page
+def test_a_page_uses_plain_words(page: Path) -> None:
+    found = re.findall(r"\b(?:anew|till|in vain|is said of|are said of)\b", _prose(page))
+    assert found == [], "write again, until, without success, is valid for"
+
+
 def test_every_page_is_in_the_index() -> None:
     index = (_DOCS / "README.md").read_text(encoding="utf-8")
     for page in _DOCS.glob("*.md"):

@@ -1,5 +1,6 @@
 """Tests of limberjack.suite: the list of tasks, and loading."""
 
+import ast
 import inspect
 from types import ModuleType
 
@@ -159,11 +160,17 @@ def test_the_layout_of_an_observation(domain: str, task: str, shapes: dict) -> N
 @pytest.mark.parametrize("module", _LONGEST, ids=lambda module: module.__name__)
 def test_a_domain_is_shorter_than_dm_controls(module: ModuleType) -> None:
     lines = len(inspect.getsource(module).splitlines())
-    # Not in dm_control: the kinds of starts and the pictures of the gallery, a line per task.
+    # Not in dm_control: the kinds of starts, the pictures of the gallery, a line per task, and the
+    # meanings of the observations.
     beside = sum(
         len(inspect.getsource(vars(value)["start"]).splitlines())
         for value in vars(module).values()
         if inspect.isclass(value) and value.__module__ == module.__name__ and "start" in vars(value)
     )
     beside += len(module.PICTURES) + _NAMES_FOR_OTHERS
+    beside += sum(
+        (node.end_lineno or 0) - node.lineno + 1
+        for node in ast.parse(inspect.getsource(module)).body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "OBSERVATIONS"
+    )
     assert lines - beside <= _LONGEST[module]

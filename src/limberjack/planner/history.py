@@ -105,11 +105,6 @@ class History:
         """The model that the simulations have in common."""
         return self._simulation.model
 
-    @property
-    def ctrl(self) -> np.ndarray:
-        """The recorded control signals, one row per simulation and step."""
-        return self.data_field("ctrl")[0]
-
     def data_field(self, name: str) -> _Field:
         """A field of the data, one row per simulation and moment."""
         return self._field(self._simulation.data_field, name, _WHOLE)
