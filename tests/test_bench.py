@@ -1,4 +1,4 @@
-"""`limberjack.bench`: how fast a task steps on this machine."""
+"""`limberjack.bench`: turns, ratios and the recommended number of threads."""
 
 from typing import Any
 
@@ -29,7 +29,20 @@ def test_players_take_turns_with_the_same_actions() -> None:
 
 
 def test_measure_compares_and_sweeps_threads() -> None:
-    result = bench.measure("stacker", "stack_2", num_envs=4, num_threads=3, seconds=0.01)
+    reported: list[tuple[str, float]] = []
+    result = bench.measure(
+        "stacker",
+        "stack_2",
+        num_envs=4,
+        num_threads=3,
+        seconds=0.01,
+        on_progress=lambda what, share: reported.append((what, share)),
+    )
+    shares = [share for _, share in reported]
+    assert shares == sorted(shares)
+    assert reported[0] == ("preparing", 0.0)
+    assert reported[-1][0] == "comparing numbers of threads"
+    assert 0.5 < shares[-1] <= 1.0
     assert [speed.what for speed in result.speeds] == ["physics", "batch", "vector"]
     assert [speed.num_threads for speed in result.speeds] == [3, 3, 3]
     assert [speed.num_threads for speed in result.sweep] == [1, 2, 3]
@@ -41,6 +54,6 @@ def test_measure_compares_and_sweeps_threads() -> None:
 @pytest.mark.parametrize(
     ("name", "value"), [("num_envs", 0), ("num_threads", 0), ("seconds", 0.0), ("task", "stak_2")]
 )
-def test_what_cannot_be_measured_is_refused(name: str, value: Any) -> None:
+def test_arguments_that_cannot_be_measured_are_refused(name: str, value: Any) -> None:
     with pytest.raises(ValueError, match=f"{name} is {value}|did you mean|Did you mean"):
         bench.measure(**{"domain": "stacker", "task": "stack_2", name: value})

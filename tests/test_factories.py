@@ -13,7 +13,7 @@ from limberjack.rl.control import Environment
 from tests import plain_domain
 
 
-def test_names_make_what_the_suite_loads() -> None:
+def test_names_make_the_environment_that_the_suite_loads() -> None:
     factory = factory_of("stacker", "stack_2", time_limit=0.2)
     assert (factory.title, factory.facts) == (
         "stacker stack_2",
@@ -58,7 +58,7 @@ def _hidden() -> Callable[[int], Environment]:
     ],
     ids=["a lambda", "a partial", "a function within a function", "an object"],
 )
-def test_what_depends_on_more_than_its_source_has_no_hash(
+def test_a_function_that_depends_on_more_than_its_source_has_no_hash(
     make: Callable[[int], Environment],
 ) -> None:
     factory = factory_of(make)
@@ -68,13 +68,13 @@ def test_what_depends_on_more_than_its_source_has_no_hash(
 
 
 @pytest.mark.parametrize("seed", [True, 1.5, -1])
-def test_a_seed_that_is_none_is_refused(seed: Any) -> None:
+def test_an_invalid_seed_is_refused(seed: Any) -> None:
     for factory in (factory_of(plain_domain.make), factory_of("humanoid", "stand")):
         with pytest.raises((TypeError, ValueError), match=f"seed is {seed}; expected a whole"):
             factory.make(seed)
 
 
-def test_whether_a_function_takes_a_seed_is_read_off_its_signature() -> None:
+def test_whether_a_function_takes_a_seed_is_read_from_its_signature() -> None:
     assert takes_a_seed(plain_domain.make)
     assert takes_a_seed(lambda *arguments: None)
     assert not takes_a_seed(lambda: None)

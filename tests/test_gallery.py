@@ -30,7 +30,7 @@ def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_each_task_has_a_picture_in_which_something_is_seen(directory: Path) -> None:
+def test_each_task_has_a_picture_that_is_not_blank(directory: Path) -> None:
     for domain, task in suite.ALL_TASKS:
         picture = matplotlib.image.imread(directory / f"{domain}-{task}.png")
         assert picture.shape == (480, 480, 3)
@@ -50,6 +50,18 @@ def test_the_same_picture_comes_each_time(directory: Path) -> None:
     first, again = (gallery.draw("stacker", "stack_2", 60, 80) for _ in range(2))
     np.testing.assert_array_equal(first, again)
     assert first.shape == (60, 80, 3)
+
+
+def test_progress_is_reported_before_each_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dots = [np.zeros((2, 2, 3), np.uint8)] * 2
+    monkeypatch.setattr(gallery, "_draw_sizes", lambda *arguments: dots)
+    reported: list[tuple[str, str, int, int]] = []
+    gallery.write(tmp_path, on_progress=lambda *now: reported.append(now))
+    count = len(suite.ALL_TASKS)
+    expected = [(*task, drawn, count) for drawn, task in enumerate(suite.ALL_TASKS)]
+    assert reported == expected
 
 
 def test_a_gallery_that_cannot_be_written_is_status_2(directory: Path) -> None:

@@ -91,7 +91,7 @@ def test_small_pictures_are_enlarged_whole_times() -> None:
         ([_PICTURE] * 2, float("nan"), "fps is nan; expected a positive number"),
     ],
 )
-def test_what_cannot_be_shown_is_refused(frames: Any, fps: float, message: str) -> None:
+def test_arrays_that_are_not_pictures_are_refused(frames: Any, fps: float, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         limberjack.show(frames, fps)
 

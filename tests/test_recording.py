@@ -1,4 +1,4 @@
-"""Films from Python; what the command does is in test_record_command.py."""
+"""Films from Python; tests of the command are in cli/test_record.py."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -90,7 +90,7 @@ def test_seconds_cut_an_episode_short_and_do_not_lengthen_that_of_a_function(
     assert len(films[0].frames) == frames
 
 
-def test_an_environment_without_end_is_filmed_for_so_many_seconds_or_refused(
+def test_an_environment_without_a_time_limit_is_filmed_for_some_seconds_or_refused(
     films: list[_Frames], tmp_path: Path
 ) -> None:
     out = tmp_path / "film.mp4"
@@ -101,20 +101,20 @@ def test_an_environment_without_end_is_filmed_for_so_many_seconds_or_refused(
     assert [len(film.frames) for film in films] == [6, 6]
 
 
-def test_progress_is_told_from_before_the_first_step_on(
+def test_progress_is_reported_before_the_first_step_and_after_each(
     films: list[_Frames], tmp_path: Path
 ) -> None:
-    told: list[tuple[int, int, float]] = []
+    reported: list[tuple[int, int, float]] = []
     recording.record(
         plain_domain.make,
         out=tmp_path / "film.mp4",
         seconds=0.06,
-        on_progress=lambda *now: told.append(now),
+        on_progress=lambda *now: reported.append(now),
         **_SIZE,
     )
-    assert [now[:2] for now in told] == [(0, 3), (1, 3), (2, 3), (3, 3)]
-    assert told[0][2] == 0.0
-    assert told[-1][2] != 0.0
+    assert [now[:2] for now in reported] == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    assert reported[0][2] == 0.0
+    assert reported[-1][2] != 0.0
 
 
 class _Turning:
@@ -136,7 +136,9 @@ def test_a_policy_may_be_an_object_or_class(films: list[_Frames], tmp_path: Path
     frames = [film.frames for film in films]
     np.testing.assert_array_equal(frames[0], frames[1])
     np.testing.assert_array_equal(frames[0], frames[2])
-    with pytest.raises(ValueError, match="give its class, so that each row has one of its own"):
+    with pytest.raises(
+        ValueError, match="give its class, so that each row has an object of its own"
+    ):
         recording.record(plain_domain.make, out=out, policy=_Turning(), rows=2, **_SIZE)
 
 
@@ -151,13 +153,13 @@ def _none(seed: int) -> Environment | None:
         ({"seed": 2**32 - 1, "rows": 2}, "the last row's seed is 4294967296; expected below"),
         ({"rows": 0}, "rows is 0; expected a whole number of at least 1"),
         ({"seconds": float("nan")}, "seconds is nan; expected a positive number"),
-        ({"task": "push"}, "task is 'push', and the environment is made by tests.plain_"),
+        ({"task": "push"}, "task is 'push', but tests.plain_domain:make makes the environment"),
         ({"domain": _none}, "made a NoneType; expected a limberjack.rl.control.Environment"),
         ({"domain": "humanoid"}, "task is None; expected the name of a task"),
         ({"policy": 3}, "is of type int; expected a function of an observation"),
     ],
 )
-def test_what_cannot_be_filmed_is_refused_and_leaves_nothing(
+def test_arguments_that_cannot_be_filmed_are_refused_and_leave_nothing(
     kwargs: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     what = {"domain": plain_domain.make, "out": tmp_path / "film.mp4", **_SIZE, **kwargs}

@@ -12,7 +12,7 @@ def _load(domain: str, task: str, seed: int, time_limit: float = 0.5) -> suite.c
 
 
 @pytest.mark.parametrize(("domain", "task"), PAIRS)
-def test_an_episode_is_what_a_plain_loop_gives(domain: str, task: str) -> None:
+def test_an_episode_has_the_rewards_of_a_plain_loop(domain: str, task: str) -> None:
     episode = rollout.run_episode(_load(domain, task, 3), policies.random, 3)
 
     environment = _load(domain, task, 3)
@@ -70,7 +70,7 @@ def test_an_episode_can_be_cut_short() -> None:
 
 
 @pytest.mark.parametrize("seed", [True, 1.5, -1])
-def test_a_seed_that_is_none_is_refused_before_anything_moves(seed: object) -> None:
+def test_an_invalid_seed_is_refused_before_anything_moves(seed: object) -> None:
     environment = _load("humanoid", "stand", 0)
     with pytest.raises((TypeError, ValueError), match="seed is"):
         rollout.run_episode(environment, policies.random, seed)  # pyright: ignore[reportArgumentType]

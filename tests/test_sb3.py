@@ -49,10 +49,10 @@ def _dummies(num_envs: int, domain: str, task: str, **kwargs: Any) -> Any:
 
 def _as_dummies_say(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The infos in terms of the single environment's."""
-    told = [{k: v for k, v in info.items() if k != "diverged"} for info in infos]
+    own = [{k: v for k, v in info.items() if k != "diverged"} for info in infos]
     return [
         {"success" if key == "is_success" else key: value for key, value in info.items()}
-        for info in told
+        for info in own
     ]
 
 
@@ -107,7 +107,7 @@ def test_ends_by_the_task_and_by_the_limit_are_those_of_a_dummy_vec_env(
     assert (_assert_lockstep(envs, dummies, 50) > 0).all()
 
 
-def test_what_was_randomised_is_in_the_reset_infos() -> None:
+def test_randomised_values_are_in_the_reset_infos() -> None:
     kwargs: Any = {"randomize": {"body_mass": scale(0.5, 2.0)}, "time_limit": 0.1}
     envs = sb3.make_vec_env("humanoid", "walk", 3, **kwargs)
     _assert_lockstep(envs, _dummies(3, "humanoid", "walk", **kwargs), 9)
@@ -141,7 +141,7 @@ def test_arrays_are_float32_and_never_change_later() -> None:
     assert envs.observation_space.contains(observation[0])
 
 
-def test_success_and_terms_are_told_for_each_row() -> None:
+def test_success_and_terms_are_reported_for_each_row() -> None:
     envs = sb3.make_vec_env("manipulator", "bring_ball", 2, seed=0)
     envs.reset()
     *_, infos = envs.step(np.zeros((2, 5)))
@@ -176,7 +176,7 @@ def test_seeding_leaves_numpys_global_stream_alone() -> None:
     assert repr(np.random.get_state()) == before
 
 
-def test_a_pickled_copy_goes_on_alike() -> None:
+def test_a_pickled_copy_continues_identically() -> None:
     envs = _falling(seed=0)
     envs.reset()
     envs.step(np.ones((3, 21)))
@@ -202,9 +202,9 @@ def test_attributes_are_those_of_a_row() -> None:
     assert envs.get_attr("level", [0, 2]) == [4, 4]
     with pytest.raises(AttributeError, match="level"):
         envs.get_attr("level")
-    with pytest.raises(AttributeError, match="have 'render_mode' in common"):
+    with pytest.raises(AttributeError, match="all rows share the attribute 'render_mode'"):
         envs.set_attr("render_mode", "human")
-    with pytest.raises(IndexError, match="row 3 was asked for; there are 3"):
+    with pytest.raises(IndexError, match="row is 3; expected 0 to 2"):
         envs.get_attr("level", 3)
 
 

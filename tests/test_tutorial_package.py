@@ -66,7 +66,7 @@ def test_every_command_takes_it_by_its_entry_point(python: Path, tmp_path: Path)
     result = json.loads((out / "result.json").read_text())
     assert {episode["start"] for episode in result["episodes"]} <= {"above", "below"}
     bench = _limberjack(python, "bench", *task, "--num-envs", "2", "--seconds", "0.1")
-    assert "Recommended for 2 rows" in bench
+    assert "for 2 environments" in bench
     solved = tmp_path / "solved"
     _limberjack(python, "solve", *task, *short, "--threads", "1", "--out", str(solved))
     assert (solved / "episode-0.npz").exists()

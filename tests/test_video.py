@@ -1,4 +1,4 @@
-"""Films: what is written, how fast it plays, and what happens when it cannot be."""
+"""Films: their frames and speed, and errors in writing them."""
 
 import re
 import subprocess
@@ -76,7 +76,7 @@ def test_a_film_is_h264_that_browsers_play_in_real_time(tmp_path: Path, environm
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_film_shows_what_is_rendered(tmp_path: Path, environment: Any) -> None:
+def test_a_film_shows_the_rendered_pictures(tmp_path: Path, environment: Any) -> None:
     path = tmp_path / "video.mp4"
     film = _film(path, environment)
     drawn = environment.physics.render(height=_HEIGHT, width=_WIDTH, camera_id=0)

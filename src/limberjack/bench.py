@@ -1,4 +1,4 @@
-"""How fast a task steps on this machine: the physics alone, a batch, a Gymnasium environment.
+"""The speed of a task on this machine: of the physics alone, a batch, a Gymnasium environment.
 
     result = bench.measure("humanoid", "walk", num_envs=256)
     result = bench.measure(my_package.make)         # make(seed) -> Environment
@@ -6,10 +6,10 @@
         print(speed.what, speed.num_threads, speed.steps_per_second)
     print(result.recommended_threads)
 
-What is compared does the same steps in turns, a block each within the same fraction of a second, so
-that whatever else the machine does slows all of it alike. Steps are an environment's: one action.
-Starts of episodes are not part of it: they take at most 2 % of an episode. Where a task ends some
-episodes early, starts of those are part of what a batch and a vector environment take.
+All of them do the same steps, in turns: a block each within the same fraction of a second, so that
+other load on the machine slows all alike. A step is one action of one environment. Starts of
+episodes are not measured: they take at most 2 % of an episode. If a task ends some episodes early,
+the starts after those count towards the batch and the vector environment.
 """
 
 import dataclasses
@@ -33,43 +33,58 @@ from limberjack.utils import cores
 if TYPE_CHECKING:
     from mujoco.batch import Batch
 
-__all__ = ["Contest", "Player", "Result", "Speed", "measure", "player", "take_turns"]
+__all__ = [
+    "NEARLY_BEST",
+    "Contest",
+    "Player",
+    "Result",
+    "Speed",
+    "measure",
+    "player",
+    "take_turns",
+]
 
 # Takes a block of actions, (steps, num_envs, nu), and returns the seconds that its steps took.
 Player = Callable[[np.ndarray], float]
 
+# Called with what is being measured, and the share of all that is done, from 0 to 1.
+_OnProgress = Callable[[str, float], object]
+
 _ROWS_PER_BLOCK = 1024  # steps of a block times rows: about a twentieth of a second
-_WARM_UP_STEPS = 20  # not measured: the humanoid falls
+_WARM_UP_STEPS = 20  # not measured, because the humanoid falls
 _MIN_ROUNDS = 8
-_EPISODE = 1_000  # steps that are measured at most; those of an episode of the suite
+_EPISODE = 1_000  # most steps to measure: those of an episode of the suite
 _SHORTEST = 2 * _MIN_ROUNDS  # steps that an episode must have to be measured
 _WARM_UP_SHARE = 0.1  # of an episode, at most
 _SEED = 0
 
-_NEARLY_BEST = 0.95  # of the highest speed: threads beyond it are better used elsewhere
+NEARLY_BEST = 0.95  # share of the highest speed; threads beyond it are better used elsewhere
 
 
 @dataclasses.dataclass(frozen=True)
 class Speed:
-    """How many steps per second, of all rows together, something takes."""
+    """The speed of one contestant."""
 
-    what: str
+    what: str  # 'physics', 'batch' or 'vector'
     num_envs: int
     num_threads: int
-    steps_per_second: float
+    steps_per_second: float  # of all rows together
     # Relative to the first of the same list, which did the same steps in turns with it.
     ratio: float
 
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """What `measure` found.
+    """The result of `measure`.
 
-    `speeds` are of 'physics', 'batch' and 'vector', at equal threads, relative to the physics;
-    `sweep` of 'vector' with more and more threads, relative to one thread.
+    Attributes:
+      facts: what identifies the task; see `factories.Factory`.
+      speeds: of 'physics', 'batch' and 'vector' with equally many threads, relative to 'physics'.
+      sweep: of 'vector' with 1, 2, 4 ... threads, relative to one thread.
+      recommended_threads: the fewest threads that reach `NEARLY_BEST` of the highest speed.
     """
 
-    facts: Mapping[str, str | None]  # as `factories.Factory` has them
+    facts: Mapping[str, str | None]
     speeds: tuple[Speed, ...]
     sweep: tuple[Speed, ...]
     recommended_threads: int
@@ -81,38 +96,62 @@ def measure(
     num_envs: int = 256,
     num_threads: int | None = None,
     seconds: float = 3.0,
+    on_progress: _OnProgress | None = None,
 ) -> Result:
-    """Measure how fast a task steps.
+    """Measures how fast a task steps.
 
     Args:
       domain: such as 'humanoid', or a function `make(seed) -> control.Environment`.
       task: such as 'walk'; None with a function.
       num_envs: number of rows.
       num_threads: the most threads to try, by default the cores that this process may use.
-      seconds: how long each of the two comparisons may take, about; preparation comes on top.
+      seconds: approximate time for each of the two comparisons, without their preparation.
+      on_progress: called between blocks of steps, with what is being measured and the share of all
+        that is done.
 
     Raises:
       ValueError: there is no such domain or task, it cannot be played in batches, its episodes are
         too short, or a number is out of range.
-      TypeError: the function makes something else.
+      TypeError: the function does not make an environment.
     """
     num_envs = at_least_one("num_envs", num_envs)
     most = cores.usable_cores() if num_threads is None else num_threads
     most = min(at_least_one("num_threads", most), num_envs)
     if not seconds > 0:
         raise ValueError(f"seconds is {seconds!r}; expected a positive number")
+    report = on_progress or (lambda what, share: None)
+    report("preparing", 0.0)
     with Contest(domain, task, num_envs, most) as contest:
         players = {"physics": contest.physics, "batch": contest.batch, "vector": contest.vector}
-        taken = take_turns(players, contest.actions, seconds, episode=contest.episode)
+        taken = take_turns(
+            players,
+            contest.actions,
+            seconds,
+            episode=contest.episode,
+            on_round=lambda share: report("comparing with MuJoCo alone", share / 2),
+        )
     speeds = [_speed(what, num_envs, most, taken[what], taken["physics"]) for what in taken]
-    sweep = _sweep(factory_of(domain, task), num_envs, most, seconds)
+    report("preparing", 0.5)
+    sweep = _sweep(
+        factory_of(domain, task),
+        num_envs,
+        most,
+        seconds,
+        lambda share: report("comparing numbers of threads", 0.5 + share / 2),
+    )
     best = max(speed.ratio for speed in sweep)
-    enough = next(s.num_threads for s in sweep if s.ratio >= _NEARLY_BEST * best)
+    enough = next(s.num_threads for s in sweep if s.ratio >= NEARLY_BEST * best)
     return Result(factory_of(domain, task).facts, tuple(speeds), tuple(sweep), enough)
 
 
-def _sweep(factory: Factory, num_envs: int, most: int, seconds: float) -> list[Speed]:
-    """The vector environment with 1, 2, 4... threads, and as many as there may be."""
+def _sweep(
+    factory: Factory,
+    num_envs: int,
+    most: int,
+    seconds: float,
+    on_round: Callable[[float], object],
+) -> list[Speed]:
+    """Speeds of the vector environment with 1, 2, 4 ... threads, and with the most allowed."""
     counts = sorted({most, *(2**i for i in range(most.bit_length()))})
     envs = {n: _vector(factory, num_envs, n) for n in counts}
     for env in envs.values():
@@ -120,7 +159,11 @@ def _sweep(factory: Factory, num_envs: int, most: int, seconds: float) -> list[S
     players = {str(n): player(env.step) for n, env in envs.items()}
     batch = envs[counts[0]].batches[0]
     taken = take_turns(
-        players, lambda steps: _actions(batch.action_spec(), steps), seconds, episode=_steps(batch)
+        players,
+        lambda steps: _actions(batch.action_spec(), steps),
+        seconds,
+        episode=_steps(batch),
+        on_round=on_round,
     )
     for env in envs.values():
         env.close()
@@ -136,17 +179,17 @@ def _speed(
 
 
 class Contest:
-    """One task, stepped by MuJoCo alone, a batch and a vector environment, with equal threads.
+    """One task, stepped by MuJoCo alone, by a batch and by a vector environment.
 
-    They begin in the same states, so given the same actions they do the same steps. The vector
-    environment is flat and float32. Leaving the context frees all and checks that the steps were
-    the same.
+    All three use equally many threads and begin in the same states, so with the same actions they
+    do the same steps. The vector environment is flat and float32. Leaving the context checks that
+    the steps were the same, and frees everything.
     """
 
     def __init__(
         self, domain: str | Make, task: str | None, num_envs: int, num_threads: int
     ) -> None:
-        """Make all and begin an episode in every row.
+        """Makes all three and begins an episode in every row.
 
         Raises:
           ValueError, TypeError: there is no such domain or task, its episodes are too short, or a
@@ -156,11 +199,11 @@ class Contest:
         self._subject = factory.title
         self.num_envs = num_envs
         self.environment = _batch(factory, num_envs, num_threads)
-        self.episode = _steps(self.environment)  # steps that an episode has at most
+        self.episode = _steps(self.environment)  # the most steps of an episode
         if self.episode < _SHORTEST:
             raise ValueError(
                 f"{self._subject} has episodes of {self.episode} steps; expected at least "
-                f"{_SHORTEST}, or there is nothing to measure"
+                f"{_SHORTEST}, for a measurement in turns"
             )
         self.vector_env = _vector(factory, num_envs, num_threads)
         self.batch: Player = player(self.environment.step)
@@ -170,18 +213,18 @@ class Contest:
         self.environment.reset()
         self.vector_env.reset(seed=_SEED)
         self._start: np.ndarray = _state(self.environment).copy()
-        # What differs among the rows' models: where the target is, in some tasks.
+        # Fields in which the rows' models differ, such as the position of a target.
         fields, of_batch = self.environment._saved_fields, self.environment.physics.simulation
         self._start_fields = {name: of_batch.model_field(name)[0].copy() for name in fields}
-        # What the physics alone was given last.
+        # The latest controls of the physics alone.
         self._controls = np.zeros((num_envs, self.environment.physics.model.nu))
 
     def physics(self, actions: np.ndarray) -> float:
-        """The `Player` of a plain `mujoco.batch.Batch`, nothing bound."""
+        """The `Player` of a plain `mujoco.batch.Batch`, with no arrays bound."""
         return self._play_bare(False, actions)
 
     def persistent_physics(self, actions: np.ndarray) -> float:
-        """The same of one that keeps an `MjData` for each simulation."""
+        """The `Player` of a `Batch` that keeps an `MjData` for each simulation."""
         return self._play_bare(True, actions)
 
     def _play_bare(self, persistent: bool, actions: np.ndarray) -> float:
@@ -196,7 +239,7 @@ class Contest:
         return seconds
 
     def _controls_of(self, action: np.ndarray) -> np.ndarray:
-        """The action as controls; zeros for a task whose actions are of another number."""
+        """The action as controls; zeros if the task does not have one action per control."""
         if action.shape == self._controls.shape:
             self._controls = action
         return self._controls
@@ -217,10 +260,10 @@ class Contest:
         return _actions(self.environment.action_spec(), num_steps)
 
     def check_same_steps(self) -> None:
-        """Raise RuntimeError unless all have come to the same states.
+        """Raises RuntimeError unless all three have reached the same states.
 
-        The physics alone is compared in rows that are still in their first episode, and not where
-        the task makes something else of actions than controls.
+        The physics alone is compared only in rows that are still in their first episode, and only
+        if the task's actions are the actuators' controls.
         """
         states = [_state(self.environment), _state(self.vector_env.batches[0])]
         count = self.environment._counter.steps
@@ -230,10 +273,13 @@ class Contest:
             np.array_equal(state, states[0][first]) for state in bare
         )
         if not same:
-            raise RuntimeError(f"{self._subject}: the contestants did not do the same steps")
+            raise RuntimeError(
+                f"{self._subject}: MuJoCo alone, the batch and the vector environment reached "
+                "different states, so their speeds cannot be compared; please report this"
+            )
 
     def _acts_directly(self, rows: np.ndarray) -> bool:
-        """Whether the task's actions are the actuators' controls, as its class or rows show."""
+        """Whether the task's actions are the actuators' controls, by its class or these rows."""
         if type(self.environment.task).before_step is base.Task.before_step:
             return True
         found = self.environment.physics.control()[rows]
@@ -262,16 +308,18 @@ def take_turns(
     min_rounds: int = _MIN_ROUNDS,
     warm_up_steps: int = _WARM_UP_STEPS,
     episode: int = _EPISODE,
+    on_round: Callable[[float], object] | None = None,
 ) -> dict[str, list[float]]:
     """Seconds per step of each player in each round, within one episode.
 
     Args:
       players: by name; all play the same block in a round, in an order that rotates.
-      actions: makes the actions of so many steps, (steps, num_envs, nu).
-      seconds: how long it may take, about, after the warm-up; or more, for `min_rounds`.
-      min_rounds: that are played at least.
-      warm_up_steps: before the first round; fewer where episodes are short.
+      actions: returns the actions of a number of steps, (steps, num_envs, nu).
+      seconds: approximate duration after the warm-up; longer if `min_rounds` take longer.
+      min_rounds: the fewest rounds to play.
+      warm_up_steps: before the first round; fewer if episodes are short.
       episode: steps in an episode; the last one is not played.
+      on_round: called before each round, outside the measured time, with the share that is done.
     """
     warm_up_steps = min(warm_up_steps, int(_WARM_UP_SHARE * episode))
     left = episode - 1 - warm_up_steps
@@ -284,8 +332,11 @@ def take_turns(
     order = list(players)
     start = time.perf_counter()
     for number in range(left // block):
-        if number >= min_rounds and time.perf_counter() - start > seconds:
+        elapsed = time.perf_counter() - start
+        if number >= min_rounds and elapsed > seconds:
             break
+        if on_round is not None:
+            on_round(min(1.0, number / min_rounds, elapsed / seconds))
         given = actions(block)
         for name in order:
             taken[name].append(players[name](given) / block)
@@ -303,7 +354,7 @@ def _vector(factory: Factory, num_envs: int, num_threads: int) -> VectorEnv:
 
 
 def _steps(batch: BatchEnvironment) -> int:
-    """Steps that an episode has at most, as far as they are measured."""
+    """The most steps of an episode, or the most to measure if that is less."""
     limit = batch.step_limit
     return _EPISODE if limit >= _EPISODE else math.ceil(limit)
 
@@ -321,7 +372,7 @@ def player(step: Callable[[np.ndarray], object]) -> Player:
 
 
 def _state(environment: BatchEnvironment) -> np.ndarray:
-    """What a batch's steps depend on, (num_envs, nstate), live."""
+    """The state that a batch's steps depend on, (num_envs, nstate), live."""
     return environment.physics.simulation.state
 
 
@@ -332,6 +383,6 @@ def _actions(spec: specs.BoundedArray, num_steps: int) -> np.ndarray:
     """Random actions within the bounds, or between -1 and 1 where there are none."""
     low = np.where(np.isfinite(spec.minimum), spec.minimum, -1.0)
     high = np.where(np.isfinite(spec.maximum), spec.maximum, 1.0)
-    # Numbers that float32 has, too: the vector environment's own type.
+    # Rounded to float32, the vector environment's own type.
     drawn = _random.uniform(low, high, (num_steps, *spec.shape)).astype(np.float32)
     return drawn.astype(np.float64)

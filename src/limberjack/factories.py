@@ -1,13 +1,13 @@
-"""`factory_of`: an environment by its names in the suite, or made by a function of your own.
+"""`factory_of`: makes an environment by its names in the suite, or with a function of your own.
 
     factory = factory_of("humanoid", "walk", time_limit=2.0)
     factory = factory_of(my_package.make)       # make(seed) -> control.Environment
     environment = factory.make(seed=0)
     factory.facts       # {"environment": "my_package:make", "environment_sha256": "..."}
 
-`evaluate`, `record` and `bench.measure` take either. A function is known by its module and name and
-by the hash of its package. A lambda, a function within a function, a partial or an object with
-`__call__` depends on more than that: it has no hash, so that results of it cannot be kept.
+`evaluate`, `record` and `bench.measure` take either. A function is identified by its module and
+name and by the hash of its package. A lambda, a function within a function, a partial or an object
+with `__call__` depends on more than that: it has no hash, so its results cannot be kept.
 """
 
 import dataclasses
@@ -32,11 +32,12 @@ class Factory:
     """Makes environments of one task.
 
     Attributes:
-      title: what to call it in pictures.
+      title: its name in pictures and messages.
       facts: what identifies it in results: `domain` and `task`, or `environment` and
         `environment_sha256`.
       make: an environment whose first episode is that of the seed; raises ValueError if there is no
-        such domain, task or time limit, and TypeError if the function makes something else.
+        such domain, task or time limit, and TypeError if the function makes something other than
+        an environment.
     """
 
     title: str
@@ -45,7 +46,7 @@ class Factory:
 
     @property
     def is_known(self) -> bool:
-        """Whether its facts tell it from every other factory."""
+        """Whether its facts distinguish it from every other factory."""
         return None not in self.facts.values()
 
 
@@ -70,8 +71,8 @@ def factory_of(
     for argument, value in (("task", task), ("time_limit", time_limit)):
         if value is not None:
             raise TypeError(
-                f"{argument} is {value!r}, and the environment is made by {name}: leave it out, "
-                "as that function decides on it"
+                f"{argument} is {value!r}, but {name} makes the environment: leave it out, and set "
+                "it in that function"
             )
     if not takes_a_seed(domain):
         raise TypeError(f"{name} cannot be called with a seed; expected make(seed) -> Environment")
@@ -87,7 +88,7 @@ def takes_a_seed(make: Callable[..., object]) -> bool:
         inspect.signature(make).bind(0)
     except TypeError:
         return False
-    except ValueError:  # built-in functions without a readable signature: calling one will show
+    except ValueError:  # a built-in function without a readable signature: a call may still work
         return True
     return True
 
@@ -102,7 +103,7 @@ def _of_the_suite(domain: str, task: str, time_limit: float | None) -> Factory:
 
 
 def _found_by_name(make: Make) -> bool:
-    """Whether the function is what its module has under its name: not one that was replaced."""
+    """Whether the function's module has it under its name, so that it was not replaced."""
     target: object = sys.modules.get(make.__module__)
     for part in make.__qualname__.split("."):
         target = getattr(target, part, None)

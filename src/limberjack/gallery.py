@@ -2,12 +2,12 @@
 
     gallery.write(Path("pictures"))  # humanoid-run.png, ..., stacker-stack_4.png, suite.png
 
-They are drawn from the models that are simulated, at the moment that `PICTURES` of a domain's
-module names, so they show what the tasks look like now. The same picture comes each time, where the
-same OpenGL draws.
+They are drawn from the models that are simulated, in the step of an episode that `PICTURES` of a
+domain's module names, so they show the tasks as they are now. With the same OpenGL driver every
+call draws the same pictures.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +23,12 @@ __all__ = ["draw", "write"]
 
 _SHEET = "suite.png"
 _COLUMNS = 5  # of the sheet
-_SHEET_PICTURE = 220, 220  # pixels; the names of tasks fit
+_SHEET_PICTURE = 220, 220  # pixels; wide enough for the names of tasks
 _PICTURE = 480, 480  # pixels
-_STIR = 0.3  # of the range of actions: things move, and nothing is thrown about
+_ACTION_SCALE = 0.3  # of the range of actions: bodies move, and nothing is thrown about
+
+# Called with a domain and a task that is drawn next, the number of tasks drawn, and that of all.
+_OnProgress = Callable[[str, str, int, int], object]
 
 
 def draw(
@@ -41,28 +44,36 @@ def draw(
       label: write the task's name into a corner.
 
     Raises:
-      RenderingError: no OpenGL can be had.
-      ValueError: there is no such task, or the size is none or too large.
+      RenderingError: OpenGL is not available.
+      ValueError: there is no such task, or the size is not positive or too large.
     """
     return _draw_sizes(domain, task, [(height, width, label)])[0]
 
 
-def write(directory: Path, columns: int = _COLUMNS) -> list[Path]:
-    """Writes a picture of each task and the sheet into a directory, which it makes.
+def write(
+    directory: Path, columns: int = _COLUMNS, on_progress: _OnProgress | None = None
+) -> list[Path]:
+    """Writes a picture of each task and the sheet into a directory.
 
     Args:
-      directory: where to.
-      columns: how many pictures of the sheet are side by side.
+      directory: it is made if there is none.
+      columns: number of pictures side by side in the sheet.
+      on_progress: called before each task is drawn, with its domain and name, the number of tasks
+        drawn so far, and that of all.
 
     Returns:
       The files, the sheet last.
 
     Raises:
       OSError: a file cannot be written.
-      RenderingError: no OpenGL can be had.
+      RenderingError: OpenGL is not available.
     """
     sizes = [(*_PICTURE, False), (*_SHEET_PICTURE, True)]
-    drawn = {where: _draw_sizes(*where, sizes) for where in suite.tasks()}
+    tasks, drawn = suite.tasks(), {}
+    for domain, task in tasks:
+        if on_progress is not None:
+            on_progress(domain, task, len(drawn), len(tasks))
+        drawn[domain, task] = _draw_sizes(domain, task, sizes)
     files = {f"{domain}-{task}.png": large for (domain, task), (large, _) in drawn.items()}
     files[_SHEET] = mosaic([small for _, small in drawn.values()], columns)
     directory.mkdir(parents=True, exist_ok=True)
@@ -70,18 +81,18 @@ def write(directory: Path, columns: int = _COLUMNS) -> list[Path]:
 
 
 def _draw_sizes(domain: str, task: str, sizes: list[tuple[int, int, bool]]) -> list[np.ndarray]:
-    """Pictures of one moment, each of a height and a width, with the task's name or without."""
+    """Pictures of one step, each of a height and a width, with the task's name or without."""
     pictures_of = getattr(suite.module_of(domain), "PICTURES", {})
-    moment = pictures_of.get(task, base.Picture())
-    environment = suite.load(domain, task, {"random": moment.seed})
+    shown = pictures_of.get(task, base.Picture())
+    environment = suite.load(domain, task, {"random": shown.seed})
     environment.reset()
     stream = np.random.RandomState(0)
     spec = environment.action_spec()
-    for _ in range(moment.steps):
-        environment.step(_STIR * stream.uniform(spec.minimum, spec.maximum, spec.shape))
+    for _ in range(shown.steps):
+        environment.step(_ACTION_SCALE * stream.uniform(spec.minimum, spec.maximum, spec.shape))
     name = TextOverlay(task, position="bottom left")
     pictures = [
-        environment.physics.render(height, width, moment.camera, [name] if label else [])
+        environment.physics.render(height, width, shown.camera, [name] if label else [])
         for height, width, label in sizes
     ]
     environment.close()

@@ -4,9 +4,8 @@
     limberjack.show(frames, fps=40)                     # a film of a list of pictures
     limberjack.show([batch.render(height=120, width=160) for ...], fps=40)  # of a batch: a mosaic
 
-What it returns has `_repr_html_`, which notebooks call; it carries its pictures within itself and
-stays in the notebook's file. It imports nothing of Jupyter. A film needs the extra 'video', a
-picture nothing.
+The result has `_repr_html_`, which notebooks call. It contains its pictures, which are saved in the
+notebook's file. Nothing of Jupyter is imported. A film needs the extra 'video'; a picture does not.
 """
 
 import base64
@@ -22,14 +21,14 @@ from limberjack.video import Writer, mosaic
 
 __all__ = ["Shown", "show"]
 
-_LEAST_WIDTH = 320  # pixels; smaller pictures, as agents see them, are enlarged
+_LEAST_WIDTH = 320  # pixels; smaller pictures, such as an agent's, are enlarged
 
 
 class Shown:
     """A picture or a film for a notebook."""
 
     def __init__(self, html: str) -> None:
-        """Takes the HTML that shows it."""
+        """Takes the HTML of the picture or film."""
         self._html = html
 
     def _repr_html_(self) -> str:
@@ -43,20 +42,19 @@ def show(frames: object, fps: float = 30.0) -> Shown:
     """A picture or a film that a notebook shows inline when it is a cell's last line.
 
     Args:
-      frames: an array, or arrays, in a list or from a generator, of uint8: a picture
-        (height, width, 3), or a film (frames, height, width, 3), or a film of a batch
-        (frames, rows, height, width, 3).
-      fps: frames per second; in real time that is 1 / env.control_timestep().
+      frames: an array of uint8, or a list or generator of arrays: a picture (height, width, 3), a
+        film (frames, height, width, 3), or a film of a batch (frames, rows, height, width, 3).
+      fps: frames per second; 1 / env.control_timestep() plays in real time.
 
     Raises:
       ImportError: it is a film, and the extra 'video' is not installed.
-      ValueError: these are no pictures, or `fps` is no positive number.
+      ValueError: the arrays are not pictures, or `fps` is not a positive number.
     """
     if isinstance(frames, Iterable) and not isinstance(frames, np.ndarray):
         frames = list(frames)
         shapes = sorted({np.shape(frame) for frame in frames})
         if len(shapes) > 1:
-            raise ValueError(f"frames have shapes {shapes}; expected one shape, of all of them")
+            raise ValueError(f"frames have shapes {shapes}; expected one shape for all of them")
     pictures = np.asarray(frames)
     if pictures.ndim == 5 and pictures.size:
         pictures = np.stack([mosaic(rows) for rows in pictures])
@@ -83,7 +81,7 @@ def show(frames: object, fps: float = 30.0) -> Shown:
 
 
 def _encoded(pictures: np.ndarray, fps: float) -> bytes:
-    """The MP4 of the pictures, with an edge doubled where a side is odd, which H.264 cannot do."""
+    """An MP4 of the pictures; an odd side, which H.264 does not allow, is extended by one pixel."""
     _, height, width, _ = pictures.shape
     pictures = np.pad(pictures, ((0, 0), (0, height % 2), (0, width % 2), (0, 0)), mode="edge")
     with tempfile.TemporaryDirectory() as directory:
@@ -99,5 +97,5 @@ def _encoded(pictures: np.ndarray, fps: float) -> bytes:
 
 
 def _data(kind: str, content: bytes) -> str:
-    """An address that is the content itself."""
+    """A data URL of the content."""
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"

@@ -3,8 +3,8 @@
     record("humanoid", "walk", out="walk.mp4", policy="random")
     record(my_package.make, out="mine.gif", seconds=5.0, rows=4)     # make(seed) -> Environment
 
-The command is `limberjack record`. Films play in real time; a film is written whole or not at all.
-It needs the extra `video` and OpenGL. `limberjack.video` has the parts for films of other things.
+The command is `limberjack record`. Films play in real time, and are written completely or not at
+all. They need the extra `video` and OpenGL. `limberjack.video` films other simulations.
 """
 
 import contextlib
@@ -19,6 +19,7 @@ from limberjack import policies, rollout
 from limberjack.factories import Factory, Make, factory_of
 from limberjack.mujoco import TextOverlay
 from limberjack.policies import Act, EnvironmentPolicy, Policy
+from limberjack.report.folder import FILM, RESULT
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.files import Hold
@@ -28,7 +29,7 @@ from limberjack.video import Film, mosaic
 __all__ = ["record"]
 
 _LARGEST = 2160, 3840  # height and width of a picture, pixels; beyond it memory may run out
-_TABLE_WIDTH = 320  # pixels; on narrower pictures a table of three lines would hide too much
+_TABLE_WIDTH = 320  # pixels; on narrower pictures a table of three lines would cover too much
 
 # Called with steps so far, steps in all and the return so far, of a batch the mean.
 _OnProgress = Callable[[int, int, float], object]
@@ -50,19 +51,19 @@ def record(
     visualize_reward: bool = False,
     on_progress: _OnProgress | None = None,
 ) -> Path:
-    """Film an episode of a task, or one of each row of a batch.
+    """Films an episode of a task, or one of each row of a batch.
 
     Args:
       domain: a name such as 'humanoid', or a function `make(seed) -> control.Environment`.
       task: such as 'walk'; None with a function.
       out: the file, which ends in .mp4 or .gif; an earlier one is replaced.
       policy: its name, or the function, object or class itself; see `limberjack.policies`.
-      seed: of the episode; of row i it is seed + i.
+      seed: of the episode; row i has seed + i.
       camera: its number or name; -1 is the free camera.
-      height: of the film, of all rows together, pixels.
-      width: as height.
+      height: of the film, all rows together, pixels.
+      width: of the film, all rows together, pixels.
       seconds: of simulated time; by default the task's time limit.
-      rows: episodes side by side.
+      rows: number of episodes side by side.
       overlay: draw time, reward and return in a corner.
       visualize_reward: colour the bodies by the reward.
       on_progress: called before the episode begins and after each step, with the steps so far,
@@ -72,11 +73,11 @@ def record(
       The file.
 
     Raises:
-      ValueError, TypeError: an argument is no such thing, or another process writes to `out`;
-        nothing was filmed.
+      ValueError, TypeError: an argument is wrong, another process writes to `out`, or `out` is the
+        film of a run; nothing was filmed.
       PolicyError, PhysicsError: the policy or the simulation failed; there is no film.
       ImportError: the extra `video` is missing.
-      RenderingError: no OpenGL can be had.
+      RenderingError: OpenGL is not available.
       OSError: the film cannot be written.
     """
     path = _checked_path(Path(out))
@@ -85,9 +86,9 @@ def record(
     if first + rows > SEEDS:
         raise ValueError(f"the last row's seed is {first + rows - 1}; expected below {SEEDS}")
     stage = _Stage(_factory(domain, task, seconds), first, seconds, visualize_reward)
-    with contextlib.closing(stage), Hold(path):
-        chosen = _policies(policy, rows)
-        stage.look(camera, height, width, rows, overlay)
+    with contextlib.closing(stage), Hold(path.parent if path.name == FILM else path):
+        chosen = stage.policies(policy, rows)
+        stage.set_view(camera, height, width, rows, overlay)
         stage.begin_film(path)
         if on_progress is not None:
             on_progress(0, stage.step_limit, 0.0)
@@ -100,7 +101,7 @@ def record(
 
 
 def _factory(domain: str | Make, task: str | None, seconds: float | None) -> Factory:
-    """What makes the environments; those of the suite may last longer than their own time limit."""
+    """The factory of the environments; those of the suite may exceed their own time limit."""
     if seconds is not None and not (math.isfinite(seconds) and seconds > 0):
         raise ValueError(f"seconds is {seconds}; expected a positive number of seconds")
     return factory_of(domain, task, None if callable(domain) else seconds)
@@ -111,29 +112,21 @@ def _checked_path(path: Path) -> Path:
         raise ValueError(f"the film is {path}; there is no directory {path.parent}")
     if path.is_dir():
         raise ValueError(f"the film is {path}, a directory; expected a file's name")
+    if path.name == FILM and (path.parent / RESULT).exists():
+        raise ValueError(
+            f"the film is {path}, and that folder's {RESULT} belongs to its present {FILM}: choose "
+            "another name or folder"
+        )
     return path
 
 
-def _policies(policy: object, rows: int) -> list[Policy]:
-    """The policy of each row: an object of its own, where it is a class."""
-    if rows > 1 and not isinstance(policy, str | type) and hasattr(policy, "reset"):
-        raise ValueError(
-            f"policy {policies.name_of(policy)!r} is an object with the state of one episode: give "
-            "its class, so that each row has one of its own"
-        )
-    found = [policies.find(policy) for _ in range(rows)]
-    if rows > 1 and isinstance(found[0], EnvironmentPolicy):
-        raise ValueError(f"policy {policy!r} acts in one environment; leave out the rows")
-    return found
-
-
 class _Stage:
-    """An environment that is drawn, by itself or in the place of each row of a batch."""
+    """An environment that is drawn, alone or in the place of each row of a batch."""
 
     def __init__(
         self, factory: Factory, seed: int, seconds: float | None, visualize_reward: bool
     ) -> None:
-        """Make the environment; raises ValueError if the film would never end."""
+        """Makes the environment; raises ValueError if the film would never end."""
         self._seed = seed
         self._factory = factory
         self._environment = factory.make(seed)
@@ -151,16 +144,36 @@ class _Stage:
         if visualize_reward:
             self._environment.task.visualize_reward = True
 
-    def look(self, camera: int | str, height: int, width: int, rows: int, overlay: bool) -> None:
-        """Choose how it is drawn, and draw it once.
+    def policies(self, policy: object, rows: int) -> list[Policy]:
+        """The policy of each row; if it is a class, each row has an object of its own.
+
+        Raises:
+          ValueError: there is no such policy, or it cannot act in several rows.
+        """
+        if rows > 1 and not isinstance(policy, str | type) and hasattr(policy, "reset"):
+            raise ValueError(
+                f"policy {policies.name_of(policy)!r} is an object with the state of one episode: "
+                "give its class, so that each row has an object of its own"
+            )
+        first = policies.find(policy, self._environment)
+        if rows > 1 and isinstance(first, EnvironmentPolicy):
+            raise ValueError(f"policy {policy!r} acts in one environment; leave out the rows")
+        if policies.is_saved_model(policy):  # loaded once; its episodes are independent
+            return [first] * rows
+        return [first, *(policies.find(policy) for _ in range(rows - 1))]
+
+    def set_view(
+        self, camera: int | str, height: int, width: int, rows: int, overlay: bool
+    ) -> None:
+        """Sets how the environment is drawn, and draws it once.
 
         Raises:
           ValueError: there is no such camera, or the size is too large, or too small for the rows.
-          RenderingError: no OpenGL can be had.
+          RenderingError: OpenGL is not available.
         """
         across = math.ceil(math.sqrt(rows))
         down = math.ceil(rows / across)
-        # Even, so that the film is.
+        # Even numbers, which H.264 needs.
         picture = height // down // 2 * 2, width // across // 2 * 2
         if 0 in picture:
             raise ValueError(f"a film of {height}x{width} pixels is too small for {rows} rows")
@@ -177,7 +190,7 @@ class _Stage:
         self._environment.physics.render(*self._picture_size, camera_id=camera)
 
     def begin_film(self, path: Path) -> None:
-        """Raise ImportError, OSError or ValueError where there can be no film."""
+        """Begins the film; raises ImportError, OSError or ValueError if that is impossible."""
         height, width = self._size
         timestep = self._environment.control_timestep()
         self._film = Film(path, timestep, height=height, width=width)
@@ -187,13 +200,13 @@ class _Stage:
         self._film.finish()
 
     def close(self) -> None:
-        """Free the environment and remove a film that is not finished."""
+        """Frees the environment and removes an unfinished film."""
         if self._film is not None:
             self._film.discard()
         self._environment.close()
 
     def play(self, policy: Policy, on_progress: _OnProgress | None) -> None:
-        """Film an episode."""
+        """Films an episode."""
         film = self._film
         assert film is not None
 
@@ -205,7 +218,7 @@ class _Stage:
         rollout.run_episode(self._environment, policy, self._seed, on_step, self.step_limit)
 
     def play_batch(self, policies: list[Policy], on_progress: _OnProgress | None) -> None:
-        """Film an episode of each row of a batch, side by side."""
+        """Films an episode of each row of a batch, side by side."""
         count, film = len(policies), self._film
         assert film is not None
         with contextlib.closing(self._factory.make(self._seed)) as like:
@@ -234,10 +247,10 @@ class _Stage:
         time_step: dm_env.TimeStep,
         total: np.ndarray,
     ) -> np.ndarray:
-        """The picture of a row, drawn where its model has no other row's colours."""
+        """The picture of a row, drawn with a model that has no other row's colours."""
         environment = self._environment
         environment.restore(batch.snapshot([row]))
-        environment.task.after_step(environment.physics)  # colours it, if that was asked for
+        environment.task.after_step(environment.physics)  # sets the colours, if they are wanted
         return self._picture(steps, float(np.asarray(time_step.reward)[row]), float(total[row]))
 
     def _picture(self, steps: int, reward: float, total: float) -> np.ndarray:

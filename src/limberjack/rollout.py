@@ -4,8 +4,8 @@
     episode = run_episode(environment, policies.random, seed)
     print(episode.total, episode.length)
 
-This is the project's loop over one environment; whatever else wants to see an episode passes
-`on_step`. Batches have loops of their own. No observations are kept.
+All of the project that steps one environment uses this loop, and observes it through `on_step`.
+Batches have loops of their own. Observations are not kept.
 """
 
 import dataclasses
@@ -25,10 +25,10 @@ __all__ = ["Episode", "OnStep", "Step", "kind_of_start", "run_episode"]
 class Step:
     """The reset of an episode or one of its steps."""
 
-    number: int  # of steps so far; 0 for the reset
-    total: float  # the return so far
+    number: int  # steps so far; 0 for the reset
+    total: float  # return so far
     time_step: dm_env.TimeStep
-    action: np.ndarray | None  # that led here; None for the reset
+    action: np.ndarray | None  # the action of this step; None for the reset
 
     @property
     def reward(self) -> float:
@@ -44,7 +44,7 @@ class Episode:
     """An episode that has ended."""
 
     seed: int
-    start: str | None  # the kind of start, where the task has kinds
+    start: str | None  # kind of start; None if the task has no kinds
     rewards: np.ndarray  # (T,), one per step
 
     @property
@@ -70,17 +70,17 @@ def run_episode(
     on_step: OnStep | None = None,
     max_steps: float = float("inf"),
 ) -> Episode:
-    """Run the next episode of an environment, from its reset to its last step.
+    """Runs the next episode of an environment, from its reset to its last step.
 
     Args:
       environment: it is reset, but not closed.
       policy: begun after the reset, with `seed`.
-      seed: what the environment was seeded with.
+      seed: the seed of the environment.
       on_step: called once after the reset and once after each step.
-      max_steps: after which the episode is cut short; by default never.
+      max_steps: the most steps to run; by default the episode runs to its end.
 
     Raises:
-      TypeError, ValueError: the seed is none; nothing was run.
+      TypeError, ValueError: the seed is not a seed; nothing was run.
     """
     seed = checked_seed(seed)
     time_step = environment.reset()
@@ -102,6 +102,6 @@ def run_episode(
 
 def kind_of_start(environment: Environment) -> str | None:
     """The kind of start of an episode that has just begun; None for a task without kinds."""
-    # Tasks that are not made of `suite.base.Task` need not say.
+    # Only `suite.base.Task` promises the attribute.
     start = getattr(environment.task, "start", None)
     return None if start is None else start(environment.physics)

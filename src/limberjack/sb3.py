@@ -6,13 +6,13 @@
     envs = VecMonitor(make_vec_env("humanoid", "walk", num_envs=64, seed=0))
     PPO("MlpPolicy", envs).learn(1_000_000)
 
-It behaves as SB3's `DummyVecEnv` of as many `limberjack.gym.Env`, bit for bit: a row whose episode
-has ended shows the first observation of its next one, and its last in
-`info["terminal_observation"]`; `info["TimeLimit.truncated"]` says whether only the time limit ended
-it. Episodes' returns are logged where `VecMonitor` is put around it. One simulation needs none of
-this: `gymnasium.make` makes what SB3 takes.
+It behaves as SB3's `DummyVecEnv` of equally many `limberjack.gym.Env`, bit for bit: a row whose
+episode has ended returns the first observation of its next one, and the last one in
+`info["terminal_observation"]`; `info["TimeLimit.truncated"]` is true if only the time limit ended
+it. Wrap it in `VecMonitor` to log the returns of episodes. For a single simulation this module is
+not needed: SB3 takes environments of `gymnasium.make`.
 
-The only file that imports stable_baselines3.
+No other file imports stable_baselines3.
 """
 
 import contextlib
@@ -51,25 +51,25 @@ _ByName = dict[str, Any]
 
 
 class VecEnv(vec_env.VecEnv):
-    """A batch as Stable-Baselines3 has it; see the module's docstring.
+    """A batch with the interface of Stable-Baselines3; see the module's docstring.
 
-    Each row's info has `TimeLimit.truncated`, `diverged`, and where the task has them
-    `reward_terms` by name and `is_success`, which SB3 logs as a rate; after an episode
-    `terminal_observation`. `reset_infos` has for each row what was drawn for its episode, under
-    `randomization`, if anything was.
+    Each row's info has `TimeLimit.truncated` and `diverged`; if the task has them, `reward_terms`
+    by name and `is_success`, which SB3 logs as a rate; and after an episode `terminal_observation`.
+    `reset_infos` has for each row the values drawn for its episode under `randomization`, if there
+    are any.
     """
 
     def __init__(self, envs: gym.VectorEnv | BatchEnvironment, seed: int | None = None) -> None:
         """Takes over a batch, with float32 observations in one array, or a vector environment.
 
         Args:
-          envs: it must not be used elsewhere. A `VectorEnv` has `autoreset_mode="SameStep"`.
-          seed: as given to `seed`; None lets the rows' random streams go on.
+          envs: the batch, not to be used elsewhere. A `VectorEnv` must have
+            `autoreset_mode="SameStep"`.
+          seed: as given to `seed`; None continues the rows' random streams.
 
         Raises:
-          TypeError: it is neither.
-          ValueError: its autoreset mode is another, or its observations are overwritten by later
-            ones.
+          TypeError: `envs` is neither a batch nor a vector environment.
+          ValueError: its autoreset mode is another, or later observations overwrite earlier ones.
         """
         if isinstance(envs, BatchEnvironment):
             envs = gym.VectorEnv(envs, autoreset_mode="SameStep", flat=True, dtype="float32")
@@ -83,9 +83,9 @@ class VecEnv(vec_env.VecEnv):
             self.seed(seed)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Has row i begin the first episode of `RandomState(seed + i)` at the next `reset`.
+        """Seeds the rows: the next `reset` begins row i with the first episode of `seed + i`.
 
-        Returns the rows' seeds. None stands for any seed; NumPy's global stream is left alone.
+        Returns the rows' seeds. None draws a seed; NumPy's global stream is not used.
         """
         first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
         self._seeds: list[int | None] = arguments.row_seeds(first, self.num_envs)
@@ -126,13 +126,13 @@ class VecEnv(vec_env.VecEnv):
         self.vector_env.close()
 
     def get_images(self) -> Sequence[np.ndarray | None]:
-        """A picture of each row, (height, width, 3) uint8; None each without a render mode."""
+        """A picture of each row, (height, width, 3) uint8; without a render mode, None for each."""
         return self.vector_env.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: _Indices = None) -> list[object]:
-        """Of each row, what `set_attr` gave it, else what all rows have in common.
+        """An attribute of each row: the value given by `set_attr`, else the rows' common value.
 
-        In common they have the spaces and the attributes of the `VectorEnv`, such as `layout`.
+        The rows have the spaces and the attributes of the `VectorEnv`, such as `layout`, in common.
 
         Raises:
           AttributeError: there is no such attribute.
@@ -144,7 +144,7 @@ class VecEnv(vec_env.VecEnv):
         ]
 
     def set_attr(self, attr_name: str, value: object, indices: _Indices = None) -> None:
-        """Gives rows an attribute, for `get_attr` to return; it does not reach the simulations.
+        """Sets an attribute of rows, which `get_attr` returns and the simulations do not see.
 
         Raises:
           AttributeError: the rows have that attribute in common.
@@ -152,7 +152,7 @@ class VecEnv(vec_env.VecEnv):
         rows = self._rows(indices)
         if hasattr(self.vector_env, attr_name):
             raise AttributeError(
-                f"the rows have {attr_name!r} in common: set it where the batch is made"
+                f"all rows share the attribute {attr_name!r}: set it as the batch is made"
             )
         for row in rows:
             self._own[row][attr_name] = value
@@ -164,10 +164,10 @@ class VecEnv(vec_env.VecEnv):
         indices: _Indices = None,
         **method_kwargs: object,
     ) -> list[object]:
-        """Calls a method of rows, `render` or `get_wrapper_attr`; they have no other.
+        """Calls a method of rows: `render` or `get_wrapper_attr`.
 
         Raises:
-          AttributeError: rows have no such method; the `VectorEnv` may have what is wanted.
+          AttributeError: rows have no such method; the `VectorEnv` may have it.
         """
         methods = [self._method(method_name, row) for row in self._rows(indices)]
         return [method(*method_args, **method_kwargs) for method in methods]
@@ -181,7 +181,7 @@ class VecEnv(vec_env.VecEnv):
         rows = [operator.index(row) for row in self._get_indices(indices)]
         for row in rows:
             if not 0 <= row < self.num_envs:
-                raise IndexError(f"row {row} was asked for; there are {self.num_envs}, from 0")
+                raise IndexError(f"row is {row}; expected 0 to {self.num_envs - 1}")
         return rows
 
     def _common(self, name: str) -> object:
@@ -197,12 +197,12 @@ class VecEnv(vec_env.VecEnv):
         if name in known:
             return known[name]
         raise AttributeError(
-            f"the rows of a batch have no method {name!r}.{did_you_mean(name, list(known))} They "
-            f"have: {', '.join(known)}. See also the attribute vector_env."
+            f"the rows of a batch have no method {name!r}.{did_you_mean(name, list(known))} Their "
+            f"methods are {', '.join(known)}; the attribute vector_env has those of the batch."
         )
 
     def _note_what_was_drawn(self, info: _ByName) -> None:
-        """Keeps, for rows whose episode has just begun, the fields of the model drawn for it."""
+        """Keeps the model fields that were drawn for the rows whose episodes have just begun."""
         drawn = info.get("randomization", {})
         for row in np.flatnonzero(info.get("_randomization", ())):
             fields = {name: drawn[name][row].copy() for name in drawn if f"_{name}" in drawn}
@@ -218,18 +218,18 @@ def _check_vector_env(envs: object) -> None:
     mode = envs.metadata["autoreset_mode"].value
     if mode != "SameStep":
         raise ValueError(
-            f"autoreset_mode is {mode!r}; Stable-Baselines3 needs 'SameStep': say so where the "
-            "VectorEnv is made"
+            f"autoreset_mode is {mode!r}; Stable-Baselines3 needs 'SameStep': pass "
+            "autoreset_mode='SameStep' to the VectorEnv"
         )
     if not all(part._copies for part in envs._parts):
         raise ValueError(
-            "the observations are overwritten by later ones, and Stable-Baselines3 keeps them: "
-            "make the VectorEnv with copy=True"
+            "later observations overwrite earlier ones, and Stable-Baselines3 keeps them: make the "
+            "VectorEnv with copy=True"
         )
 
 
 def _infos_of_rows(info: _ByName, truncated: np.ndarray) -> list[_ByName]:
-    """What a step says, told of each row."""
+    """The info of a step, separately for each row."""
     diverged = info["diverged"]
     infos: list[_ByName] = [
         {"TimeLimit.truncated": by_limit, "diverged": by_itself}
@@ -244,7 +244,7 @@ def _infos_of_rows(info: _ByName, truncated: np.ndarray) -> list[_ByName]:
 
 
 def _add_terms(infos: list[_ByName], info: _ByName) -> None:
-    """Adds what the reward is made of, to the rows that it is said of."""
+    """Adds the terms of the reward, and success, to the rows that have them."""
     if "reward_terms" not in info:
         return
     rows = np.flatnonzero(info["_reward_terms"])
@@ -267,20 +267,20 @@ def make_vec_env(
       domain: such as 'humanoid'.
       task: such as 'walk'.
       num_envs: number of rows.
-      seed: row i begins with the first episode of `RandomState(seed + i)`; None for any seed.
+      seed: row i begins with the first episode of `RandomState(seed + i)`; None draws a seed.
       kwargs: see `limberjack.gym.load_vector`. Observations are float32 in one array unless `flat`
         or `dtype` say otherwise.
     """
-    told = {"flat": True, "dtype": "float32", "autoreset_mode": "SameStep", **kwargs}
-    return VecEnv(gym.load_vector(domain, task, num_envs, **told), seed)
+    options = {"flat": True, "dtype": "float32", "autoreset_mode": "SameStep", **kwargs}
+    return VecEnv(gym.load_vector(domain, task, num_envs, **options), seed)
 
 
 class SavedPolicy:
-    """The policy of a saved model, of any algorithm with actions like ours, acting on batches.
+    """The policy of a saved model, of any algorithm with continuous actions, acting on batches.
 
-    It acts without exploring. If the observations were normalised in training, they are so here
-    too: save `VecNormalize` beside the model, `walk.vecnormalize.pkl` beside `walk.zip`. Both files
-    hold pickled Python: load only what you trust.
+    It acts without exploration. If the observations were normalised in training, save the
+    `VecNormalize` beside the model, `walk.vecnormalize.pkl` beside `walk.zip`, and they are
+    normalised here too. Both files contain pickled Python: load only files that you trust.
     """
 
     def __init__(self, path: Path, environment: Environment) -> None:
@@ -288,11 +288,11 @@ class SavedPolicy:
 
         Args:
           path: of the file that `model.save` wrote, with or without '.zip'.
-          environment: a `control.Environment` that it is to act in.
+          environment: the `control.Environment` to act in.
 
         Raises:
-          OSError: it cannot be read.
-          ValueError: it is no model, or one of other observations or actions.
+          OSError: the file cannot be read.
+          ValueError: it is not a model, or one of other observations or actions.
         """
         if path.is_dir():  # 'sb3:' without a path, too
             raise ValueError(f"{path} is a folder; expected the file that model.save wrote")
@@ -326,29 +326,29 @@ class SavedPolicy:
 
 
 def _saved_model(path: Path) -> tuple[_ByName, _ByName]:
-    """What a file of `model.save` holds: its settings and its networks' parameters."""
+    """The settings and the networks' parameters in a file of `model.save`."""
     with path.open("rb") as file:
         if not zipfile.is_zipfile(file):
             raise ValueError(
-                f"{path} is no model of Stable-Baselines3; expected what model.save wrote"
+                f"{path} is not a model of Stable-Baselines3; expected a file that model.save wrote"
             )
         file.seek(0)
-        with _damage_named(path, "what model.save wrote"):
+        with _damage_named(path, "a file that model.save wrote"):
             data, parameters, _ = save_util.load_from_zip_file(file, device="cpu")
     needed = {"action_space", "observation_space", "policy_class", "policy_kwargs"}
     if not (data and parameters and needed <= data.keys() and "policy" in parameters):
-        raise ValueError(f"{path} holds no policy; expected what model.save wrote")
+        raise ValueError(f"{path} holds no policy; expected a file that model.save wrote")
     return data, parameters
 
 
 def _saved_normalisation(path: Path, space: object) -> Callable[[_Observations], _Observations]:
-    """What `VecNormalize.save` wrote, as a function of observations of the model's space."""
-    with _damage_named(path, "what VecNormalize.save wrote"):
+    """The normalisation that `VecNormalize.save` wrote, as a function of observations."""
+    with _damage_named(path, "a file that VecNormalize.save wrote"):
         saved = pickle.loads(path.read_bytes())
         normalise, of_saved = saved.normalize_obs, saved.observation_space
     if _shape(of_saved) != _shape(space):
         raise ValueError(
-            f"{path} is of observations of shape {_shape(of_saved)}; the model's have "
+            f"{path} normalises observations of shape {_shape(of_saved)}; the model's have "
             f"{_shape(space)}"
         )
     return normalise
@@ -356,7 +356,7 @@ def _saved_normalisation(path: Path, space: object) -> Callable[[_Observations],
 
 @contextlib.contextmanager
 def _damage_named(path: Path, expected: str) -> Iterator[None]:
-    """Turns whatever pickle, zipfile and torch say of a damaged file into one error."""
+    """Turns all errors that pickle, zipfile and torch raise for a damaged file into one."""
     try:
         yield
     except Exception as error:
@@ -364,7 +364,7 @@ def _damage_named(path: Path, expected: str) -> Iterator[None]:
 
 
 def _check_space(what: str, of_model: object, here: object) -> None:
-    """Raises unless what the model was trained with has the shapes that are here."""
+    """Raises ValueError unless the model was trained with the shapes of the task."""
     found, expected = _shape(of_model), _shape(here)
     if found != expected:
         raise ValueError(f"the model's {what} have shape {found}; the task's have {expected}")

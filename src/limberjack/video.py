@@ -4,12 +4,12 @@
     film.add(environment.physics)  # after the reset and after each step
     film.finish()
 
-A film plays in real time. A frame is drawn after every control step, or after every second, third,
-... where steps are shorter than 0.02 s, so that there are never more than 50 frames a second; in a
-GIF never more than 25. `Writer` takes frames that are drawn already; `mosaic` makes one of many.
+A film plays in real time. A frame is drawn after every control step; if steps are shorter than
+0.02 s, after every second, third, ... step, so that there are at most 50 frames per second, and in
+a GIF at most 25. `Writer` takes frames that are drawn already; `mosaic` joins pictures into one.
 
-The only file that imports imageio_ffmpeg, for the ffmpeg program in its wheel, and that when a film
-begins. It needs no more memory for a long film than for a short one.
+No other file imports imageio_ffmpeg, for the ffmpeg program in its wheel; it is imported as a film
+begins. A long film needs no more memory than a short one.
 """
 
 import contextlib
@@ -29,14 +29,14 @@ from limberjack.utils.requirements import missing_extra
 
 __all__ = ["Film", "Rendered", "Writer", "find_ffmpeg", "frame_stride", "mosaic"]
 
-# Frames per second, by the ending of the file. Every screen shows 50, and drawing more takes long;
-# a GIF counts in hundredths of a second, and is large.
+# Frames per second, by the ending of the file. Every screen shows 50, and drawing more is slow. A
+# GIF counts in hundredths of a second, and is large.
 _MAX_FRAME_RATES = {".mp4": 50.0, ".gif": 25.0}
 _ROUND_OFF = 1e-9  # so that steps of 0.02 s, whatever their last bit, are all drawn
 
-# The index goes first (faststart), so that a browser plays while it loads.
+# The index comes first (faststart), so that a browser plays the file while it loads.
 _H264 = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
-# What a GIF is made of, in two readings: its 256 colours are those of all frames.
+# A GIF is made from a lossless file, which is read twice: its 256 colours are those of all frames.
 _LOSSLESS = ["-c:v", "libx264rgb", "-qp", "0", "-preset", "ultrafast"]
 _COLOURS = "palettegen=stats_mode=full"
 _COLOURED = "paletteuse=dither=bayer:bayer_scale=4:diff_mode=rectangle"
@@ -47,23 +47,23 @@ def frame_stride(control_timestep: float, most: float = _MAX_FRAME_RATES[".mp4"]
 
     Args:
       control_timestep: seconds.
-      most: frames per second.
+      most: the highest number of frames per second.
     """
     return max(1, math.ceil(1.0 / (control_timestep * most) - _ROUND_OFF))
 
 
 def mosaic(pictures: np.ndarray | Sequence[np.ndarray], columns: int | None = None) -> np.ndarray:
-    """Many pictures as one, row by row from the upper left; black where there are none left.
+    """Pictures joined into one, row by row from the upper left; the rest is black.
 
     Args:
       pictures: (n, height, width, 3), n of at least 1.
-      columns: how many are side by side; by default as many as below one another, or one more.
+      columns: number of pictures side by side; by default that of the rows, or one more.
 
     Returns:
       (rows * height, columns * width, 3).
 
     Raises:
-      ValueError: there are none, they differ in size, or `columns` is less than 1.
+      ValueError: there are no pictures, they differ in size, or `columns` is less than 1.
     """
     sizes = sorted({np.shape(picture) for picture in pictures})
     if len(sizes) != 1 or len(sizes[0]) != 3:
@@ -82,7 +82,7 @@ def mosaic(pictures: np.ndarray | Sequence[np.ndarray], columns: int | None = No
 
 
 class Writer:
-    """A video under way, of frames that are drawn already; its file appears when it is finished."""
+    """A video of frames that are drawn already; its file appears when it is finished."""
 
     def __init__(self, path: Path, height: int, width: int, frame_rate: float) -> None:
         """Begins a video; nothing is written yet.
@@ -107,7 +107,7 @@ class Writer:
         self._shape = height, width, 3
         self._frame_rate = fractions.Fraction(frame_rate).limit_denominator(1000)
         self._encoder: subprocess.Popen[bytes] | None = None
-        # A file, because a pipe that nobody reads could block the encoder.
+        # A file, because a full pipe would block the encoder.
         self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 (closed by `discard`)
 
     def write(self, frame: np.ndarray) -> None:
@@ -132,10 +132,10 @@ class Writer:
             raise self._write_error() from None
 
     def finish(self) -> None:
-        """Puts the file in its place.
+        """Completes the file and moves it to its path.
 
         Raises:
-          OSError: it cannot be written; nothing is left of it.
+          OSError: it cannot be written; nothing of it remains.
         """
         try:
             if self._end_encoder() != 0:
@@ -147,7 +147,7 @@ class Writer:
             self.discard()
 
     def discard(self) -> None:
-        """Ends the video and removes what was written; does nothing to a finished one."""
+        """Ends the video and removes its file; does nothing to a finished one."""
         if self._encoder is not None and self._encoder.returncode is None:
             self._encoder.kill()
             self._end_encoder()
@@ -167,11 +167,11 @@ class Writer:
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=self._complaints,
-            start_new_session=True,  # Ctrl-C is for this process to answer
+            start_new_session=True,  # Ctrl-C is handled by this process alone
         )
 
     def _end_encoder(self) -> int:
-        """The encoder's exit status, after everything it was given is written."""
+        """The encoder's exit status, after it has written all of its frames."""
         if self._encoder is None:
             return 1
         assert self._encoder.stdin is not None
@@ -180,7 +180,7 @@ class Writer:
         return self._encoder.wait()
 
     def _write_gif(self) -> int:
-        """Reads the frames twice, for their colours and for themselves; returns the exit status."""
+        """Makes a GIF of the lossless file; returns the exit status."""
         frames = ["-i", _address(self._lossless)]
         graph = ["-filter_complex", f"[0:v]{_COLOURS}[colours];[1:v][colours]{_COLOURED}"]
         return subprocess.run(
@@ -203,7 +203,7 @@ class Writer:
 
 
 class Rendered(Protocol):
-    """Anything that can be drawn, such as `limberjack.mujoco.Physics`."""
+    """An object that can be drawn, such as `limberjack.mujoco.Physics`."""
 
     def render(self, height: int, width: int, camera_id: int | str) -> np.ndarray:
         """A picture, (height, width, 3) uint8."""
@@ -211,7 +211,7 @@ class Rendered(Protocol):
 
 
 class Film:
-    """A film of a simulation under way; its file appears when it is finished."""
+    """A film of a running simulation; its file appears when it is finished."""
 
     def __init__(
         self,
@@ -241,30 +241,30 @@ class Film:
         self._steps = 0
 
     def add(self, physics: Rendered) -> None:
-        """Draws the present state, if its turn has come.
+        """Draws the present state, if the film has a frame of this step.
 
         Raises:
-          RenderingError: no OpenGL can be had.
+          RenderingError: OpenGL is not available.
           OSError: the film cannot be written.
         """
         self.add_picture(lambda: physics.render(self._height, self._width, self._camera))
 
     def add_picture(self, draw: Callable[[], np.ndarray]) -> None:
-        """As `add`, for a picture of your own: `draw` is called if its turn has come."""
+        """Adds the picture that `draw` returns, which is called only if this step has a frame."""
         if self._steps % self._stride == 0:
             self._writer.write(draw())
         self._steps += 1
 
     def finish(self) -> None:
-        """Puts the file in its place.
+        """Completes the file and moves it to its path.
 
         Raises:
-          OSError: it cannot be written; nothing is left of it.
+          OSError: it cannot be written; nothing of it remains.
         """
         self._writer.finish()
 
     def discard(self) -> None:
-        """Ends the film and removes what was written; does nothing to a finished film."""
+        """Ends the film and removes its file; does nothing to a finished film."""
         self._writer.discard()
 
 
@@ -277,14 +277,14 @@ def _ending(path: Path) -> str:
 
 
 def _ending_of(status: int) -> str:
-    """In words, how the encoder ended that said nothing itself."""
+    """A description of the exit status of an encoder that printed no error."""
     if status < 0:  # a signal, such as that of a limit on the size of files
         return f"ffmpeg was ended: {signal.strsignal(-status)}"
     return f"ffmpeg ended with status {status}"
 
 
 def _address(path: Path) -> str:
-    """What ffmpeg takes for the file, even where it has a colon: `12:30.mp4` is no protocol."""
+    """The file's address for ffmpeg, which would read `12:30.mp4` as a protocol."""
     return f"file:{path}"
 
 

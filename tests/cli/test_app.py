@@ -1,12 +1,17 @@
 """The command itself: version, help, and what every command refuses."""
 
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer.main
 
 import limberjack
+from limberjack.cli import app
 from tests.cli.conftest import call, invoke
 
 _RUN = ["run", "humanoid", "stand", "--time-limit", "0.25"]
@@ -39,10 +44,55 @@ def test_version_and_help() -> None:
         ["ru"],
     ],
 )
-def test_what_cannot_be_parsed_is_status_2(arguments: list[str]) -> None:
+def test_arguments_that_cannot_be_parsed_are_status_2(arguments: list[str]) -> None:
     result = invoke(*arguments)
     assert result.exit_code == 2
     assert "Traceback" not in result.output
+
+
+# Any: Typer's own classes of commands.
+_PROGRAM: Any = typer.main.get_command(app)
+_HELP_PAGES = [[], *([name] for name in _PROGRAM.commands)]
+
+
+@pytest.mark.parametrize("command", _HELP_PAGES)
+def test_a_help_page_is_shown_by_either_name(command: list[str]) -> None:
+    pages = [invoke(*command, option) for option in ("-h", "--help")]
+    assert [page.exit_code for page in pages] == [0, 0]
+    assert pages[0].stdout == pages[1].stdout
+
+
+@pytest.mark.parametrize("command", _HELP_PAGES)
+def test_flags_are_shown_without_a_type(
+    command: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    page = invoke(*command, "-h").stdout
+    assert "bool" not in page.lower()
+    assert re.search(r"--help +-h +Show this message", page)
+
+
+def _examples(command: Any) -> list[list[str]]:
+    """The arguments of the calls at the end of a help page."""
+    lines = command.epilog.splitlines()
+    return [shlex.split(line)[1:] for line in lines if line.startswith("limberjack ")]
+
+
+@pytest.mark.parametrize("name", _PROGRAM.commands)
+def test_every_help_page_ends_with_examples_that_can_be_parsed(name: str) -> None:
+    page = invoke(name, "--help").stdout
+    calls = _examples(_PROGRAM.commands[name])
+    assert calls
+    for arguments in calls:
+        assert arguments[0] == name
+        assert f"limberjack {shlex.join(arguments)}" in page
+        _PROGRAM.commands[name].make_context(name, arguments[1:])
+
+
+def test_the_examples_of_the_program_name_its_commands() -> None:
+    calls = _examples(_PROGRAM)
+    assert {arguments[0] for arguments in calls} <= {*_PROGRAM.commands, "COMMAND"}
+    assert len(calls) > 1
 
 
 def test_help_imports_nothing_heavy() -> None:

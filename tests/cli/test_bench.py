@@ -2,23 +2,34 @@
 
 import re
 
-import typer.testing
+from tests.cli.conftest import invoke
 
-from limberjack.cli import app
+_FEW = ["--num-envs", "4", "--threads", "2", "--seconds", "0.01"]
 
 
-def test_the_command_prints_speeds_and_a_recommendation() -> None:
-    arguments = ["bench", "stacker", "stack_2", "--num-envs", "4", "--threads", "2"]
-    done = typer.testing.CliRunner().invoke(app, [*arguments, "--seconds", "0.01"])
+def test_the_table_names_the_contestants_and_their_reference() -> None:
+    done = invoke("bench", "stacker/stack_2", *_FEW)
     assert done.exit_code == 0, done.output
-    lines = done.stdout.splitlines()
-    first_words = [line.split()[0] for line in lines if line.strip()]
-    assert first_words[0] == "what"
-    assert first_words[2:5] == ["physics", "batch", "vector"]
-    assert re.search(r"^Recommended for 4 rows: num_threads=[12]$", lines[-1])
+    lines = [line.strip() for line in done.stdout.splitlines() if line.strip()]
+    assert lines[0].startswith("stacker stack_2: 4 environments, random actions. A step is one")
+    assert re.split("  +", lines[1]) == ["stepped", "threads", "steps/s", "speed", "relative to"]
+    rows = [re.split("  +", line) for line in lines[3:8]]
+    alone, vector = "MuJoCo alone (mujoco.batch)", "Gymnasium VectorEnv (flat, float32)"
+    assert [(row[0], row[1]) for row in rows] == [
+        (alone, "2"),
+        ("BatchEnvironment", "2"),
+        (vector, "2"),
+        (vector, "1"),
+        (vector, "2"),
+    ]
+    references = ["MuJoCo alone, same steps"] * 3 + ["the same with 1 thread"] * 2
+    assert [row[-1] for row in rows] == references
+    assert [rows[i][3] for i in (0, 3)] == ["1.00 x", "1.00 x"]
+    recommended = r"Recommended: num_threads=[12] for 4 environments, the fewest that reach 95%"
+    assert re.match(recommended, lines[-1])
 
 
-def test_the_command_refuses_what_cannot_be_measured() -> None:
-    done = typer.testing.CliRunner().invoke(app, ["bench", "stacker", "stak_2"])
+def test_an_unknown_task_is_status_2_with_a_suggestion() -> None:
+    done = invoke("bench", "stacker", "stak_2")
     assert done.exit_code == 2
     assert "Did you mean 'stack_2'?" in done.stderr

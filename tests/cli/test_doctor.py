@@ -1,8 +1,9 @@
 """`limberjack doctor`: what is printed, and the exit status."""
 
+import contextlib
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import pytest
@@ -39,11 +40,29 @@ def _ask(answers: Mapping[str, Answer]) -> Any:
 def _printed(monkeypatch: pytest.MonkeyPatch, answers: Mapping[str, Answer]) -> Any:
     """The result of the command where probes answer so."""
     diagnosis = doctor.examine(_ask(answers))
-    monkeypatch.setattr(doctor, "examine", lambda: diagnosis)
+    monkeypatch.setattr(doctor, "examine", lambda ask: diagnosis)
     return typer.testing.CliRunner().invoke(app, ["doctor"])
 
 
-def test_where_all_works_the_command_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_probe_is_named_as_it_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[tuple[str, float, float]] = []
+
+    @contextlib.contextmanager
+    def show_parts() -> Iterator[Any]:
+        yield lambda *now: shown.append(now)
+
+    monkeypatch.setattr("limberjack.cli.doctor.show_parts", show_parts)
+    monkeypatch.setattr("limberjack.doctor.child.ask", _ask({}))
+    assert typer.testing.CliRunner().invoke(app, ["doctor"]).exit_code == 0
+    assert shown[:2] == [("checking domains", 0, 8), ("checking core", 1, 8)]
+    assert {part for part, _, _ in shown} == {f"checking {probe}" for probe in _WORKS}
+    assert [asked for _, asked, _ in shown] == list(range(10))
+    assert shown[-1][2] == 10  # a picture with each of two backends is asked for, too
+
+
+def test_doctor_reports_a_machine_on_which_everything_works(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(packages, "version", lambda _: "1.0")
     result = _printed(monkeypatch, {})
     assert result.exit_code == 0
@@ -68,14 +87,14 @@ def test_a_domain_that_cannot_be_used_is_a_problem(monkeypatch: pytest.MonkeyPat
     assert problem in result.stdout
 
 
-def test_where_the_core_does_not_work_the_exit_status_is_1(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_exit_status_is_1_if_environments_do_not_step(monkeypatch: pytest.MonkeyPatch) -> None:
     result = _printed(monkeypatch, {"core": Answer(why="it crashed: SIGILL")})
     assert result.exit_code == 1
     assert "PROBLEM" in result.stdout
     assert result.stdout.count("it crashed: SIGILL") == 2
 
 
-def test_where_nothing_works_there_is_a_diagnosis_all_the_same(
+def test_doctor_reports_a_machine_on_which_nothing_works(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     answers = {name: Answer(why=f"{name} is broken") for name in _WORKS}

@@ -139,7 +139,7 @@ def test_a_policy_that_fails_is_status_1_and_finished_episodes_are_kept(tmp_path
     assert result.stderr == (
         "limberjack: policy 'evaluated:NotANumber', step 3 of the episode with seed 70: returned "
         "nan at index [2]; expected finite numbers; 64 of 300 episodes finished, and are kept in "
-        f"{tmp_path}: the same command goes on from there\n"
+        f"{tmp_path}: the same command continues from there\n"
     )
 
 
@@ -152,7 +152,7 @@ def test_a_policy_that_fails_in_its_first_step_is_status_1_too(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", ["raising", "Raising"])
-def test_what_a_policy_raises_is_told_with_seed_step_and_what_is_kept(name: str) -> None:
+def test_an_error_of_a_policy_is_raised_with_seed_step_and_kept_episodes(name: str) -> None:
     result = _invoke(*_STAND, "--policy", f"evaluated:{name}", "--seeds", "5:7")
     assert result.exit_code == 1
     assert isinstance(result.exception, ValueError)
@@ -162,7 +162,7 @@ def test_what_a_policy_raises_is_told_with_seed_step_and_what_is_kept(name: str)
     ]
 
 
-def test_an_interrupt_is_status_130_and_says_how_to_go_on(tmp_path: Path) -> None:
+def test_an_interrupt_is_status_130_and_says_how_to_continue(tmp_path: Path) -> None:
     (tmp_path / "interrupting.py").write_text(_INTERRUPTING)
     policy = ["--policy", "interrupting:Interrupting", "--seeds", "0:100", "--out", "out"]
     done = subprocess.run(
@@ -176,7 +176,7 @@ def test_an_interrupt_is_status_130_and_says_how_to_go_on(tmp_path: Path) -> Non
     assert done.returncode == 130
     assert done.stderr == (
         "limberjack: interrupted: 64 of 300 episodes finished, and are kept in out: the same "
-        "command goes on from there\n"
+        "command continues from there\n"
     )
 
 

@@ -1,5 +1,7 @@
 """`limberjack list`."""
 
+import json
+import math
 import re
 import sys
 from collections.abc import Iterator
@@ -32,3 +34,20 @@ def test_list_has_a_row_for_each_task_with_its_sizes() -> None:
     assert rows == list(suite.ALL_TASKS)
     assert re.search(r"humanoid +walk +benchmarking +21 +67 *$", result.stdout, re.MULTILINE)
     assert re.search(r"stacker +stack_4 +hard, extra +5 +63 *$", result.stdout, re.MULTILINE)
+
+
+def test_list_as_json_has_an_object_for_each_task() -> None:
+    result = _invoke("list", "--json")
+    assert result.exit_code == 0
+    tasks = json.loads(result.stdout)
+    assert [(task["domain"], task["task"]) for task in tasks] == list(suite.ALL_TASKS)
+    for task in tasks:
+        environment = suite.load(task["domain"], task["task"])
+        assert task["action_size"] == math.prod(environment.action_spec().shape)
+        sizes = (math.prod(spec.shape) for spec in environment.observation_spec().values())
+        assert task["observation_size"] == sum(sizes)
+    assert {tuple(task) for task in tasks} == {
+        ("domain", "task", "tags", "action_size", "observation_size")
+    }
+    assert {"domain": "stacker", "task": "stack_4"}.items() <= tasks[-1].items()
+    assert tasks[-1]["tags"] == ["hard", "extra"]

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import typer
 
+from limberjack import suite
 from limberjack.cli import output
 
 
@@ -31,7 +32,7 @@ def test_without_a_terminal_a_long_row_is_one_line(capsys: pytest.CaptureFixture
 
 
 @pytest.mark.parametrize("error", [ValueError("no such\n  task"), FileNotFoundError(2, "no file")])
-def test_what_was_wrong_to_ask_for_is_one_line_and_status_2(
+def test_an_error_in_the_arguments_is_one_line_and_status_2(
     error: Exception, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(typer.Exit) as end, output.misuse_reported():
@@ -52,18 +53,12 @@ def test_exit_statuses_are_those_of_shells() -> None:
     assert (output.INTERRUPTED, output.TERMINATED) == (128 + 2, 128 + 15)
 
 
-def test_without_a_terminal_there_is_no_bar(capsys: pytest.CaptureFixture[str]) -> None:
-    with output.show_progress(3) as progress:
-        progress.show(0, 10, 10, 1.5)
-    assert capsys.readouterr() == ("", "")
-
-
 def test_a_policy_is_found_in_the_working_directory_of_the_program(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "policy_of_a_test.py").write_text("def act(observation):\n    return [0.0]\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [place for place in sys.path if place])
-    found = output.find_policy("policy_of_a_test:act")
+    found = output.find_policy("policy_of_a_test:act", suite.load("humanoid", "stand"))
     assert callable(found)
     sys.modules.pop("policy_of_a_test", None)

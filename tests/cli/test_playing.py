@@ -56,7 +56,7 @@ def test_each_seed_is_played_once_and_the_mean_is_printed(
         (PolicyError("no action"), FAILED, "limberjack: no action; 1 of 3 episodes finished"),
     ],
 )
-def test_what_cuts_it_short_keeps_what_was_finished(
+def test_episodes_that_finished_before_an_error_are_kept(
     failure: BaseException, status: int, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     playing = _made()
@@ -65,7 +65,7 @@ def test_what_cuts_it_short_keeps_what_was_finished(
     assert capsys.readouterr().err.splitlines() == [said]
 
 
-def test_an_error_that_is_nobodys_is_raised_after_the_files_are_written(tmp_path: Path) -> None:
+def test_an_unexpected_error_is_raised_after_the_files_are_written(tmp_path: Path) -> None:
     playing = _made(out=tmp_path)
     playing.failure = ZeroDivisionError("bug")
     with pytest.raises(ZeroDivisionError, match="bug"):
@@ -76,7 +76,7 @@ def test_an_error_that_is_nobodys_is_raised_after_the_files_are_written(tmp_path
     assert result["time_limit"] == 25.0  # the task's own
 
 
-def test_a_time_limit_that_was_asked_for_is_the_one_that_is_kept(tmp_path: Path) -> None:
+def test_the_time_limit_of_the_command_line_is_that_of_the_result(tmp_path: Path) -> None:
     assert _made(time_limit=0.1, out=tmp_path).finish() == 0
     assert json.loads((tmp_path / "result.json").read_text())["time_limit"] == 0.1
 
@@ -88,7 +88,7 @@ def test_a_time_limit_that_was_asked_for_is_the_one_that_is_kept(tmp_path: Path)
         (range(1), float("inf"), "--time-limit is inf"),
     ],
 )
-def test_what_cannot_be_played_is_refused_before_anything_is(
+def test_arguments_that_cannot_be_played_are_refused_before_any_episode(
     seeds: range, time_limit: float | None, message: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ValueError, match=message):

@@ -1,4 +1,4 @@
-"""`limberjack record`: what is filmed, and what is said when it cannot be."""
+"""`limberjack record`: films, and messages where there can be none."""
 
 import os
 import re
@@ -17,6 +17,8 @@ from limberjack.cli import app
 from limberjack.factories import factory_of
 from limberjack.mujoco.camera import RenderingError
 from limberjack.recording import _Stage
+from limberjack.utils.files import Hold
+from tests.policies import saved_models
 
 _SIZE = ["--height", "96", "--width", "128"]
 _WALK = ["record", "humanoid", "walk", "--seconds", "0.5"]
@@ -99,7 +101,7 @@ def test_a_row_looks_as_the_single_environment_with_its_seed(
 ) -> None:
     stage = _Stage(factory_of(*where), 7, 1.0, colours)
     assert stage._environment.task.visualize_reward == colours
-    stage.look(0, 96, 128, 4, overlay=False)
+    stage.set_view(0, 96, 128, 4, overlay=False)
     batch = suite.load_batch(*where, num_envs=4, seed=7)
     singles = [suite.load(*where, {"random": 7 + i}, visualize_reward=colours) for i in range(4)]
     time_step = batch.reset()
@@ -184,6 +186,49 @@ def test_a_directory_is_refused_before_anything_is_filmed(tmp_path: Path) -> Non
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.usefixtures("_drawing")
+def test_a_saved_model_is_filmed_alone_and_in_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = saved_models.install(monkeypatch, tmp_path)
+    films = {}
+    for rows in (1, 2):
+        path = tmp_path / f"{rows}.gif"
+        arguments = [*_WALK[:3], "--seconds", "0.1", *_SIZE, "--out", path, "--rows", rows]
+        done = _invoke(*arguments, "--policy", name, "--seed", 63)
+        assert done.exit_code == 0, done.output
+        films[rows] = _frames(path)[1]
+    assert len(films[1]) == len(films[2]) == 3
+    assert (films[1][0] != films[1][-1]).any()
+    wrong = _invoke("record", "stacker/stack_2", "--out", tmp_path / "3.gif", "--policy", name)
+    assert wrong.exit_code == 2
+    assert "the model's actions have shape (21,)" in wrong.stderr
+
+
+@pytest.mark.usefixtures("_drawing")
+def test_the_film_of_a_run_is_not_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "video.mp4"
+    (tmp_path / "result.json").write_text("{}")
+    done = _invoke(*_WALK, *_SIZE, "--out", path)
+    assert done.exit_code == 2
+    assert done.stderr == (
+        f"limberjack: the film is {path}, and that folder's result.json belongs to its present "
+        "video.mp4: choose another name or folder\n"
+    )
+    assert not path.exists()
+    other = _invoke(*_WALK[:3], "--seconds", "0.025", *_SIZE, "--out", tmp_path / "other.mp4")
+    assert other.exit_code == 0, other.output
+
+
+def test_a_folder_that_a_run_writes_to_is_refused_for_its_film(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl", reason="no locks on this system")
+    with Hold(tmp_path):
+        done = _invoke(*_WALK, *_SIZE, "--out", tmp_path / "video.mp4")
+    assert done.exit_code == 2
+    assert f"another process writes to {tmp_path}" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("task", [["humanid", "walk"], ["humanoid", "wlak"]])
 def test_an_unknown_task_is_status_2_with_a_suggestion(task: list[str], tmp_path: Path) -> None:
     done = _invoke("record", *task, "--out", tmp_path / "film.mp4")
@@ -209,7 +254,9 @@ def test_without_opengl_it_is_one_line_and_status_1(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("_drawing")
-def test_without_the_extra_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ffmpeg_the_error_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     done = _invoke(*_WALK, *_SIZE, "--out", tmp_path / "film.gif")
     assert done.exit_code == 1
@@ -250,7 +297,7 @@ def wrong(observation):
         ("wrong", 1, "returned nan at index"),
     ],
 )
-def test_what_cuts_a_film_short_leaves_nothing_of_it(
+def test_a_film_that_is_cut_short_leaves_nothing_of_itself(
     policy: str, status: int, message: str, rows: str, tmp_path: Path
 ) -> None:
     (tmp_path / "policies_of_mine.py").write_text(_POLICY)

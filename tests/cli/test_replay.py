@@ -1,16 +1,21 @@
-"""`limberjack replay`: a recorded episode again, and where it differs."""
+"""`limberjack replay`: recorded episodes played again, and files that are not recordings."""
 
+import contextlib
 import dataclasses
 import json
+import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 import typer.testing
 
 from limberjack import suite
 from limberjack.cli import app
+from limberjack.mujoco.camera import RenderingError
 from limberjack.planner.record import Recording, record_episode
 
 _SOLVE = ["solve", "manipulator", "bring_ball", "--time-limit", "0.1", "--threads", "1"]
@@ -20,7 +25,7 @@ def _invoke(*arguments: str) -> Any:
     return typer.testing.CliRunner().invoke(app, list(arguments))
 
 
-def test_replay_says_where_a_recording_differs(tmp_path: Path) -> None:
+def test_replay_reports_the_first_step_that_differs(tmp_path: Path) -> None:
     _invoke(*_SOLVE, "--out", str(tmp_path))
     path = tmp_path / "episode-0.npz"
     recording = Recording.load(path)
@@ -42,7 +47,10 @@ def test_replay_writes_what_a_run_writes_but_not_over_the_recordings_own(tmp_pat
     path = tmp_path / "episode-0.npz"
     result = _invoke("replay", str(path), "--out", str(tmp_path))
     assert result.exit_code == 2
-    assert "lies beside a result.json that tells of all its episodes" in result.stderr
+    assert (
+        "which holds episode-0.npz and the result.json of its run: choose another folder"
+        in result.stderr
+    )
     assert (tmp_path / "result.json").read_bytes() == before
     assert _invoke("replay", str(path), "--out", str(tmp_path / "again")).exit_code == 0
     found = json.loads((tmp_path / "again" / "result.json").read_text())["episodes"]
@@ -67,7 +75,7 @@ def test_a_recording_that_a_program_made_can_be_filmed(tmp_path: Path) -> None:
         (["replay", "nothing.npz"], "nothing.npz"),
     ],
 )
-def test_what_cannot_be_played_is_refused(arguments: list[str], message: str) -> None:
+def test_arguments_that_cannot_be_played_are_refused(arguments: list[str], message: str) -> None:
     result = _invoke(*arguments)
     assert result.exit_code == 2
     assert message in result.stderr
@@ -76,18 +84,18 @@ def test_what_cannot_be_played_is_refused(arguments: list[str], message: str) ->
 @pytest.mark.parametrize(
     ("about", "message"),
     [
-        ({"domain": ["stacker"]}, "says that its domain is ['stacker']"),
-        ({"task": None}, "says that its task is None"),
+        ({"domain": ["stacker"]}, "cannot be played: its domain is ['stacker']"),
+        ({"task": None}, "cannot be played: its task is None"),
         ({"task": "stack_3"}, "Did you mean"),
-        ({"time_limit": None}, "says that its time_limit is None"),
-        ({"time_limit": True}, "says that its time_limit is True"),
-        ({"time_limit": float("nan")}, "says that its time_limit is nan; expected seconds"),
-        ({"time_limit": float("inf")}, "says that its time_limit is inf; expected seconds"),
-        ({"time_limit": -1}, "says that its time_limit is -1; expected seconds"),
+        ({"time_limit": None}, "cannot be played: its time_limit is None"),
+        ({"time_limit": True}, "cannot be played: its time_limit is True"),
+        ({"time_limit": float("nan")}, "cannot be played: its time_limit is nan; expected seconds"),
+        ({"time_limit": float("inf")}, "cannot be played: its time_limit is inf; expected seconds"),
+        ({"time_limit": -1}, "cannot be played: its time_limit is -1; expected seconds"),
         ({"time_limit": 10**400}, "expected seconds"),
-        ({"seed": "3"}, "says that its seed is '3'"),
-        ({"versions": ["4.0.0"]}, "says that its versions is ['4.0.0']"),
-        ({"fingerprint": 7}, "says that its fingerprint is 7"),
+        ({"seed": "3"}, "cannot be played: its seed is '3'"),
+        ({"versions": ["4.0.0"]}, "cannot be played: its versions is ['4.0.0']"),
+        ({"fingerprint": 7}, "cannot be played: its fingerprint is 7"),
         ({"domain": "humanoid", "task": "stand"}, "it is of another task or model"),
     ],
 )
@@ -95,9 +103,9 @@ def test_a_forged_recording_is_one_line_and_status_2(
     about: dict[str, Any], message: str, tmp_path: Path
 ) -> None:
     env = suite.load("stacker", "stack_2", {"random": 1, "time_limit": 0.05})
-    told = {"domain": "stacker", "task": "stack_2", "time_limit": 0.05, **about}
+    facts = {"domain": "stacker", "task": "stack_2", "time_limit": 0.05, **about}
     path = tmp_path / "forged.npz"
-    record_episode(env, lambda: np.zeros(5), told).save(path)
+    record_episode(env, lambda: np.zeros(5), facts).save(path)
     result = _invoke("replay", str(path), "--out", str(tmp_path / "out"))
     assert result.exit_code == 2, result.output
     assert result.stderr.startswith("limberjack: ")
@@ -128,9 +136,73 @@ def test_a_damaged_file_is_one_line_and_status_2(tmp_path: Path) -> None:
         assert result.stderr.count("\n") == 1
 
 
-def test_a_recording_that_does_not_say_its_task_is_refused(tmp_path: Path) -> None:
+def test_a_recording_that_lacks_its_task_is_refused(tmp_path: Path) -> None:
     states = np.zeros((2, 5))
     Recording({}, {}, states[:1], np.zeros(1), states, {}).save(tmp_path / "bare.npz")
     result = _invoke("replay", str(tmp_path / "bare.npz"))
     assert result.exit_code == 2
-    assert "does not say its domain, task, time_limit" in result.stderr
+    assert "cannot be played: it lacks its domain, task, time_limit" in result.stderr
+
+
+def test_other_files_and_folders_are_one_line_and_status_2(tmp_path: Path) -> None:
+    np.savez(tmp_path / "arrays.npz", actions=np.zeros(3))
+    np.save(tmp_path / "objects.npy", np.array([{}]), allow_pickle=True)
+    (tmp_path / "result.json").write_text("{}")
+    (tmp_path / "folder").mkdir()
+    for name in ("arrays.npz", "objects.npy", "result.json", "folder", "missing.npz"):
+        result = _invoke("replay", str(tmp_path / name), "--out", str(tmp_path / "out"))
+        assert result.exit_code == 2, result.output
+        assert result.stderr.startswith("limberjack: ")
+        assert name in result.stderr
+        assert "pickle" not in result.stderr
+        assert result.stderr.count("\n") == 1
+        assert result.stdout == ""
+    assert not (tmp_path / "out").exists()
+
+
+def test_replay_shows_each_step_and_times_its_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _invoke(*_SOLVE, "--out", str(tmp_path))
+    shown: list[tuple[int, int, int]] = []
+    drawn: list[int] = []
+
+    class Progress:
+        def show(self, finished: int, steps: int, step_limit: int, total: float) -> None:
+            shown.append((finished, steps, step_limit))
+
+        @contextlib.contextmanager
+        def drawing(self) -> Iterator[None]:
+            yield
+            drawn.append(shown[-1][1])
+
+    @contextlib.contextmanager
+    def show_episodes(episodes: int, filmed: bool) -> Iterator[Progress]:
+        assert (episodes, filmed) == (1, True)
+        yield Progress()
+
+    monkeypatch.setattr("limberjack.cli.replay.show_episodes", show_episodes)
+    result = _invoke("replay", str(tmp_path / "episode-0.npz"), "--out", str(tmp_path / "again"))
+    assert result.exit_code == 0, result.output
+    assert shown == [(0, step, 10) for step in range(11)]
+    assert drawn == list(range(11))
+
+
+def test_the_first_frame_of_a_replayed_film_shows_the_start(tmp_path: Path) -> None:
+    env = suite.load("manipulator", "bring_ball", {"random": 0})
+    env.reset()
+    try:
+        picture = env.physics.render(480, 640, camera_id=0)
+    except RenderingError as error:
+        pytest.skip(f"no OpenGL here: {error}")
+    _invoke(*_SOLVE, "--out", str(tmp_path))
+    _invoke("replay", str(tmp_path / "episode-0.npz"), "--out", str(tmp_path / "again"))
+    raw = ["-frames:v", "1", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(
+        [imageio_ffmpeg.get_ffmpeg_exe(), "-i", tmp_path / "again" / "video.mp4", *raw],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        check=True,
+    )
+    frame = np.frombuffer(done.stdout, np.uint8).reshape(480, 640, 3)
+    assert np.abs(frame.astype(int) - picture.astype(int)).mean() < 8  # H.264 loses detail

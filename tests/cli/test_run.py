@@ -17,6 +17,7 @@ from limberjack.mujoco.camera import RenderingError
 from limberjack.suite import base, humanoid
 from limberjack.utils.files import Hold
 from tests.cli.conftest import call, invoke
+from tests.policies import saved_models
 
 _RUN = ["run", "humanoid", "stand", "--time-limit", "0.25"]
 
@@ -45,7 +46,7 @@ def drawing() -> bool:
     return True
 
 
-def test_run_shows_what_the_episodes_gave() -> None:
+def test_run_shows_the_returns_of_the_episodes() -> None:
     result = invoke(*_RUN, "--episodes", "3", "--seed", "7", "--policy", "random")
     assert result.exit_code == 0, result.output
     for seed in (7, 8, 9):
@@ -223,7 +224,7 @@ def test_a_mistake_on_the_command_line_is_one_line_and_status_2(
         ("Diverging", 1, "limberjack: the simulation diverged; 1 of 3 episodes finished\n"),
     ],
 )
-def test_what_cuts_a_run_short_keeps_the_finished_episodes(
+def test_a_run_that_is_cut_short_keeps_the_finished_episodes(
     policy: str, status: int, message: str, directory: Path, drawing: bool
 ) -> None:
     policy = f"my_policies:{policy}"
@@ -278,6 +279,27 @@ def test_a_folder_with_other_results_is_status_2_and_left_alone(tmp_path: Path) 
     assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
 
 
+def test_a_film_that_no_run_made_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "video.mp4").write_text("a film of `limberjack record`")
+    result = invoke(*_RUN, "--out", str(tmp_path))
+    assert result.exit_code == 2
+    assert "holds video.mp4 but no result.json" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["video.mp4"]
+
+
+def test_a_saved_model_runs_and_a_model_of_another_task_is_status_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = saved_models.install(monkeypatch, tmp_path)
+    result = invoke("run", "humanoid/stand", "--time-limit", "0.25", "--policy", name)
+    assert result.exit_code == 0, result.output
+    wrong = invoke(*_ARM, "--policy", name)
+    assert wrong.exit_code == 2
+    assert wrong.stderr.count("\n") == 1
+    assert "the model's actions have shape (21,)" in wrong.stderr
+    assert invoke(*_RUN, "--policy", "sb3:none.zip").exit_code == 2
+
+
 @pytest.mark.parametrize("command", [_RUN, ["solve", *_ARM[1:]], ["evaluate", *_ARM[1:]]])
 def test_a_folder_that_another_process_writes_to_is_status_2(
     command: list[str], tmp_path: Path
@@ -304,7 +326,7 @@ def test_without_opengl_only_the_video_is_left_out_and_one_line_says_why(tmp_pat
     ]
 
 
-def test_without_the_extra_one_line_names_it(tmp_path: Path) -> None:
+def test_without_the_packages_of_films_and_plots_one_line_names_them(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['imageio_ffmpeg'] = sys.modules['matplotlib'] = None\n"
         f"sys.argv[1:] = {[*_RUN, '--out', 'out']!r}\n"

@@ -37,14 +37,20 @@ def test_solve_shows_the_same_numbers_without_files() -> None:
     assert len(first.stdout.splitlines()) == 3
 
 
-def test_solve_adds_to_its_own_folder_and_refuses_that_of_another_task(tmp_path: Path) -> None:
+def test_solve_replaces_its_own_episodes_and_refuses_other_results(tmp_path: Path) -> None:
     assert _invoke(*_SOLVE, "--out", str(tmp_path)).exit_code == 0
-    assert _invoke(*_SOLVE, "--seed", "1", "--out", str(tmp_path)).exit_code == 0
+    assert _invoke(*_SOLVE, "--episodes", "2", "--out", str(tmp_path)).exit_code == 0
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     other = ["solve", "stacker", "stack_2", *_SOLVE[3:], "--out", str(tmp_path)]
     result = _invoke(*other)
     assert result.exit_code == 2
-    assert "holds results with domain 'manipulator', and these have 'stacker'" in result.stderr
+    assert "holds episode-1.npz, an episode of another `limberjack solve`" in result.stderr
+    assert _invoke(*other, "--episodes", "2").exit_code == 2
+    fewer = _invoke(*_SOLVE, "--seed", "1", "--out", str(tmp_path))
+    assert fewer.exit_code == 2
+    assert "holds episode-0.npz, an episode of another `limberjack solve`" in fewer.stderr
+    run = ["run", *_SOLVE[1:5], "--policy", "planner", "--out", str(tmp_path)]
+    assert _invoke(*run).exit_code == 2
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 

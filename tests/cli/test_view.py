@@ -14,12 +14,14 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import typer.testing
 
 from limberjack import suite, viewer
 from limberjack.cli import app
-from limberjack.viewer.session import ViewerError
+from limberjack.viewer.session import Session, ViewerError
+from tests.policies import saved_models
 from tests.programs import INSTALL, run
 from tests.viewer.handshakes import WEBSOCKET, Answer, ask, connect, head, seconds_until_closed
 
@@ -272,6 +274,23 @@ def test_mistakes_are_one_line_and_start_nothing(arguments: tuple[str, ...], mes
     assert message.lower() in result.stderr.lower()
     assert result.stderr.count("\n") == 1
     assert result.stdout == ""
+
+
+def test_a_saved_model_acts_in_the_viewer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = saved_models.install(monkeypatch, tmp_path)
+    controls: list[np.ndarray] = []
+
+    def show(session: Session) -> None:
+        session.step()
+        controls.append(session.data.ctrl.copy())
+
+    monkeypatch.setattr(viewer, "in_window", lambda: show)
+    result = _invoke("view", "humanoid/stand", "--native", "--policy", name, "--seed", "32")
+    assert result.exit_code == 0, result.output
+    np.testing.assert_array_equal(controls, np.full((1, 21), 0.25))
+    wrong = _invoke("view", "stacker/stack_2", "--native", "--policy", name)
+    assert wrong.exit_code == 2
+    assert "the model's actions have shape (21,)" in wrong.stderr
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a display is always there")

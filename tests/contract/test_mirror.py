@@ -13,7 +13,6 @@ _OTHERWISE = ("planner",)
 _EXCEPTIONS = {
     "__main__.py": "one line, which every command that is called as a program runs",
     "cli/gallery.py": "prints the paths that test_gallery.py looks for",
-    "cli/options.py": "texts of options, which docs/test_pages.py compares with the pages",
     "mujoco/rendering/egl.py": "a backend, which rendering/test_backends.py chooses",
     "mujoco/wrapper/mjbindings/constants.py": "tested in wrapper/test_mjbindings.py",
     "mujoco/wrapper/mjbindings/enums.py": "tested in wrapper/test_mjbindings.py",

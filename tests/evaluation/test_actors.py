@@ -8,9 +8,9 @@ import pytest
 
 from limberjack import suite
 from limberjack.evaluation import actors
-from limberjack.evaluation.actors import Batched
 from limberjack.evaluation.episodes import play
 from limberjack.policies import PolicyError
+from limberjack.policies.batched import Batched
 
 _STEPS = 12
 

@@ -85,8 +85,16 @@ def _no_environment(seed: int) -> dict[str, int]:
 @pytest.mark.parametrize(
     ("make", "kwargs", "message"),
     [
-        (plain_domain.make, {"task": "random"}, "task is 'random', and the environment is made by"),
-        (plain_domain.make, {"time_limit": 1.0}, "time_limit is 1.0, and the environment is made"),
+        (
+            plain_domain.make,
+            {"task": "random"},
+            "task is 'random', but tests.plain_domain:make makes the",
+        ),
+        (
+            plain_domain.make,
+            {"time_limit": 1.0},
+            "time_limit is 1.0, but tests.plain_domain:make makes",
+        ),
         (plain_domain.endless, {}, "has no time limit, .*: give it a time_limit"),
         (
             plain_domain.ticking,

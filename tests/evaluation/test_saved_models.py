@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import suite
+from limberjack import policies, rollout, suite
 from limberjack.evaluation import actors, evaluate
 from limberjack.evaluation.actors import Found
 from limberjack.policies import PolicyError
@@ -112,11 +112,21 @@ def test_a_saved_model_is_evaluated_and_named(tmp_path: Path) -> None:
     assert evaluation.summary().episodes == 3
 
 
-def test_files_that_are_no_models_of_the_task_are_refused(tmp_path: Path) -> None:
+def test_a_saved_model_plays_the_same_episodes_alone(tmp_path: Path) -> None:
+    _saved(tmp_path / "model.zip")
+    name = f"sb3:{tmp_path / 'model.zip'}"
+    evaluation = evaluate("humanoid", "stand", name, range(3), time_limit=0.1, num_threads=1)
+    for score in evaluation.scores[name]:
+        environment = suite.load("humanoid", "stand", {"random": score.seed, "time_limit": 0.1})
+        policy = policies.find(name, environment)
+        assert rollout.run_episode(environment, policy, score.seed).total == score.total
+
+
+def test_files_that_are_not_models_of_the_task_are_refused(tmp_path: Path) -> None:
     (tmp_path / "text.zip").write_text("no model")
     _saved(tmp_path / "other.zip", envs=_envs("run_pure_state"))
     for name, message in (
-        ("text.zip", "is no model of Stable-Baselines3; expected what model.save wrote"),
+        ("text.zip", "is not a model of Stable-Baselines3; expected a file that model.save wrote"),
         ("none.zip", "No such file"),
         ("", "is a folder; expected the file that model.save wrote"),
         ("other.zip", r"the model's observations have shape \(55,\); the task's have \(67,\)"),
@@ -134,7 +144,9 @@ def test_a_damaged_model_is_one_error_that_names_the_file(tmp_path: Path) -> Non
         for name in whole.namelist():
             content = whole.read(name)
             cut.writestr(name, content[:1000] if name == "policy.pth" else content)
-    with pytest.raises(PolicyError, match=r"cut.zip cannot be read .*expected what model.save"):
+    with pytest.raises(
+        PolicyError, match=r"cut.zip cannot be read .*expected a file that model.save"
+    ):
         _find(tmp_path / "cut.zip")
 
 
@@ -144,7 +156,9 @@ def test_a_damaged_normalisation_is_one_error_that_names_the_file(
 ) -> None:
     _saved(tmp_path / "model.zip")
     (tmp_path / "model.vecnormalize.pkl").write_bytes(content)
-    with pytest.raises(PolicyError, match=r"pkl cannot be read .*expected what VecNormalize.save"):
+    with pytest.raises(
+        PolicyError, match=r"pkl cannot be read .*expected a file that VecNormalize.save"
+    ):
         _find(tmp_path / "model.zip")
 
 
@@ -152,5 +166,7 @@ def test_a_normalisation_of_other_observations_is_refused(tmp_path: Path) -> Non
     _saved(tmp_path / "model.zip")
     other = vec_env.VecNormalize(_envs("run_pure_state"))
     other.save(tmp_path / "model.vecnormalize.pkl")
-    with pytest.raises(PolicyError, match=r"of observations of shape \(55,\); the model's have"):
+    with pytest.raises(
+        PolicyError, match=r"normalises observations of shape \(55,\); the model's have"
+    ):
         _find(tmp_path / "model.zip")

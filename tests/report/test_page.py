@@ -110,6 +110,7 @@ def test_a_page_that_cannot_be_written_leaves_nothing_of_itself_or_of_an_earlier
 
     for name in ("report.html", "video.mp4"):
         (tmp_path / name).write_text("of an earlier run")
+    (tmp_path / "result.json").write_text(json.dumps(_RUN))
     env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.1})
     monkeypatch.setattr("limberjack.report.recorder.Film", _no_film)
     recorder = report.Recorder(tmp_path, _RUN)
@@ -120,7 +121,7 @@ def test_a_page_that_cannot_be_written_leaves_nothing_of_itself_or_of_an_earlier
         full.setattr(Path, "write_text", fill_the_disk)
         with pytest.raises(OSError, match=r"No space left.*report\."):
             recorder.write(_RUN, [episode], "abc")
-    assert [path.name for path in tmp_path.iterdir()] == ["return.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["result.json", "return.png"]
 
 
 def _no_film(*arguments: object) -> None:

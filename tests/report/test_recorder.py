@@ -75,6 +75,7 @@ def test_files_of_an_earlier_run_that_this_run_lacks_are_removed(
 ) -> None:
     for name in ("video.mp4", "return.png", "report.html", "notes.txt"):
         (tmp_path / name).write_text("old")
+    (tmp_path / "result.json").write_text(json.dumps(_about(environment)))
     recorder = report.Recorder(tmp_path, _about(environment))
     recorder.write(_about(environment), [], "abc")  # no episode ended
     assert sorted(path.name for path in tmp_path.iterdir()) == ["notes.txt", "result.json"]

@@ -1,30 +1,82 @@
-"""The command that the others are parts of."""
+"""The program that the commands are parts of.
+
+@command("list", "limberjack list", "limberjack list --json")
+def _list() -> None: ...
+"""
 
 import importlib
 import os
 import signal
 import sys
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any, TypeVar
 
 import typer
+import typer.core
 
 import limberjack
 from limberjack import registry
 from limberjack.cli.output import INTERRUPTED, TERMINATED, misuse_reported
 
-__all__ = ["app", "main"]
+__all__ = ["app", "command", "main"]
+
+_Function = TypeVar("_Function", bound=Callable[..., None])
+
+
+class _FlagsWithoutType:
+    """Help pages that show a flag by its name alone; Typer's would add `<bool>`."""
+
+    # Any: classes that depend on the version of Typer.
+    def get_params(self, ctx: Any) -> list[Any]:
+        """The parameters of the command line."""
+        parameters: list[Any] = super().get_params(ctx)  # pyright: ignore[reportAttributeAccessIssue]
+        for parameter in parameters:
+            if getattr(parameter, "is_flag", False):
+                parameter.metavar = ""
+        return parameters
+
+
+class _Command(_FlagsWithoutType, typer.core.TyperCommand):
+    """One command."""
+
+
+class _Group(_FlagsWithoutType, typer.core.TyperGroup):
+    """The program."""
+
+
+def _examples(*lines: str) -> str:
+    """The end of a help page, in Markdown."""
+    return "\n".join(["Examples:\n" if len(lines) > 1 else "Example:\n", "```text", *lines, "```"])
+
 
 app = typer.Typer(
     name="limberjack",
+    cls=_Group,
     help=f"Control tasks on MuJoCo: {', '.join(registry.domains())}.",
+    epilog=_examples(
+        "limberjack list",
+        "limberjack run humanoid walk --policy random --out demo",
+        "limberjack COMMAND -h",
+    ),
     no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     rich_markup_mode="markdown",  # joins the lines of a paragraph
     pretty_exceptions_enable=False,
 )
 
 
+def command(name: str, *examples: str) -> Callable[[_Function], _Function]:
+    """Adds a function to the program as a command.
+
+    Args:
+      name: of the command.
+      examples: calls of it, which its help page shows.
+    """
+    return app.command(name, cls=_Command, epilog=_examples(*examples))
+
+
 def main() -> None:
-    """Runs the command line and exits. SIGTERM, as clusters send it, ends it as Ctrl-C does."""
+    """Runs the command line and exits. SIGTERM, which clusters send, ends it as Ctrl-C does."""
     terminated = False
 
     def terminate(*_: object) -> None:

@@ -1,43 +1,89 @@
-"""`limberjack bench`: how fast a task steps here."""
+"""`limberjack bench`: the speed of a task on this machine."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limberjack.cli.app import app
-from limberjack.cli.options import Domain, TaskName
+from limberjack.cli.app import command
+from limberjack.cli.options import Domain, TaskName, named_task
 from limberjack.cli.output import console, misuse_reported, table
+from limberjack.cli.progress import show_parts
+
+if TYPE_CHECKING:
+    from limberjack.bench import Result
 
 __all__: list[str] = []
 
+_LABELS = {
+    "physics": "MuJoCo alone (mujoco.batch)",
+    "batch": "BatchEnvironment",
+    "vector": "Gymnasium VectorEnv (flat, float32)",
+}
 
-@app.command("bench")
+
+@command(
+    "bench", "limberjack bench humanoid walk", "limberjack bench stacker/stack_2 --num-envs 1024"
+)
 def _bench(
     domain: Domain,
-    task: TaskName,
-    num_envs: Annotated[int, typer.Option(min=1, help="Rows of the batch.")] = 256,
+    task: TaskName = None,
+    num_envs: Annotated[int, typer.Option(min=1, help="Environments in the batch.")] = 256,
     threads: Annotated[
         int | None, typer.Option(min=1, help="The most to try; by default the usable cores.")
     ] = None,
-    seconds: Annotated[float, typer.Option(help="For each of the two comparisons, about.")] = 3.0,
+    seconds: Annotated[
+        float, typer.Option(help="Approximate time for each of the two comparisons.")
+    ] = 3.0,
 ) -> None:
     """Measure how fast a batch of a task steps on this machine, and with how many threads.
 
-    What is compared does the same random actions in turns: MuJoCo alone (`physics`), a
-    BatchEnvironment (`batch`) and a Gymnasium VectorEnv, flat and float32 (`vector`).
+    The first comparison gives the same random actions, in turns, to MuJoCo alone, to a
+    BatchEnvironment and to a Gymnasium VectorEnv, so it shows what the environments add to the
+    simulation. The second one steps the VectorEnv with 1, 2, 4 ... threads.
     """
-    with misuse_reported():
+    with misuse_reported(), show_parts() as show:
         from limberjack import bench
 
-        result = bench.measure(domain, task, num_envs, threads, seconds)
-    rows = table("what", "threads>", "steps/s>", "of physics>", "of 1 thread>")
+        result = bench.measure(
+            *named_task(domain, task),
+            num_envs,
+            threads,
+            seconds,
+            on_progress=lambda part, share: show(part, share, 1.0),
+        )
+    _print(result, num_envs)
+
+
+def _print(result: "Result", num_envs: int) -> None:
+    from limberjack import bench
+
+    typer.echo(
+        f"{' '.join(map(str, result.facts.values()))}: {num_envs} environments, random actions. "
+        "A step is one action of one environment; steps/s counts all environments.\n"
+    )
+    rows = table("stepped", "threads>", "steps/s>", "speed>", "relative to")
     for speed in result.speeds:
-        rate = f"{speed.steps_per_second:,.0f}"
-        rows.add_row(speed.what, str(speed.num_threads), rate, f"{speed.ratio:.2f}", "")
+        rows.add_row(
+            _LABELS[speed.what],
+            str(speed.num_threads),
+            f"{speed.steps_per_second:,.0f}",
+            f"{speed.ratio:.2f} x",
+            "MuJoCo alone, same steps",
+        )
     rows.add_section()
     for speed in result.sweep:
-        rate = f"{speed.steps_per_second:,.0f}"
-        rows.add_row(speed.what, str(speed.num_threads), rate, "", f"{speed.ratio:.2f}")
+        rows.add_row(
+            _LABELS[speed.what],
+            str(speed.num_threads),
+            f"{speed.steps_per_second:,.0f}",
+            f"{speed.ratio:.2f} x",
+            f"the same with {result.sweep[0].num_threads} thread",
+        )
     console().print(rows)
-    best = result.recommended_threads
-    typer.echo(f"Recommended for {num_envs} rows: num_threads={best}")
+    typer.echo(
+        "\nSpeeds are medians over many turns, so they may differ slightly from ratios of steps/s."
+    )
+    typer.echo(
+        f"Recommended: num_threads={result.recommended_threads} for {num_envs} environments, the "
+        f"fewest that reach {bench.NEARLY_BEST:.0%} of the highest speed"
+    )

@@ -1,36 +1,40 @@
-"""`limberjack doctor`: what works on this machine."""
+"""`limberjack doctor`: a report on what works on this machine."""
 
 import dataclasses
 import json as json_module
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limberjack.cli.app import app
+from limberjack.cli.app import command
 from limberjack.cli.output import FAILED
+from limberjack.cli.progress import show_parts
 
 if TYPE_CHECKING:
     from limberjack.doctor import Backend, Check, Diagnosis, Threads
+    from limberjack.doctor.child import Answer
 
 __all__: list[str] = []
 
 _LABEL_WIDTH = 16  # characters
+_PROBES = 8  # that are asked once
 
 
-@app.command("doctor")
+@command("doctor", "limberjack doctor", "limberjack doctor --json")
 def _doctor(
     json: Annotated[bool, typer.Option("--json", help="Print everything as JSON.")] = False,
 ) -> None:
     """Show what works on this machine, and what to do about what does not.
 
     Versions, cores, the best number of threads for a small batch, OpenGL, extras, ffmpeg, and
-    whether an installed dm_control would load. Takes some ten seconds. The exit status is 0 if a
+    whether an installed dm_control loads. It takes about ten seconds. The exit status is 0 if a
     short episode steps as it should.
     """
     from limberjack import doctor
 
-    diagnosis = doctor.examine()
+    with show_parts() as show:
+        diagnosis = doctor.examine(_asking(show))
     if json:
         typer.echo(json_module.dumps(dataclasses.asdict(diagnosis), indent=2))
     else:
@@ -40,8 +44,26 @@ def _doctor(
         raise typer.Exit(FAILED)
 
 
+def _asking(show: Callable[[str, float, float], None]) -> "Callable[..., Answer]":
+    """A function that asks a probe, after showing its name."""
+    from limberjack.doctor import child
+
+    asked, parts = 0, _PROBES
+
+    def ask(probe: str, variables: Mapping[str, str] | None = None) -> "Answer":
+        nonlocal asked, parts
+        show(f"checking {probe}", asked, max(parts, asked + 1))
+        asked += 1
+        answer = child.ask(probe, variables)
+        if probe == "backends":  # each of them is asked for a picture
+            parts += len(answer.value or ())
+        return answer
+
+    return ask
+
+
 def _lines(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
-    """Labels and texts, empty ones between the parts."""
+    """Labels and texts, with empty ones between the parts."""
     core = diagnosis.core
     yield "environments", "step" if core.works else f"do not step: {core.why}"
     yield from ((name, version or "not installed") for name, version in diagnosis.versions.items())

@@ -1,19 +1,17 @@
-"""`limberjack evaluate`: how good a policy is, beside zero and random actions on the same seeds."""
+"""`limberjack evaluate`: scores of a policy, beside zero and random actions on the same seeds."""
 
 import contextlib
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import rich.console
 import rich.progress
 import rich.table
 import typer
 
-from limberjack.cli.app import app
-from limberjack.cli.options import Domain, TaskName, TimeLimit
+from limberjack.cli.app import command
+from limberjack.cli.options import Domain, PolicyName, TaskName, TimeLimit, named_task
 from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
@@ -25,6 +23,7 @@ from limberjack.cli.output import (
     search_working_directory,
     table,
 )
+from limberjack.cli.progress import progress_bar
 from limberjack.cli.typed import command_line
 
 if TYPE_CHECKING:
@@ -32,49 +31,49 @@ if TYPE_CHECKING:
 
 __all__: list[str] = []
 
-_EPISODES = 100  # unless another number, or seeds, are asked for
+_EPISODES = 100  # by default
 
 _Seeds = Annotated[
     str | None,
-    typer.Option(
-        metavar="A:B", help="One episode for each seed from A on, without B; 0:100 by default."
-    ),
+    typer.Option(metavar="A:B", help="One episode for each seed from A to B-1; 0:100 by default."),
 ]
 _Episodes = Annotated[
     int | None,
-    typer.Option(min=1, max=SEEDS, help="Only so many of the seeds; without --seeds, from 0 on."),
+    typer.Option(min=1, max=SEEDS, help="The first seeds only; without --seeds, those from 0 on."),
 ]
 
 
-@app.command("evaluate")
+@command(
+    "evaluate",
+    "limberjack evaluate stacker stack_2 --policy my_policies:Still --seeds 0:50",
+    "limberjack evaluate humanoid/walk --policy sb3:walk.zip --out scores",
+)
 def _evaluate(
     domain: Domain,
-    task: TaskName,
-    policy: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME", help="zero, random, planner, MODULE:CALLABLE or sb3:PATH of a model."
-        ),
-    ] = "zero",
+    task: TaskName = None,
+    policy: PolicyName = "zero",
     seeds: _Seeds = None,
     episodes: _Episodes = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Keep results here, and go on from what is there."),
+        typer.Option(metavar="DIR", help="Keep results here, and continue those that are there."),
     ] = None,
     threads: Annotated[
-        int | None, typer.Option(min=1, help="That step the batch; by default the usable cores.")
+        int | None,
+        typer.Option(min=1, help="Threads that step the batch; all usable cores by default."),
     ] = None,
     time_limit: TimeLimit = None,
 ) -> None:
-    """Measure how good a policy is: mean return with its interval, median and success rate.
+    """Measure the returns of a policy: mean with its interval, median and success rate.
 
     Episode k is the first episode of an environment with the k-th seed. Zero and random actions
     are measured on the same seeds, and all of it for each kind of start.
 
-    With --out every episode is kept as it ends: after a kill the same command goes on from there.
+    With --out every episode is written as it ends, and the same command continues an evaluation
+    that was killed.
     """
     with misuse_reported():
+        domain, task = named_task(domain, task)
         chosen = _chosen_seeds(seeds, episodes)
     search_working_directory(policy)
     with _progress(len(chosen), policy) as progress, _failures_reported(progress, out):
@@ -95,13 +94,13 @@ def _evaluate(
 
 
 class _Progress:
-    """A bar over all episodes; silent where there is no terminal."""
+    """A bar over the episodes of all policies, which counts those that have finished."""
 
     def __init__(self, bar: rich.progress.Progress, episodes: int) -> None:
         self.episodes = episodes
-        self.finished: int | None = None  # None: nothing has been played yet
+        self.finished: int | None = None  # None: no episode has begun
         self._bar = bar
-        self._task = bar.add_task("", total=episodes)
+        self._task = bar.add_task("loading", total=episodes)
 
     def show(self, policy: str, finished: int, part: float) -> None:
         self.finished = finished
@@ -112,26 +111,16 @@ class _Progress:
 def _progress(episodes: int, policy: str) -> Iterator[_Progress]:
     from limberjack.evaluation import FLOORS
 
-    columns = (
-        "{task.description}",
-        rich.progress.BarColumn(),
-        rich.progress.MofNCompleteColumn(),
-        rich.progress.TimeRemainingColumn(),
-    )
-    with rich.progress.Progress(
-        *columns,
-        console=rich.console.Console(stderr=True),
-        disable=not sys.stderr.isatty(),
-        transient=True,
-    ) as bar:
+    columns = rich.progress.MofNCompleteColumn(), rich.progress.TimeRemainingColumn()
+    with progress_bar(*columns) as bar:
         yield _Progress(bar, episodes * len({policy, *FLOORS}))
 
 
 def _chosen_seeds(seeds: str | None, episodes: int | None) -> range:
-    """The seeds that were asked for: by their range, their number, or both.
+    """The seeds given by their range, their number, or both.
 
     Raises:
-      ValueError: they are no range, or an empty one, or fewer than the episodes.
+      ValueError: they are not a range, an empty one, or fewer than the episodes.
     """
     if seeds is None:
         return range(_EPISODES if episodes is None else episodes)
@@ -152,7 +141,7 @@ def _chosen_seeds(seeds: str | None, episodes: int | None) -> range:
 
 @contextlib.contextmanager
 def _failures_reported(progress: _Progress, out: Path | None) -> Iterator[None]:
-    """Turn what cuts an evaluation short into one line and an exit status."""
+    """Turns an error or interrupt into one line and an exit status."""
     from limberjack.policies import PolicyError
     from limberjack.rl.control import PhysicsError
 
@@ -171,17 +160,17 @@ def _failures_reported(progress: _Progress, out: Path | None) -> Iterator[None]:
         if progress.finished is None and isinstance(error, ValueError):
             complain(error)
             raise typer.Exit(MISUSED) from None
-        if progress.finished is not None:  # a policy's own error: its traceback says where
+        if progress.finished is not None:  # a policy's own error, which its traceback locates
             error.add_note(f"limberjack: {_done(progress, out)}")
         raise
 
 
 def _done(progress: _Progress, out: Path | None) -> str:
-    """What there is of an evaluation that was cut short."""
+    """The number of episodes that finished, and how to continue."""
     done = f"{progress.finished or 0} of {progress.episodes} episodes finished"
     if out is None:
         return f"{done}; with --out they would have been kept"
-    return f"{done}, and are kept in {out}: the same command goes on from there"
+    return f"{done}, and are kept in {out}: the same command continues from there"
 
 
 def _print(evaluation: "Evaluation") -> None:

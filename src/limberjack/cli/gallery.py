@@ -5,15 +5,16 @@ from typing import Annotated
 
 import typer
 
-from limberjack.cli.app import app
+from limberjack.cli.app import command
 from limberjack.cli.output import FAILED, complain, misuse_reported
+from limberjack.cli.progress import show_parts
 
 __all__: list[str] = []
 
 
-@app.command("gallery")
+@command("gallery", "limberjack gallery --out pictures")
 def _gallery(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where to write the PNG files.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Write the PNG files here.")],
 ) -> None:
     """Draw a picture of each task, and a sheet of all of them: suite.png."""
     from limberjack import gallery
@@ -21,7 +22,13 @@ def _gallery(
 
     with misuse_reported():
         try:
-            paths = gallery.write(out)
+            with show_parts() as show:
+                paths = gallery.write(
+                    out,
+                    on_progress=lambda domain, task, drawn, tasks: show(
+                        f"drawing {domain} {task}", drawn, tasks
+                    ),
+                )
         except RenderingError as error:
             complain(f"no pictures: {error}")
             raise typer.Exit(FAILED) from None

@@ -1,4 +1,7 @@
-"""What `limberjack run` and `limberjack solve` have in common: playing, keeping and telling."""
+"""`Playing`: the part that `limberjack run` and `limberjack solve` share.
+
+It plays the episodes, prints their returns and writes their files.
+"""
 
 import contextlib
 import math
@@ -11,12 +14,11 @@ from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
     SEEDS,
-    Progress,
     complain,
     console,
-    show_progress,
     table,
 )
+from limberjack.cli.progress import Episodes, show_episodes
 from limberjack.cli.typed import command_line
 
 if TYPE_CHECKING:
@@ -28,9 +30,10 @@ __all__ = ["Playing"]
 
 
 class Playing:
-    """Episodes of a task, from the first seed to the last; a command says who plays them.
+    """Episodes of a task, from the first seed to the last, with the policy of a command.
 
-    `expected` are errors of the command's own that are told in one line.
+    Attributes:
+      expected: errors of the command's own that are reported in one line.
     """
 
     expected: tuple[type[Exception], ...] = ()
@@ -44,9 +47,10 @@ class Playing:
         time_limit: float | None,
         out: Path | None,
     ) -> None:
-        """Checks everything that was asked for; raises ValueError or OSError."""
+        """Checks all arguments; raises ValueError or OSError."""
         from limberjack import report
 
+        self._policy_name = policy
         if seeds[-1] >= SEEDS:
             raise ValueError(f"the last episode's seed is {seeds[-1]}; expected below {SEEDS}")
         if time_limit is not None and math.isinf(time_limit):
@@ -72,16 +76,22 @@ class Playing:
             }
         self._recorder: Recorder | None = None
         if out is not None:
-            self._recorder = report.Recorder(out, self._about, command_line())
+            self._recorder = report.Recorder(
+                out, self._about, command_line(), recordings=self._names_of_recordings()
+            )
         self._recordings: list[Path] = []  # files that the command has written itself
         self._episodes: list[Episode] = []
 
     def _prepare(self, environment: "Environment") -> None:
-        """Looks up what plays; raises ValueError if there is no such thing for this task."""
+        """Finds the policy; raises ValueError if there is none for this task."""
         raise NotImplementedError
 
+    def _names_of_recordings(self) -> list[str]:
+        """The files that the command writes itself, in the folder of the others."""
+        return []
+
     def _play_in(self, environment: "Environment", seed: int, on_step: "OnStep") -> "Episode":
-        """Play an episode from the environment's reset on.
+        """Plays an episode from the environment's reset on.
 
         Args:
           environment: made with the seed.
@@ -91,13 +101,13 @@ class Playing:
         raise NotImplementedError
 
     def _seconds(self, environment: "Environment") -> float | None:
-        """The time limit that was asked for, else the task's own; None without any."""
+        """The time limit given, else the task's own; None without any."""
         if self._time_limit is not None or environment.step_limit is None:
             return self._time_limit
         return environment.step_limit * environment.control_timestep()
 
     def finish(self) -> int:
-        """Plays, writes and prints; returns the exit status, raises what is not expected."""
+        """Plays, writes and prints; returns the exit status and raises unexpected errors."""
         try:
             failure = self.play()
             status = self.report(failure)
@@ -110,9 +120,9 @@ class Playing:
         return status
 
     def play(self) -> BaseException | None:
-        """Runs the episodes; returns what cut them short, if anything did."""
+        """Runs the episodes; returns the error or interrupt that ended them early, if any."""
         try:
-            with show_progress(len(self._seeds)) as progress:
+            with show_episodes(len(self._seeds), self._recorder is not None) as progress:
                 for seed in self._seeds:
                     self._episodes.append(self._play_episode(seed, progress))
         except BaseException as failure:  # Ctrl-C too: finished episodes are kept
@@ -120,11 +130,11 @@ class Playing:
         return None
 
     def report(self, failure: BaseException | None) -> int | None:
-        """Writes and prints what was played; returns the exit status, None for unknown failures."""
+        """Writes and prints the episodes; returns the exit status, None for unknown failures."""
         from limberjack.policies import PolicyError
         from limberjack.rl.control import PhysicsError
 
-        unwritten = self._write_files()  # first: printing fails where nobody reads
+        unwritten = self._write_files()  # first, because printing to a closed pipe fails
         _print_episodes(self._episodes)
         self._print_files()
         if unwritten is not None:
@@ -148,7 +158,7 @@ class Playing:
             task_kwargs["time_limit"] = self._time_limit
         return suite.load(*self._where, task_kwargs=task_kwargs)
 
-    def _play_episode(self, seed: int, progress: Progress) -> "Episode":
+    def _play_episode(self, seed: int, progress: Episodes) -> "Episode":
         """The first episode of an environment with this seed."""
         environment = self._load(seed)
         recorder = self._recorder if seed == self._seeds[0] else None
@@ -159,7 +169,8 @@ class Playing:
         def on_step(step: "Step") -> None:
             progress.show(seed - self._seeds[0], step.number, limit, step.total)
             if recorder is not None:
-                recorder.add_step(step)
+                with progress.drawing():
+                    recorder.add_step(step)
 
         with contextlib.closing(environment):
             episode = self._play_in(environment, seed, on_step)
@@ -168,7 +179,7 @@ class Playing:
         return episode
 
     def _write_files(self) -> OSError | None:
-        """Writes what was asked for; returns why it could not."""
+        """Writes the files, if any; returns the error if that failed."""
         if self._recorder is None:
             return None
         run = {**self._about, "episodes_asked_for": len(self._seeds)}

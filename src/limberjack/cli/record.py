@@ -1,4 +1,4 @@
-"""`limberjack record`: a film of an episode, or of many side by side."""
+"""`limberjack record`: a film of an episode, or of several side by side."""
 
 import contextlib
 from collections.abc import Callable, Iterator
@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from limberjack.cli.app import app
-from limberjack.cli.options import Domain, PolicyName, TaskName
+from limberjack.cli.app import command
+from limberjack.cli.options import Domain, PolicyName, TaskName, named_task
 from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
@@ -16,14 +16,12 @@ from limberjack.cli.output import (
     SEEDS,
     complain,
     search_working_directory,
-    show_progress,
 )
+from limberjack.cli.progress import show_episodes
 
 __all__: list[str] = []
 
-_Seed = Annotated[
-    int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode; of row i it is seed+i.")
-]
+_Seed = Annotated[int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode; row i has seed+i.")]
 _Pixels = Annotated[int, typer.Option(min=2, help="Of the film, pixels.")]
 _Overlay = Annotated[
     bool, typer.Option("--overlay", help="Draw time, reward and return in a corner.")
@@ -33,18 +31,23 @@ _Colours = Annotated[
 ]
 
 
-@app.command("record")
+@command(
+    "record",
+    "limberjack record humanoid walk --policy random --out walk.mp4",
+    "limberjack record stacker/stack_2 --rows 4 --seconds 5 --out stack.gif",
+)
 def _record(
     domain: Domain,
-    task: TaskName,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="Ends in .mp4 or .gif.")],
+    task: TaskName = None,
+    *,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The film; ends in .mp4 or .gif.")],
     policy: PolicyName = "zero",
     seed: _Seed = 0,
     camera: Annotated[str, typer.Option(help="Its name or number; -1 is the free camera.")] = "0",
     height: _Pixels = 480,
     width: _Pixels = 640,
     seconds: Annotated[
-        float | None, typer.Option(help="How long; the task's time limit by default.")
+        float | None, typer.Option(help="Of simulated time; the task's time limit by default.")
     ] = None,
     rows: Annotated[int, typer.Option(min=1, help="Episodes of a batch, side by side.")] = 1,
     overlay: _Overlay = False,
@@ -52,16 +55,15 @@ def _record(
 ) -> None:
     """Film an episode of a task as MP4 or GIF, in real time.
 
-    With --rows it films a batch; --height and --width are then those of all pictures together. It
-    is written whole or not at all.
+    With --rows it films a batch; --height and --width are then those of all pictures together. The
+    file is written completely or not at all.
     """
     search_working_directory(policy)
     with _failures_reported(out) as show:
         from limberjack.recording import record
 
         path = record(
-            domain,
-            task,
+            *named_task(domain, task),
             out=out,
             policy=policy,
             seed=seed,
@@ -79,7 +81,7 @@ def _record(
 
 @contextlib.contextmanager
 def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]]:
-    """Turn what cuts a film short into one line and an exit status; gives what shows progress.
+    """Turns an error or interrupt into one line and an exit status; yields a progress function.
 
     Before the episode has begun, a ValueError is a mistake on the command line; later it is an
     error of the policy's own, whose traceback says more.
@@ -96,7 +98,7 @@ def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]
         progress.show(0, steps, limit, total)
 
     try:
-        with show_progress(1) as progress:
+        with show_episodes(1) as progress:
             yield show
     except KeyboardInterrupt:
         complain(f"interrupted: {path} is not written")

@@ -1,4 +1,4 @@
-"""`limberjack replay`: a recorded episode again, bit for bit."""
+"""`limberjack replay`: a recorded episode, played again and compared bit for bit."""
 
 import contextlib
 from pathlib import Path
@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limberjack.cli.app import app
+from limberjack.cli.app import command
 from limberjack.cli.output import FAILED, complain, misuse_reported
+from limberjack.cli.progress import show_episodes
 from limberjack.cli.typed import command_line
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 _RECORDED = "recorded"  # the policy of an episode that is played again
-_LONGEST = 1e9  # seconds; an episode of a lifetime
+_LONGEST = 1e9  # seconds; longer than any episode
 # What entries of `Recording.about` must be.
 _KINDS: dict[str, type | tuple[type, ...]] = {
     "domain": str,
@@ -31,17 +32,27 @@ _KINDS: dict[str, type | tuple[type, ...]] = {
 }
 
 
-@app.command("replay")
+@command(
+    "replay",
+    "limberjack replay solved/episode-3.npz",
+    "limberjack replay solved/episode-3.npz --out again",
+)
 def _replay(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="An episode-*.npz.")],
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="An episode-*.npz that `limberjack solve` wrote."),
+    ],
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write video.mp4 and the plots here.")
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Write report.html, result.json, return.png and video.mp4 here."
+        ),
     ] = None,
 ) -> None:
-    """Play a recorded episode again, without the planner, and say whether every bit is the same.
+    """Play a recorded episode again, without the planner, and report whether every bit is equal.
 
-    Compares states, rewards and observations of all steps. The exit status is 1 where they differ,
-    as they may with another version of MuJoCo or on another kind of processor; --out then writes
+    States, rewards and observations of all steps are compared. If they differ, as they may with
+    another version of MuJoCo or on another kind of processor, the exit status is 1 and --out writes
     nothing.
     """
     with misuse_reported():
@@ -76,47 +87,55 @@ def _played(
     environment: "Environment",
     recorder: "Recorder | None",
 ) -> str | None:
-    """The first difference; without any, the recorder writes the episode."""
+    """The first difference; if there is none, the recorder writes the episode."""
     from limberjack import rollout
     from limberjack.planner.record import replay
 
     start: str | None = None
+    steps = len(recording.rewards)
 
     def on_step(step: rollout.Step) -> None:
         nonlocal start
+        progress.show(0, step.number, steps, step.total)
         if recorder is None:
             return
         if step.action is None:
             start = rollout.kind_of_start(environment)
             recorder.begin(environment)
-        recorder.add_step(step)
+        with progress.drawing():
+            recorder.add_step(step)
 
-    difference = replay(recording, environment, on_step)
+    with show_episodes(1, filmed=recorder is not None) as progress:
+        difference = replay(recording, environment, on_step)
+        if recorder is not None and difference is None:
+            recorder.finish_film()
     if recorder is not None and difference is None:
-        recorder.finish_film()
         episode = rollout.Episode(about["seed"], start, recording.rewards)
         _write(recorder, about, episode, environment.control_timestep())
     return difference
 
 
 def _checked_about(about: "Facts", file: Path) -> "Facts":
-    """What the file says of itself, with what it does not say filled in.
+    """The entries that describe a recording, with defaults for those that may be missing.
 
     Raises:
-      ValueError: an entry that is needed is missing, or one is of another kind than `limberjack
-        solve` writes.
+      ValueError: another entry is missing, or one is of another kind than `limberjack solve`
+        writes.
     """
     missing = [name for name in ("domain", "task", "time_limit") if name not in about]
     if missing:
-        raise ValueError(f"{file} does not say its {', '.join(missing)}, so it cannot be played")
+        raise ValueError(
+            f"{file} cannot be played: it lacks its {', '.join(missing)}; expected an "
+            "episode-*.npz that `limberjack solve --out` wrote"
+        )
     checked = {"seed": 0, "versions": {}, "fingerprint": "", **about}
     for name, kind in _KINDS.items():
         value = checked[name]
         if not isinstance(value, kind) or isinstance(value, bool):
-            raise ValueError(f"{file} says that its {name} is {value!r}; it cannot be played")
+            raise ValueError(f"{file} cannot be played: its {name} is {value!r}")
     seconds = checked["time_limit"]
     if not (0 < seconds < _LONGEST):
-        raise ValueError(f"{file} says that its time_limit is {seconds}; expected seconds")
+        raise ValueError(f"{file} cannot be played: its time_limit is {seconds}; expected seconds")
     return checked
 
 
@@ -129,13 +148,13 @@ def _environment_of(about: "Facts") -> "Environment":
 
 
 def _check_out(out: Path | None, file: Path) -> None:
-    """Raises where files would take the place of those that tell of the recording."""
+    """Raises ValueError if files would replace those of the run that the recording is from."""
     if out is None or out.resolve() != file.parent.resolve():
         return
     if (out / "result.json").exists():
         raise ValueError(
-            f"--out is {out}, where {file.name} lies beside a result.json that tells of all its "
-            "episodes: choose another folder"
+            f"--out is {out}, which holds {file.name} and the result.json of its run: choose "
+            "another folder"
         )
 
 
@@ -153,7 +172,7 @@ def _write(
 
 
 def _versions_differ(about: "Facts", environment: "Environment") -> str:
-    """A sentence on versions and a model that are not the recorded ones; empty if all are."""
+    """A sentence on versions and a model that differ from the recorded ones; empty if none do."""
     from limberjack import report
 
     recorded = about["versions"]

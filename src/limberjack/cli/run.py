@@ -1,12 +1,19 @@
-"""`limberjack run`: episodes of a task, in numbers and in pictures."""
+"""`limberjack run`: episodes of a task, their returns and, with --out, a report on them."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limberjack.cli.app import app
-from limberjack.cli.options import Domain, FirstSeed, PolicyName, TaskName, TimeLimit
+from limberjack.cli.app import command
+from limberjack.cli.options import (
+    Domain,
+    FirstSeed,
+    PolicyName,
+    TaskName,
+    TimeLimit,
+    named_task,
+)
 from limberjack.cli.output import find_policy, misuse_reported
 from limberjack.cli.playing import Playing
 
@@ -17,18 +24,24 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 
-@app.command("run")
+@command(
+    "run",
+    "limberjack run humanoid walk --policy random --episodes 3",
+    "limberjack run humanoid/walk --policy sb3:walk.zip --out demo",
+)
 def _run(
     domain: Domain,
-    task: TaskName,
-    episodes: Annotated[int, typer.Option(min=1, help="How many to run.")] = 1,
+    task: TaskName = None,
+    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 1,
     seed: FirstSeed = 0,
     policy: PolicyName = "zero",
     time_limit: TimeLimit = None,
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="Write report.html, result.json, return.png and video.mp4 here."
+            metavar="DIR",
+            help="Write report.html, result.json, return.png and video.mp4 here, in the place of "
+            "those of an earlier run of the same task and policy.",
         ),
     ] = None,
 ) -> None:
@@ -37,33 +50,21 @@ def _run(
     Each episode is the first one of an environment with its own seed, so any of them can be run
     again alone. The video shows the first episode.
 
-    A policy of your own is a function from an observation (a dictionary of arrays) to an action, or
-    a class with act(observation) and, if it needs it, reset(). Its module may lie in the working
-    directory.
+    A policy of your own, MODULE:CALLABLE, is a function from an observation (a dictionary of
+    arrays) to an action, or a class with act(observation) and, if it needs it, reset(). Its module
+    may be in the working directory.
     """
     with misuse_reported():
-        run = _Run(domain, task, range(seed, seed + episodes), policy, time_limit, out)
+        seeds = range(seed, seed + episodes)
+        run = _Run(*named_task(domain, task), seeds, policy, time_limit, out)
     raise typer.Exit(run.finish())
 
 
 class _Run(Playing):
     """One call of `limberjack run`."""
 
-    def __init__(
-        self,
-        domain: str,
-        task: str,
-        seeds: range,
-        policy: str,
-        time_limit: float | None,
-        out: Path | None,
-    ) -> None:
-        """Checks everything that was asked for; raises ValueError or OSError."""
-        self._policy_name = policy
-        super().__init__(domain, task, seeds, policy, time_limit, out)
-
     def _prepare(self, environment: "Environment") -> None:
-        self._policy = find_policy(self._policy_name)
+        self._policy = find_policy(self._policy_name, environment)
 
     def _play_in(self, environment: "Environment", seed: int, on_step: "OnStep") -> "Episode":
         from limberjack import rollout

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limberjack.cli.app import app
-from limberjack.cli.options import Domain, FirstSeed, TaskName, TimeLimit
+from limberjack.cli.app import command
+from limberjack.cli.options import Domain, FirstSeed, TaskName, TimeLimit, named_task
 from limberjack.cli.output import FAILED, INTERRUPTED, complain, find_policy, misuse_reported
 
 if TYPE_CHECKING:
@@ -22,14 +22,20 @@ __all__: list[str] = []
 _NO_POLICY = "none"
 
 
-@app.command("view")
+@command(
+    "view",
+    "limberjack view humanoid walk --policy random",
+    "limberjack view humanoid/walk --policy sb3:walk.zip --speed 0.5",
+)
 def _view(
     domain: Domain,
-    task: TaskName,
+    task: TaskName = None,
     policy: Annotated[
         str,
         typer.Option(
-            metavar="NAME", help="What acts: none, zero, random, planner or MODULE:CALLABLE."
+            metavar="NAME",
+            help="What acts: none, zero, random, planner, MODULE:CALLABLE, or sb3:PATH of a saved "
+            "model.",
         ),
     ] = _NO_POLICY,
     seed: FirstSeed = 0,
@@ -56,9 +62,10 @@ def _view(
     the right button pushes it, with Ctrl and the left button twists it. Ctrl-C here ends it.
     """
     with misuse_reported():
+        domain, task = named_task(domain, task)
         show = _find_viewer(native, host, port, allow_host or [], f"{domain} {task}")
         environment = _load(domain, task, seed, time_limit)
-        begin = _begin(policy)
+        begin = _begin(policy, environment)
     with contextlib.closing(environment):
         raise typer.Exit(_show(environment, begin, seed, speed, show))
 
@@ -100,17 +107,17 @@ def _load(domain: str, task: str, seed: int, time_limit: float | None) -> "Envir
     return suite.load(domain, task, task_kwargs=task_kwargs)
 
 
-def _begin(policy: str) -> "Begin":
-    """What begins the policy's episodes."""
+def _begin(policy: str, environment: "Environment") -> "Begin":
+    """The function that begins the policy's episodes."""
     from limberjack import viewer
 
     if policy == _NO_POLICY:
         return viewer.begin_with(None)
-    return viewer.begin_policy(find_policy(policy))
+    return viewer.begin_policy(find_policy(policy, environment))
 
 
 def _show(environment: "Environment", begin: "Begin", seed: int, speed: float, show: "Show") -> int:
-    """Shows it until it is closed; returns the exit status."""
+    """Shows the environment until the viewer is closed; returns the exit status."""
     from limberjack.policies import PolicyError
     from limberjack.rl.control import PhysicsError
     from limberjack.viewer.session import Session, ViewerError

@@ -1,63 +1,35 @@
-"""Policies that act in all rows of a batch.
+"""Policies that act in all rows of a batch, and what identifies them in results.
 
     found = find("random")                  # or "MODULE:CALLABLE", "sb3:model.zip", "planner"
     if found.actor is not None:
         found.actor.begin(spec, rows, seeds)             # episodes begin in these rows
         actions = found.actor.act(observation, rows)     # (num_envs, nu); zeros in other rows
 
-A policy for batches is an object, or a class that takes no arguments, with
-
-    act_batch(observations)       a dictionary of arrays of (64, ...) -> actions of (64, nu)
-    reset_batch(rows, seeds)      optional: episodes with these seeds begin in these rows
-
-It always receives 64 rows, and an episode is always in row `seed % 64`: the rounding of a matrix
-product depends on the number of rows and, in float32, on the row. So an episode is the same
-whichever others are played with it. Actions of unused rows and of rows whose episode has ended are
-ignored. All other policies are those of `limberjack.policies`: a function of one observation is
-called row by row; an object with `reset` keeps the state of one episode, and plays one at a time.
+`limberjack.policies` resolves the names, and its module `batched` acts on rows. A function of one
+observation is called for row after row; an object with `reset` keeps the state of one episode, and
+plays one at a time.
 """
 
 import dataclasses
 import hashlib
 import inspect
-from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import Protocol
-
-import numpy as np
-from dm_env import specs
 
 from limberjack import policies
-from limberjack.policies import Act, Policy, PolicyError
+from limberjack.policies import Policy, PolicyError
+from limberjack.policies.batched import Actor, Batched, EachRow
+from limberjack.policies.named import batch_functions, instance_of, policy_of, target_named
+from limberjack.policies.saved import load_model
 from limberjack.rl.control import Environment
 from limberjack.utils.sources import hash_of_files, hash_of_module, hash_of_source
 
-__all__ = ["ROWS", "Actor", "Batched", "EachRow", "Found", "find"]
+__all__ = ["Found", "find"]
 
-ROWS = 64  # of a batch: enough for all cores, and few enough that a kill loses little
-
-_SAVED = "sb3:"
 _PLANNER = "planner"
-
-
-class Actor(Protocol):
-    """A policy that acts in the rows of a batch."""
-
-    def begin(self, spec: specs.BoundedArray, rows: np.ndarray, seeds: Sequence[int]) -> None:
-        """Begins episodes with these seeds in these rows; `spec` is the spec of one action."""
-
-    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-        """The actions, (num_envs, ...); only those of `rows` are used.
-
-        Raises:
-          PolicyError: one of them is no valid action; the message names its seed and step.
-        """
-        ...
 
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """A policy, in one of two forms: `actor` or `alone`."""
+    """A policy, as a batch plays it."""
 
     name: str
     sha256: str | None  # of its source or its file; None if unknown
@@ -65,123 +37,8 @@ class Found:
     alone: Policy | None  # for one episode at a time, where `actor` is None
 
 
-class EachRow:
-    """A policy for single episodes, called row by row."""
-
-    def __init__(self, policy: Policy) -> None:
-        """Takes a policy whose episodes are independent of each other."""
-        self._policy = policy
-        self._acts: dict[int, Act] = {}
-        self._shape: tuple[int, ...] = ()
-
-    def begin(self, spec: specs.BoundedArray, rows: np.ndarray, seeds: Sequence[int]) -> None:
-        """See `Actor`."""
-        self._shape = spec.shape
-        for row, seed in zip(rows.tolist(), seeds, strict=True):
-            self._acts[row] = self._policy(spec, seed)
-
-    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-        """See `Actor`."""
-        num_envs = len(next(iter(observation.values())))
-        actions = np.zeros((num_envs, *self._shape))
-        for row in rows.tolist():
-            of_row = {name: values[row] for name, values in observation.items()}
-            actions[row] = self._acts[row](_like(observation, of_row))
-        return actions
-
-
-class Batched:
-    """A policy that acts on 64 rows at once."""
-
-    def __init__(
-        self,
-        name: str,
-        act_batch: Callable[[Mapping[str, np.ndarray]], object],
-        reset_batch: Callable[[np.ndarray, np.ndarray], object] | None = None,
-    ) -> None:
-        """Takes the policy's functions; see the module's docstring."""
-        self._name = name
-        self._act_batch = act_batch
-        self._reset_batch = reset_batch
-        # By row of the environment. The policy has rows of its own, `seed % 64`.
-        self._policy_rows = np.zeros(ROWS, int)
-        self._seeds = np.zeros(ROWS, np.int64)
-        self._steps = np.zeros(ROWS, int)
-        self._shape: tuple[int, ...] = ()
-
-    def begin(self, spec: specs.BoundedArray, rows: np.ndarray, seeds: Sequence[int]) -> None:
-        """See `Actor`."""
-        self._shape = spec.shape
-        self._seeds[rows] = seeds
-        self._steps[rows] = 0
-        self._policy_rows[rows] = self._seeds[rows] % ROWS
-        if self._reset_batch is not None:
-            self._reset_batch(self._policy_rows[rows], self._seeds[rows])
-
-    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-        """See `Actor`."""
-        targets = self._policy_rows[rows]
-        shown = {n: _spread(values[rows], targets) for n, values in observation.items()}
-        try:
-            returned = self._act_batch(_like(observation, shown))
-        except Exception as error:
-            error.add_note(self._where(rows[0]))
-            raise
-        returned = self._checked(returned, rows)
-        self._steps[rows] += 1
-        num_envs = len(next(iter(observation.values())))
-        actions = np.zeros((num_envs, *self._shape))
-        actions[rows] = returned
-        return actions
-
-    def _checked(self, returned: object, rows: np.ndarray) -> np.ndarray:
-        """The actions of these rows as an array; raises PolicyError if they are invalid."""
-        expected = (ROWS, *self._shape)
-        try:
-            actions = np.asarray(returned)
-        except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors elsewhere
-            raise PolicyError(
-                f"{self._where(rows[0])}: returned {type(returned).__name__}, which is no array of "
-                f"numbers: {error}"
-            ) from error
-        if actions.dtype.kind not in "iuf" or actions.shape != expected:
-            raise PolicyError(
-                f"{self._where(rows[0])}: returned {type(returned).__name__} of dtype "
-                f"{actions.dtype} and shape {actions.shape}; expected numbers of shape {expected}, "
-                f"for all {ROWS} rows"
-            )
-        actions = actions[self._policy_rows[rows]]
-        finite = np.isfinite(actions).reshape(len(rows), -1)
-        if not finite.all():
-            first = int(np.flatnonzero(~finite.all(axis=-1))[0])
-            action, is_bad = actions[first].ravel(), ~finite[first]
-            raise PolicyError(
-                f"{self._where(rows[first])}: returned {action[is_bad][0]} at index "
-                f"{np.flatnonzero(is_bad).tolist()}; expected finite numbers"
-            )
-        return actions
-
-    def _where(self, row: int) -> str:
-        step, seed = self._steps[row], self._seeds[row]
-        return f"policy {self._name!r}, step {step} of the episode with seed {seed}"
-
-
-def _like(
-    observation: Mapping[str, np.ndarray], values: dict[str, np.ndarray]
-) -> Mapping[str, np.ndarray]:
-    """The values in a mapping of the observation's type, which is OrderedDict in the suite."""
-    return type(observation)(values)  # pyright: ignore[reportCallIssue] (mappings take mappings)
-
-
-def _spread(values: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """64 rows with the values in the target rows, and copies of the first value elsewhere."""
-    shown = np.repeat(values[:1], ROWS, axis=0)
-    shown[targets] = values
-    return shown
-
-
 def find(policy: object, environment: Environment | None, num_threads: int | None = None) -> Found:
-    """The policy with this name, or the given function, object or class as a policy.
+    """The policy of a name; see `limberjack.policies` for the names.
 
     Args:
       policy: 'zero', 'random', 'planner', 'MODULE:CALLABLE' or 'sb3:PATH'; or the function, object
@@ -194,39 +51,27 @@ def find(policy: object, environment: Environment | None, num_threads: int | Non
     """
     if not isinstance(policy, str):
         return _of_object(policies.name_of(policy), policy)
-    if policy.startswith(_SAVED):
+    if policies.is_saved_model(policy):
         return _of_saved_model(policy, environment)
     if policy == _PLANNER:
         return _of_planner(environment, num_threads)
     if ":" not in policy:
         found = policies.find(policy)
         return Found(policy, _hash(inspect.getsource(found).encode()), EachRow(found), None)
-    found = _of_object(policy, policies._named(policy))
+    found = _of_object(policy, target_named(policy))
     return dataclasses.replace(found, sha256=hash_of_module(policy.partition(":")[0]))
 
 
 def _of_object(name: str, target: object) -> Found:
-    """The policy that a function, object or class implements."""
+    """A policy given as an object, a function or a class."""
     sha256 = hash_of_source(target)
     if inspect.isclass(target):
-        target = policies._make(name, target)
-    act, reset = getattr(target, "act", target), getattr(target, "reset", None)
-    act_batch = getattr(target, "act_batch", None)
-    if act_batch is not None:
-        reset_batch = getattr(target, "reset_batch", None)
-        if reset is not None and reset_batch is None:
-            raise PolicyError(
-                f"policy {name!r} has act_batch and reset, which a batch never calls: define "
-                "reset_batch(rows, seeds) instead, called where episodes begin in some of the rows"
-            )
-        return Found(name, sha256, Batched(name, act_batch, reset_batch), None)
-    if not callable(act):
-        raise PolicyError(
-            f"policy {name!r} is of type {type(target).__name__}; expected a function of an "
-            "observation, or an object with act(observation) or act_batch(observations)"
-        )
-    policy = policies._user_policy(name, act, reset)
-    if reset is not None:
+        target = instance_of(name, target)
+    functions = batch_functions(name, target)
+    if functions is not None:
+        return Found(name, sha256, Batched(name, *functions), None)
+    policy = policy_of(name, target)
+    if getattr(target, "reset", None) is not None:
         return Found(name, sha256, None, policy)
     return Found(name, sha256, EachRow(policy), None)
 
@@ -245,15 +90,7 @@ def _of_planner(environment: Environment | None, num_threads: int | None) -> Fou
 def _of_saved_model(name: str, environment: Environment | None) -> Found:
     """The policy of a model that Stable-Baselines3 saved."""
     assert environment is not None
-    path = Path(name.removeprefix(_SAVED))
-    try:
-        from limberjack import sb3
-    except ImportError as error:
-        raise PolicyError(f"policy {name!r}: {error}") from None
-    try:
-        model = sb3.SavedPolicy(path, environment)
-    except (OSError, ValueError) as error:
-        raise PolicyError(f"policy {name!r}: {error}") from error
+    model = load_model(name, environment)
     sha256 = _hash(b"".join(file.read_bytes() for file in model.files))
     return Found(name, sha256, Batched(name, model.act_batch), None)
 

@@ -19,9 +19,9 @@ import dm_env
 import numpy as np
 
 from limberjack import rollout
-from limberjack.evaluation.actors import ROWS, Actor
 from limberjack.evaluation.statistics import Score
 from limberjack.policies import Policy
+from limberjack.policies.batched import ROWS, Actor
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.control import Environment, PhysicsError
 

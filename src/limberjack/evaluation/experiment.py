@@ -110,7 +110,7 @@ def evaluate(
       domain: such as 'humanoid', or a function `make(seed) -> control.Environment`; see
         `limberjack.factories`.
       task: such as 'walk'; None with a function.
-      policy: its name, or the function, object or class itself; see `limberjack.evaluation.actors`.
+      policy: its name, or the function, object or class itself; see `limberjack.policies`.
       seeds: distinct, from 0 to 2**32 - 1.
       out: a folder for the results. Episodes that finished there in an earlier call, which may have
         been killed, are not played again.

@@ -12,12 +12,16 @@ page is always written: it needs nothing but Python. One recorder at a time writ
 and never over the results of another task or policy.
 """
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 from limberjack.mujoco.camera import RenderingError
 from limberjack.report.curve import write_return_plot
+from limberjack.report.folder import FILM as _FILM
+from limberjack.report.folder import PAGE as _PAGE
+from limberjack.report.folder import PLOT as _PLOT
+from limberjack.report.folder import RESULT as _RESULT
+from limberjack.report.folder import check_folder
 from limberjack.report.page import write_page
 from limberjack.report.result import Facts, as_result, write_result
 from limberjack.report.trace import Trace
@@ -28,24 +32,25 @@ from limberjack.video import Film, Rendered
 
 __all__ = ["Recorder"]
 
-_FILM = "video.mp4"
-_PAGE = "report.html"
-_PLOT = "return.png"
-_RESULT = "result.json"
-_EVALUATION = "episodes.jsonl"  # as `limberjack.evaluation.store` calls it
-_SAME = ("domain", "task", "policy")  # equal for all results in one directory
-
 
 class Recorder:
     """Writes a run's files into a directory, which it makes."""
 
-    def __init__(self, directory: Path, run: Mapping[str, object], command: str = "") -> None:
+    def __init__(
+        self,
+        directory: Path,
+        run: Mapping[str, object],
+        command: str = "",
+        *,
+        recordings: Collection[str] = (),
+    ) -> None:
         """Make the directory, and keep other processes from writing there until `close`.
 
         Args:
           directory: results of an earlier run of the same task and policy are replaced.
           run: the facts of the run; has 'domain', 'task' and 'policy'.
           command: the command line as it was typed, for the page; empty if there was none.
+          recordings: names of recordings that the caller writes there.
 
         Raises:
           ValueError: another process writes there, or it holds other results.
@@ -54,7 +59,7 @@ class Recorder:
         directory.mkdir(parents=True, exist_ok=True)
         self._hold = Hold(directory)
         try:
-            _check_same(directory, run)
+            check_folder(directory, run, recordings)
         except BaseException:
             self._hold.release()
             raise
@@ -164,22 +169,3 @@ class Recorder:
     def _leave_out(self, name: str, why: Exception) -> None:
         reason = " ".join(str(why).split())  # on one line
         self._reasons.setdefault(reason, []).append(name)
-
-
-def _check_same(directory: Path, run: Mapping[str, object]) -> None:
-    """Raise ValueError if the directory holds results of another task or policy."""
-    if (directory / _EVALUATION).exists():
-        raise ValueError(f"{directory} holds an evaluation: choose another folder")
-    try:
-        result = json.loads((directory / _RESULT).read_text(encoding="utf-8"))
-    except OSError:  # it is missing; or it cannot be replaced either, which `write` reports
-        return
-    except ValueError:
-        result = None
-    found = result if isinstance(result, dict) else {}
-    for name in _SAME:
-        if found.get(name) != run[name]:
-            raise ValueError(
-                f"{directory} holds results with {name} {found.get(name)!r}, and these have "
-                f"{run[name]!r}: choose another folder"
-            )

@@ -1,0 +1,144 @@
+"""Progress bars on standard error; nothing is shown where that is not a terminal.
+
+with show_episodes(3, filmed=True) as progress:
+    progress.show(finished, steps, step_limit, total)   # after each step
+    with progress.drawing():
+        recorder.add_step(step)
+
+with show_parts() as show:
+    show("drawing humanoid walk", finished, pictures)
+"""
+
+import contextlib
+import datetime
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import rich.console
+import rich.progress
+
+__all__ = ["Episodes", "progress_bar", "show_episodes", "show_parts"]
+
+_UPDATE = 0.1  # seconds from one update to the next; a step may take microseconds
+
+
+def progress_bar(
+    *columns: str | rich.progress.ProgressColumn, auto_refresh: bool = True
+) -> rich.progress.Progress:
+    """A bar with a description before it and columns after it, which disappears at the end.
+
+    Args:
+      columns: as Rich takes them.
+      auto_refresh: redraw ten times a second from a thread; otherwise only on `refresh`.
+    """
+    return rich.progress.Progress(
+        "{task.description}",
+        rich.progress.BarColumn(),
+        *columns,
+        console=rich.console.Console(stderr=True),
+        disable=not _is_terminal(),
+        transient=True,
+        auto_refresh=auto_refresh,
+    )
+
+
+class Episodes:
+    """A bar over the steps of all episodes, with the running return and the time left.
+
+    Only the first episode is filmed, so the time that its pictures take is estimated separately.
+    """
+
+    def __init__(self, bar: rich.progress.Progress, episodes: int, filmed: bool) -> None:
+        """Adds the episodes to a bar that is shown."""
+        self._bar = bar
+        self._episodes = episodes
+        self._filmed = filmed
+        self._started: float | None = None  # as the first step is shown
+        self._updated = 0.0
+        self._first_drawn: float | None = None  # seconds of the first picture, with OpenGL's start
+        self._drawn = 0.0  # seconds of the other pictures
+        self._task = bar.add_task("loading", total=episodes, total_return=0.0, left="")
+
+    def show(self, finished: int, steps: int, step_limit: int, total: float) -> None:
+        """Shows a step of the episode that is running, if the last update was long enough ago.
+
+        Args:
+          finished: number of episodes that have ended.
+          steps: of the running episode, so far.
+          step_limit: of each episode.
+          total: return of the running episode, so far.
+        """
+        now = time.monotonic()
+        if self._started is None:
+            self._started = now
+        if self._bar.disable or (now < self._updated + _UPDATE and steps != step_limit):
+            return
+        self._updated = now
+        left = self.seconds_left(finished, steps, step_limit)
+        duration = "" if left is None else f"{datetime.timedelta(seconds=round(left))} left"
+        self._bar.update(
+            self._task,
+            completed=finished + steps / step_limit,
+            description=f"episode {finished + 1}/{self._episodes}",
+            total_return=total,
+            left=duration,
+        )
+
+    @contextlib.contextmanager
+    def drawing(self) -> Iterator[None]:
+        """Counts the time in which the context draws and writes a frame of the film."""
+        start = time.monotonic()
+        yield
+        seconds = time.monotonic() - start
+        if self._first_drawn is None:
+            self._first_drawn = seconds
+        else:
+            self._drawn += seconds
+
+    def seconds_left(self, finished: int, steps: int, step_limit: int) -> float | None:
+        """The time until the last episode ends, its film included; None before the first step."""
+        done = finished * step_limit + steps
+        if self._started is None or not done:
+            return None
+        elapsed = time.monotonic() - self._started
+        playing = elapsed - self._drawn - (self._first_drawn or 0.0)
+        left = playing / done * (self._episodes * step_limit - done)
+        if self._filmed and not finished:
+            left += self._drawn / steps * (step_limit - steps)
+        return left
+
+
+@contextlib.contextmanager
+def show_episodes(episodes: int, filmed: bool = False) -> Iterator[Episodes]:
+    """A bar over episodes while the context lasts.
+
+    Args:
+      episodes: their number.
+      filmed: whether the first one is filmed, and its pictures are reported as `drawing`.
+    """
+    with progress_bar("return {task.fields[total_return]:.1f}", "{task.fields[left]}") as bar:
+        yield Episodes(bar, episodes, filmed)
+
+
+@contextlib.contextmanager
+def show_parts() -> Iterator[Callable[[str, float, float], None]]:
+    """A bar over parts of a task while the context lasts.
+
+    It is redrawn only on a call, which has the part that begins, the number of parts that have
+    finished and that of all: a thread that redraws it would disturb measurements of time.
+    """
+    with progress_bar("{task.percentage:.0f} %", auto_refresh=False) as bar:
+        task = bar.add_task("starting", total=None)
+        bar.refresh()
+
+        def show(part: str, finished: float, parts: float) -> None:
+            bar.update(task, description=part, completed=finished, total=parts)
+            bar.refresh()
+
+        yield show
+
+
+def _is_terminal() -> bool:
+    """Whether a person sees standard error."""
+    return sys.stderr.isatty()

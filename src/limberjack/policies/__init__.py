@@ -1,0 +1,46 @@
+"""Policies by name: zero, random, the planner, a callable of your own, or a saved model.
+
+    policy = policies.find("random")
+    act = policies.begin(policy, environment, seed)  # at the start of each episode
+    action = act(time_step.observation)
+
+| name | policy |
+|---|---|
+| `zero`, `random` | the action nearest to zero; uniform actions within the bounds |
+| `planner` | `limberjack.planner`, which plans from the environment's full state |
+| `MODULE:CALLABLE` | a function, an object or a class of your own |
+| `sb3:PATH` | a model that Stable-Baselines3 has saved, acting without exploration |
+
+MODULE:CALLABLE names one of
+
+- a function from an observation (an `OrderedDict` of arrays) to an action;
+- an object with `act(observation)` and, optionally, `reset()`, called at the start of each episode;
+- an object with `act_batch(observations)`, which acts on 64 rows at once; see `policies.batched`;
+- a class whose objects are one of these. It is called once, without arguments.
+
+A policy receives the observation only. The planner is the exception: it needs the environment, and
+is an `EnvironmentPolicy`.
+
+Every command and function that takes the name of a policy resolves it here. Nothing here trains.
+"""
+
+from limberjack.policies.built_in import begin, planner, planner_with, random, zero
+from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
+from limberjack.policies.named import name_of
+from limberjack.policies.resolver import find
+from limberjack.policies.saved import is_saved_model
+
+__all__ = [
+    "Act",
+    "EnvironmentPolicy",
+    "Policy",
+    "PolicyError",
+    "begin",
+    "find",
+    "is_saved_model",
+    "name_of",
+    "planner",
+    "planner_with",
+    "random",
+    "zero",
+]

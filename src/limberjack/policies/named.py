@@ -1,0 +1,189 @@
+"""MODULE:CALLABLE: functions, objects and classes of your own as policies.
+
+    target = target_named("my_policies:Still")  # an object of the class
+    policy = policy_of("my_policies:Still", target)
+
+What they return is checked at every step; an error names the policy, the step and the seed.
+"""
+
+import importlib
+import inspect
+import itertools
+from collections.abc import Callable, Mapping
+from types import ModuleType
+
+import numpy as np
+from dm_env import specs
+
+from limberjack.policies.batched import alone
+from limberjack.policies.built_in import BUILT_IN
+from limberjack.policies.kinds import Act, Policy, PolicyError
+from limberjack.utils.sources import defined_in
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["batch_functions", "instance_of", "name_of", "policy_of", "target_named"]
+
+_ActBatch = Callable[[Mapping[str, np.ndarray]], object]
+_ResetBatch = Callable[[np.ndarray, np.ndarray], object]
+
+
+def name_of(target: object) -> str:
+    """MODULE:CALLABLE of a function or class, or of an object's class."""
+    named = defined_in(target)
+    return f"{named.__module__}:{named.__qualname__}"
+
+
+def target_named(name: str) -> object:
+    """The function or object that MODULE:CALLABLE names; of a class, a new object.
+
+    Raises:
+      PolicyError: there is nothing of that name, or the class needs arguments.
+    """
+    module_name, colon, path = name.partition(":")
+    if not (module_name and colon and path):
+        raise PolicyError(
+            f"policy is {name!r}; expected zero, random, planner, MODULE:CALLABLE or sb3:PATH."
+            f"{did_you_mean(name, BUILT_IN)}"
+        )
+    target = _find_attribute(name, _import_module(name, module_name), path)
+    return instance_of(name, target) if inspect.isclass(target) else target
+
+
+def instance_of(name: str, kind: type) -> object:
+    """An object of a class, which must need no arguments.
+
+    Raises:
+      PolicyError: it needs arguments.
+    """
+    try:
+        inspect.signature(kind).bind()
+    except TypeError as error:
+        raise PolicyError(
+            f"policy {name!r} is a class that needs arguments ({error}); name a function, an "
+            "object, or a class that needs none"
+        ) from error
+    except ValueError:  # a class without a readable signature: the call below will raise
+        pass
+    return kind()
+
+
+def policy_of(name: str, target: object) -> Policy:
+    """The policy that a function or an object is.
+
+    Args:
+      name: for messages.
+      target: a function of an observation, or an object with `act` or `act_batch`.
+
+    Raises:
+      PolicyError: it is something else.
+    """
+    functions = batch_functions(name, target)
+    if functions is not None:
+        return alone(name, *functions)
+    act = getattr(target, "act", target)
+    if not callable(act):
+        raise PolicyError(
+            f"policy {name!r} is of type {type(target).__name__}; expected a function of an "
+            "observation, or an object with act(observation) or act_batch(observations)"
+        )
+    return _checking_policy(name, act, getattr(target, "reset", None))
+
+
+def batch_functions(name: str, target: object) -> tuple[_ActBatch, _ResetBatch | None] | None:
+    """The functions `act_batch` and `reset_batch` of an object; None if it acts on one row.
+
+    Raises:
+      PolicyError: it has `reset` in the place of `reset_batch`.
+    """
+    act_batch = getattr(target, "act_batch", None)
+    if act_batch is None:
+        return None
+    reset_batch = getattr(target, "reset_batch", None)
+    if reset_batch is None and getattr(target, "reset", None) is not None:
+        raise PolicyError(
+            f"policy {name!r} has act_batch and reset, which a batch never calls: write "
+            "reset_batch(rows, seeds), called where episodes begin in some of the rows"
+        )
+    return act_batch, reset_batch
+
+
+def _import_module(name: str, module_name: str) -> ModuleType:
+    try:
+        return importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        missing = error.name or ""
+        if module_name == missing or module_name.startswith(f"{missing}."):
+            raise PolicyError(
+                f"policy {name!r}: there is no module {missing!r}; run from the directory that "
+                "holds it, or install it"
+            ) from None
+        raise PolicyError(
+            f"policy {name!r}: module {module_name!r} needs {missing!r}, which is not installed"
+        ) from error
+    except (TypeError, ValueError) as error:  # what importlib raises for '.name' and '..'
+        if module_name.startswith("."):
+            raise PolicyError(
+                f"policy {name!r}: module {module_name!r} is relative; expected its full name"
+            ) from error
+        raise
+
+
+def _find_attribute(name: str, module: ModuleType, path: str) -> object:
+    target: object = module
+    for part in path.split("."):
+        try:
+            target = getattr(target, part)
+        except AttributeError:
+            public = [choice for choice in dir(target) if not choice.startswith("_")]
+            raise PolicyError(
+                f"policy {name!r}: {module.__name__!r} has no {path!r}.{did_you_mean(part, public)}"
+            ) from None
+    return target
+
+
+def _checking_policy(
+    name: str, act: Callable[[Mapping[str, np.ndarray]], object], reset: Callable[[], object] | None
+) -> Policy:
+    def begin(spec: specs.BoundedArray, seed: int) -> Act:
+        if reset is not None:
+            reset()
+        steps = itertools.count()
+
+        def checked(observation: Mapping[str, np.ndarray]) -> np.ndarray:
+            where = f"policy {name!r}, step {next(steps)} of the episode with seed {seed}"
+            try:
+                returned = act(observation)
+            except Exception as error:
+                error.add_note(where)
+                raise
+            return _checked_action(where, returned, spec)
+
+        return checked
+
+    return begin
+
+
+def _checked_action(where: str, returned: object, spec: specs.BoundedArray) -> np.ndarray:
+    """What a policy returned, as an array, or `PolicyError` if it is not an action of the spec."""
+    try:
+        action = np.asarray(returned)
+    except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors with gradients
+        raise PolicyError(
+            f"{where}: returned something other than an array of numbers: {error}"
+        ) from error
+    if action.dtype.kind not in "iuf":
+        raise PolicyError(
+            f"{where}: returned {type(returned).__name__} of dtype {action.dtype}; expected "
+            f"numbers of shape {spec.shape}"
+        )
+    if action.shape != spec.shape:
+        raise PolicyError(
+            f"{where}: returned an action of shape {action.shape}; expected {spec.shape}"
+        )
+    finite = np.isfinite(action)
+    if not finite.all():
+        bad = np.argwhere(~finite).squeeze(-1).tolist()
+        raise PolicyError(
+            f"{where}: returned {action[~finite][0]} at index {bad}; expected finite numbers"
+        )
+    return action

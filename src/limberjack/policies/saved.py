@@ -1,0 +1,67 @@
+"""`sb3:PATH`: models that Stable-Baselines3 has saved, as policies.
+
+    policy = saved_policy("sb3:walk.zip", environment)
+    act = policy(environment.action_spec(), seed)
+
+A model is shown 64 rows, as in `limberjack.evaluation`, so that an episode is the same, bit for
+bit, whichever command plays it. `limberjack.sb3` reads the file.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from limberjack.policies.batched import alone
+from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
+from limberjack.rl.control import Environment
+
+if TYPE_CHECKING:
+    from limberjack.sb3 import SavedPolicy
+
+__all__ = ["is_saved_model", "load_model", "saved_policy"]
+
+_PREFIX = "sb3:"
+
+
+def is_saved_model(policy: object) -> bool:
+    """Whether a policy is named as a file, `sb3:PATH`, and not as MODULE:CALLABLE."""
+    return isinstance(policy, str) and policy.startswith(_PREFIX)
+
+
+def load_model(name: str, environment: Environment) -> "SavedPolicy":
+    """The saved model of that name, `sb3:PATH`, for an environment.
+
+    Raises:
+      PolicyError: Stable-Baselines3 is not installed, the file cannot be read, or the model has
+        other observations or actions than the environment.
+    """
+    try:
+        from limberjack import sb3
+    except ImportError as error:
+        raise PolicyError(f"policy {name!r}: {error}") from None
+    try:
+        return sb3.SavedPolicy(Path(name.removeprefix(_PREFIX)), environment)
+    except (OSError, ValueError) as error:
+        raise PolicyError(f"policy {name!r}: {error}") from error
+
+
+def saved_policy(name: str, environment: Environment | None) -> Policy:
+    """The policy of a saved model; its episodes are independent of each other.
+
+    Args:
+      name: `sb3:PATH`.
+      environment: the one to act in. With None the model is loaded, and checked, as its first
+        episode begins.
+
+    Raises:
+      PolicyError: as `load_model`.
+    """
+    if environment is not None:
+        return alone(name, load_model(name, environment).act_batch)
+    loaded: list[Policy] = []
+
+    def begin_in(environment: Environment, seed: int) -> Act:
+        if not loaded:
+            loaded.append(saved_policy(name, environment))
+        return loaded[0](environment.action_spec(), seed)
+
+    return EnvironmentPolicy(begin_in)

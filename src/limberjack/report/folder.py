@@ -1,0 +1,70 @@
+"""The files of a run's folder, and the folders that a run may write to.
+
+    check_folder(Path("out"), {"domain": "humanoid", "task": "walk", "policy": "zero"})
+
+A run replaces the files of an earlier run of the same task and policy, and of nothing else: a
+folder with other results is left as it is, so that no result lies beside another one's film.
+"""
+
+import json
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+__all__ = ["EVALUATION", "FILM", "PAGE", "PLOT", "RECORDINGS", "RESULT", "check_folder"]
+
+FILM = "video.mp4"
+PAGE = "report.html"
+PLOT = "return.png"
+RESULT = "result.json"
+RECORDINGS = "episode-*.npz"  # as `limberjack solve` calls them
+EVALUATION = "episodes.jsonl"  # as `limberjack.evaluation.store` calls it
+
+_SAME = ("domain", "task", "policy")  # entries that are equal in all results of a folder
+
+
+def check_folder(
+    directory: Path, run: Mapping[str, object], recordings: Collection[str] = ()
+) -> None:
+    """Raises ValueError if a folder holds other results than those of a run.
+
+    Args:
+      directory: the folder, which exists.
+      run: the run's facts; has 'domain', 'task' and 'policy'.
+      recordings: names of the recordings that the run writes, as `limberjack solve` does.
+    """
+    if (directory / EVALUATION).exists():
+        raise ValueError(f"{directory} holds an evaluation: choose another folder")
+    others = sorted({path.name for path in directory.glob(RECORDINGS)} - {*recordings})
+    if others:
+        raise ValueError(
+            f"{directory} holds {others[0]}, an episode of another `limberjack solve`: choose "
+            "another folder"
+        )
+    result = _result(directory)
+    if result is None:
+        left = [name for name in (PAGE, PLOT, FILM) if (directory / name).exists()]
+        if left:
+            raise ValueError(
+                f"{directory} holds {left[0]} but no {RESULT}, so it is not the folder of a run: "
+                "choose another folder"
+            )
+        return
+    for name in _SAME:
+        if result.get(name) != run[name]:
+            raise ValueError(
+                f"{directory} holds results with {name} {result.get(name)!r}, and these have "
+                f"{run[name]!r}: choose another folder"
+            )
+
+
+def _result(directory: Path) -> dict[str, object] | None:
+    """The entries of the folder's result; none if it cannot be read, None if there is no result."""
+    try:
+        result = json.loads((directory / RESULT).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except OSError:  # it cannot be replaced either, which the run reports as it writes
+        return None
+    except ValueError:
+        return {}
+    return result if isinstance(result, dict) else {}

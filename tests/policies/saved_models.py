@@ -1,0 +1,39 @@
+"""A stand-in for `limberjack.sb3`, which needs PyTorch: it reads a model that is a text file."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+__all__ = ["NAME", "install"]
+
+NAME = "limberjack.sb3"
+
+
+class _SavedPolicy:
+    """Acts with the number in the file, for humanoids only."""
+
+    def __init__(self, path: Path, environment: Any) -> None:
+        self.files = [path]
+        self._number = float(path.read_text())
+        if environment.action_spec().shape != (21,):
+            raise ValueError("the model's actions have shape (21,); the task's have another")
+
+    def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
+        assert {len(values) for values in observations.values()} == {64}
+        return np.full((64, 21), self._number) * np.arange(64)[:, None] / 64
+
+
+def install(monkeypatch: pytest.MonkeyPatch, directory: Path) -> str:
+    """Puts the stand-in in the place of the module; returns the name of a model that acts."""
+    module = ModuleType(NAME)
+    module.SavedPolicy = _SavedPolicy  # pyright: ignore[reportAttributeAccessIssue]
+    monkeypatch.setitem(sys.modules, NAME, module)
+    monkeypatch.setattr("limberjack.sb3", module, raising=False)
+    path = directory / "model.zip"
+    path.write_text("0.5")
+    return f"sb3:{path}"

@@ -1,0 +1,33 @@
+"""The policy that a name or a Python object stands for."""
+
+import numpy as np
+import pytest
+from dm_env import specs
+
+from limberjack import policies
+from tests.evaluation import evaluated
+
+_SPEC = specs.BoundedArray((21,), float, -1.0, 1.0)
+_OBSERVATION = {"extremities": np.full(12, 0.1), "head_height": np.array(1.2)}
+
+
+def test_the_names_of_built_in_policies_stand_for_them() -> None:
+    found = [policies.find(name) for name in ("zero", "random", "planner")]
+    assert found == [policies.zero, policies.random, policies.planner]
+
+
+@pytest.mark.parametrize("name", ["linear", "Linear", "Network"])
+def test_a_policy_may_be_given_by_name_or_as_itself(name: str) -> None:
+    by_name = policies.find(f"evaluated:{name}")(_SPEC, 3)
+    at_hand = policies.find(getattr(evaluated, name))(_SPEC, 3)
+    np.testing.assert_array_equal(by_name(_OBSERVATION), at_hand(_OBSERVATION))
+
+
+def test_a_policy_on_batches_needs_a_reset_for_rows() -> None:
+    with pytest.raises(policies.PolicyError, match=r"write reset_batch\(rows, seeds\)"):
+        policies.find("evaluated:Forgetful")
+
+
+def test_other_objects_are_refused() -> None:
+    with pytest.raises(policies.PolicyError, match="is of type int; expected a function of an"):
+        policies.find(3)

@@ -1,0 +1,65 @@
+"""`sb3:PATH`, with a stand-in for the reader; evaluation/test_saved_models.py has real models."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from limberjack import policies, rollout, suite
+from limberjack.policies import saved
+from tests.policies import saved_models
+
+
+@pytest.mark.parametrize(
+    ("policy", "expected"),
+    [("sb3:walk.zip", True), ("sb3:", True), ("sb3", False), ("module:act", False), (3, False)],
+)
+def test_a_saved_model_is_recognised_by_its_prefix(policy: object, expected: bool) -> None:
+    assert saved.is_saved_model(policy) == expected
+
+
+def test_a_saved_model_plays_a_single_environment_in_the_row_of_its_seed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = saved_models.install(monkeypatch, tmp_path)
+    environment = suite.load("humanoid", "stand", {"random": 70, "time_limit": 0.1})
+    actions: list[np.ndarray] = []
+
+    def on_step(step: rollout.Step) -> None:
+        if step.action is not None:
+            actions.append(step.action)
+
+    for given in (environment, None):  # checked now, or loaded as the episode begins
+        policy = policies.find(name, given)
+        rollout.run_episode(environment, policy, 70, on_step)
+    np.testing.assert_array_equal(actions, np.full((8, 21), 0.5 * 6 / 64))
+
+
+def test_a_model_that_does_not_fit_is_refused_before_or_as_an_episode_begins(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = saved_models.install(monkeypatch, tmp_path)
+    environment = suite.load("stacker", "stack_2")
+    environment.reset()
+    with pytest.raises(policies.PolicyError, match=r"policy 'sb3:.*model\.zip': the model's act"):
+        policies.find(name, environment)
+    with pytest.raises(policies.PolicyError, match="the model's actions have shape"):
+        policies.begin(policies.find(name), environment, 0)
+
+
+def test_a_file_that_is_not_there_is_one_error_that_names_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saved_models.install(monkeypatch, tmp_path)
+    with pytest.raises(policies.PolicyError, match=r"policy 'sb3:none\.zip': .*No such file"):
+        policies.find("sb3:none.zip", suite.load("humanoid", "stand"))
+
+
+def test_without_stable_baselines3_the_error_says_what_is_needed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    monkeypatch.delitem(sys.modules, saved_models.NAME, raising=False)
+    with pytest.raises(policies.PolicyError, match=r"policy 'sb3:model\.zip': needs"):
+        policies.find("sb3:model.zip", suite.load("humanoid", "stand"))

@@ -1,0 +1,55 @@
+"""Folders that a run may write to, and those that hold other results."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from limberjack.report.folder import check_folder
+
+_RUN = {"domain": "humanoid", "task": "walk", "policy": "zero"}
+
+
+def test_an_empty_folder_and_that_of_an_earlier_run_are_accepted(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    check_folder(tmp_path, _RUN)
+    (tmp_path / "result.json").write_text(json.dumps(_RUN))
+    (tmp_path / "video.mp4").write_text("")
+    check_folder(tmp_path, _RUN)
+
+
+@pytest.mark.parametrize("name", _RUN)
+def test_results_of_another_domain_task_or_policy_are_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text(json.dumps({**_RUN, name: "other"}))
+    with pytest.raises(ValueError, match=f"holds results with {name} 'other', and these have"):
+        check_folder(tmp_path, _RUN)
+
+
+@pytest.mark.parametrize("content", ["no JSON", "[]"])
+def test_a_result_of_something_else_is_refused(content: str, tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text(content)
+    with pytest.raises(ValueError, match="holds results with domain None"):
+        check_folder(tmp_path, _RUN)
+
+
+def test_an_evaluation_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "episodes.jsonl").write_text("")
+    with pytest.raises(ValueError, match="holds an evaluation: choose another folder"):
+        check_folder(tmp_path, _RUN)
+
+
+@pytest.mark.parametrize("name", ["video.mp4", "return.png", "report.html"])
+def test_a_file_that_a_run_would_replace_is_refused_if_no_run_wrote_it(
+    name: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text("a film of `limberjack record`")
+    with pytest.raises(ValueError, match=rf"holds {name} but no result\.json, so it is not the"):
+        check_folder(tmp_path, _RUN)
+
+
+def test_recordings_of_other_episodes_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "episode-3.npz").write_text("")
+    check_folder(tmp_path, _RUN, ["episode-2.npz", "episode-3.npz"])
+    for own in ([], ["episode-2.npz"]):
+        with pytest.raises(ValueError, match=r"holds episode-3\.npz, an episode of another `limb"):
+            check_folder(tmp_path, _RUN, own)
