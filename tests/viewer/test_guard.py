@@ -3,7 +3,6 @@
 import asyncio
 import threading
 from collections.abc import Iterator
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -180,10 +179,10 @@ def test_messages_are_no_longer_than_an_interface_needs(served: _Served) -> None
 
 
 def test_a_server_that_cannot_listen_is_reported() -> None:
-    async def fail(*arguments: Any, **options: Any) -> None:
+    async def fail(*arguments: object, **options: object) -> Any:
         raise OSError("in use")
 
-    guard = Guard(Access(Address("127.0.0.1", 8080)), fail, SimpleNamespace)
+    guard = Guard(Access(Address("127.0.0.1", 8080)), fail, server.ServerConnection)
     with pytest.raises(TimeoutError):
         guard.wait(0.0)
     nothing: Any = None
