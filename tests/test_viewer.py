@@ -1,4 +1,4 @@
-"""What `viewer.launch` makes of the function that it is given."""
+"""`viewer.launch` with functions that make environments."""
 
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +13,7 @@ from tests import plain_domain
 
 @pytest.fixture
 def shown(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
-    """What is shown instead of opening a window: seed, state and environment."""
+    """Records of the sessions shown instead of opening a window: seed, state and session."""
     seen: list[dict[str, Any]] = []
 
     def show(session: Session) -> None:

@@ -6,8 +6,8 @@
         assert page.errors == []
         assert page.requests == [path.as_uri()]
 
-It needs the program and nothing else: no driver, no port and no package. Whatever the page loads
-and complains of is kept, from its first byte on.
+It needs the program and nothing else: no driver, no port and no package. Everything that the page
+loads and complains of is recorded, from its first byte on.
 """
 
 import base64
@@ -79,7 +79,7 @@ class Chromium:
             pytest.skip(f"no browser here: none of {', '.join(_PROGRAMS)} is installed")
         theirs, self._send = os.pipe()
         self._receive, answers = os.pipe()
-        # Root cannot have Chromium's sandbox. What it opens here is a page of our own.
+        # Root cannot have Chromium's sandbox. The pages opened here are the tests' own.
         sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
         profile = f"--user-data-dir={directory / 'profile'}"
         start = [sys.executable, "-c", _START, str(theirs), str(answers)]
@@ -147,7 +147,7 @@ class Chromium:
             self._events.append(answer)
 
     def events_of(self, session: str) -> list[dict[str, Any]]:
-        """What happened in a page so far, in the protocol's messages."""
+        """The protocol's events of a page so far."""
         return [event for event in self._events if event.get("sessionId") == session]
 
     def _next_message(self) -> dict[str, Any]:
@@ -248,7 +248,7 @@ class Page:
 
     @property
     def errors(self) -> list[Any]:
-        """What the page has complained of: exceptions, errors and warnings in its console."""
+        """The page's complaints: exceptions, errors and warnings in its console."""
         self.evaluate("0")
         events = self._browser.events_of(self._session)
         found = [

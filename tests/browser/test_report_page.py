@@ -60,7 +60,7 @@ def page(browser: Chromium, out: Path) -> Page:
 
 
 def _texts(page: Page, selector: str) -> list[str]:
-    """What the page's elements say."""
+    """The text of the page's elements."""
     return page.evaluate(
         f"[...document.querySelectorAll({selector!r})].map(e => e.innerText.trim())"
     )

@@ -1,4 +1,4 @@
-"""`limberjack view` in a real browser: what it shows, and what its keys do to the environment."""
+"""`limberjack view` in a real browser: its pictures, and its keys' effects on the environment."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ Image = pytest.importorskip("PIL.Image", reason="needs Pillow, which comes with 
 _STILL = 1.0  # seconds; forty control steps, were it not paused
 _WIDTH, _HEIGHT = 480, 360  # pixels; few, as they are drawn without a graphics card
 _PANEL_WIDTH = 170  # pixels of the left that the panel may cover
-# What the DevTools protocol wants to know of a key.
+# The DevTools protocol's code and number of each key.
 _KEYS = {" ": ("Space", 32), "Backspace": ("Backspace", 8), "ArrowRight": ("ArrowRight", 39)}
 
 # Writes a line per start and per step, with what was observed.
@@ -71,7 +71,7 @@ class _Viewed:
         return self.steps() == before
 
     def picture(self, path: Path) -> np.ndarray:
-        """What the page shows beside the panel, (height, width, 3); kept in a file."""
+        """The picture beside the panel, (height, width, 3), also written to a file."""
         self.page.screenshot(path, whole=False)
         with Image.open(path) as image:
             return np.asarray(image.convert("RGB"), int)[:, _PANEL_WIDTH:]
@@ -87,7 +87,7 @@ def viewed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Viewed]:
 
 
 def _brown(picture: np.ndarray) -> np.ndarray:
-    """Where the picture has the humanoid's colour; the floor and the sky are blue."""
+    """A mask of the humanoid's colour; the floor and the sky are blue."""
     red, green, blue = np.moveaxis(picture, -1, 0)
     return (red > green + 20) & (green > blue + 20)
 

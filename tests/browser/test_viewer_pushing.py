@@ -97,7 +97,7 @@ class _Viewed:
         return len(self._lines())
 
     def since(self, step: int) -> SimpleNamespace:
-        """What was applied, (steps, 2, 6), positions and turns, from a step that was taken."""
+        """Applied forces, (steps, 2, 6), positions and turns, from a given step on."""
         steps = [json.loads(line) for line in self._lines()[step:]]
         return SimpleNamespace(
             **{name: np.array([told[name] for told in steps]) for name in steps[0]}
@@ -108,7 +108,7 @@ class _Viewed:
         return [line for line in lines if line.endswith("\n")]
 
     def picture(self) -> np.ndarray:
-        """What the page shows beside the panel, (height, width, 3); kept in a file."""
+        """The picture beside the panel, (height, width, 3), also written to a file."""
         path = self._directory / "page.png"
         self.page.screenshot(path, whole=False)
         with Image.open(path) as image:

@@ -114,14 +114,14 @@ def test_other_pages_other_names_and_other_users_are_refused(
     served: SimpleNamespace, path: str, bad: dict[str, str]
 ) -> None:
     websocket = WEBSOCKET if path in ("/ui", "/state", "/drop") else {}
-    answer = ask(served.port, path, after=_FRAME, **{**websocket, **served.good, **bad})
+    answer = ask(served.port, path, websocket | served.good | bad, after=_FRAME)
     assert _is_refused(answer)
     assert served.process.poll() is None
 
 
 def test_uploads_are_refused_to_the_viewer_s_own_page(served: SimpleNamespace) -> None:
     own = {"Origin": f"http://localhost:{served.port}", **served.good, **WEBSOCKET}
-    assert _is_refused(ask(served.port, "/drop?sid=1", **own))
+    assert _is_refused(ask(served.port, "/drop?sid=1", own))
 
 
 @pytest.mark.parametrize(
@@ -135,11 +135,12 @@ def test_a_tunnel_and_a_name_that_is_allowed_are_let_in(
     served: SimpleNamespace, host: str, origin: str
 ) -> None:
     token = served.good["Cookie"].partition("=")[2]
-    page = ask(served.port, f"/?token={token}", Host=host)
+    page = ask(served.port, f"/?token={token}", {"Host": host})
     assert page.status == 200
     cookie = page.headers["set-cookie"].partition(";")[0]
+    browser = {"Host": host, "Origin": origin, "Cookie": cookie}
     for path, more, status in (("/model", {}, 200), ("/state", WEBSOCKET, 101)):
-        answer = ask(served.port, path, Host=host, Origin=origin, Cookie=cookie, **more)
+        answer = ask(served.port, path, browser | more)
         assert answer.status == status
         assert "access-control-allow-origin" not in answer.headers
 
@@ -166,7 +167,7 @@ def test_the_command_serves_this_machine_until_ctrl_c(running: Any, tmp_path: Pa
     address, port, token = _announced(running)
     assert _status(address) == 200
     cookie = f"limberjack-{port}={token}"
-    assert ask(port, "/web_client.wasm", Cookie=cookie).status == 200
+    assert ask(port, "/web_client.wasm", {"Cookie": cookie}).status == 200
     assert not _reaches("127.0.0.2", port)  # where it would be, listening on all networks
     taken = _invoke(*_VIEW, "--port", str(port))
     assert taken.exit_code == 2
@@ -188,13 +189,14 @@ def test_two_viewers_started_at_once_have_ports_and_tokens_of_their_own(
 ) -> None:
     other = _program(tmp_path, "-m", "limberjack", *_VIEW)
     try:
-        addresses, ports, tokens = zip(_announced(running), _announced(other), strict=True)
-        assert len(set(ports)) == len(set(tokens)) == 2
-        jar = "; ".join(f"limberjack-{ports[i]}={tokens[i]}" for i in range(2))
-        for address, port, foreign in zip(addresses, ports, reversed(tokens), strict=True):
+        both = [_announced(running), _announced(other)]
+        jar = "; ".join(f"limberjack-{port}={token}" for _, port, token in both)
+        for (address, port, token), (_, other_port, foreign) in (both, both[::-1]):
+            assert port != other_port
+            assert token != foreign
             assert _status(address) == 200
-            assert ask(port, "/state", Cookie=jar, **WEBSOCKET).status == 101
-            assert _is_refused(ask(port, f"/?token={foreign}"))
+            assert ask(port, "/state", {"Cookie": jar, **WEBSOCKET}).status == 101
+            assert _is_refused(ask(port, f"/?token={foreign}", {}))
     finally:
         other.kill()
         other.communicate()

@@ -56,6 +56,7 @@ _ONLY_IN = {
     "rich": "limberjack.cli",
     "stable_baselines3": "limberjack.sb3",
     "typer": "limberjack.cli",
+    "websockets": "limberjack.viewer.guard",  # for its types only: Studio imports it
 }
 # Modules that are made of a package of an extra, and cannot be imported without it.
 _MADE_OF = {

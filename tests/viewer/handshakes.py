@@ -1,12 +1,13 @@
 """Requests to a viewer, byte by byte: a browser or a library would correct them.
 
-answer = ask(port, "/state", cookie, WEBSOCKET, Origin="http://evil.example")
+answer = ask(port, "/state", {"Origin": "http://evil.example", **WEBSOCKET})
 assert answer.status == 403
 """
 
 import dataclasses
 import socket
 import time
+from collections.abc import Mapping
 
 __all__ = ["WEBSOCKET", "Answer", "ask", "connect", "head", "seconds_until_closed"]
 
@@ -34,20 +35,22 @@ def connect(port: int) -> socket.socket:
     return socket.create_connection(("127.0.0.1", port), timeout=_LIMIT)
 
 
-def head(path: str, headers: dict[str, str], method: str = "GET") -> bytes:
+def head(path: str, headers: Mapping[str, str], method: str = "GET") -> bytes:
     """The bytes of a request."""
     lines = [f"{method} {path} HTTP/1.1", *(f"{name}: {value}" for name, value in headers.items())]
     return "\r\n".join([*lines, "", ""]).encode("latin-1")
 
 
-def ask(port: int, path: str, method: str = "GET", after: bytes = b"", **headers: str) -> Answer:
+def ask(
+    port: int, path: str, headers: Mapping[str, str], method: str = "GET", after: bytes = b""
+) -> Answer:
     """The answer to one request; `Host` is localhost and the port if it is not given.
 
-    In the names of headers `_` stands for `-`. `after` is sent at once after the request.
+    `after` is sent at once after the request.
     """
-    given = {name.replace("_", "-"): value for name, value in headers.items()}
     with connect(port) as connection:
-        connection.sendall(head(path, {"Host": f"localhost:{port}", **given}, method) + after)
+        given = {"Host": f"localhost:{port}", **headers}
+        connection.sendall(head(path, given, method) + after)
         got = b""
         while b"\r\n\r\n" not in got:
             received = connection.recv(1 << 16)

@@ -3,7 +3,6 @@
 import asyncio
 import threading
 from collections.abc import Iterator
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -76,23 +75,24 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[_Served]:
 
 
 def test_the_printed_address_opens_the_page_and_its_cookie_all_else(served: _Served) -> None:
-    answer = ask(served.port, f"/?token={served.access.token}")
+    answer = ask(served.port, f"/?token={served.access.token}", {})
     assert (answer.status, answer.text) == (200, "xx")
     assert answer.headers["set-cookie"].startswith(f"{served.cookie};")
-    assert ask(served.port, "/other", Cookie=served.cookie).status == 200
-    assert ask(served.port, "/state", Cookie=served.cookie, **WEBSOCKET).status == 101
+    cookie = {"Cookie": served.cookie}
+    assert ask(served.port, "/other", cookie).status == 200
+    assert ask(served.port, "/state", cookie | WEBSOCKET).status == 101
 
 
 def test_no_other_page_can_read_an_answer_or_frame_it(served: _Served) -> None:
     for path, status in ((f"/?token={served.access.token}", 200), ("/", 403)):
-        answer = ask(served.port, path)
+        answer = ask(served.port, path, {})
         assert answer.status == status
         assert "access-control-allow-origin" not in answer.headers
         assert answer.headers["cross-origin-resource-policy"] == "same-origin"
         assert answer.headers["content-security-policy"] == "frame-ancestors 'self'"
         assert answer.headers["referrer-policy"] == "no-referrer"
         assert answer.headers["x-content-type-options"] == "nosniff"
-    assert "set-cookie" not in ask(served.port, "/").headers
+    assert "set-cookie" not in ask(served.port, "/", {}).headers
 
 
 def test_what_is_refused_reaches_nothing(served: _Served) -> None:
@@ -104,18 +104,22 @@ def test_what_is_refused_reaches_nothing(served: _Served) -> None:
         ("/state", {"Cookie": "limberjack-8080=guess"}),
         ("/drop", {}),
     ]:
-        answer = ask(served.port, path, after=frame, **{**good, **bad})
+        answer = ask(served.port, path, good | bad, after=frame)
         assert answer.status == 403
         assert answer.text.startswith("limberjack: ")
-    assert ask(served.port, "/", method="POST", Cookie=served.cookie).status == 403
+    assert ask(served.port, "/", good, method="POST").status == 403
     assert served.reached == []
-    assert ask(served.port, "/state", after=frame, **good).status == 101  # the same, permitted
+    assert ask(served.port, "/state", good, after=frame).status == 101  # the same, permitted
     assert served.reached[0] == "/state"
 
 
 def test_a_host_that_is_allowed_is_answered(served: _Served) -> None:
-    host = {"Host": "viewer.example.org", "Origin": "https://viewer.example.org"}
-    assert ask(served.port, "/other", Cookie=served.cookie, **host).status == 200
+    host = {
+        "Host": "viewer.example.org",
+        "Origin": "https://viewer.example.org",
+        "Cookie": served.cookie,
+    }
+    assert ask(served.port, "/other", host).status == 200
 
 
 def test_handshakes_that_are_not_finished_are_closed(served: _Served) -> None:
@@ -175,10 +179,10 @@ def test_messages_are_no_longer_than_an_interface_needs(served: _Served) -> None
 
 
 def test_a_server_that_cannot_listen_is_reported() -> None:
-    async def fail(*arguments: Any, **options: Any) -> None:
+    async def fail(*arguments: object, **options: object) -> Any:
         raise OSError("in use")
 
-    guard = Guard(Access(Address("127.0.0.1", 8080)), fail, SimpleNamespace)
+    guard = Guard(Access(Address("127.0.0.1", 8080)), fail, server.ServerConnection)
     with pytest.raises(TimeoutError):
         guard.wait(0.0)
     nothing: Any = None

@@ -1,4 +1,4 @@
-"""What a viewer does to an environment, with a clock that the tests turn."""
+"""A viewer's effects on an environment, with a clock that the tests set."""
 
 from collections.abc import Callable
 from typing import Any
@@ -314,7 +314,7 @@ def test_what_cannot_be_viewed_is_refused() -> None:
 
 def test_an_environment_without_reseed_is_viewed_without_a_seed() -> None:
     class Bare:
-        """What other libraries' environments have."""
+        """The attributes that other libraries' environments have."""
 
         def __init__(self) -> None:
             inner = _load()
@@ -326,7 +326,7 @@ def test_an_environment_without_reseed_is_viewed_without_a_seed() -> None:
         session.step()
     status = session.status()
     assert (status.episode, status.seed, status.terms, status.success) == (2, None, {}, None)
-    with pytest.raises(ValueError, match="Bare cannot be seeded anew"):
+    with pytest.raises(ValueError, match="Bare has no method reseed"):
         Session(Bare(), seed=0)
 
 

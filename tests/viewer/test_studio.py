@@ -1,4 +1,4 @@
-"""MuJoCo Studio's messages, and what they do to a session: no window, no browser, no thread."""
+"""MuJoCo Studio's messages and their effects on a session: no window, no browser, no thread."""
 
 import contextlib
 from collections.abc import Iterator
@@ -48,7 +48,7 @@ class _Studio:
         self.handle.sync()
 
     def received(self, kind: type) -> list[Any]:
-        """What was sent to the viewer since the last call, of one kind; the rest is lost."""
+        """The messages of one kind sent to the viewer since the last call; the rest is lost."""
         sent = [*self.viewer.get_sim_events(), *self.viewer.get_sim_snapshots()]
         return [message for message in sent if isinstance(message, kind)]
 
@@ -75,7 +75,7 @@ def test_steps_are_shown_as_they_become_due(humanoid: _Studio) -> None:
         np.testing.assert_array_equal(humanoid.shown().qpos, humanoid.session.data.qpos)
 
 
-def test_the_panel_is_told_the_reward(humanoid: _Studio) -> None:
+def test_the_panel_gets_the_reward(humanoid: _Studio) -> None:
     humanoid.step()
     told = humanoid.received(studio._StatusEvent)
     assert told[-1].status == humanoid.session.status()
@@ -104,7 +104,7 @@ def test_speed_is_the_session_s(humanoid: _Studio) -> None:
     assert humanoid.session.status().step == 0
 
 
-def test_a_speed_given_at_the_start_is_told_to_studio() -> None:
+def test_a_speed_given_at_the_start_is_sent_to_studio() -> None:
     made = _Studio("humanoid", "stand")
     made.session.set_speed(2.0)
     made.handle.sync()

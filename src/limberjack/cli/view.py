@@ -45,21 +45,24 @@ def _view(
         bool, typer.Option("--native", help="Open a window instead of serving a browser.")
     ] = False,
     host: Annotated[
-        str, typer.Option(help="Where to listen; 0.0.0.0 lets other machines in.")
+        str, typer.Option(help="Address to listen on; 0.0.0.0 lets other machines in.")
     ] = "127.0.0.1",
     port: Annotated[
-        int | None, typer.Option(help="Where to listen; the first free one from 8080 by default.")
+        int | None, typer.Option(help="Port to listen on; the first free one from 8080 by default.")
     ] = None,
     allow_host: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="A name of a proxy that may ask for it; repeatable."),
+        typer.Option(
+            metavar="NAME", help="Another name that browsers may use, as of a proxy; repeatable."
+        ),
     ] = None,
 ) -> None:
     """Show a task, live: pause it, step it, reset it, push its bodies with the mouse.
 
-    Open the address that it prints in a browser. Space pauses, backspace begins the next episode,
-    the right arrow takes a step while paused. A double click chooses a body; dragging with Ctrl and
-    the right button pushes it, with Ctrl and the left button twists it. Ctrl-C here ends it.
+    Open the printed address in a browser; without the token in it nobody gets in. Space pauses,
+    backspace begins the next episode, the right arrow takes a step while paused. A double click
+    selects a body; dragging with Ctrl and the right button pushes it, with Ctrl and the left button
+    twists it. Ctrl-C here ends the viewer.
     """
     with misuse_reported():
         domain, task = named_task(domain, task)
@@ -73,7 +76,7 @@ def _view(
 def _find_viewer(
     native: bool, host: str, port: int | None, allow_hosts: list[str], title: str
 ) -> "Show":
-    """What shows a session as it was asked for."""
+    """The function that shows a session in the chosen viewer."""
     from limberjack import viewer
     from limberjack.viewer.access import Access
     from limberjack.viewer.address import find_address

@@ -45,29 +45,29 @@ def launch(
 
     Args:
       environment_loader: a `control.Environment`, or a function that makes one, which is then
-        closed at the end. One that needs an argument is given the seed, or 0 without any.
+        closed at the end. One that needs an argument is given the seed, or 0 if there is none.
       policy: a function from a `dm_env.TimeStep` to an action, whose `reset()`, if it has one, is
         called at the start of each episode; or a name as in `limberjack.policies`; None acts with
         the middle of the actions' bounds.
       title: of the panel with the reward.
-      width: not used, as browsers and the window have sizes of their own; for programs written
-        for dm_control, as is the next.
-      height: not used.
+      width: accepted for programs written for dm_control, and not used: browsers and the window
+        have sizes of their own.
+      height: likewise.
       native: open a window, instead of serving browsers.
       host: the address to listen on, of this machine; by default no other machine can reach it.
       port: to listen on; None for the first free one from 8080 on.
       allow_hosts: names under which browsers may reach it besides this machine's own, as through a
         proxy.
-      seed: of the first episode; the next has seed + 1. None lets the environment's random stream
-        go on from episode to episode.
+      seed: of the first episode; the next has seed + 1. None continues the environment's random
+        stream from episode to episode.
       speed: simulated seconds per second.
       announce: called with the address to open in a browser, which carries the token that lets
         it in.
 
     Raises:
       ImportError: MuJoCo Studio cannot be imported.
-      ValueError: the port is in use, or another argument is no such thing; nothing is started.
-      TypeError: there is no MuJoCo simulation to show.
+      ValueError: the port is in use, or another argument has a wrong value; nothing is started.
+      TypeError: the environment has no MuJoCo simulation to show.
       ViewerError: there is no display for a window, or Studio does not start.
     """
     show = (
@@ -90,7 +90,7 @@ def _show(
     seed: int | None,
     speed: float,
 ) -> None:
-    """Show it until the viewer is closed, or Ctrl-C is pressed."""
+    """Show the environment until the viewer is closed or Ctrl-C is pressed."""
     with contextlib.suppress(KeyboardInterrupt):
         show(Session(environment, begin, seed, speed))
 
@@ -98,7 +98,7 @@ def _show(
 def in_browsers(
     access: Access, title: str, announce: Callable[[str], object]
 ) -> Callable[[Session], None]:
-    """What shows a session in browsers; see `limberjack.viewer.studio`.
+    """A function that shows a session in browsers; see `limberjack.viewer.studio`.
 
     Raises:
       ImportError: MuJoCo Studio cannot be imported.
@@ -109,14 +109,14 @@ def in_browsers(
 
 
 def in_window() -> Callable[[Session], None]:
-    """What shows a session in a window; see `limberjack.viewer.window`."""
+    """A function that shows a session in a window; see `limberjack.viewer.window`."""
     from limberjack.viewer import window
 
     return window.run
 
 
 def _made(loader: Callable[..., Viewed], seed: int | None) -> Viewed:
-    """What the function makes, with the seed if it cannot do without."""
+    """The environment that the function makes, given the seed if it needs an argument."""
     try:
         inspect.signature(loader).bind()
     except TypeError:
@@ -128,11 +128,11 @@ def _made(loader: Callable[..., Viewed], seed: int | None) -> Viewed:
 
 
 def begin_with(policy: Act | str | None) -> Begin:
-    """What begins the episodes of a policy, given as to `launch`.
+    """A function that begins the episodes of a policy, which is given as to `launch`.
 
     Raises:
       PolicyError: there is no policy of that name.
-      TypeError: it is none of the three.
+      TypeError: the policy is not a function, a name or None.
     """
     if policy is None:
         return idle
@@ -154,7 +154,7 @@ def begin_with(policy: Act | str | None) -> Begin:
 
 
 def begin_policy(policy: policies.Policy) -> Begin:
-    """What begins the episodes of a policy as `policies.find` returns it."""
+    """A function that begins the episodes of a policy from `policies.find`."""
 
     def begin(environment: Environment, seed: int) -> Act:
         act = policies.begin(policy, environment, seed)

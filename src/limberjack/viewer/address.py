@@ -29,7 +29,7 @@ class Address:
 
     @property
     def url(self) -> str:
-        """What a browser on this machine opens."""
+        """The address that a browser on this machine opens."""
         ip = ipaddress.ip_address(self.host)
         host = "localhost" if ip.is_unspecified else self.host
         return f"http://[{host}]:{self.port}/" if ":" in host else f"http://{host}:{self.port}/"

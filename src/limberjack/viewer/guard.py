@@ -14,17 +14,22 @@ import asyncio
 import concurrent.futures
 import weakref
 from collections.abc import Awaitable, Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 from limberjack.viewer.access import Access, Request
 
-__all__ = ["Guard"]
+if TYPE_CHECKING:
+    from websockets.asyncio.server import Server, ServerConnection
+    from websockets.http11 import Request as HttpRequest
+    from websockets.http11 import Response
 
-# Any: functions and objects of `websockets`, which is not installed everywhere.
-_Serve = Callable[..., Awaitable[Any]]
-_Connect = Callable[..., Any]
-_Check = Callable[[Any, Any], Any]
-_Finish = Callable[[Any, Any, Any], Any]
+    _Handler = Callable[[ServerConnection], Awaitable[None]]
+    _Check = Callable[[ServerConnection, HttpRequest], Response | None]
+    _Finish = Callable[[ServerConnection, HttpRequest, Response], Response | None]
+    _Serve = Callable[..., Awaitable[Server]]
+    _Connect = Callable[..., ServerConnection]
+
+__all__ = ["Guard"]
 
 _HANDSHAKE_LIMIT = 10.0  # seconds from a connection's start to a request that is permitted
 _DOWNLOAD_LIMIT = 600.0  # seconds; a model of 13 MB at 200 kbit/s
@@ -42,7 +47,7 @@ _HEADERS = {
 class Guard:
     """One server's checks; see the module's docstring."""
 
-    def __init__(self, access: Access, serve: _Serve, connect: _Connect) -> None:
+    def __init__(self, access: Access, serve: "_Serve", connect: "_Connect") -> None:
         """Prepares them.
 
         Args:
@@ -53,7 +58,7 @@ class Guard:
         self._access = access
         self._serve = serve
         self._connect = connect
-        self._permitted: weakref.WeakSet[Any] = weakref.WeakSet()
+        self._permitted: weakref.WeakSet[ServerConnection] = weakref.WeakSet()
         self._started: concurrent.futures.Future[None] = concurrent.futures.Future()
 
     def wait(self, limit: float) -> None:
@@ -67,22 +72,24 @@ class Guard:
 
     async def serve(
         self,
-        handler: Any,
+        handler: "_Handler",
         *,
-        process_request: _Check,
-        process_response: _Finish,
-        **options: Any,
-    ) -> Any:
+        process_request: "_Check",
+        process_response: "_Finish",
+        **options: object,
+    ) -> "Server":
         """The server that `serve` makes, with the checks before `process_request`."""
 
-        def check(connection: Any, request: Any) -> Any:
+        def check(connection: "ServerConnection", request: "HttpRequest") -> "Response | None":
             refusal = self._access.refusal(_seen(connection, request))
             if refusal is not None:
                 return connection.respond(403, f"limberjack: {refusal}\n")
             self._permitted.add(connection)
             return process_request(connection, request)
 
-        def finish(connection: Any, request: Any, response: Any) -> Any:
+        def finish(
+            connection: "ServerConnection", request: "HttpRequest", response: "Response"
+        ) -> "Response":
             response = process_response(connection, request, response) or response
             self._finish(connection, request, response)
             return response
@@ -98,7 +105,7 @@ class Guard:
         self._started.set_result(None)
         return server
 
-    def _accept(self, *args: Any, **options: Any) -> Any:
+    def _accept(self, *args: object, **options: object) -> "ServerConnection":
         """A connection that is closed unless it makes a permitted request in time.
 
         A limit for the whole handshake, as `websockets` has it, would cut short the download of a
@@ -113,7 +120,9 @@ class Guard:
         asyncio.get_running_loop().call_later(_HANDSHAKE_LIMIT, expire)
         return connection
 
-    def _finish(self, connection: Any, request: Any, response: Any) -> None:
+    def _finish(
+        self, connection: "ServerConnection", request: "HttpRequest", response: "Response"
+    ) -> None:
         """Sets the headers of an answer, and a limit of time where it opens no WebSocket."""
         headers = response.headers
         for name in ("Access-Control-Allow-Origin", *_HEADERS):
@@ -130,7 +139,7 @@ class Guard:
             asyncio.get_running_loop().call_later(_DOWNLOAD_LIMIT, connection.transport.abort)
 
 
-def _seen(connection: Any, request: Any) -> Request:
+def _seen(connection: "ServerConnection", request: "HttpRequest") -> Request:
     """A request as the rules take it."""
     # Versions of `websockets` without this attribute take GET only.
     method = getattr(request, "method", "GET")

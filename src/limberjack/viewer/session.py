@@ -1,4 +1,4 @@
-"""`Session`: an environment that is watched, without the viewer that shows it.
+"""`Session`: a viewed environment, without the viewer that shows it.
 
     session = Session(environment, seed=0)
     while someone_watches():
@@ -6,7 +6,7 @@
         show(session.status())
 
 Steps, episodes and rewards are those of `environment.step` in a loop: pausing and speed decide when
-a step is taken, not what it does. Pushing applies forces to bodies of the simulation, and changes
+a step is taken, not its result. Pushing applies forces to bodies of the simulation, and changes
 nothing else. One thread uses a session; it opens no window and knows nothing of MuJoCo Studio.
 """
 
@@ -42,12 +42,12 @@ _SHOWN = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 class ViewerError(RuntimeError):
-    """There can be no viewer here."""
+    """The viewer cannot start on this machine."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Status:
-    """What there is to say about the running episode."""
+    """The running episode in numbers and words, for a viewer's panel."""
 
     episode: int  # the first is 1
     seed: int | None  # of the episode; None where the environment is not seeded
@@ -61,7 +61,7 @@ class Status:
     success: bool | None  # whether the goal is reached now, where the task has one
     paused: bool
     speed: float
-    note: str  # what happened that a viewer should know
+    note: str  # an event that the person watching should know of, such as a diverged simulation
 
 
 def idle(environment: Environment, seed: int) -> Act:
@@ -88,15 +88,15 @@ class Session:
         Args:
           environment: a `control.Environment`, or a wrapper of one that has its attributes.
           begin: what begins the policy's episodes.
-          seed: of the first episode; the next has seed + 1. None lets the environment's random
-            stream go on from episode to episode.
+          seed: of the first episode; the next has seed + 1. None continues the environment's random
+            stream from episode to episode.
           speed: simulated seconds per second.
-          clock: tells the time, seconds.
+          clock: returns the time in seconds.
 
         Raises:
           TypeError: the environment has no MuJoCo simulation to show.
-          ValueError: the seed or the speed is no such number, or the environment takes no seed.
-          TypeError: the seed is no whole number.
+          ValueError: the seed or the speed is out of range, or the environment takes no seed.
+          TypeError: the seed is not a whole number.
         """
         self._environment = environment
         self._task = getattr(environment, "task", None)
@@ -105,8 +105,8 @@ class Session:
             seed = checked_seed(seed)
         if seed is not None and not hasattr(environment, "reseed"):
             raise ValueError(
-                f"{type(environment).__name__} cannot be seeded anew: give its constructor the "
-                "seed, and none here"
+                f"{type(environment).__name__} has no method reseed; pass the seed to its "
+                "constructor, and none here"
             )
         self._begin = begin
         self._seed = seed
@@ -118,20 +118,20 @@ class Session:
         self._pushed = np.zeros(0, bool)  # bodies that were pushed in the last step
         self.set_speed(speed)
         self._episodes = 0
-        self._ending = ""  # what was extraordinary in the end of the episode
+        self._ending = ""  # why the episode ended early
         self._digest: int | None = None
         self._model_version = 0
         self._copied_version = (0, 0)  # which model has which version
         self._begin_episode()
 
-    # What a viewer's user does.
+    # Called for the person at the viewer.
 
     def advance(self) -> bool:
         """Takes the control steps that have become due; returns whether there was any.
 
         Raises:
-          Exception: whatever the policy, the task or the environment raised, but for a diverged
-            simulation: that ends the episode.
+          Exception: any error of the policy, the task or the environment, except that of a
+            diverged simulation, which ends the episode.
         """
         now = self._clock()
         elapsed, self._last_look = now - self._last_look, now
@@ -140,7 +140,7 @@ class Session:
         self._due += min(elapsed, _LONGEST_DEBT) * self._speed
         interval = self._environment.control_timestep()
         stepped = False
-        # A step is due a rounding error before its time, too.
+        # A step that is early by a rounding error is due, too.
         while self._due >= interval * (1 - 1e-9):
             self._due -= interval
             self.step()
@@ -173,7 +173,7 @@ class Session:
         self._begin_episode()
 
     def pause(self, paused: bool = True) -> None:
-        """Stops the clock, or lets it go on."""
+        """Stops the clock, or continues it."""
         self._paused = bool(paused)
         self._due = 0.0
 
@@ -192,7 +192,7 @@ class Session:
 
         Args:
           forces: (nbody, 6), force and torque at each body's centre of mass, N and N m. Bodies
-            with zeros are let alone.
+            with zeros are left alone.
 
         Raises:
           ValueError: it has another shape, or is not finite; nothing changes.
@@ -205,7 +205,7 @@ class Session:
             raise ValueError("forces have infinities or NaN; expected finite numbers")
         self._push = forces
 
-    # What a viewer shows.
+    # Shown by the viewer.
 
     @property
     def paused(self) -> bool:
@@ -219,7 +219,7 @@ class Session:
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The `mujoco.MjModel` of the simulation, to read only: others may share it."""
+        """The simulation's `mujoco.MjModel`, read-only: other environments may share it."""
         return self._environment.physics.model._model
 
     @property
@@ -242,7 +242,7 @@ class Session:
 
     @property
     def model_version(self) -> int:
-        """Grows when an episode begins with another model than the one before, as it may."""
+        """A number that grows when an episode begins with another model than the one before."""
         return self._model_version
 
     def copy_model(self) -> mujoco.MjModel:
@@ -250,7 +250,7 @@ class Session:
         return copy.copy(self.model)
 
     def copy_fields(self, model: mujoco.MjModel) -> None:
-        """Writes what differs into a viewer's copy of the model, if an episode has changed any."""
+        """Writes the fields that an episode has changed into a viewer's copy of the model."""
         if self._copied_version == (id(model), self._model_version):
             return
         for name in dir(self.model):
@@ -260,11 +260,11 @@ class Session:
         self._copied_version = id(model), self._model_version
 
     def copy_state(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Writes the state into a viewer's data, but for pushes, which the viewer knows of.
+        """Writes the state into a viewer's data, without the pushes, which are the viewer's own.
 
         Args:
           model: of `copy_model`.
-          data: a `mujoco.MjData` of that model; what follows from the state is not computed.
+          data: a `mujoco.MjData` of that model; quantities derived from the state are not computed.
         """
         state = np.empty(mujoco.mj_stateSize(model, _SHOWN))
         mujoco.mj_getState(self.model, self.data, state, _SHOWN)
@@ -272,7 +272,7 @@ class Session:
         data.xfrc_applied[:] = 0.0
 
     def status(self) -> Status:
-        """What there is to say about the running episode now."""
+        """The running episode's status now."""
         terms = self._terms()
         is_success = getattr(self._task, "is_success", None)
         goal = getattr(self._task, "GOAL", ())
@@ -293,7 +293,7 @@ class Session:
         )
 
     def _terms(self) -> Mapping[str, float]:
-        """The terms of the reward in this state, where the task says what they are."""
+        """The terms of the reward in this state, where the task defines them."""
         reward_terms = getattr(self._task, "reward_terms", None)
         if reward_terms is None:
             return {}
@@ -333,7 +333,7 @@ class Session:
         self._digest = digest
 
     def _apply_push(self) -> None:
-        """Sets the forces on pushed bodies, and takes them off those that no longer are."""
+        """Sets the forces on pushed bodies, and removes them from released ones."""
         now = self._push.any(axis=-1)
         if self._pushed.any():
             self.data.xfrc_applied[self._pushed] = 0.0

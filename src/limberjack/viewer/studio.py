@@ -2,9 +2,10 @@
 
     run(session, Access(find_address()), "humanoid walk", announce=print)
 
-Studio draws, and sends what its user does; `_Loop` does it to the session, and sends the session's
-state back. What Studio would do to a simulation of its own - stepping, edits of joints, controls,
-options and keyframes, loading other models - is refused, so that the environment stays what it is.
+Studio draws, and sends its user's input; `_Loop` applies it to the session, and sends the session's
+state back. Studio's edits of a simulation of its own (joints, controls, options, keyframes, other
+models, uploads) are refused, so that the environment stays unchanged. The server answers only
+requests that `Access` permits.
 
 The only file that imports mujoco.studio.
 """
@@ -46,7 +47,7 @@ except ImportError as error:
 
 __all__ = ["run"]
 
-_BREATH = 0.002  # seconds between two looks at the clock: other threads draw meanwhile
+_BREATH = 0.002  # seconds between two readings of the clock; other threads draw meanwhile
 _START_LIMIT = 60.0  # seconds that Studio may take to start
 _GUARD_LIMIT = 30.0  # seconds that its server may take to listen; it takes milliseconds
 _PANEL = (16.0, 48.0, 320.0, 360.0)  # left, top, width, height; pixels
@@ -121,7 +122,7 @@ def _set_model(handle: Any, session: Session) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class _StatusEvent(messages.Event):
-    """Tells the panel how the episode goes; not a snapshot, which a reset may drop."""
+    """The episode's status, for the panel; an event, as a reset may drop snapshots."""
 
     status: Status
 
@@ -137,7 +138,7 @@ class _Loop(plugin.SimPlugin):
 
     @messages.handler
     def on_pre_step(self, event: messages.PreStepEvent) -> None:
-        """Shows what has become due since the last call; called over and over."""
+        """Takes and shows the steps that have become due; called again and again."""
         session = self._session
         self._has_changed |= session.advance()
         if session.model_version != self._model_version:
@@ -179,7 +180,7 @@ class _Loop(plugin.SimPlugin):
         paused = state != sim.PauseState.UNPAUSED
         if paused != self._session.paused:
             self._session.pause(paused)
-            # While paused, Studio may show an earlier state, which must not be written over.
+            # While paused, Studio may show an earlier state, which must not be overwritten.
             self._has_changed |= not paused
             self._report()
 
@@ -192,7 +193,7 @@ class _Loop(plugin.SimPlugin):
 
     @messages.handler
     def on_reset(self, event: messages.ResetEvent) -> None:
-        """The next episode; Studio resets its own copy too, which is then written over."""
+        """The next episode; Studio also resets its own copy, which is then overwritten."""
         self._session.reset()
         self._has_changed = True
 
@@ -242,17 +243,17 @@ class _Panel(plugin.ViewerPlugin):
 
     @messages.handler
     def on_init(self, event: plugin.ViewerInitEvent) -> None:
-        """Studio is there."""
+        """Studio has started."""
         self.is_ready.set()
 
     @messages.handler
     def on_status(self, event: _StatusEvent) -> None:
-        """Keeps what to show."""
+        """Keeps the status to show."""
         self._status = event.status
 
     @messages.handler
     def on_build_gui(self, event: messages.BuildGuiEvent) -> None:
-        """Draws the panel, anew for each frame."""
+        """Draws the panel, again for each frame."""
         left, top, width, height = _PANEL
         first = int(imgui.Cond.FirstUseEver)
         imgui.SetNextWindowPos(imgui.Vec2(left, top), first)
@@ -315,7 +316,7 @@ def _pause_state(paused: bool) -> Any:
 
 def _launch(access: Access, sock: socket.socket, title: str, plugins: list[Any]) -> Any:
     """Starts Studio in a thread of its own; returns its `ViewerHandle`."""
-    # It tells of each browser that comes and goes, on standard output.
+    # It reports each browser that comes and goes on standard output.
     logging.getLogger("WebServer").setLevel(logging.WARNING)
     config = viewer_protocol.ViewerConfig(title, gfx="web", http_port=access.address.port)
     of_viewer, of_loop = plugin.split_plugins(plugins)
@@ -338,7 +339,7 @@ class _WebViewer(web_viewer.WebViewer):
             replaced(web_viewer, "_print_url_banner", lambda host, port: None),
         ):
             super().__init__(*args, **kwargs)
-        # An earlier episode's model is never shown again: let none but the present one be kept.
+        # An earlier episode's model is never shown again: keep only the present one.
         assert self._web_server is not None
         self._web_server.model_cache_bytes = 0
 
@@ -361,10 +362,10 @@ class _WebViewer(web_viewer.WebViewer):
         self._update_model()
 
     def close(self) -> None:
-        """Stops serving, and makes way for the next viewer of this process.
+        """Stops serving, and frees Studio's interface for the next viewer of this process.
 
-        Studio's interface holds a place of which a process has one. It leaves it when it is freed,
-        and the viewer, which is part of a cycle, is freed too late: the next viewer would hang.
+        A process can have one such interface at a time. The viewer is part of a reference cycle, so
+        the interface would be freed too late, and the next viewer would hang.
         """
         super().close()
         vars(self).pop("_headless_ui", None)

@@ -68,7 +68,7 @@ def run(session: Session) -> None:
 
 @contextlib.contextmanager
 def _joined(threads: set[threading.Thread]) -> Iterator[None]:
-    """Waits at the end for threads that draw: a program must not end under them."""
+    """Waits at the end for the threads that draw: a program must not exit while they run."""
     try:
         yield
     finally:
@@ -95,7 +95,7 @@ def _do(session: Session, key: int) -> None:
 
 
 def _text(status: Status) -> tuple[None, mujoco.mjtGridPos, str, str]:
-    """The reward and its terms, as the viewer takes them: font, place, two columns."""
+    """The reward and its terms, as the viewer takes them: font, position, two columns."""
     rows = {"episode": f"{status.episode}", "step": f"{status.step}"}
     if status.seed is not None:
         rows["seed"] = f"{status.seed}"
