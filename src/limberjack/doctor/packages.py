@@ -6,6 +6,7 @@ for extra in extras():
 """
 
 import importlib.metadata
+import os
 import platform
 from collections.abc import Iterator
 
@@ -72,5 +73,5 @@ def extras() -> tuple[Extra, ...]:
 def _lost_files(distribution: str) -> Iterator[str]:
     """Recorded files of an installed distribution that do not exist; bytecode does not count."""
     for file in importlib.metadata.files(distribution) or ():
-        if file.suffix != ".pyc" and not file.locate().exists():
+        if file.suffix != ".pyc" and not os.path.exists(file.locate()):
             yield file.as_posix()
