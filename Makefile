@@ -1,7 +1,7 @@
 # make demo   watch a task being solved
 # make test   every check that decides whether a change is good
 #
-# Everything is installed into .venv; remove it, or say `make clean`, to start afresh.
+# Everything is installed into .venv; remove it, or run `make clean`, to start again.
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -9,13 +9,13 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 OLDEST := 3.11
 VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
-# A stamp per Python version: another PYTHON makes the environment anew.
+# A stamp per Python version: another PYTHON makes a new environment.
 MADE := $(VENV)/made-with-python-$(VERSION)
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	--constraint constraints.txt --editable
 
-# A worker per core, each with whole files: what a file's tests share is made once. Not more than
-# four, as some tests use all cores themselves.
+# A worker per core, each with whole files: what a file's tests share is made once. At most four,
+# as some tests use all cores themselves.
 IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --memory
 
 export PYTHONUNBUFFERED = 1

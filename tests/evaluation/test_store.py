@@ -31,7 +31,7 @@ def test_a_second_writer_is_refused_until_the_first_has_closed(
     second.close()
 
 
-def test_an_episode_that_the_disk_took_in_part_is_an_error_that_names_the_file(
+def test_an_episode_that_was_written_in_part_is_an_error_that_names_the_file(
     tmp_path: Path,
 ) -> None:
     resource = pytest.importorskip("resource", reason="no limits of files on this system")
@@ -70,9 +70,7 @@ def test_what_is_added_is_flushed_to_the_disk_once_for_all(
 
 
 @pytest.mark.parametrize("name", ["mujoco", "python"])
-def test_an_evaluation_continues_with_another_patch_version_and_records_it(
-    name: str, tmp_path: Path
-) -> None:
+def test_another_patch_version_continues_and_is_recorded(name: str, tmp_path: Path) -> None:
     Store(tmp_path, _OURS).close()
     first = Store(tmp_path, _OURS)
     first.add("zero", [_SCORE])

@@ -6,8 +6,8 @@
         raise missing_extra("video") from error
     # ImportError: needs the extra 'video': pip install imageio-ffmpeg matplotlib
 
-Messages name these packages and never `limberjack[...]`: Limberjack is on no package index, and
-whoever took that name there would be installed instead. pyproject.toml says the same with versions.
+Messages name these packages and never `limberjack[...]`: Limberjack is on no package index, where
+that name would lead to another project. pyproject.toml lists the same packages with versions.
 """
 
 import shlex
