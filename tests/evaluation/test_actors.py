@@ -39,7 +39,7 @@ def _load(domain: str, task: str) -> Any:
         ("evaluated:too_long", r"step 0 of the episode with seed 66: .* shape \(22,\)"),
     ],
 )
-def test_an_invalid_action_is_reported_with_seed_and_step(policy: str, message: str) -> None:
+def test_what_is_no_action_is_named_with_seed_and_step(policy: str, message: str) -> None:
     environment = _load("humanoid", "stand")
     found = actors.find(policy, environment)
     assert found.actor is not None
@@ -55,15 +55,15 @@ def test_an_invalid_action_is_reported_with_seed_and_step(policy: str, message: 
         ("evaluated:too_lnog", "Did you mean 'too_long'?"),
         (3, "is of type int; expected a function of an observation, or an object with act"),
         ("evaluated:FALLS_FROM", "policy 'evaluated:FALLS_FROM' is of type float; expected a"),
-        ("evaluated:Forgetful", "has act_batch and reset, which a batch never calls: define"),
+        ("evaluated:Forgetful", "has act_batch and reset, which a batch never calls: write reset"),
     ],
 )
-def test_an_unknown_or_unusable_policy_is_refused(policy: Any, message: str) -> None:
+def test_a_policy_that_is_not_there_is_refused(policy: Any, message: str) -> None:
     with pytest.raises(PolicyError, match=message.replace("?", r"\?")):
         actors.find(policy, None)
 
 
-def test_a_policy_may_create_its_functions_in_its_constructor() -> None:
+def test_a_policy_may_make_its_functions_as_it_is_made() -> None:
     found = actors.find("evaluated:Compiled", None)
     assert isinstance(found.actor, Batched)
 
@@ -75,14 +75,14 @@ def test_a_policys_hash_is_that_of_its_source() -> None:
     assert len({*functions, *of_module, None}) == 4
 
 
-def test_a_policy_given_as_an_object_has_the_name_and_hash_of_its_module() -> None:
+def test_a_policy_at_hand_has_the_name_and_hash_that_it_would_be_found_by() -> None:
     for name in ("linear", "Linear", "Remembering"):
         at_hand = actors.find(getattr(evaluated, name), None)
         named = actors.find(f"evaluated:{name}", None)
         assert (at_hand.name, at_hand.sha256) == (named.name, named.sha256)
 
 
-def test_a_partial_has_the_name_of_its_function() -> None:
+def test_a_partial_is_called_what_its_function_is() -> None:
     at_hand = actors.find(functools.partial(evaluated.linear), None)
     named = actors.find("evaluated:linear", None)
     assert (at_hand.name, at_hand.sha256) == (named.name, named.sha256)

@@ -5,16 +5,17 @@
         found.actor.begin(spec, rows, seeds)             # episodes begin in these rows
         actions = found.actor.act(observation, rows)     # (num_envs, nu); zeros in other rows
 
-A policy for batches is an object, or a class that takes no arguments, with
+A policy that acts on batches is an object, or a class without arguments, with
 
     act_batch(observations)       a dictionary of arrays of (64, ...) -> actions of (64, nu)
     reset_batch(rows, seeds)      optional: episodes with these seeds begin in these rows
 
-It always receives 64 rows, and an episode is always in row `seed % 64`: the rounding of a matrix
-product depends on the number of rows and, in float32, on the row. So an episode is the same
-whichever others are played with it. Actions of unused rows and of rows whose episode has ended are
-ignored. All other policies are those of `limberjack.policies`: a function of one observation is
-called row by row; an object with `reset` keeps the state of one episode, and plays one at a time.
+It is always shown 64 rows, and an episode always in row `seed % 64`: how a matrix product rounds
+depends on the number of rows, and in float32 on which of them it is. Thus an episode is the same
+whichever others are played. Rows that are not in use, or whose episode is over, do not count. All
+else is what `limberjack.policies`
+takes: a function of one observation is called for row after row; an object with `reset` has a state
+of one episode, and plays one at a time.
 """
 
 import dataclasses
@@ -34,42 +35,42 @@ from limberjack.utils.sources import hash_of_files, hash_of_module, hash_of_sour
 
 __all__ = ["ROWS", "Actor", "Batched", "EachRow", "Found", "find"]
 
-ROWS = 64  # of a batch: enough for all cores, and few enough that a kill loses little
+ROWS = 64  # of a batch: enough for all cores, and few enough that little is lost when killed
 
 _SAVED = "sb3:"
 _PLANNER = "planner"
 
 
 class Actor(Protocol):
-    """A policy that acts in the rows of a batch."""
+    """Acts in the rows of a batch."""
 
     def begin(self, spec: specs.BoundedArray, rows: np.ndarray, seeds: Sequence[int]) -> None:
-        """Begins episodes with these seeds in these rows; `spec` is the spec of one action."""
+        """Episodes with these seeds begin in these rows; `spec` is that of one action."""
 
     def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-        """The actions, (num_envs, ...); only those of `rows` are used.
+        """The actions, (num_envs, ...), of which those of `rows` count.
 
         Raises:
-          PolicyError: one of them is no valid action; the message names its seed and step.
+          PolicyError: one of them is no action; the message has its seed and step.
         """
         ...
 
 
 @dataclasses.dataclass(frozen=True)
 class Found:
-    """A policy, in one of two forms: `actor` or `alone`."""
+    """A policy."""
 
     name: str
-    sha256: str | None  # of its source or its file; None if unknown
-    actor: Actor | None  # for batches
-    alone: Policy | None  # for one episode at a time, where `actor` is None
+    sha256: str | None  # of its source or its file; None if that is not known
+    actor: Actor | None  # None: it plays one episode at a time,
+    alone: Policy | None  # as this
 
 
 class EachRow:
-    """A policy for single episodes, called row by row."""
+    """A policy for one episode, begun for every row."""
 
     def __init__(self, policy: Policy) -> None:
-        """Takes a policy whose episodes are independent of each other."""
+        """Takes a policy whose episodes know nothing of each other."""
         self._policy = policy
         self._acts: dict[int, Act] = {}
         self._shape: tuple[int, ...] = ()
@@ -103,8 +104,8 @@ class Batched:
         self._name = name
         self._act_batch = act_batch
         self._reset_batch = reset_batch
-        # By row of the environment. The policy has rows of its own, `seed % 64`.
-        self._policy_rows = np.zeros(ROWS, int)
+        # By the environment's rows; those that the policy is shown are others.
+        self._shown_in = np.zeros(ROWS, int)
         self._seeds = np.zeros(ROWS, np.int64)
         self._steps = np.zeros(ROWS, int)
         self._shape: tuple[int, ...] = ()
@@ -114,14 +115,14 @@ class Batched:
         self._shape = spec.shape
         self._seeds[rows] = seeds
         self._steps[rows] = 0
-        self._policy_rows[rows] = self._seeds[rows] % ROWS
+        self._shown_in[rows] = self._seeds[rows] % ROWS
         if self._reset_batch is not None:
-            self._reset_batch(self._policy_rows[rows], self._seeds[rows])
+            self._reset_batch(self._shown_in[rows], self._seeds[rows])
 
     def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """See `Actor`."""
-        targets = self._policy_rows[rows]
-        shown = {n: _spread(values[rows], targets) for n, values in observation.items()}
+        places = self._shown_in[rows]
+        shown = {n: _spread(values[rows], places) for n, values in observation.items()}
         try:
             returned = self._act_batch(_like(observation, shown))
         except Exception as error:
@@ -135,14 +136,13 @@ class Batched:
         return actions
 
     def _checked(self, returned: object, rows: np.ndarray) -> np.ndarray:
-        """The actions of these rows as an array; raises PolicyError if they are invalid."""
+        """What the policy returned for these rows as an array, or `PolicyError`."""
         expected = (ROWS, *self._shape)
         try:
             actions = np.asarray(returned)
         except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors elsewhere
             raise PolicyError(
-                f"{self._where(rows[0])}: returned {type(returned).__name__}, which is no array of "
-                f"numbers: {error}"
+                f"{self._where(rows[0])}: returned what is no array of numbers: {error}"
             ) from error
         if actions.dtype.kind not in "iuf" or actions.shape != expected:
             raise PolicyError(
@@ -150,7 +150,7 @@ class Batched:
                 f"{actions.dtype} and shape {actions.shape}; expected numbers of shape {expected}, "
                 f"for all {ROWS} rows"
             )
-        actions = actions[self._policy_rows[rows]]
+        actions = actions[self._shown_in[rows]]
         finite = np.isfinite(actions).reshape(len(rows), -1)
         if not finite.all():
             first = int(np.flatnonzero(~finite.all(axis=-1))[0])
@@ -169,28 +169,28 @@ class Batched:
 def _like(
     observation: Mapping[str, np.ndarray], values: dict[str, np.ndarray]
 ) -> Mapping[str, np.ndarray]:
-    """The values in a mapping of the observation's type, which is OrderedDict in the suite."""
+    """The values in a mapping of the observation's type, an OrderedDict in the suite."""
     return type(observation)(values)  # pyright: ignore[reportCallIssue] (mappings take mappings)
 
 
-def _spread(values: np.ndarray, targets: np.ndarray) -> np.ndarray:
-    """64 rows with the values in the target rows, and copies of the first value elsewhere."""
+def _spread(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """64 rows with the values at their places, and copies of the first elsewhere."""
     shown = np.repeat(values[:1], ROWS, axis=0)
-    shown[targets] = values
+    shown[places] = values
     return shown
 
 
 def find(policy: object, environment: Environment | None, num_threads: int | None = None) -> Found:
-    """The policy with this name, or the given function, object or class as a policy.
+    """The policy of that name, or an object that MODULE:CALLABLE might name.
 
     Args:
-      policy: 'zero', 'random', 'planner', 'MODULE:CALLABLE' or 'sb3:PATH'; or the function, object
+      policy: 'zero', 'random', 'planner', 'MODULE:CALLABLE', 'sb3:PATH'; or the function, object
         or class itself.
-      environment: the one to act in; may be None except for 'planner' and 'sb3:PATH'.
-      num_threads: number of threads of the planner; by default one per usable core.
+      environment: that it is to act in; None where neither the planner nor a model is asked for.
+      num_threads: that the planner simulates with; by default the cores that it may use.
 
     Raises:
-      PolicyError: there is no such policy, or it cannot act in this environment.
+      PolicyError: there is none, or it cannot be used here.
     """
     if not isinstance(policy, str):
         return _of_object(policies.name_of(policy), policy)
@@ -206,7 +206,7 @@ def find(policy: object, environment: Environment | None, num_threads: int | Non
 
 
 def _of_object(name: str, target: object) -> Found:
-    """The policy that a function, object or class implements."""
+    """A policy that is at hand."""
     sha256 = hash_of_source(target)
     if inspect.isclass(target):
         target = policies._make(name, target)
@@ -216,8 +216,8 @@ def _of_object(name: str, target: object) -> Found:
         reset_batch = getattr(target, "reset_batch", None)
         if reset is not None and reset_batch is None:
             raise PolicyError(
-                f"policy {name!r} has act_batch and reset, which a batch never calls: define "
-                "reset_batch(rows, seeds) instead, called where episodes begin in some of the rows"
+                f"policy {name!r} has act_batch and reset, which a batch never calls: write "
+                "reset_batch(rows, seeds), called where episodes begin in some of the rows"
             )
         return Found(name, sha256, Batched(name, act_batch, reset_batch), None)
     if not callable(act):
@@ -243,7 +243,7 @@ def _of_planner(environment: Environment | None, num_threads: int | None) -> Fou
 
 
 def _of_saved_model(name: str, environment: Environment | None) -> Found:
-    """The policy of a model that Stable-Baselines3 saved."""
+    """The policy of a model that Stable-Baselines3 has saved."""
     assert environment is not None
     path = Path(name.removeprefix(_SAVED))
     try:
