@@ -14,9 +14,22 @@ import shlex
 from collections.abc import Mapping
 from types import MappingProxyType
 
-__all__ = ["MUJOCO", "PACKAGES", "install_command", "missing_extra"]
+__all__ = [
+    "MUJOCO",
+    "MUJOCO_DISTRIBUTIONS",
+    "MUJOCO_REMEDY",
+    "PACKAGES",
+    "install_command",
+    "missing_extra",
+]
 
 MUJOCO = "mujoco>=4.0,<5"
+MUJOCO_DISTRIBUTIONS = ("mujoco", "mujoco-core", "mujoco-studio")  # they share one folder
+# Two commands: pip alone, replacing MuJoCo 3, removes files of MuJoCo 4 along with the old ones.
+MUJOCO_REMEDY = (
+    f"run: pip uninstall -y {' '.join(MUJOCO_DISTRIBUTIONS)}; then: pip install '{MUJOCO}'. "
+    "Programs that need MuJoCo 3, as dm_control does, belong into another virtual environment"
+)
 
 _FILMS = ("imageio-ffmpeg", "matplotlib")
 PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
