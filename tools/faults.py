@@ -171,12 +171,18 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if not any(self.scores.values()):", "if True:"),
         ("left = left[self._file.write(left) :]", 'left = b"" if self._file.write(left) else left'),
         ("start=2):", "start=1):"),
+        ('str(version).split(".")[:2]', 'str(version).split(".")[:1]'),
+    ],
+    "doctor/packages.py": [
+        ('if file.suffix != ".pyc" and not', "if not"),
+        ("if len(set(installed.values())) > 1:", "if len(set(installed.values())) > 2:"),
+        ('package.partition("[")[0]', "package"),
     ],
     "evaluation/episodes.py": [
         ("        self._lengths[taking] = 0\n", ""),
-        ("free = seed % ROWS not in places", "free = True"),
+        ("is_free = seed % ROWS not in occupied", "is_free = True"),
         ("so_far[1], so_far[0] + 1)", "so_far[1], so_far[0])"),
-        ("self._waiting = passed + self._waiting[", "self._waiting = self._waiting["),
+        ("self._waiting = skipped + self._waiting[", "self._waiting = self._waiting["),
         ("        environment.reseed(seed)\n", ""),
     ],
     "suite/humanoid.py": [

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import typer.testing
 
-from limberjack import suite
+from limberjack import report, suite
 from limberjack.cli import app
 from limberjack.mujoco.camera import RenderingError
 from limberjack.planner.record import Recording, record_episode
@@ -39,6 +39,20 @@ def test_replay_reports_the_first_step_that_differs(tmp_path: Path) -> None:
     assert "step 4: the state differs from the recorded one" in result.stderr
     assert "It was recorded with mujoco 3.2.1, here" in result.stderr
     assert "; a model with another fingerprint." in result.stderr
+
+
+def test_a_recording_of_another_patch_version_is_replayed(tmp_path: Path) -> None:
+    _invoke(*_SOLVE, "--out", str(tmp_path))
+    path = tmp_path / "episode-0.npz"
+    recording = Recording.load(path)
+    series, _, patch = recording.about["versions"]["mujoco"].rpartition(".")
+    recording.about["versions"]["mujoco"] = f"{series}.{patch}7"
+    recording.save(path)
+    result = _invoke("replay", str(path), "--out", str(tmp_path / "again"))
+    assert result.exit_code == 0, result.stderr
+    assert "every bit the same" in result.stdout
+    written = json.loads((tmp_path / "again" / "result.json").read_text(encoding="utf-8"))
+    assert written["versions"] == report.versions()
 
 
 def test_replay_writes_what_a_run_writes_but_not_over_the_recordings_own(tmp_path: Path) -> None:

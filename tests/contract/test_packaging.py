@@ -13,7 +13,7 @@ import pytest
 
 import limberjack
 
-from .source import REPOSITORY
+from .source import REPOSITORY, SOURCE
 
 _PROJECT = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 _CORE = {"dm-env", "gymnasium", "mujoco", "numpy", "rich", "typer"}
@@ -99,9 +99,29 @@ def test_the_wheel_holds_the_package_alone_and_no_hook_of_pythons_start() -> Non
     assert not list((REPOSITORY / "src").rglob("*.pth"))
 
 
-def test_the_licence_is_apache_and_the_notice_credits_dm_control() -> None:
+def test_the_licence_is_apache_and_the_notice_names_what_follows_dm_control() -> None:
     assert "Version 2.0, January 2004" in (REPOSITORY / "LICENSE").read_text(encoding="utf-8")
-    assert "dm_control" in (REPOSITORY / "NOTICE").read_text(encoding="utf-8")
+    notice = (REPOSITORY / "NOTICE").read_text(encoding="utf-8")
+    assert "The dm_control Authors" in notice
+    package = SOURCE / "limberjack"
+    rows = re.findall(r"^    ([\w/.]+)  +\S", notice, re.MULTILINE)
+    listed = [name for name in rows if name != "here"]
+    assert [name for name in listed if not (package / name).exists()] == []
+    models = {path.relative_to(package).as_posix(): path for path in package.rglob("*.xml")}
+    assert models.keys() <= set(listed)
+    for path in models.values():
+        head = path.read_text(encoding="utf-8").partition("<mujoco")[0]
+        assert "The dm_control" in head, path
+        assert "see NOTICE" in head, path
+
+
+def test_the_readme_names_the_licence_of_the_ffmpeg_in_the_wheel() -> None:
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="needs the extra 'video'")
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-version"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    readme = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+    (row,) = [line for line in readme.splitlines() if line.startswith("| `video` |")]
+    assert ("--enable-gpl" in done.stdout) == ("under the GPL" in row)
 
 
 def test_make_alone_lists_the_targets() -> None:

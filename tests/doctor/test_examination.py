@@ -74,7 +74,7 @@ def test_an_installed_dm_control_is_tried(here: dict[str, Any]) -> None:
     if found["version"] == "1.0.50":
         # Its table of array sizes names fields that MuJoCo 4 lacks; or OpenGL stops it.
         assert not found["works"]
-        assert "needs MuJoCo 3, so install it in a virtual environment of its own" in found["why"]
+        assert "install dm_control in a virtual environment of its own" in found["why"]
 
 
 def test_a_clash_of_packages_is_reported_without_the_failures_that_it_causes(

@@ -55,7 +55,7 @@ def test_what_is_no_action_is_named_with_seed_and_step(policy: str, message: str
         ("evaluated:too_lnog", "Did you mean 'too_long'?"),
         (3, "is of type int; expected a function of an observation, or an object with act"),
         ("evaluated:FALLS_FROM", "policy 'evaluated:FALLS_FROM' is of type float; expected a"),
-        ("evaluated:Forgetful", "has act_batch and reset, which a batch never calls: define"),
+        ("evaluated:Forgetful", "has act_batch and reset, which a batch never calls: write reset"),
     ],
 )
 def test_a_policy_that_is_not_there_is_refused(policy: Any, message: str) -> None:

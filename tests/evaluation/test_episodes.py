@@ -28,7 +28,7 @@ def _load(domain: str, task: str) -> Any:
 
 
 def _alone(environment: Any, policy: Policy, seeds: list[int]) -> list[Score]:
-    """What `run_episode` gives with each seed."""
+    """The scores of `run_episode` with each seed."""
     scores = []
     for seed in seeds:
         environment.reseed(seed)
@@ -105,7 +105,7 @@ def test_a_row_takes_the_next_seed_when_its_episode_ends() -> None:
     assert [score.seed for score in scores] != seeds
 
 
-def test_a_policy_on_batches_gives_what_it_gives_row_by_row() -> None:
+def test_a_policy_for_batches_gives_what_it_gives_row_by_row() -> None:
     seeds = list(range(90))
     policy = evaluated.Linear()
     found = actors.find(policy, evaluated.sinking())
@@ -115,7 +115,7 @@ def test_a_policy_on_batches_gives_what_it_gives_row_by_row() -> None:
     assert sorted(policy.begun) == seeds
 
 
-def test_a_policy_on_batches_is_shown_64_rows_however_few_are_in_use() -> None:
+def test_a_policy_for_batches_receives_64_rows_even_if_few_are_in_use() -> None:
     found = actors.find(evaluated.Linear, evaluated.sinking())
     assert found.actor is not None
     few = _listed(play(evaluated.sinking(), found.actor, [7, 8, 9], 1))
@@ -153,7 +153,7 @@ def test_an_object_with_a_state_plays_one_episode_at_a_time() -> None:
     assert _listed(play_alone(environment, found.alone, seeds)) == expected
 
 
-def test_the_planner_plays_one_at_a_time_as_it_does_in_run() -> None:
+def test_the_planner_plays_one_episode_at_a_time_as_run_does() -> None:
     environment = suite.load("manipulator", "bring_ball", {"time_limit": 0.03})
     found = actors.find("planner", environment, num_threads=1)
     assert found.alone is not None

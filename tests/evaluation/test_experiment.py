@@ -80,7 +80,9 @@ def test_the_same_call_plays_nothing_again(tmp_path: Path) -> None:
     first = _evaluate("random", out=tmp_path)
     before = (tmp_path / "episodes.jsonl").read_bytes(), (tmp_path / "result.json").read_bytes()
     played = []
-    second = _evaluate("random", out=tmp_path, on_progress=lambda *told: played.append(told))
+    second = _evaluate(
+        "random", out=tmp_path, on_progress=lambda *reported: played.append(reported)
+    )
     assert played == []
     assert second == first
     after = (tmp_path / "episodes.jsonl").read_bytes(), (tmp_path / "result.json").read_bytes()
@@ -95,7 +97,7 @@ def test_more_seeds_are_added_to_those_that_are_there(tmp_path: Path) -> None:
     assert _result(tmp_path) == json.loads(json.dumps(whole.as_json()))
 
 
-def test_a_line_that_was_cut_off_is_played_again(tmp_path: Path) -> None:
+def test_the_episode_of_an_unfinished_line_is_played_again(tmp_path: Path) -> None:
     expected = _evaluate("random", out=tmp_path)
     path = tmp_path / "episodes.jsonl"
     path.write_bytes(path.read_bytes()[:-20])
@@ -168,7 +170,7 @@ def test_a_policy_in_a_package_is_hashed_with_all_of_it(
         _evaluate("changing_package.policy:act", out=tmp_path / "out")
 
 
-def test_an_evaluation_goes_on_with_another_patch_version(
+def test_an_evaluation_continues_with_another_patch_version(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected, now = _evaluate(seeds=range(3)), report.versions()
@@ -186,7 +188,7 @@ def test_an_evaluation_goes_on_with_another_patch_version(
         _evaluate(seeds=range(3), out=tmp_path)
 
 
-def test_a_policy_that_was_typed_in_is_known_by_its_source_or_not_at_all(
+def test_a_policy_without_a_file_is_identified_by_its_source_or_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "typed_in", types.ModuleType("typed_in"))
@@ -229,13 +231,13 @@ def test_a_policy_that_fails_keeps_the_episodes_before(tmp_path: Path) -> None:
         ([1, 2, 1], "a seed occurs twice"),
     ],
 )
-def test_seeds_that_cannot_be_are_refused(seeds: Any, message: str, tmp_path: Path) -> None:
+def test_invalid_seeds_are_refused(seeds: Any, message: str, tmp_path: Path) -> None:
     with pytest.raises((TypeError, ValueError), match=message):
         _evaluate(seeds=seeds, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
-def test_a_task_or_number_that_cannot_be_makes_no_folder(tmp_path: Path) -> None:
+def test_an_invalid_task_or_number_creates_no_folder(tmp_path: Path) -> None:
     out = tmp_path / "out"
     with pytest.raises(ValueError, match="Did you mean 'stand'"):
         evaluate("humanoid", "stnad", out=out)
@@ -251,15 +253,15 @@ def test_a_task_or_number_that_cannot_be_makes_no_folder(tmp_path: Path) -> None
 
 
 def test_progress_counts_the_episodes_of_all_policies() -> None:
-    told: list[tuple[str, int, float]] = []
-    _evaluate("random", range(2), on_progress=lambda *now: told.append(now))
+    reported: list[tuple[str, int, float]] = []
+    _evaluate("random", range(2), on_progress=lambda *now: reported.append(now))
     # At first, after each of four steps of two episodes at once, then after each episode.
     one = [(0, 0.0), (0, 0.5), (0, 1.0), (0, 1.5), (0, 2.0), (1, 1.0), (2, 0.0)]
     expected = [("random", finished, part) for finished, part in one]
-    assert told == expected + [("zero", 2 + finished, part) for finished, part in one]
+    assert reported == expected + [("zero", 2 + finished, part) for finished, part in one]
 
 
-def test_without_matplotlib_all_but_the_picture_is_there(
+def test_without_matplotlib_everything_but_the_picture_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
@@ -288,7 +290,7 @@ def _call(out: Path, **variables: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_a_killed_evaluation_goes_on_and_ends_as_one_that_was_not_killed(tmp_path: Path) -> None:
+def test_a_killed_evaluation_continues_and_equals_one_that_was_not_killed(tmp_path: Path) -> None:
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert _call(whole).returncode == 0
     for seed, expected in (("64", 64), ("128", 128)):

@@ -132,10 +132,10 @@ def test_a_task_that_cannot_be_played_in_batches_is_refused_before_the_first_ste
         environment._task = OneOnly(seed)
         return environment
 
-    told: list[object] = []
+    reported: list[object] = []
     with pytest.raises(ValueError, match="OneOnly"):
-        _evaluate(make, on_progress=lambda *now: told.append(now))
-    assert told == []
+        _evaluate(make, on_progress=lambda *now: reported.append(now))
+    assert reported == []
 
 
 def test_a_task_without_starts_has_no_strata_and_rewards_of_any_size() -> None:

@@ -1,4 +1,4 @@
-"""The kinds of starts that scores are told apart by."""
+"""The kinds of starts by which scores are grouped."""
 
 from types import SimpleNamespace
 

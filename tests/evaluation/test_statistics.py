@@ -1,4 +1,4 @@
-"""What many scores say."""
+"""Statistics of many scores."""
 
 import numpy as np
 import pytest

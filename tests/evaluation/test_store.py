@@ -1,4 +1,4 @@
-"""The file that finished episodes are kept in."""
+"""The file that keeps finished episodes."""
 
 import dataclasses
 import errno
@@ -31,7 +31,7 @@ def test_a_second_writer_is_refused_until_the_first_has_closed(
     second.close()
 
 
-def test_an_episode_that_the_disk_took_in_part_is_an_error_that_names_the_file(
+def test_an_episode_that_was_written_in_part_is_an_error_that_names_the_file(
     tmp_path: Path,
 ) -> None:
     resource = pytest.importorskip("resource", reason="no limits of files on this system")
@@ -70,7 +70,7 @@ def test_what_is_added_is_flushed_to_the_disk_once_for_all(
 
 
 @pytest.mark.parametrize("name", ["mujoco", "python"])
-def test_another_patch_version_goes_on_and_is_told(name: str, tmp_path: Path) -> None:
+def test_another_patch_version_continues_and_is_recorded(name: str, tmp_path: Path) -> None:
     Store(tmp_path, _OURS).close()
     first = Store(tmp_path, _OURS)
     first.add("zero", [_SCORE])
@@ -108,6 +108,17 @@ def test_another_minor_version_or_fingerprint_is_refused(
     first.close()
     with pytest.raises(ValueError, match=r"holds an evaluation with (versions|fingerprint)"):
         Store(tmp_path, {"fingerprint": "ours", **other})
+
+
+def test_a_refusal_names_the_versions_that_differ_and_no_others(tmp_path: Path) -> None:
+    first = Store(tmp_path, _OURS)
+    first.add("zero", [_SCORE])
+    first.close()
+    other = {"mujoco": "4.1.0", "python": "3.12.9"}
+    with pytest.raises(ValueError, match="evaluation with versions") as caught:
+        Store(tmp_path, {**_OURS, "versions": other})
+    expected = "with versions {'mujoco': '4.0.0'}, and this one has {'mujoco': '4.1.0'}: choose"
+    assert expected in str(caught.value)
 
 
 def test_the_first_line_of_a_seed_counts(tmp_path: Path) -> None:

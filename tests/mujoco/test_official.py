@@ -163,4 +163,5 @@ def test_an_older_mujoco_is_refused_with_the_versions(tmp_path: Path) -> None:
     assert result.returncode == 1
     message = result.stderr.strip().splitlines()[-1]
     assert message.startswith("ImportError: limberjack needs mujoco.batch")
-    assert "mujoco 3.3.7 is installed: install 'mujoco>=4.0,<5'" in message
+    assert "mujoco 3.3.7 is installed; run: pip uninstall -y mujoco mujoco-core" in message
+    assert "then: pip install 'mujoco>=4.0,<5'" in message

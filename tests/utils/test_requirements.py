@@ -11,7 +11,7 @@ from limberjack.utils.requirements import MUJOCO, PACKAGES, install_command, mis
 _REPOSITORY = Path(__file__).parents[2]
 _PROJECT = tomllib.loads((_REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 _EXTRAS = _PROJECT["optional-dependencies"]
-_FOR_DEVELOPERS = {"test"}  # no message names these
+_FOR_DEVELOPERS = {"docs", "test"}  # no message names these
 # Text files that users read or that print what users read.
 _READ = ("README.md", "CONTRIBUTING.md", "docs/**/*.md", "examples/*", "src/**/*.py", "Makefile")
 

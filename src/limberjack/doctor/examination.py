@@ -17,7 +17,8 @@ __all__ = ["examine"]
 
 _VARIABLES = ("MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID")
 _DM_CONTROL_REMEDY = (
-    "dm_control up to 1.0.50 needs MuJoCo 3, so install it in a virtual environment of its own"
+    "Limberjack needs MuJoCo 4, in which dm_control up to 1.0.50 does not load: install dm_control "
+    "in a virtual environment of its own"
 )
 
 

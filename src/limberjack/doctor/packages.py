@@ -6,22 +6,23 @@ for extra in extras():
 """
 
 import importlib.metadata
+import os
 import platform
 from collections.abc import Iterator
 
 import limberjack
 from limberjack.doctor.findings import Extra
-from limberjack.utils.requirements import MUJOCO, PACKAGES, install_command
+from limberjack.utils.requirements import (
+    MUJOCO_DISTRIBUTIONS,
+    MUJOCO_REMEDY,
+    PACKAGES,
+    install_command,
+)
 
 __all__ = ["clashes", "extras", "version", "versions"]
 
 # Besides Limberjack and Python: the packages that numbers and episodes depend on.
 _OTHERS = ("mujoco", "numpy", "gymnasium", "dm-env")
-_PARTS_OF_MUJOCO = ("mujoco", "mujoco-core", "mujoco-studio")
-_REMEDY = (
-    f"run: pip uninstall -y {' '.join(_PARTS_OF_MUJOCO)}; then: pip install '{MUJOCO}'. "
-    "Programs that need MuJoCo 3, as dm_control does, belong into another virtual environment"
-)
 
 
 def version(distribution: str) -> str | None:
@@ -40,19 +41,19 @@ def versions() -> dict[str, str | None]:
 
 def clashes() -> list[str]:
     """Problems with MuJoCo's packages, which share one folder, each with the remedy."""
-    found = {name: version(name) for name in _PARTS_OF_MUJOCO}
+    found = {name: version(name) for name in MUJOCO_DISTRIBUTIONS}
     installed = {name: number for name, number in found.items() if number is not None}
     if len(set(installed.values())) > 1:
         listed = ", ".join(f"{name} {number}" for name, number in installed.items())
         return [
             f"{listed} are installed together: they share a folder and overwrite each other's "
-            f"files; {_REMEDY}"
+            f"files; {MUJOCO_REMEDY}"
         ]
     lost = [name for distribution in installed for name in _lost_files(distribution)]
     if lost:
         return [
             f"MuJoCo {found['mujoco']} lacks {len(lost)} of its files, such as {lost[0]}: pip "
-            f"removes them where it replaces MuJoCo 3; {_REMEDY}"
+            f"removes them where it replaces MuJoCo 3; {MUJOCO_REMEDY}"
         ]
     return []
 
@@ -72,5 +73,5 @@ def extras() -> tuple[Extra, ...]:
 def _lost_files(distribution: str) -> Iterator[str]:
     """Recorded files of an installed distribution that do not exist; bytecode does not count."""
     for file in importlib.metadata.files(distribution) or ():
-        if file.suffix != ".pyc" and not file.locate().exists():
+        if file.suffix != ".pyc" and not os.path.exists(file.locate()):
             yield file.as_posix()

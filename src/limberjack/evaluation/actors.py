@@ -32,22 +32,22 @@ class Found:
     """A policy, as a batch plays it."""
 
     name: str
-    sha256: str | None  # of its source or its file; None if unknown
-    actor: Actor | None  # for batches
-    alone: Policy | None  # for one episode at a time, where `actor` is None
+    sha256: str | None  # of its source or its file; None if that is not known
+    actor: Actor | None  # None: it plays one episode at a time,
+    alone: Policy | None  # as this
 
 
 def find(policy: object, environment: Environment | None, num_threads: int | None = None) -> Found:
     """The policy of a name; see `limberjack.policies` for the names.
 
     Args:
-      policy: 'zero', 'random', 'planner', 'MODULE:CALLABLE' or 'sb3:PATH'; or the function, object
+      policy: 'zero', 'random', 'planner', 'MODULE:CALLABLE', 'sb3:PATH'; or the function, object
         or class itself.
-      environment: the one to act in; may be None except for 'planner' and 'sb3:PATH'.
-      num_threads: number of threads of the planner; by default one per usable core.
+      environment: that it is to act in; None where neither the planner nor a model is asked for.
+      num_threads: that the planner simulates with; by default the cores that it may use.
 
     Raises:
-      PolicyError: there is no such policy, or it cannot act in this environment.
+      PolicyError: there is none, or it cannot be used here.
     """
     if not isinstance(policy, str):
         return _of_object(policies.name_of(policy), policy)
@@ -88,7 +88,7 @@ def _of_planner(environment: Environment | None, num_threads: int | None) -> Fou
 
 
 def _of_saved_model(name: str, environment: Environment | None) -> Found:
-    """The policy of a model that Stable-Baselines3 saved."""
+    """The policy of a model that Stable-Baselines3 has saved."""
     assert environment is not None
     model = load_model(name, environment)
     sha256 = _hash(b"".join(file.read_bytes() for file in model.files))

@@ -41,7 +41,7 @@ class Runner:
 
         Args:
           environment: plays the episodes.
-          full_length: has the task's own time limit; its resets show the kinds of starts.
+          full_length: determines the kinds of starts, with the task's own time limit.
           store: holds the finished episodes, and receives the new ones.
           seeds: one per episode.
           threads: number of threads that step a batch; None for all usable cores.

@@ -159,21 +159,21 @@ def _check_identity(path: Path, there: Facts, here: Mapping[str, object]) -> Non
     """Raises ValueError if the file belongs to another evaluation."""
     for name, expected in here.items():
         found = there.get(name)
-        equal = _are_alike(found, expected) if name == _VERSIONS else found == expected
-        if not equal:
+        if name == _VERSIONS:
+            found, expected = _differing(found, expected)
+        if found != expected:
             raise ValueError(
                 f"{path.parent} holds an evaluation with {name} {found!r}, and this one "
                 f"has {expected!r}: choose another folder, or remove that one"
             )
 
 
-def _are_alike(found: object, expected: object) -> bool:
-    """Whether two tables of versions name the same programs and differ in patch numbers at most."""
+def _differing(found: object, expected: object) -> tuple[object, object]:
+    """The entries of two tables of versions that differ in more than their patch numbers."""
     if not (isinstance(found, dict) and isinstance(expected, dict)):
-        return False
-    return {name: _series(version) for name, version in found.items()} == {
-        name: _series(version) for name, version in expected.items()
-    }
+        return found, expected
+    names = [n for n in {**found, **expected} if _series(found.get(n)) != _series(expected.get(n))]
+    return {n: found.get(n) for n in names}, {n: expected.get(n) for n in names}
 
 
 def _series(version: object) -> list[str]:

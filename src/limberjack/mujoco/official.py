@@ -18,7 +18,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from limberjack.utils.requirements import MUJOCO
+from limberjack.utils.requirements import MUJOCO_REMEDY
 
 __all__ = ["mujoco"]
 
@@ -83,10 +83,9 @@ if "mujoco" not in sys.modules:
 
 if importlib.util.find_spec("mujoco.batch") is None:
     raise ImportError(
-        f"limberjack needs mujoco.batch, which requires MuJoCo 4.0 or later, but mujoco "
-        f"{getattr(sys.modules['mujoco'], '__version__', 'of an unknown version')} is installed: "
-        f"pip install '{MUJOCO}', in a virtual environment of its own if another program needs the "
-        "older one"
+        "limberjack needs mujoco.batch, which requires MuJoCo 4.0 or later, but mujoco "
+        f"{getattr(sys.modules['mujoco'], '__version__', 'of an unknown version')} is installed; "
+        + MUJOCO_REMEDY
     )
 
 mujoco: Any = sys.modules["mujoco"]  # the package's names are not listed here

@@ -6,17 +6,30 @@
         raise missing_extra("video") from error
     # ImportError: needs the extra 'video': pip install imageio-ffmpeg matplotlib
 
-Messages name these packages and never `limberjack[...]`: Limberjack is on no package index, and
-whoever took that name there would be installed instead. pyproject.toml says the same with versions.
+Messages name these packages and never `limberjack[...]`: Limberjack is on no package index, where
+that name would lead to another project. pyproject.toml lists the same packages with versions.
 """
 
 import shlex
 from collections.abc import Mapping
 from types import MappingProxyType
 
-__all__ = ["MUJOCO", "PACKAGES", "install_command", "missing_extra"]
+__all__ = [
+    "MUJOCO",
+    "MUJOCO_DISTRIBUTIONS",
+    "MUJOCO_REMEDY",
+    "PACKAGES",
+    "install_command",
+    "missing_extra",
+]
 
 MUJOCO = "mujoco>=4.0,<5"
+MUJOCO_DISTRIBUTIONS = ("mujoco", "mujoco-core", "mujoco-studio")  # they share one folder
+# Two commands: pip alone, replacing MuJoCo 3, removes files of MuJoCo 4 along with the old ones.
+MUJOCO_REMEDY = (
+    f"run: pip uninstall -y {' '.join(MUJOCO_DISTRIBUTIONS)}; then: pip install '{MUJOCO}'. "
+    "Programs that need MuJoCo 3, as dm_control does, belong into another virtual environment"
+)
 
 _FILMS = ("imageio-ffmpeg", "matplotlib")
 PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
