@@ -60,12 +60,14 @@ def labels_of(environment: Environment) -> Labels:
 def _stream_kept(task: Any) -> Iterator[None]:  # a task, whose `random` is optional
     """Leave the task's random stream as it was, if it has one."""
     stream = getattr(task, "random", None)
-    state = stream.get_state() if isinstance(stream, np.random.RandomState) else None
+    if not isinstance(stream, np.random.RandomState):
+        yield
+        return
+    state = stream.get_state()
     try:
         yield
     finally:
-        if isinstance(stream, np.random.RandomState):
-            stream.set_state(state)
+        stream.set_state(state)
 
 
 class _Probe:
