@@ -12,7 +12,7 @@ named after the body, joint or sensor that it alone depends on. What remains has
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -57,7 +57,7 @@ def labels_of(environment: Environment) -> Labels:
 
 
 @contextlib.contextmanager
-def _stream_kept(task: Any) -> Iterator[None]:  # a task, whose `random` is optional
+def _stream_kept(task: object) -> Iterator[None]:
     """Leave the task's random stream as it was, if it has one."""
     stream = getattr(task, "random", None)
     if not isinstance(stream, np.random.RandomState):
