@@ -87,7 +87,7 @@ def _assert_lockstep(envs: Any, dummies: Any, steps: int) -> np.ndarray:
 def test_the_single_environment_passes_sb3s_checker_without_a_warning(
     domain: str, task: str
 ) -> None:
-    env_checker.check_env(gym.load(domain, task, **_FLAT))
+    env_checker.check_env(gymnasium.make(f"limberjack/{domain}-{task}-v0", flat=True))
 
 
 @pytest.mark.parametrize(("domain", "task"), TASKS)

@@ -54,8 +54,9 @@ def test_the_table_has_the_policy_and_the_floors_by_start(tmp_path: Path) -> Non
         assert re.search(row, result.stdout, re.MULTILINE), result.stdout
     assert result.stdout.count("level_0") == 2
     assert "success: a mean reward of at least 0.9 over the last 100 steps" in result.stdout
-    files = [str(tmp_path / name) for name in ("result.json", "returns.png")]
-    assert result.stdout.splitlines()[-2:] == files
+    names = ("result.json", "report.html", "returns.png")
+    assert result.stdout.splitlines()[-3:] == [str(tmp_path / name) for name in names]
+    assert "<dt>Command</dt>" in (tmp_path / "report.html").read_text(encoding="utf-8")
     assert result.stderr == ""
 
 

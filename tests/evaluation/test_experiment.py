@@ -73,7 +73,8 @@ def test_the_result_has_all_that_is_needed_to_run_it_again(tmp_path: Path) -> No
     assert result["summary"]["random"]["mean"] == mean
     starts = {episode["start"] for episode in result["episodes"]}
     assert set(result["summary"]["random"]["strata"]) == starts
-    assert evaluation.files == (tmp_path / "out" / "result.json", tmp_path / "out" / "returns.png")
+    names = ("result.json", "report.html", "returns.png")
+    assert evaluation.files == tuple(tmp_path / "out" / name for name in names)
 
 
 def test_the_same_call_plays_nothing_again(tmp_path: Path) -> None:
@@ -266,7 +267,7 @@ def test_without_matplotlib_everything_but_the_picture_is_written(
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     evaluation = _evaluate(out=tmp_path)
-    assert evaluation.files == (tmp_path / "result.json",)
+    assert evaluation.files == (tmp_path / "result.json", tmp_path / "report.html")
     assert evaluation.left_out == (
         "no returns.png: needs the extra 'video': pip install imageio-ffmpeg matplotlib"
     )

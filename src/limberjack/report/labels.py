@@ -12,7 +12,7 @@ named after the body, joint or sensor that it alone depends on. What remains has
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -57,15 +57,17 @@ def labels_of(environment: Environment) -> Labels:
 
 
 @contextlib.contextmanager
-def _stream_kept(task: Any) -> Iterator[None]:  # a task, whose `random` is optional
+def _stream_kept(task: object) -> Iterator[None]:
     """Leave the task's random stream as it was, if it has one."""
     stream = getattr(task, "random", None)
-    state = stream.get_state() if isinstance(stream, np.random.RandomState) else None
+    if not isinstance(stream, np.random.RandomState):
+        yield
+        return
+    state = stream.get_state()
     try:
         yield
     finally:
-        if isinstance(stream, np.random.RandomState):
-            stream.set_state(state)
+        stream.set_state(state)
 
 
 class _Probe:

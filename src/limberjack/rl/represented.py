@@ -9,13 +9,13 @@ stream. `repr` also works for an object that is closed or only half made.
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from limberjack.rl.batch import BatchEnvironment
-    from limberjack.rl.control import Environment
+from limberjack.rl.contract import Task
+from limberjack.rl.endings import Counter
+from limberjack.rl.streams import Streams
 
 __all__ = ["Description", "of_batch", "of_environment", "represented"]
 
@@ -32,8 +32,26 @@ class Description(NamedTuple):
     step_limit: float = math.inf
 
 
-def of_environment(env: "Environment") -> Description:
-    """The description of a single environment."""
+class _Environment(Protocol):
+    """The class attributes of a `control.Environment`; others may be missing."""
+
+    _name: str
+    _seeded: tuple[object, object]
+
+
+class _Batch(Protocol):
+    """The attributes of a `BatchEnvironment`."""
+
+    num_envs: int
+    _name: str
+    _task: Task
+    _streams: Streams
+    _counter: Counter
+    _begins: np.ndarray
+
+
+def of_environment(env: _Environment) -> Description:
+    """The description of a single environment, also of one that is only half made."""
     task = getattr(env, "_task", None)
     stream, seed = env._seeded
     is_first = stream is not None and stream is getattr(task, "random", None)
@@ -47,7 +65,7 @@ def of_environment(env: "Environment") -> Description:
     )
 
 
-def of_batch(batch: "BatchEnvironment") -> Description:
+def of_batch(batch: _Batch) -> Description:
     """The description of a batch."""
     steps = batch._counter.steps.tolist()
     return Description(
@@ -55,7 +73,7 @@ def of_batch(batch: "BatchEnvironment") -> Description:
         batch.num_envs,
         batch._streams.seeds,
         [] if batch._begins.all() and not any(steps) else steps,
-        batch.step_limit,
+        batch._counter.step_limit,
     )
 
 
