@@ -1,8 +1,8 @@
-"""Limberjack's speed bars in one table, measured beside dm_control in one run.
+"""Limberjack's speed bars in one table, measured against dm_control in one run.
 
     python benchmarks/overhead.py [--quick] [--only SECTION]... [--json FILE]
 
-README.md says what is compared with what. The exit status is 1 if a bar is missed.
+README.md describes the comparisons. The exit status is 1 if a bar is missed.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ class Section(enum.StrEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """How much is measured."""
+    """The amount of work."""
 
     episodes: int  # of each task, by each package and by MuJoCo alone
     steps: int  # of each episode
@@ -59,7 +59,7 @@ _FULL = Effort(
     memory_loads=memory.NUM_LOADS,
     memory_cycles=memory.NUM_CYCLES,
 )
-# Shows that the benchmark works; its figures mean nothing.
+# Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(
     episodes=1,
     steps=10,
