@@ -52,43 +52,44 @@ _PUBLISHED = {
 
 _HEAD = """# Scores
 
-What policies reach on all ten tasks, and what doing nothing reaches. `benchmarks/scores.py` made
-this page from the results in `benchmarks/results/scores`; each of them was made by
+Scores of policies on all ten tasks, with zero actions as the baseline. `benchmarks/scores.py`
+generates this page from the results in `benchmarks/results/scores`; each result was produced by
 
     limberjack evaluate DOMAIN TASK --policy NAME --seeds A:B --out DIR
 
-and has every episode in it, so that all figures can be computed again. How they are computed:
-[Evaluation](evaluation.md). A return is a sum of 1,000 rewards between 0 and 1, at an action repeat
-of 1. *interval*: 95 %, of the mean. *success*: the mean reward of the last 100 steps is at least
-0.9. *zero here*: the mean return of doing nothing on the very seeds of the row.
+and contains every episode, so that all figures can be recomputed as described in
+[Evaluation](evaluation.md). A return is the sum of 1,000 rewards between 0 and 1, at an action
+repeat of 1. *interval*: 95 % interval of the mean. *success*: the mean reward of the last 100 steps
+is at least 0.9. *zero here*: the mean return of zero actions on the same seeds as the row.
 """
 
 _BY_START = """
 ## By start
 
-Mean return, and in brackets the share of successes. The arm's starts are told in
-[Manipulator](manipulator.md#start) and [Stacker](stacker.md#start), the humanoid's in
+Mean return, with the success rate in brackets. The starts of the arm are described in
+[Manipulator](manipulator.md#start) and [Stacker](stacker.md#start), those of the humanoid in
 [Evaluation](evaluation.md#kinds-of-starts).
 """
 
 _UNSOLVED = """
 ## What the planner did not solve
 
-The starts of the arm's episodes that were no success, each with its seed. In some of them nothing
-can be done: [what can be reached](planner.md#what-can-be-reached).
+Starts of the arm's unsuccessful episodes, each with its seed. Some of them cannot be solved: see
+[what can be reached](planner.md#what-can-be-reached).
 """
 
 _PUBLISHED_TEXT = """
 ## Published scores
 
-The best from states that were found, up to November 2026: for orientation. They come from few
-episodes, older versions of MuJoCo and other seeds, so differences of some percent mean nothing (see
-[Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). *steps*: of the environment, in
-training. Tasks that are not in the table have no published score above that of doing nothing.
+The best published scores from states that we found, as of November 2026, for orientation. They come
+from few episodes, older versions of MuJoCo and other seeds, so differences of a few per cent are not
+significant (see [Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). *steps*:
+environment steps in training. Tasks not in the table have no published score above that of zero
+actions.
 """
 
 _MEASURED = """
-## What the scores were measured with
+## Versions of the measurements
 """
 
 _Result = dict[str, Any]

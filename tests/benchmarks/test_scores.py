@@ -67,7 +67,7 @@ def test_a_folder_is_taken_over(script: Any, tmp_path: Path, monkeypatch: Any) -
     assert "| stack_2 | zero | 0:4 |" in page
 
 
-def test_what_the_planner_does_not_solve_is_drawn(
+def test_starts_that_the_planner_does_not_solve_are_drawn(
     script: Any, tmp_path: Path, monkeypatch: Any
 ) -> None:
     try:

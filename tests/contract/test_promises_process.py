@@ -213,7 +213,7 @@ def test_exit_after_drawing_is_silent() -> None:
 
 @_HAS_FORK
 @pytest.mark.parametrize("task", ["humanoid:walk", "manipulator:insert_peg", "stacker:stack_4"])
-def test_a_forked_child_goes_on_as_its_parent_does_and_exits_well(task: str) -> None:
+def test_a_forked_child_has_the_same_future_and_exits_with_status_0(task: str) -> None:
     body = """
     import os, pickle, sys
     env = suite.load(*sys.argv[1].split(":"))

@@ -254,7 +254,7 @@ def test_an_unknown_render_mode_is_refused() -> None:
         _env(render_mode="human")
 
 
-def test_closing_twice_is_fine_and_later_use_says_closed() -> None:
+def test_closing_twice_is_fine_and_later_use_raises() -> None:
     env = _env()
     env.reset(seed=0)
     env.close()

@@ -480,7 +480,7 @@ def test_there_are_no_pictures_without_a_render_mode() -> None:
 
 
 @pytest.mark.parametrize("pipelined", [False, True])
-def test_closing_twice_is_fine_and_later_use_says_closed(pipelined: bool) -> None:
+def test_closing_twice_is_fine_and_later_use_raises(pipelined: bool) -> None:
     envs = _envs(2, pipelined=pipelined)
     envs.reset(seed=0)
     envs.close()

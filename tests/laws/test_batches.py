@@ -175,7 +175,7 @@ def test_variants_reach_the_rows(task: Task) -> None:
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_what_a_batch_returns_never_changes_later(task: Task) -> None:
+def test_arrays_returned_by_a_batch_never_change_later(task: Task) -> None:
     batch = suite.load_batch(*task, 3, 1, _SEED)
     first = batch.reset()
     action = _actions(batch, 1)[0]

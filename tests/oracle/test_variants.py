@@ -99,7 +99,7 @@ def test_an_infinite_time_limit_never_ends_the_episode(domain: str, task: str) -
 
 
 @every_task
-def test_a_random_state_is_used_as_it_is(domain: str, task: str) -> None:
+def test_a_random_state_is_used_directly(domain: str, task: str) -> None:
     streams = [np.random.RandomState(11) for _ in BOTH]
     envs = [
         package("suite").load(domain, task, task_kwargs={"random": stream})

@@ -66,7 +66,7 @@ def test_a_constant_stands_for_all_rows_where_a_task_may_give_one(label: str) ->
         _finding(label).check(np.array(1.0), np.array(0.0))
 
 
-def test_a_constant_is_no_observation() -> None:
+def test_a_constant_is_refused_as_an_observation() -> None:
     with pytest.raises(ValueError, match=r"has shape \(\) in a batch of 3; expected \(3,\)"):
         _finding().check(np.array(1.0), np.array(1.0))
 

@@ -394,7 +394,7 @@ def test_fields_that_no_row_can_have_are_refused(fields: Any, error: Any, match:
         _batch(_with(EPISODE_FIELDS=fields))
 
 
-def test_a_quantity_that_forgets_what_is_randomised_is_refused() -> None:
+def test_a_quantity_that_ignores_randomised_fields_is_refused() -> None:
     class Weighing(Reach):
         def __init__(self, mass: float) -> None:
             super().__init__(random=0)
@@ -463,7 +463,7 @@ def test_a_row_that_diverges_is_compared_no_further() -> None:
 
 
 @pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
-def test_the_suites_tasks_are_accepted_whatever_is_observed(task: tuple[str, str]) -> None:
+def test_the_suites_tasks_are_accepted_with_all_observation_options(task: tuple[str, str]) -> None:
     kwargs = {} if task[0] == "humanoid" else {"fully_observable": False}
     for options in ({}, {"legacy_step": False}, {"randomize": {"body_mass": scale(0.9, 1.1)}}):
         assert suite.load_batch(*task, 1, 1, task_kwargs=kwargs, environment_kwargs=options)

@@ -122,7 +122,7 @@ def test_observations_follow_their_specs(only: bool, flat: bool) -> None:
 
 
 @_draws
-def test_a_user_may_change_what_was_observed() -> None:
+def test_returned_observations_may_be_modified() -> None:
     for env in (_single(), _batch()):
         kept = env.reset().observation["pixels"]
         expected = kept.copy()
