@@ -82,8 +82,8 @@ _PUBLISHED_TEXT = """
 ## Published scores
 
 The best published scores from states that we found, as of November 2026, for orientation. They come
-from few episodes, older versions of MuJoCo and other seeds, so differences of a few per cent are not
-significant (see [Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). *steps*:
+from few episodes, older versions of MuJoCo and other seeds, so differences of a few per cent mean
+nothing (see [Exactness](exactness.md#mujoco-versions-are-different-benchmarks)). *steps*:
 environment steps in training. Tasks not in the table have no published score above that of zero
 actions.
 """
