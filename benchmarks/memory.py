@@ -35,8 +35,8 @@ NUM_CYCLES = 1_000
 # Megabytes by which the process may grow after warm-up. The allocator accounts for one or two; a
 # leak of a kilobyte per load adds five, of an object per step fifty, and of a model twelve.
 _FLAT = at_most(4)
-# The same where the allocator keeps what it likes: what a user's process grows by, who makes one
-# vector environment after the other. Two models and their data fit in.
+# The same including the allocator's cache, as in the process of a user that creates one vector
+# environment after the other. Leaves room for two models and their data.
 _FLAT_AS_IT_IS = at_most(30)
 
 _STEPS_PER_EPISODE = 1_000

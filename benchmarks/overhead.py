@@ -99,12 +99,12 @@ def main(
     ] = False,
     json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
 ) -> None:
-    """Measure Limberjack beside dm_control and print each bar and whether it is met."""
+    """Measure Limberjack against dm_control and print each bar and whether it is met."""
     effort = _QUICK if quick else _FULL
     if peers.THEIRS not in peers.installed():
         typer.echo(
-            "dm_control is not installed (Python 3.13 and newer cannot have it): what is compared "
-            "with it is not measured.",
+            "dm_control is not installed (it does not support Python 3.13 and newer): comparisons "
+            "with it are not measured.",
             err=True,
         )
     rows = []

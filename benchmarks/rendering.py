@@ -73,9 +73,7 @@ def main(
         os.environ.setdefault("MUJOCO_GL", "egl")  # otherwise the others look for a window
     effort = _QUICK if quick else _FULL
     if peers.THEIRS not in peers.installed():
-        typer.echo(
-            "dm_control is not installed: what is compared with it is not measured.", err=True
-        )
+        typer.echo("dm_control is not installed: comparisons with it are not measured.", err=True)
     rows = []
     for task in _TASKS[: effort.tasks]:
         typer.echo(f"measuring: {':'.join(task)}", err=True)

@@ -145,7 +145,7 @@ class _Run:
             return None
         folder = batch_peers.install(peer, self._peers)
         if folder is None:
-            _say(f"{peer} could not be installed: what is compared with it is not measured")
+            _say(f"{peer} could not be installed: comparisons with it are not measured")
         return folder
 
 

@@ -55,7 +55,7 @@ _ONLY_IN = {
     "stable_baselines3": "limberjack.sb3",
     "typer": "limberjack.cli",
 }
-# Modules that are made of a package of an extra, and cannot be imported without it.
+# Modules that depend on a package of an extra, and cannot be imported without it.
 _MADE_OF = {
     "limberjack.sb3": ("stable_baselines3", "sb3"),
     "limberjack.viewer.studio": ("mujoco.studio", "view"),

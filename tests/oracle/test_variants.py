@@ -21,7 +21,7 @@ partly_observable = pytest.mark.parametrize(
 
 _STEPS = 60
 _STARTS = 200
-# What a start may change: the state, and the bodies that manipulator and stacker move.
+# Fields that a start may change: the state, and the bodies that manipulator and stacker move.
 _START_FIELDS = (
     "data.qpos",
     "data.qvel",

@@ -105,9 +105,9 @@ def test_a_quantity_that_only_one_side_has_is_named() -> None:
     assert "'angle' of task Swing is missing in a batch after 2 steps, which has only " in str(
         missing
     )
-    assert "observation 'speed', the reward: a task must give rows what it gives" in str(missing)
+    assert "observation 'speed', the reward: a task must have the same quantities" in str(missing)
     surplus = str(_finding(step=0).surplus())
-    assert "is there in a batch as episodes begin, but not in a single simulation" in surplus
+    assert "exists in a batch as episodes begin, but not in a single simulation" in surplus
 
 
 # Errors that a task raises.

@@ -125,7 +125,7 @@ def test_a_batch_safe_task_is_accepted(num_envs: int) -> None:
         (lambda p: p.position()[:1], r"has shape \(1, 2\) in a batch of 3; expected \(3, 1\)"),
         (lambda p: p.position()[0], r"has shape \(2,\) in a batch of 3; expected \(3,\)"),
         (lambda p: np.linalg.norm(p.tip_to_goal()), r"has shape \(\) in a batch of 3"),
-        # Shapes that fit: only the values tell.
+        # Shapes that fit: only the values differ.
         (lambda p: p.position()[::-1].copy(), r"is .* at index \[0\] in row 0 .*; expected"),
         (lambda p: p.velocity() / np.linalg.norm(p.position()), r"is .* in row \d"),
         (lambda p: p.position() - p.position().mean(), r"is .* in row \d"),

@@ -59,7 +59,7 @@ def _pictures(stack: np.ndarray) -> list[np.ndarray]:
     return np.split(stack, stack.shape[-1] // 3, axis=-1)
 
 
-# What is seen.
+# Content.
 
 
 @_draws
@@ -254,7 +254,7 @@ def _restored_into_only(batch: BatchEnvironment) -> BatchEnvironment:
     return only
 
 
-# What goes wrong.
+# Errors.
 
 
 @pytest.mark.parametrize(

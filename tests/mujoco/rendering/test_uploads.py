@@ -188,7 +188,7 @@ def test_models_that_nobody_can_change_are_not_compared(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(uploads, "_are_same", compare)
     np.testing.assert_array_equal(environment.physics.render(**size), expected)
-    assert environment.physics.model.ptr  # from here on anybody may change it
+    assert environment.physics.model.ptr  # from now on user code may change it
     environment.physics.render(**size)  # its own copy, for the first time
     with pytest.raises(AssertionError, match="were compared"):
         environment.physics.render(**size)
