@@ -30,7 +30,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _call(site: Path, *command: str, **variables: str) -> "subprocess.CompletedProcess[str]":
-    """What a module does as a program, where the package is installed."""
+    """The result of running a module as a program, with the package installed."""
     places = [str(site), str(Path(suite.__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
     inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
     return subprocess.run(
