@@ -1,4 +1,4 @@
-"""What batches cost and gain beside the steps: resets, threads, memory, pipelining."""
+"""Costs and gains of batches besides stepping: resets, threads, memory and pipelining."""
 
 import os
 import statistics
@@ -39,7 +39,7 @@ _Task = tuple[str, str]
 
 
 def free_cores(seconds: float = 1.0) -> int:
-    """Cores that nobody uses at present, at least 1; on other systems than Linux, all."""
+    """Idle cores, at least 1; all cores on systems other than Linux."""
     before = _idle_seconds()
     if before is None:
         return os.cpu_count() or 1
@@ -50,7 +50,7 @@ def free_cores(seconds: float = 1.0) -> int:
 
 
 def _idle_seconds() -> float | None:
-    """Seconds that the processor's cores have been idle, in all."""
+    """Total idle time of all cores, seconds."""
     try:
         with open("/proc/stat", encoding="ascii") as file:
             return int(file.readline().split()[4]) / os.sysconf("SC_CLK_TCK")
@@ -61,13 +61,13 @@ def _idle_seconds() -> float | None:
 def measure_resets(
     tasks: Sequence[_Task], num_threads: int, num_resets: int, seconds: float
 ) -> list[Row]:
-    """Starts of all rows at once, beside the steps of an episode.
+    """Simultaneous starts of all rows, relative to the steps of an episode.
 
     Args:
-      tasks: domain and name of each.
-      num_threads: that step; starts are drawn one after the other.
-      num_resets: of all rows.
-      seconds: for the steps of each task.
+      tasks: domain and name of each task.
+      num_threads: number of stepping threads; starts are drawn one after the other.
+      num_resets: number of resets of all rows.
+      seconds: time for the steps of each task.
     """
     rows = []
     for domain, task in tasks:
@@ -95,12 +95,12 @@ def measure_resets(
 
 
 def measure_threads(tasks: Sequence[_Task], most: int, seconds: float) -> list[Row]:
-    """One thread and more, beside what MuJoCo alone gains from them.
+    """Speedup by threads, relative to that of MuJoCo alone.
 
     Args:
-      tasks: domain and name of each.
-      most: threads, the cores that are free.
-      seconds: for each task and number of threads.
+      tasks: domain and name of each task.
+      most: maximum number of threads, that of idle cores.
+      seconds: time for each task and number of threads.
     """
     counts = sorted({*(2**i for i in range(most.bit_length())), most} - {1})
     return [_threads_row(*task, count, seconds) for task in tasks for count in counts]
@@ -137,7 +137,7 @@ def _threads_row(domain: str, task: str, count: int, seconds: float) -> Row:
 
 
 def measure_memory(num_envs: int) -> list[Row]:
-    """Memory of one more row, from processes with `num_envs` rows and with half as many."""
+    """Memory per row, from the difference between processes with `num_envs` and half as many."""
     sizes = {
         count: fresh.call("batch_costs", "megabytes_with", count, variables=peers.WITHOUT_OPENGL)
         for count in (num_envs // 2, num_envs)
@@ -171,7 +171,7 @@ def megabytes_with(num_envs: int) -> float | None:
 
 
 def _resident_megabytes() -> float | None:
-    """Memory of this process that is in RAM; None where the system does not tell."""
+    """Resident memory of this process, megabytes; None if the system does not report it."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except OSError:
@@ -182,13 +182,13 @@ def _resident_megabytes() -> float | None:
 def measure_pipelining(
     tasks: Sequence[_Task], num_threads: int, num_steps: int, num_rounds: int
 ) -> list[Row]:
-    """Two halves in turn against a plain loop, with a policy that waits as for a GPU.
+    """Two alternating halves against a plain loop, with a policy that waits as for a GPU.
 
     Args:
-      tasks: domain and name of each.
-      num_threads: that step.
-      num_steps: of each loop.
-      num_rounds: of both loops.
+      tasks: domain and name of each task.
+      num_threads: number of stepping threads.
+      num_steps: steps of each loop.
+      num_rounds: rounds of both loops.
     """
     return [_pipelining_row(*task, num_threads, num_steps, num_rounds) for task in tasks]
 
@@ -214,7 +214,7 @@ def _pipelining_row(
     waits = []
     for number in range(num_rounds):
         plain.reset(seed=number)
-        # The policy waits for all rows as long as their steps take, as the machine is at present.
+        # The policy waits as long as the steps of all rows take under the machine's current load.
         wait = _seconds_of(_plain_loop, plain, actions, 0.0) / num_steps
         for name, loop, env in (("plain", _plain_loop, plain), ("halves", _two_halves, halves)):
             env.reset(seed=number)
@@ -243,7 +243,7 @@ def _plain_loop(env: Any, actions: np.ndarray, wait: float) -> None:
 
 
 def _two_halves(env: Any, actions: np.ndarray, wait: float) -> None:
-    """As many steps of as many rows, and the policy waits as long."""
+    """The same number of steps, rows and policy waits as `_plain_loop`, in two halves."""
     for half, rows in enumerate(env.halves):
         time.sleep(wait / 2)
         env.send(actions[0][rows], half)

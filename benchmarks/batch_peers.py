@@ -1,10 +1,10 @@
-"""Other packages' batches, each installed in a virtual environment of its own.
+"""Batches of other packages, each installed in a separate virtual environment.
 
     folder = batch_peers.install("envpool", Path("peers"))
     with batch_peers.Peer("envpool", folder, "humanoid", "walk", 64, num_threads=2) as peer:
         seconds = peer.play(actions)     # (steps, num_envs, nu)
 
-A peer runs in a process of its own (`batch_worker.py`), which does nothing between the commands.
+A peer runs in a separate process (`batch_worker.py`), which is idle between commands.
 """
 
 import json
@@ -21,13 +21,13 @@ __all__ = ["ASYNC", "ENVPOOL", "Peer", "install"]
 
 ENVPOOL, ASYNC = "envpool", "async"
 
-# What pip is asked for: the newest that installs.
+# pip requirements: the newest versions that install.
 _REQUIREMENTS = {ENVPOOL: ["envpool"], ASYNC: ["gymnasium", "shimmy[dm-control]", "packaging"]}
 _HERE = Path(__file__).resolve().parent
 
 
 def install(peer: str, root: Path) -> Path | None:
-    """The folder of a peer's virtual environment, made if it is not there; None if pip fails."""
+    """The folder of a peer's virtual environment, created if missing; None if pip fails."""
     folder = root / f"{peer}-python-{sys.version_info[0]}.{sys.version_info[1]}"
     complete = folder / "complete"
     if complete.exists():
@@ -48,22 +48,22 @@ def _python(folder: Path) -> Path:
 
 
 class Peer:
-    """A peer's environments of one task; at the start of an episode."""
+    """A peer's environments of one task, at the start of an episode."""
 
     def __init__(
         self, peer: str, folder: Path, domain: str, task: str, num_envs: int, num_threads: int
     ) -> None:
-        """Starts the process and makes the environments.
+        """Starts the process and creates the environments.
 
         Raises:
-          RuntimeError: the process ended; what it wrote to standard error says why.
+          RuntimeError: the process ended; its standard error has the reason.
         """
         self.num_envs = num_envs
         self._process = subprocess.Popen(
             [str(_python(folder)), str(_HERE / "batch_worker.py")],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            # Without this process' path: the peer is not to find our packages.
+            # Without this process's module search path, so that the peer does not use our packages.
             env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
         )
         described = self._ask(
@@ -80,7 +80,7 @@ class Peer:
         self.mujoco: str = described["mujoco"]
 
     def play(self, actions: np.ndarray) -> float:
-        """Seconds that steps with the actions took, (steps, num_envs or more, nu)."""
+        """Seconds for steps with the given actions, (steps, num_envs or more, nu)."""
         given = np.ascontiguousarray(actions[:, : self.num_envs], float)
         return self._ask({"do": "play", "shape": given.shape}, given.tobytes())["seconds"]
 
@@ -99,4 +99,4 @@ class Peer:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._process.communicate()  # closes its input, at which it ends
+        self._process.communicate()  # closes its input, which ends it

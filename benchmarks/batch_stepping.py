@@ -1,17 +1,17 @@
-"""Steps per second of batches: ours, MuJoCo's alone, EnvPool's and Gymnasium's processes.
+"""Steps per second of batches: ours, MuJoCo alone, EnvPool, and Gymnasium's processes.
 
-In one cell, a task with so many rows, all that is compared does the same number of steps with the
-same actions in turns, a block of steps each; see `limberjack.bench`. Ours and MuJoCo alone must
-come to the same states; EnvPool, which draws other starts, only does the same number of steps.
+In one cell (a task and a number of rows), all packages do the same number of steps with the same
+actions, alternating in blocks of steps; see `limberjack.bench`. Our batch and MuJoCo alone must
+reach the same states; EnvPool draws other starts and only does the same number of steps.
 
-The bars beside EnvPool are held where both have as many cores as threads: its calling thread works
-beside its threads, so that on a machine with free cores it has one more than it is given. That
-comparison is measured, too, and shown without a bar.
+The bars against EnvPool apply with as many cores as threads: EnvPool's calling thread works in
+addition to its threads, so on a machine with idle cores it uses one core more than requested. That
+comparison is measured too, and shown without a bar.
 
-MuJoCo alone is a persistent `mujoco.batch.Batch` with nothing bound: persistent, as only such a
-batch can have the positions and velocities of its new state, which ours has, at no cost. One that
-is not persistent is quicker where memory is slow, as fewer `MjData` go through the caches; what
-ours does beside that one is shown, too.
+MuJoCo alone means a persistent `mujoco.batch.Batch` with nothing bound. Only a persistent batch can
+provide the positions and velocities of its new state, as ours does, at no cost. One that is not
+persistent is faster if memory is slow, since fewer `MjData` pass through the caches; the comparison
+with it is shown too.
 """
 
 import contextlib
@@ -39,7 +39,7 @@ _ENVPOOL_ON_AVERAGE = at_least(1.35)  # the geometric mean of the tasks
 _PROCESSES = at_least(4)
 
 _NUM_ENVS_BESIDE_PROCESSES = 256
-# Their blocks, of one simulation per process, are lengthened to be worth timing.
+# Blocks of one simulation per process are lengthened to be measurable.
 _BLOCKS_OF_PROCESSES = 16
 
 _Task = tuple[str, str]
@@ -48,13 +48,13 @@ _Times = dict[str, list[float]]
 
 _PHYSICS, _PERSISTENT, _BATCHED, _OURS = "physics", "persistent_physics", "batch", "vector"
 _THEIRS = "peer"
-# Our vector environment and EnvPool, on as many cores as threads and on all cores.
+# Comparisons with EnvPool, on as many cores as threads and on all cores.
 _OURS_BOUND, _THEIRS_BOUND = "vector_bound", "peer_bound"
 _OURS_FREE, _THEIRS_FREE = "vector_free", "peer_free"
 
 
 class Cells:
-    """All tasks and sizes; what is measured more than once is pooled."""
+    """All tasks and sizes; repeated measurements are pooled."""
 
     def __init__(
         self, tasks: Sequence[_Task], sizes: Sequence[int], num_threads: int, peer: Path | None
@@ -62,10 +62,10 @@ class Cells:
         """Measures nothing yet.
 
         Args:
-          tasks: domain and name of each.
-          sizes: numbers of rows, of `SIZES`.
-          num_threads: of everything that is compared.
-          peer: EnvPool's folder; None leaves it out.
+          tasks: domain and name of each task.
+          sizes: numbers of rows, from `SIZES`.
+          num_threads: number of threads of each package.
+          peer: EnvPool's folder; None to omit it.
         """
         self.all: list[_Cell] = [(*task, size) for size in sizes for task in tasks]
         self._num_threads = num_threads
@@ -75,7 +75,7 @@ class Cells:
         self.versions: dict[str, str] = {}
 
     def measure(self, cell: _Cell, seconds: float, min_rounds: int, warm_up_steps: int) -> None:
-        """Measures a cell, once more if it was measured before."""
+        """Measures a cell, and adds to earlier measurements."""
         effort = seconds, min_rounds, warm_up_steps
         with bench.Contest(*cell, self._num_threads) as contest:
             names = (_PHYSICS, _PERSISTENT, _BATCHED, _OURS)
@@ -104,13 +104,13 @@ class Cells:
             return bench.take_turns(players, contest.actions, *effort)
 
     def doubtful(self) -> list[_Cell]:
-        """The cells in which a bar was missed: to be measured again, on another minute's load."""
+        """The cells in which a bar was missed, to be measured again under a different load."""
         rows = {(row.measure, row.subject): row for row in self.rows()}
         missed = {key[1] for key, row in rows.items() if row.is_met is False}
         return [cell for cell in self._taken if _subject(cell) in missed]
 
     def rows(self) -> list[Row]:
-        """Rows for what was measured so far."""
+        """Rows for all measurements so far."""
         rows = []
         for what, ours, bars in (("batch", _BATCHED, _BATCH), ("vector", _OURS, _VECTOR)):
             rows += self._rows(f"{what} / MuJoCo alone", ours, _PERSISTENT, bars, with_means=False)
@@ -131,7 +131,7 @@ class Cells:
         return rows
 
     def _means(self, measure: str, ours: str, theirs: str, bar: Bar | None) -> list[Row]:
-        """The geometric mean of the tasks for each number of rows."""
+        """The geometric mean over the tasks for each number of rows."""
         means = []
         for size in dict.fromkeys(cell[2] for cell in self._taken):
             of_size = [
@@ -166,7 +166,7 @@ class Cells:
 
 @contextlib.contextmanager
 def _kept_to(num_cores: int) -> Iterator[None]:
-    """Keeps what is started within to so many cores, where the system can."""
+    """Restricts processes and threads started in the context to some cores, if supported."""
     if not hasattr(os, "sched_setaffinity"):
         yield
         return
@@ -186,15 +186,15 @@ def measure_processes(
     min_rounds: int,
     versions: dict[str, str],
 ) -> list[Row]:
-    """Our vector environment beside a process per core with one simulation of dm_control each.
+    """Our vector environment against one process per core with a dm_control simulation each.
 
     Args:
-      tasks: domain and name of each.
-      num_threads: ours, and as many processes.
-      folder: where the peer is installed.
-      seconds: for each task.
-      min_rounds: for each task, at least.
-      versions: what was compared is added here.
+      tasks: domain and name of each task.
+      num_threads: number of our threads, and of processes.
+      folder: the folder in which the peer is installed.
+      seconds: time for each task.
+      min_rounds: minimum number of rounds for each task.
+      versions: receives the versions of the packages.
     """
     rows = []
     for domain, task in tasks:
@@ -251,7 +251,7 @@ def _mean_row(measure: str, subject: str, rows: Sequence[Row], bar: Bar | None) 
 
 
 def _ratios(theirs: Sequence[float], ours: Sequence[float]) -> list[float]:
-    """How many times as fast ours is, in each round."""
+    """Our speedup in each round."""
     return [b / a for a, b in zip(ours, theirs, strict=True)]
 
 

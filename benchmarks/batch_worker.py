@@ -1,4 +1,4 @@
-"""A peer of Limberjack's batches, stepped on command; runs in the Python that has it installed.
+"""Steps a peer of Limberjack's batches on command; runs in the peer's own virtual environment.
 
     python batch_worker.py
 
@@ -8,8 +8,8 @@ It reads JSON lines on standard input and answers each with one on standard outp
      "num_threads": 2}                        -> {"peer": "EnvPool 1.2.5", "mujoco": "3.6.0"}
     {"do": "play", "shape": [8, 64, 21]}      -> {"seconds": 0.1}
 
-The second is followed by the actions, as many float64. Only steps are timed, not what passes
-through the pipes. It imports NumPy and the peer only.
+The second command is followed by the actions, as float64. Only steps are timed, not the transfer
+through pipes. It imports only NumPy and the peer.
 """
 
 import importlib
@@ -37,12 +37,12 @@ def make_envpool(domain: str, task: str, num_envs: int, num_threads: int) -> Any
 
 
 def envpool_name(domain: str, task: str) -> str:
-    """A task's name there: 'StackerStack2-v1' for stacker, stack_2."""
+    """A task's name in EnvPool: 'StackerStack2-v1' for stacker, stack_2."""
     return "".join(word.capitalize() for word in f"{domain}_{task}".split("_")) + "-v1"
 
 
 def make_async(domain: str, task: str, num_envs: int, num_threads: int) -> Any:
-    """Gymnasium's environment of processes, one simulation of dm_control each, through Shimmy."""
+    """Gymnasium's environment with one process per dm_control simulation, through Shimmy."""
     peers: Any = importlib.import_module("peers")
     gymnasium: Any = importlib.import_module("gymnasium")
     peers.suite(peers.THEIRS)  # makes it loadable on MuJoCo 4.0
@@ -52,7 +52,7 @@ def make_async(domain: str, task: str, num_envs: int, num_threads: int) -> Any:
         name = f"{peers.THEIRS}/{domain}-{task}-v0"
         return gymnasium.make(name, disable_env_checker=True)
 
-    # Forked, so that what was done to dm_control holds there.
+    # Forked, so that the changes to dm_control apply there.
     return gymnasium.vector.AsyncVectorEnv([one] * num_envs, context="fork")
 
 
@@ -60,7 +60,7 @@ _MAKERS = {"envpool": make_envpool, "async": make_async}
 
 
 def _describe(peer: str) -> dict[str, str]:
-    """What the peer is and which MuJoCo it runs."""
+    """Versions of the peer and of the MuJoCo that it runs."""
     version = importlib.metadata.version
     if peer == "envpool":
         return {"peer": f"EnvPool {version('envpool')}", "mujoco": _linked_mujoco("envpool")}
@@ -69,7 +69,7 @@ def _describe(peer: str) -> dict[str, str]:
 
 
 def _linked_mujoco(package: str) -> str:
-    """The version of the MuJoCo that is linked into a package's library: a text in that file."""
+    """The version of the MuJoCo linked into a package's library, from a text in that file."""
     root = Path(importlib.import_module(package).__file__ or "").parent
     found = {
         match.decode()
@@ -87,7 +87,7 @@ def _play(env: Any, actions: np.ndarray) -> float:
 
 
 def main(commands: BinaryIO, answers: BinaryIO) -> None:
-    """Does what it is told until its input ends."""
+    """Executes commands until its input ends."""
     env: Any = None
     for line in commands:
         command = json.loads(line)
@@ -108,7 +108,7 @@ def main(commands: BinaryIO, answers: BinaryIO) -> None:
 
 if __name__ == "__main__":
     os.environ["MUJOCO_GL"] = "disable"  # before dm_control is imported, which looks for a display
-    # What the peer prints must not get among the answers.
+    # The peer's output must not mix with the answers.
     channel = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     main(sys.stdin.buffer, channel)

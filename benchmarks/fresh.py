@@ -1,8 +1,8 @@
-"""Calling a function in a Python of its own, for what the present process would spoil.
+"""Calls a function in a fresh Python process, for measurements that this process would distort.
 
     seconds = fresh.call("imports", "seconds_to_import", "limberjack")
 
-The function is one of a module beside this file. Arguments and result are plain values: numbers,
+The function is defined in a module in this folder. Arguments and results are plain values: numbers,
 texts, and lists, tuples and dicts of them.
 """
 
@@ -22,13 +22,13 @@ _HERE = str(Path(__file__).resolve().parent)
 def call(
     module: str, function: str, *arguments: Any, variables: Mapping[str, str | None] | None = None
 ) -> Any:
-    """What the function returns in a fresh process.
+    """The function's result in a fresh process.
 
     Args:
-      module: one beside this file. It should import nothing that the function is to be free of.
-      function: its name.
-      *arguments: passed to it.
-      variables: environment variables to set there, or to remove where the value is None.
+      module: a module in this folder, which must not import anything that affects the measurement.
+      function: the function's name.
+      *arguments: the function's arguments.
+      variables: environment variables to set in the process; None removes a variable.
     """
     known = os.environ.get("PYTHONPATH")
     path = os.pathsep.join([_HERE, known] if known else [_HERE])

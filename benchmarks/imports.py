@@ -1,6 +1,6 @@
-"""The cost of imports, and what they bring in; each function is called in a fresh process.
+"""The cost of imports and the modules that they load; each function runs in a fresh process.
 
-Nothing is imported here at first but the clock, so that what is timed pays for all that it needs.
+Only the clock is imported at module level, so that each measurement includes everything it needs.
 """
 
 import importlib
@@ -13,7 +13,7 @@ _OPENGL = ("OpenGL", "glfw", "mujoco.egl", "mujoco.glfw", "mujoco.osmesa")
 
 
 def seconds_to_import(package: str) -> dict[str, float]:
-    """Seconds for `import mujoco, dm_env, gymnasium`, and what `<package>.suite` adds to it."""
+    """Seconds for `import mujoco, dm_env, gymnasium`, and the time that `<package>.suite` adds."""
     start = time.perf_counter()
     for name in ("mujoco", "dm_env", "gymnasium"):
         importlib.import_module(name)
@@ -25,7 +25,7 @@ def seconds_to_import(package: str) -> dict[str, float]:
 
 
 def seconds_to_import_alone(package: str) -> dict[str, float]:
-    """Seconds for `import gymnasium`, and what `import <package>` adds to it."""
+    """Seconds for `import gymnasium`, and the time that `import <package>` adds."""
     start = time.perf_counter()
     importlib.import_module("gymnasium")
     between = time.perf_counter()

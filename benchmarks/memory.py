@@ -1,8 +1,8 @@
-"""Whether memory stays flat, and what an environment takes.
+"""Memory growth over time, and memory per environment.
 
     python benchmarks/memory.py [--steps 1000000] [--loads 5000] [--cycles 1000]
 
-Each figure comes from a process of its own. `python benchmarks/overhead.py` shows the same rows.
+Each figure comes from a separate process. `python benchmarks/overhead.py` shows the same rows.
 """
 
 import ctypes
@@ -32,11 +32,11 @@ NUM_STEPS = 1_000_000
 NUM_LOADS = 5_000
 NUM_CYCLES = 1_000
 
-# Megabytes by which the process may grow once it is warm. The allocator is worth a megabyte or two;
-# a kilobyte kept per load is worth five, one object kept per step fifty, and one model twelve.
+# Megabytes by which the process may grow after warm-up. The allocator accounts for one or two; a
+# leak of a kilobyte per load adds five, of an object per step fifty, and of a model twelve.
 _FLAT = at_most(4)
-# The same where the allocator keeps what it likes: what a user's process grows by, who makes one
-# vector environment after the other. Two models and their data fit in.
+# The same including the allocator's cache, as in the process of a user that creates one vector
+# environment after the other. Leaves room for two models and their data.
 _FLAT_AS_IT_IS = at_most(30)
 
 _STEPS_PER_EPISODE = 1_000
@@ -53,10 +53,10 @@ def measure(
     """All rows.
 
     Args:
-      num_steps: in all, of all ten tasks in turns.
-      num_loads: load-and-drop cycles in all, of all ten tasks in turns.
-      num_cycles: make-and-close cycles of vector environments in all, of three tasks in turns.
-      num_domains: of which one task's environments are weighed.
+      num_steps: total number of steps, alternating between all ten tasks.
+      num_loads: total number of load-and-drop cycles, alternating between all ten tasks.
+      num_cycles: total number of make-and-close cycles of vector environments of three tasks.
+      num_domains: number of domains for which the memory of an environment is measured.
     """
     return [
         _growth_row(f"{num_steps:,} steps", "megabytes_after_steps", num_steps),
@@ -75,7 +75,7 @@ def measure(
 def _growth_row(
     subject: str, function: str, count: int, series: str = "in_use", bar: Bar = _FLAT
 ) -> Row:
-    """How much a process grows after it is warm, by one of the series of `_sampled`."""
+    """Growth of a process after warm-up, from one of the series of `_sampled`."""
     found = fresh.call("memory", function, count, variables=peers.WITHOUT_OPENGL)
     first, last = found[series][0], found[series][-1]
     growth = None if first is None or last is None else last - first
@@ -93,7 +93,7 @@ def _growth_row(
 
 
 def _environment_rows(domain: str, task: str) -> list[Row]:
-    """What the first environment of a task takes, and one more, for information."""
+    """Memory of the first environment of a task and of each further one, for information."""
     sizes = {
         package: fresh.call(
             "memory",
@@ -123,7 +123,7 @@ def _environment_rows(domain: str, task: str) -> list[Row]:
 
 
 def megabytes_after_steps(num_steps: int) -> dict[str, list[float | None]]:
-    """Memory as steps go by: one environment of each task, an episode each in turns."""
+    """Memory over steps: one environment per task, alternating by episodes."""
     suite = peers.suite(peers.OURS)
     environments = [suite.load(*task, {"random": 0}) for task in suite.ALL_TASKS]
     actions = [environment.action_spec().generate_value() for environment in environments]
@@ -139,7 +139,7 @@ def megabytes_after_steps(num_steps: int) -> dict[str, list[float | None]]:
 
 
 def megabytes_after_loads(num_loads: int) -> dict[str, list[float | None]]:
-    """Memory as environments are loaded, started, stepped and dropped, tasks in turns."""
+    """Memory over cycles of loading, resetting, stepping and dropping an environment."""
     suite = peers.suite(peers.OURS)
 
     def load(number: int) -> None:
@@ -151,9 +151,9 @@ def megabytes_after_loads(num_loads: int) -> dict[str, list[float | None]]:
 
 
 def megabytes_after_cycles(num_cycles: int) -> dict[str, list[float | None]]:
-    """Memory as vector environments are made, reset, stepped and closed, tasks in turns.
+    """Memory over cycles of making, resetting, stepping and closing a vector environment.
 
-    Nothing is given back in between: `in_use` is the same as `resident`.
+    No memory is returned in between: `in_use` is the same as `resident`.
     """
     peers.suite(peers.OURS)
     gym = importlib.import_module("limberjack.gym")
@@ -169,7 +169,7 @@ def megabytes_after_cycles(num_cycles: int) -> dict[str, list[float | None]]:
 
 
 def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str, float | None]:
-    """Memory of the first environment of a task, and of each one more, loaded and then used."""
+    """Memory of the first environment of a task and of each further one, after loading and use."""
     suite = peers.suite(package)
 
     def loaded() -> Any:
@@ -202,10 +202,10 @@ def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str,
 def _sampled(
     work: Callable[[int], None], count: int, num_warm_up: int, gives_back: bool = True
 ) -> dict[str, list[float | None]]:
-    """Memory along the work, after a warm-up.
+    """Memory during the work, after a warm-up.
 
-    `resident` is what the process holds. Of that the allocator keeps up to some tens of megabytes
-    for later, now more, now less, where models come and go; without them it is `in_use`.
+    `resident` is the memory of the process. When models are created and freed, the allocator keeps
+    a varying amount of up to some tens of megabytes; `in_use` excludes that.
     """
     for number in range(num_warm_up):
         work(number)
@@ -223,7 +223,7 @@ def _sampled(
 
 
 def _return_unused_memory() -> None:
-    """Lets the allocator give back what it keeps for later, where it knows how to."""
+    """Returns the allocator's unused memory to the system, if supported."""
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # not in every C library
         if trim is not None:
@@ -231,7 +231,7 @@ def _return_unused_memory() -> None:
 
 
 def _resident_megabytes() -> float | None:
-    """Memory of this process that is in RAM; None where the system does not tell."""
+    """Resident memory of this process, megabytes; None if the system does not report it."""
     try:
         lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     except OSError:

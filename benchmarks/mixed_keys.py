@@ -1,8 +1,8 @@
-"""Steps per second of tasks that read by keys which mix names with numbers and slices.
+"""Steps per second of tasks with keys that mix names with numbers and slices.
 
-The suite's other domains read so: `xmat[1:, ["xx", "xz"]]` in a walker, `qpos[:2]` and
-`geom_xpos["target", :2]` in a reacher. Two small tasks do it here, the same text for Limberjack and
-dm_control, which run them in turns, a block of steps each.
+dm_control's other domains use such keys: `xmat[1:, ["xx", "xz"]]` in walker, `qpos[:2]` and
+`geom_xpos["target", :2]` in reacher. Here two small tasks use them, with the same source for
+Limberjack and dm_control, which alternate in blocks of steps.
 """
 
 import collections
@@ -41,14 +41,14 @@ _CHAIN = """
 
 
 def _tasks(package: str) -> dict[str, Any]:
-    """An environment of each task, of a package's own classes."""
+    """An environment of each task, with a package's own classes."""
     peers.suite(package)
     engine: Any = importlib.import_module(f"{package}.mujoco")
     control: Any = importlib.import_module(f"{package}.rl.control")
     base: Any = importlib.import_module(f"{package}.suite.base")
 
     class Reading(base.Task):
-        """What both tasks have in common."""
+        """Base class of both tasks."""
 
         def initialize_episode(self, physics: Any) -> None:
             physics.data.qpos[:] = self.random.uniform(-1, 1, 2)
@@ -57,7 +57,7 @@ def _tasks(package: str) -> dict[str, Any]:
             return float(physics.named.data.xmat["lower", "zz"])
 
     class Reach(Reading):
-        """As a reacher reads."""
+        """Reads like reacher."""
 
         def get_observation(self, physics: Any) -> Any:
             data, obs = physics.named.data, collections.OrderedDict()
@@ -67,7 +67,7 @@ def _tasks(package: str) -> dict[str, Any]:
             return obs
 
     class Walk(Reading):
-        """As a walker reads."""
+        """Reads like walker."""
 
         def get_observation(self, physics: Any) -> Any:
             data, obs = physics.named.data, collections.OrderedDict()
@@ -88,8 +88,8 @@ def measure(num_episodes: int, num_steps: int) -> list[Row]:
     """The row of each task.
 
     Args:
-      num_episodes: of each task.
-      num_steps: of each episode.
+      num_episodes: episodes of each task.
+      num_steps: steps of each episode.
     """
     packages = peers.installed()
     environments = {package: _tasks(package) for package in packages}

@@ -1,8 +1,8 @@
-"""Limberjack's speed bars in one table, measured beside dm_control in one run.
+"""Limberjack's speed bars in one table, measured against dm_control in one run.
 
     python benchmarks/overhead.py [--quick] [--only SECTION]... [--json FILE]
 
-README.md says what is compared with what. The exit status is 1 if a bar is missed.
+README.md describes the comparisons. The exit status is 1 if a bar is missed.
 """
 
 import dataclasses
@@ -35,7 +35,7 @@ class Section(enum.StrEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """How much is measured."""
+    """The amount of work."""
 
     episodes: int  # of each task, by each package and by MuJoCo alone
     steps: int  # of each episode
@@ -59,7 +59,7 @@ _FULL = Effort(
     memory_loads=memory.NUM_LOADS,
     memory_cycles=memory.NUM_CYCLES,
 )
-# Shows that the benchmark works; its figures mean nothing.
+# Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(
     episodes=1,
     steps=10,
@@ -99,12 +99,12 @@ def main(
     ] = False,
     json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
 ) -> None:
-    """Measure Limberjack beside dm_control and print each bar and whether it is met."""
+    """Measure Limberjack against dm_control and print each bar and whether it is met."""
     effort = _QUICK if quick else _FULL
     if peers.THEIRS not in peers.installed():
         typer.echo(
-            "dm_control is not installed (Python 3.13 and newer cannot have it): what is compared "
-            "with it is not measured.",
+            "dm_control is not installed (it does not support Python 3.13 and newer): comparisons "
+            "with it are not measured.",
             err=True,
         )
     rows = []

@@ -21,13 +21,13 @@ __all__ = ["OURS", "THEIRS", "WITHOUT_OPENGL", "installed", "source", "suite"]
 OURS = "limberjack"
 THEIRS = "dm_control"
 
-# The environment of what is timed: nothing is drawn, and a backend that cannot be had would stop
-# the import of dm_control.
+# Environment variables of timed processes: nothing is rendered, and an unavailable backend would
+# make the import of dm_control fail.
 WITHOUT_OPENGL = {"MUJOCO_GL": "disable"}
 
 
 def installed() -> list[str]:
-    """The packages that can be measured: Limberjack, and dm_control where it is installed."""
+    """The packages to measure: Limberjack, and dm_control if it is installed."""
     return [OURS, THEIRS] if importlib.util.find_spec(THEIRS) else [OURS]
 
 
@@ -35,8 +35,9 @@ def suite(package: str, draws: bool = False) -> ModuleType:
     """`limberjack.suite` or `dm_control.suite`.
 
     Args:
-      package: which.
-      draws: dm_control is to draw, by the OpenGL that MUJOCO_GL names; say so at the first call.
+      package: the package's name.
+      draws: whether dm_control needs to render, with the OpenGL that MUJOCO_GL selects; must be set
+        in the first call.
     """
     if package == THEIRS:
         _make_loadable({} if draws else WITHOUT_OPENGL)
@@ -56,7 +57,7 @@ def source(domain: str, task: str) -> tuple[str, dict[str, bytes]]:
 
 
 def _make_loadable(variables: Mapping[str, str]) -> None:
-    """Imports dm_control and deletes what is gone from its table; see the module's docstring."""
+    """Imports dm_control and removes missing fields from its table; see the module's docstring."""
     before = dict(os.environ)
     os.environ.update(variables)
     try:

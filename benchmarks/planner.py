@@ -1,10 +1,10 @@
-"""How long a plan takes: by number of threads, and how much of it is not MuJoCo's.
+"""Time per plan, by number of threads, and the share spent outside MuJoCo.
 
     python benchmarks/planner.py [--quick] [--json FILE]
 
-One planner for each number of threads looks at the same states of one environment, in turns; they
-must choose the same actions. A plan is timed whole, as `Planner.act` makes it. The exit status is 1
-if a bar is missed.
+One planner per number of threads plans in the same states of one environment, in turns; all must
+choose the same actions. Timings include the whole of `Planner.act`. The exit status is 1 if a bar
+is missed.
 """
 
 import dataclasses
@@ -30,21 +30,21 @@ __all__ = ["main", "measure"]
 
 _Task = tuple[str, str]
 
-_CONTROL_STEPS = 2  # that a plan may take, of wall time
+_CONTROL_STEPS = 2  # maximum wall time of a plan
 _THREADS_OF_THE_BAR = 4
 _IN_TIME = at_most(1)
 _NUMPY = at_most(5)  # per cent of a plan
 
-_SEED = 1_000  # none of those that scores are measured on
-_WARM_UP = 3  # plans that are not counted
-# What is MuJoCo's: of its batches, and of the one simulation in which some costs try something.
+_SEED = 1_000  # not one of the seeds used for scores
+_WARM_UP = 3  # plans that are not timed
+# MuJoCo's functions: those of batches, and of the single simulation that some costs step.
 _CALLS = [(mujoco.batch.Batch, name) for name in ("step", "rollout", "forward", "reset")]
 _CALLS += [(mujoco, name) for name in ("mj_step", "mj_step1", "mj_step2", "mj_forward")]
 
 
 @dataclasses.dataclass(frozen=True)
 class _Timing:
-    """One plan, seconds."""
+    """Timing of one plan, seconds."""
 
     whole: float
     in_mujoco: float
@@ -57,7 +57,7 @@ class _Stopwatch:
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """While the context lasts, each call of MuJoCo's is timed."""
+        """Context in which each MuJoCo call is timed."""
         originals = [(place, name, getattr(place, name)) for place, name in _CALLS]
         for place, name, original in originals:
             setattr(place, name, self._timed(original))
@@ -79,7 +79,7 @@ class _Stopwatch:
 
 
 def measure(task: _Task, threads: list[int], plans: int) -> list[Row]:
-    """The rows of a task: plan times for each number of threads, and what is NumPy's share."""
+    """The rows of a task: plan times for each number of threads, and NumPy's share."""
     env = suite.load(*task, task_kwargs={"random": _SEED})
     taken = _play(env, {count: Planner(env, count, _SEED) for count in threads}, plans)
     limit = _CONTROL_STEPS * env.control_timestep()
@@ -125,7 +125,7 @@ def _row_of_threads(
 
 
 def _play(env: Any, planners: dict[int, Planner], plans: int) -> dict[int, list[_Timing]]:
-    """Times so many plans of each planner, along one episode.
+    """Times `plans` plans of each planner during one episode.
 
     Raises:
       RuntimeError: the planners chose different actions.

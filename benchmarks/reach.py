@@ -1,14 +1,14 @@
-"""How many starts of the arm's tasks let the hand get at what it must take and bring.
+"""Reachability: the share of starts of the arm's tasks in which the hand can solve the task.
 
     python benchmarks/reach.py [--episodes 1000] [--json FILE]
 
-Each episode's objects fall for two seconds while nothing is done. Where they lie then, inverse
-kinematics looks for joints of the arm that have its fingers around the object (`taken`), or else a
-fingertip behind it, to rake it inwards (`raked`); and for joints that have the object at the target
-in the same grip (`brought`), where a peg that is not inserted may lean as far as leaves it the full
-reward. Joints' limits, floor and walls count, other objects do not. `cap` is what is left to reach:
-1,000 for each start whose object can be taken or raked, and be brought, and the return of doing
-nothing for others. An arm that catches the object as it falls can do better.
+In each episode the objects fall for two seconds without control. For their final poses, inverse
+kinematics searches for joint angles that put the fingers around the object (`taken`), or else a
+fingertip behind it, to rake it inwards (`raked`), and for joint angles that put the object at the
+target in the same grip (`brought`), where a peg that is not inserted may lean as far as the full
+reward allows. Joint limits, floor and walls are respected, other objects are ignored. `cap` is the
+resulting bound on the return: 1,000 for each start whose object can be taken or raked, and brought,
+and the return of zero actions for others. An arm that catches a falling object can exceed it.
 """
 
 import json
@@ -28,25 +28,25 @@ __all__ = ["main", "measure"]
 _TASKS = [task for task in suite.ALL_TASKS if task[0] in ("manipulator", "stacker")]
 _FALL = 200  # control steps of 10 ms
 _FULL = 1_000.0
-_TRIES = 32  # poses that are looked for
+_TRIES = 32  # number of poses to search
 _ROUGHLY, _EXACTLY = 0.5, 0.1  # radians between the hand and the object, before and after
-_LEANING = 0.4  # radians; a peg at the target that leans no more has the full reward
+_LEANING = 0.4  # radians; maximum tilt of a peg at the target with full reward
 _DOWN, _STEEP = np.array([0.0, -1.0]), 0.5
-_ABOVE = 0.045  # metres; how far above a box's centre the fingertips' site is when it is held
-_BEHIND = np.array([0.03, 0.02])  # metres; outwards and above an object, where it is raked from
+_ABOVE = 0.045  # metres; height of the fingertips' site above the centre of a box that is held
+_BEHIND = np.array([0.03, 0.02])  # metres; offset outwards and upwards for raking an object
 
-_Places = dict[str, np.ndarray]  # of the sites, (2,) each
+_Places = dict[str, np.ndarray]  # positions of the sites, (2,) each
 _Reaches = Callable[..., bool]
 
 
 def measure(domain: str, task: str, episodes: int, zero_returns: Sequence[float]) -> dict[str, Any]:
-    """What can be reached in the episodes of seeds 0 and up.
+    """Reachability statistics for the episodes with seeds from 0.
 
     Args:
-      domain: of the task.
-      task: its name.
-      episodes: how many.
-      zero_returns: of doing nothing, for each seed.
+      domain: the domain's name.
+      task: the task's name.
+      episodes: number of episodes.
+      zero_returns: returns of zero actions, for each seed.
     """
     batch = suite.load_batch(domain, task, episodes, seed=0)
     batch.reset()
@@ -76,7 +76,7 @@ def measure(domain: str, task: str, episodes: int, zero_returns: Sequence[float]
 
 
 def _reaches(random: np.random.Generator) -> _Reaches:
-    """Whether a place of the hand can be at a point, the hand at an angle, give or take a tilt."""
+    """A predicate: whether a site of the hand can be at a point, at an angle within a tolerance."""
 
     def reaches(
         point: np.ndarray,
@@ -92,7 +92,7 @@ def _reaches(random: np.random.Generator) -> _Reaches:
 
 
 def _manipulator(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool, bool]:
-    """Whether the object can be taken, the peg by its handle, or raked; and be brought."""
+    """Whether the object can be taken (a peg by its handle), whether raked, whether brought."""
     place = places["peg" if task._use_peg else "ball"]
     outwards = np.sign(place[0])
     rakes = reaches(place + _BEHIND * [outwards, 1.0], TIP_REACH, lateral=TIP_ASIDE)
@@ -100,7 +100,7 @@ def _manipulator(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, b
         return reaches(place, PINCH), rakes, reaches(places["target_ball"], PINCH)
     takes = _by_handle(places["peg_grasp"], places["peg_tip"], 0.0, _ROUGHLY, reaches)
     grasp, tip = places["target_peg_grasp"], places["target_peg_tip"]
-    # In the air it may lean about the point between its middle and its tip, both of which count.
+    # In the air it may lean about the midpoint of its centre and tip, which both count.
     about = (
         0.0 if task._insert else float(np.linalg.norm(places["target_peg"] + tip - 2 * grasp)) / 2
     )
@@ -111,14 +111,14 @@ def _manipulator(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, b
 def _by_handle(
     grasp: np.ndarray, tip: np.ndarray, about: float, tilt: float, reaches: _Reaches
 ) -> bool:
-    """Whether a peg can be held that may lean about a point so far ahead of its handle."""
+    """Whether a peg can be held that may lean about a point at a distance ahead of its handle."""
     along = tip - grasp
     point = grasp + about * along / np.linalg.norm(along)
     return reaches(point, GRASP + about, angle_of(along), tilt)
 
 
 def _stacker(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool, bool]:
-    """Whether enough boxes can be taken from above, or raked; and be put at the target."""
+    """Whether enough boxes can be taken from above, whether raked, whether put at the target."""
     down = angle_of(_DOWN)
 
     def from_above(place: np.ndarray) -> bool:
@@ -140,7 +140,7 @@ def main(
     episodes: Annotated[int, typer.Option(min=1, max=1000, help="Of seeds 0 and up.")] = 1000,
     json_file: Annotated[Path | None, typer.Option("--json", help="File for the figures.")] = None,
 ) -> None:
-    """Print what is within reach in each of the arm's tasks."""
+    """Print what is reachable in each of the arm's tasks."""
     results = []
     for domain, task in _TASKS:
         scores = Path(__file__).parent / "results" / "scores" / f"{domain}-{task}-zero.json"

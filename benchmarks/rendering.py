@@ -1,9 +1,9 @@
-"""How fast pictures are drawn, beside a bare `mujoco.Renderer` and dm_control.
+"""Rendering speed, compared with a bare `mujoco.Renderer` and dm_control.
 
     python benchmarks/rendering.py [--quick] [--json FILE]
 
-All draw the same states in turns, in one process, and the pictures must be equal. README.md says
-what is compared with what. The exit status is 1 if a bar is missed.
+All render the same states in turns, in one process, and the pictures must be equal. README.md
+describes the comparisons. The exit status is 1 if a bar is missed.
 """
 
 import dataclasses
@@ -33,7 +33,7 @@ _SEED = 0
 
 # Frames per second over those of a bare `mujoco.Renderer`.
 _OF_BARE = at_least(0.95)
-# Over dm_control's, which makes a scene for each frame: worth little beside a large one.
+# Over dm_control, which creates a scene for each frame; this matters little for large frames.
 _OF_THEIRS = {_SMALL: at_least(1.8), _LARGE: at_least(1.0)}
 # Of quality 'fast' over 'full', with a software renderer.
 _FAST = at_least(2.5)
@@ -42,13 +42,13 @@ _OF_BARE_ROWS = at_least(0.9)
 
 _OURS, _BARE, _QUICKER, _DEPTH = "ours", "bare", "fast", "depth"
 
-# Draws the present state.
+# Renders the current state.
 _Player = Callable[[], np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """How much is measured."""
+    """The amount of work."""
 
     rounds: int  # states of each task, at the small size
     large_rounds: int  # at the large one
@@ -58,7 +58,7 @@ class Effort:
 
 
 _FULL = Effort(rounds=40, large_rounds=20, frames=3, tasks=len(_TASKS), rows=16)
-# Shows that the benchmark works; its figures mean nothing.
+# Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(rounds=1, large_rounds=1, frames=1, tasks=1, rows=2)
 
 
@@ -70,12 +70,10 @@ def main(
 ) -> None:
     """Measure pictures and print each bar and whether it is met."""
     if sys.platform == "linux":
-        os.environ.setdefault("MUJOCO_GL", "egl")  # else the others look for a window
+        os.environ.setdefault("MUJOCO_GL", "egl")  # otherwise the others look for a window
     effort = _QUICK if quick else _FULL
     if peers.THEIRS not in peers.installed():
-        typer.echo(
-            "dm_control is not installed: what is compared with it is not measured.", err=True
-        )
+        typer.echo("dm_control is not installed: comparisons with it are not measured.", err=True)
     rows = []
     for task in _TASKS[: effort.tasks]:
         typer.echo(f"measuring: {':'.join(task)}", err=True)
@@ -91,7 +89,7 @@ def main(
     sys.exit(not quick and not all_met(rows))
 
 
-# The table's parts, in order, and what each divides by what.
+# The table's parts, in order, and the two quantities of each ratio.
 _MEASURES = (
     ("render / mujoco.Renderer", (_OURS, _BARE)),
     ("render / dm_control", (_OURS, peers.THEIRS)),
@@ -133,7 +131,7 @@ def _row(
     names: tuple[str, str],
     bar: Bar | None,
 ) -> Row:
-    """How many times as fast the first of two is as the second, of the seconds that they took."""
+    """The speedup of the first of two players over the second, from their times."""
     first, second = taken[names[0]], taken.get(names[1], [])
     ratios = [b / a for a, b in zip(first, second, strict=False)]
     return Row(
@@ -149,14 +147,14 @@ def _row(
 
 
 class _Contest:
-    """Those who draw the same states in turns."""
+    """Players that render the same states in turns."""
 
     players: dict[str, _Player]
-    # Those whose pictures are equal.
+    # Players whose pictures must be equal.
     alike: tuple[str, ...]
 
     def advance(self) -> None:
-        """Moves to the next state, in all."""
+        """Advances all players to the next state."""
         raise NotImplementedError
 
     def play(self, rounds: int, frames: int) -> dict[str, list[float]]:
@@ -165,7 +163,7 @@ class _Contest:
         taken: dict[str, list[float]] = {name: [] for name in order}
         for number in range(rounds + 1):
             self.advance()
-            if number == 0:  # not timed: what is made at the first picture
+            if number == 0:  # not timed: resources are created for the first picture
                 self._check({name: play() for name, play in self.players.items()})
                 continue
             for name in order:
@@ -183,7 +181,7 @@ class _Contest:
 
 
 class _Single(_Contest):
-    """One environment, drawn by Limberjack, by a bare `mujoco.Renderer` and by dm_control."""
+    """One environment, rendered by Limberjack, a bare `mujoco.Renderer` and dm_control."""
 
     alike = (_OURS, _BARE, peers.THEIRS)
 
@@ -214,9 +212,9 @@ class _Single(_Contest):
 
 
 class _Batch(_Contest):
-    """A batch's rows, drawn by `BatchEnvironment` and by a bare `mujoco.Renderer`."""
+    """A batch's rows, rendered by `BatchEnvironment` and by a bare `mujoco.Renderer`."""
 
-    # Without the model's fields that each row has for itself, a bare renderer draws other targets.
+    # A bare renderer ignores per-row model fields, so it draws other targets.
     alike = ()
 
     def __init__(self, task: tuple[str, str], size: tuple[int, int], rows: int) -> None:
@@ -253,7 +251,7 @@ def _drawing(environment: Any, height: int, width: int, **how: Any) -> _Player:
 
 
 def _bare(model: Any, data: Any, height: int, width: int) -> _Player:
-    """MuJoCo's own renderer of a state."""
+    """MuJoCo's own renderer for a state."""
     renderer = mujoco.Renderer(model, height, width)
 
     def draw() -> np.ndarray:

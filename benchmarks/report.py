@@ -1,4 +1,4 @@
-"""A benchmark's rows, their bars, and how they are shown and stored."""
+"""Rows and bars of benchmarks, and their output as a table and as JSON."""
 
 import dataclasses
 import datetime
@@ -34,13 +34,13 @@ _WIDTH = 118  # characters; where the output is no terminal, the table is not fo
 
 @dataclasses.dataclass(frozen=True)
 class Bar:
-    """What a figure must reach."""
+    """A limit that a figure must meet."""
 
     limit: float
     is_maximum: bool
 
     def is_met_by(self, value: float) -> bool:
-        """Whether a figure reaches it."""
+        """Whether a figure meets the bar."""
         return value <= self.limit if self.is_maximum else value >= self.limit
 
     def __str__(self) -> str:
@@ -61,7 +61,7 @@ def at_most(limit: float) -> Bar:
 class Row:
     """One line of the table.
 
-    Without a `value` there was nothing to compare with; without a `bar` it is for information.
+    A row without a `value` had nothing to compare with; one without a `bar` is for information.
     """
 
     measure: str
@@ -69,7 +69,7 @@ class Row:
     ours: float | None
     theirs: float | None
     unit: str  # of `ours` and `theirs`
-    value: float | None  # what the bar is about
+    value: float | None  # the figure compared with the bar
     value_unit: str = ""
     bar: Bar | None = None
     details: Mapping[str, Any] = dataclasses.field(default_factory=dict)
@@ -83,12 +83,12 @@ class Row:
 
 
 def all_met(rows: Iterable[Row]) -> bool:
-    """Whether no bar is missed; what could not be measured misses none."""
+    """Whether no bar is missed; rows without a measurement are ignored."""
     return all(row.is_met is not False for row in rows)
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:
-    """Median and quartiles of repeated measurements, and how many there were."""
+    """Median, quartiles and number of repeated measurements."""
     if len(values) < 2:
         return {"median": values[0], "count": len(values)}
     lower, _, upper = statistics.quantiles(values, n=4, method="inclusive")
@@ -100,8 +100,8 @@ def print_table(rows: Iterable[Row], peer: str) -> None:
     """Prints the rows and whether each bar is met.
 
     Args:
-      rows: the lines, in groups of one measure.
-      peer: heads the column of what Limberjack is compared with.
+      rows: the lines, grouped by measure.
+      peer: title of the column of the package that Limberjack is compared with.
     """
     console = Console()
     if not console.is_terminal:
@@ -130,7 +130,7 @@ def print_table(rows: Iterable[Row], peer: str) -> None:
 
 
 def summary(rows: Iterable[Row]) -> str:
-    """How many bars are met, and which are not."""
+    """The number of bars met, and the names of those missed."""
     with_bar = [row for row in rows if row.bar is not None]
     lines = [f"{sum(row.is_met is True for row in with_bar)} of {len(with_bar)} bars met"]
     lines += [f"missed: {row.measure}, {row.subject}" for row in with_bar if row.is_met is False]

@@ -1,4 +1,4 @@
-"""Makes docs/scores.md from the results of `limberjack evaluate` in benchmarks/results/scores/.
+"""Generates docs/scores.md from results of `limberjack evaluate` in benchmarks/results/scores/.
 
     limberjack evaluate humanoid walk --policy planner --seeds 0:100 --out DIR
     python benchmarks/scores.py DIR
@@ -25,10 +25,10 @@ __all__ = ["main", "page", "read_results"]
 _RESULTS = Path(__file__).parent / "results" / "scores"
 _PAGE = Path(__file__).parents[1] / "docs" / "scores.md"
 _IMAGES = _PAGE.parent / "images"
-_DRAWN = "manipulator", "stacker"  # a humanoid's starts all look alike
+_DRAWN = "manipulator", "stacker"  # all starts of the humanoid look alike
 
-# The best scores from states that were found, with the steps of training and the action repeat,
-# where the authors' paper or code says one. The arm's were never measured from all starts.
+# The best published scores from states that we found, with training steps and action repeat if the
+# authors' paper or code states them. Those of the arm were never measured from all starts.
 _PUBLISHED = {
     ("humanoid", "stand"): [
         ("953", "FlashSAC", "1 million", "not found"),
@@ -97,7 +97,7 @@ _Result = dict[str, Any]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Takes over results and writes the page."""
+    """Imports results and writes the page."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else None)
     parser.add_argument("folders", nargs="*", type=Path, help="of `limberjack evaluate --out`")
     for folder in parser.parse_args(arguments).folders:
@@ -113,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def read_results() -> list[_Result]:
-    """The committed results, by task and number of episodes, the most first."""
+    """The committed results, by task and by number of episodes in descending order."""
     results = [json.loads(path.read_text(encoding="utf-8")) for path in _RESULTS.glob("*.json")]
     tasks = list(suite.ALL_TASKS)
     return sorted(
@@ -146,7 +146,7 @@ def _table(columns: Sequence[str], rows: Any) -> list[str]:
 
 
 def _rows_of(results: Sequence[_Result]) -> Iterator[tuple[_Result, str, _Result]]:
-    """Each policy's result, name and summary; the floors where they have the most episodes."""
+    """Each policy's result, name and summary; baselines from the result with the most episodes."""
     told: set[tuple[str, str, str]] = set()
     for result in results:
         for policy, summary in result["summary"].items():

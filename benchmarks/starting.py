@@ -25,20 +25,20 @@ _SECOND_LOAD = at_most(10)  # milliseconds
 _RESET = at_most(1.0)  # over dm_control's
 
 _SEED = 0
-# Whatever MUJOCO_GL says, OpenGL must wait for the first frame.
+# For any value of MUJOCO_GL, OpenGL must not be loaded before the first frame.
 _BACKENDS = (None, "egl", "glfw", "osmesa", "nonsense")
-# A task of each domain; processes are slow to start.
+# One task per domain, because processes are slow to start.
 _TASK_OF_DOMAIN = (("humanoid", "walk"), ("manipulator", "bring_ball"), ("stacker", "stack_2"))
 
 
 def measure_imports(num_processes: int) -> list[Row]:
-    """What imports add to those of the packages below, and the OpenGL that they bring in.
+    """Import times in addition to those of the dependencies, and the OpenGL modules loaded.
 
     Args:
-      num_processes: for each package and import, in turns.
+      num_processes: number of processes for each package and import, in turns.
     """
     packages = peers.installed()
-    # By function of `imports` and package; of dm_control nothing is imported but its suite.
+    # By function of `imports` and package; only the suite of dm_control is imported.
     calls = [("seconds_to_import", package) for package in packages]
     calls.append(("seconds_to_import_alone", peers.OURS))
     times: dict[tuple[str, str], list[dict[str, float]]] = {call: [] for call in calls}
@@ -46,7 +46,7 @@ def measure_imports(num_processes: int) -> list[Row]:
         for number in range(1 + num_processes):
             for function, package in calls:
                 seconds = fresh.call("imports", function, package, variables=variables)
-                if number:  # the first one compiled
+                if number:  # the first one compiled bytecode
                     milliseconds = {name: 1e3 * s for name, s in seconds.items()}
                     times[function, package].append(milliseconds)
     suites = {package: times["seconds_to_import", package] for package in packages}
@@ -60,10 +60,9 @@ def measure_imports(num_processes: int) -> list[Row]:
 
 @contextlib.contextmanager
 def _as_installed() -> Iterator[dict[str, str | None]]:
-    """Environment variables for processes that find modules compiled to bytecode.
+    """Environment variables for processes with a bytecode cache, as for an installed package.
 
-    As where a package is installed: they are compiled once. Elsewhere, so that a source tree is
-    left as it was.
+    The cache is outside the source tree, which is not changed.
     """
     with tempfile.TemporaryDirectory() as cache:
         yield {
@@ -74,7 +73,7 @@ def _as_installed() -> Iterator[dict[str, str | None]]:
 
 
 def _import_row(subject: str, times: dict[str, list[dict[str, float]]], bar: Bar) -> Row:
-    """What an import adds, by package."""
+    """The time that an import adds, by package."""
     added = {name: spread([t["added"] for t in values]) for name, values in times.items()}
     ours = added[peers.OURS]["median"]
     return Row(
@@ -91,7 +90,7 @@ def _import_row(subject: str, times: dict[str, list[dict[str, float]]], bar: Bar
 
 
 def _opengl_row() -> Row:
-    """OpenGL's modules after import, load, reset and step, whatever MUJOCO_GL says."""
+    """OpenGL modules after import, load, reset and step, for all values of MUJOCO_GL."""
     found = {
         backend or "unset": fresh.call(
             "imports", "opengl_modules", variables={"MUJOCO_GL": backend}
@@ -112,12 +111,12 @@ def _opengl_row() -> Row:
 
 
 def measure_loads(num_loads: int, num_processes: int, num_domains: int) -> list[Row]:
-    """Loading a task, beside compiling its model.
+    """Loading a task, compared with compiling its model.
 
     Args:
-      num_loads: of each task, with no other environment alive.
-      num_processes: for the first load of a process, for each domain and package.
-      num_domains: of which one task's first load is measured.
+      num_loads: loads of each task, with no other environment alive.
+      num_processes: number of processes to measure the first load, for each domain and package.
+      num_domains: number of domains for which the first load is measured.
     """
     rows = [row for task in _all_tasks() for row in _load_rows(*task, num_loads)]
     return rows + [_first_load_row(*task, num_processes) for task in _TASK_OF_DOMAIN[:num_domains]]
@@ -171,7 +170,7 @@ def _one_load(domain: str, task: str) -> dict[str, float]:
     seconds["reset"], _ = _timed(environment.reset)
     del environment
     gc.collect()
-    seconds["again"], environment = _timed(load)  # after the first one is gone
+    seconds["again"], environment = _timed(load)  # after the first environment is freed
     del environment
     for package in peers.installed()[1:]:
         gc.collect()
@@ -189,7 +188,7 @@ def _first_load_row(domain: str, task: str, num_processes: int) -> Row:
             for name in names:
                 call = "starting", "seconds_of_first", name, domain, task
                 seconds = fresh.call(*call, variables=variables)
-                if number:  # the first one compiled
+                if number:  # the first one compiled bytecode
                     times[name].append(1e3 * seconds)
     ratios = [a / b for a, b in zip(times[peers.OURS], times["compile"], strict=True)]
     theirs = times.get(peers.THEIRS)
@@ -208,9 +207,9 @@ def _first_load_row(domain: str, task: str, num_processes: int) -> Row:
 def seconds_of_first(what: str, domain: str, task: str) -> float:
     """Seconds of this process's first load by a package, or of its first compilation.
 
-    Too few processes can be started to average out the work of others. So it is the lesser of the
-    clock's time, which has that work in it, and the processor's, which has in it what the idle
-    threads of a linear algebra library spin.
+    Too few processes can be started to average out other load. Therefore this is the minimum of
+    wall time, which includes that load, and processor time, which includes the spinning of idle
+    threads of a linear algebra library.
     """
     function = _compiler(domain, task) if what == "compile" else _loader(what, domain, task)
     clock, processor = time.perf_counter(), time.process_time()
@@ -219,10 +218,10 @@ def seconds_of_first(what: str, domain: str, task: str) -> float:
 
 
 def measure_resets(num_resets: int) -> list[Row]:
-    """Starts of episodes, with the same draws and so the same rejected attempts.
+    """Starts of episodes with equal draws, and so equal rejected attempts.
 
     Args:
-      num_resets: of each task and package.
+      num_resets: resets of each task and package.
     """
     return [_reset_row(domain, task, num_resets) for domain, task in _all_tasks()]
 
@@ -254,7 +253,7 @@ def _reset_row(domain: str, task: str, num_resets: int) -> Row:
 
 
 def _check_same_start(subject: str, environments: list[Any]) -> None:
-    """Raises unless all have drawn the same, and so rejected the same number of attempts."""
+    """Raises unless all drew the same numbers, and so rejected equally many attempts."""
     first, *others = environments
     for other in others:
         same_stream = first.task.random.get_state()[2] == other.task.random.get_state()[2]
@@ -267,7 +266,7 @@ def _all_tasks() -> tuple[tuple[str, str], ...]:
 
 
 def _compiler(domain: str, task: str) -> Callable[[], Any]:
-    """A function that compiles a task's model and does nothing else."""
+    """A function that only compiles a task's model."""
     xml, assets = peers.source(domain, task)
     compile_model: Any = mujoco.MjModel.from_xml_string
     return lambda: compile_model(xml, assets)
@@ -280,7 +279,7 @@ def _loader(package: str, domain: str, task: str) -> Callable[[], Any]:
 
 
 def _timed(function: Callable[[], Any]) -> tuple[float, Any]:
-    """Seconds that a call takes, and what it gives."""
+    """Duration of a call, seconds, and its result."""
     start = time.perf_counter()
     result = function()
     return time.perf_counter() - start, result

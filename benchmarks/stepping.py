@@ -1,8 +1,8 @@
-"""Steps per second of one environment, and what a step costs beside the physics.
+"""Steps per second of one environment, and the overhead of a step over the physics.
 
-Limberjack, dm_control and the bare MuJoCo calls run the same episodes in turns, a block of steps
-each, in an order that rotates. What is compared is always the time of the same steps within the
-same fraction of a second; at the end of each episode the three must be in the same state.
+Limberjack, dm_control and the bare MuJoCo calls run the same episodes, alternating in blocks of
+steps in a rotating order. Comparisons always use the times of the same steps within the same
+fraction of a second; at the end of each episode the three must be in the same state.
 """
 
 import copy
@@ -23,7 +23,7 @@ _SEED = 0
 
 _FASTER = at_least(1.25)  # steps per second over dm_control's, on each task
 _FASTER_ON_AVERAGE = at_least(1.35)  # the geometric mean of all tasks
-_SHARE_OF_OVERHEAD = at_most(0.5)  # what a step adds to MuJoCo's calls, over what dm_control adds
+_SHARE_OF_OVERHEAD = at_most(0.5)  # overhead over MuJoCo's calls, relative to dm_control's
 
 _BARE = "bare"
 
@@ -32,8 +32,8 @@ def measure(num_episodes: int, num_steps: int) -> list[Row]:
     """The rows of all tasks.
 
     Args:
-      num_episodes: of each task.
-      num_steps: of each episode, at most as many as an episode has.
+      num_episodes: episodes of each task.
+      num_steps: steps of each episode, at most its full length.
     """
     contests = [_Contest(*task) for task in peers.suite(peers.OURS).ALL_TASKS]
     for _ in range(num_episodes):
@@ -60,7 +60,7 @@ def measure(num_episodes: int, num_steps: int) -> list[Row]:
 
 
 class _Contest:
-    """One task, played by the installed packages and by MuJoCo alone."""
+    """One task, run by the installed packages and by MuJoCo alone."""
 
     def __init__(self, domain: str, task: str) -> None:
         self._subject = f"{domain}:{task}"
@@ -78,7 +78,7 @@ class _Contest:
         self._seconds: dict[str, list[float]] = {name: [] for name in (*self._environments, _BARE)}
 
     def play(self, num_steps: int) -> None:
-        """Plays an episode."""
+        """Runs an episode."""
         spec = self._spec
         actions = self._random.uniform(spec.minimum, spec.maximum, (num_steps, *spec.shape))
         for environment in self._environments.values():
@@ -98,14 +98,14 @@ class _Contest:
                 raise RuntimeError(f"{self._subject}: {name} did not do the same steps")
 
     def _become(self, physics: Any) -> None:
-        """Puts the bare simulation into a physics' state."""
+        """Sets the bare simulation to a physics' state."""
         model, data = physics.model._model, physics.data._data
         self._model = copy.copy(model)
         self._data = mujoco.MjData(self._model)
         mujoco.mj_copyData(self._data, self._model, data)
 
     def _play_bare(self, actions: Sequence[Any]) -> float:
-        """Seconds that MuJoCo's calls alone take."""
+        """Seconds for MuJoCo's calls alone."""
         model, data, num_whole = self._model, self._data, self._num_substeps - 1
         seconds = 0.0
         for action in actions:
@@ -122,12 +122,12 @@ class _Contest:
         return statistics.median(self._seconds[name])
 
     def ratio(self) -> float | None:
-        """How many times as fast as dm_control."""
+        """Speedup over dm_control."""
         ratios = self._ratios()
         return statistics.median(ratios) if ratios else None
 
     def _ratios(self) -> list[float]:
-        """The same of each block."""
+        """Speedup over dm_control in each block."""
         theirs = self._seconds.get(peers.THEIRS, [])
         return [b / a for a, b in zip(self._seconds[peers.OURS], theirs, strict=False)]
 
@@ -146,7 +146,7 @@ class _Contest:
         )
 
     def overhead_row(self) -> Row:
-        """What a step adds to MuJoCo's calls."""
+        """Overhead of a step over MuJoCo's calls."""
         added = {
             name: [a - b for a, b in zip(self._seconds[name], self._seconds[_BARE], strict=True)]
             for name in self._environments
@@ -166,7 +166,7 @@ class _Contest:
 
 
 def _player(environment: Any) -> Callable[[Sequence[Any]], float]:
-    """A function that gives the seconds that steps with the given actions take."""
+    """A function that returns the seconds taken by steps with the given actions."""
 
     def play(actions: Sequence[Any]) -> float:
         start = time.perf_counter()

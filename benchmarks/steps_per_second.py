@@ -1,10 +1,10 @@
-"""The speed bars of batches in one table: beside MuJoCo alone, EnvPool and Gymnasium's processes.
+"""Speed bars of batches in one table: against MuJoCo alone, EnvPool and Gymnasium's processes.
 
     python benchmarks/steps_per_second.py [--quick] [--only SECTION]... [--peers DIR] [--json FILE]
 
-Other packages are installed by this script, each in a virtual environment of its own in DIR, or in
-a temporary folder. The exit status is 1 if a bar is missed. What is missed at first is measured
-once more at the end, and both measurements are pooled.
+This script installs other packages, each in a separate virtual environment in DIR or in a temporary
+folder. The exit status is 1 if a bar is missed. Missed bars are measured again at the end, and both
+measurements are pooled.
 """
 
 import dataclasses
@@ -39,7 +39,7 @@ class Section(enum.StrEnum):
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """How much is measured."""
+    """The amount of work."""
 
     tasks: int  # the first so many
     sizes: tuple[int, ...]  # numbers of rows
@@ -65,7 +65,7 @@ _FULL = Effort(
     pipelined_steps=150,
     pipelined_rounds=3,
 )
-# Shows that the benchmark works; its figures mean nothing.
+# Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(
     tasks=1,
     sizes=(64,),
@@ -85,13 +85,13 @@ class _Run:
     """One run of the benchmark."""
 
     def __init__(self, effort: Effort, num_threads: int, peers: Path | None) -> None:
-        """Args: peers: where they are installed; None leaves them out."""
+        """Args: peers: folder in which the peers are installed; None omits them."""
         self._effort = effort
         self._num_threads = num_threads
         self._tasks = suite.ALL_TASKS[: effort.tasks]
         self._few_tasks = _TASK_OF_DOMAIN[: effort.tasks_of_domains]
         self._peers = peers
-        self.versions: dict[str, str] = {}  # of the peers, and which MuJoCo they run
+        self.versions: dict[str, str] = {}  # of the peers and of the MuJoCo that they run
 
     def measure(self, section: Section) -> list[Row]:
         """The rows of a section."""
@@ -121,7 +121,7 @@ class _Run:
         for cell in cells.all:
             _say(f"  {cell[0]}:{cell[1]}, N={cell[2]}")
             cells.measure(cell, effort.seconds, effort.rounds, effort.warm_up_steps)
-        for cell in cells.doubtful():  # on another minute's load
+        for cell in cells.doubtful():  # under a different load
             _say(f"  again: {cell[0]}:{cell[1]}, N={cell[2]}")
             cells.measure(cell, effort.seconds, effort.rounds, effort.warm_up_steps)
         self.versions |= cells.versions
@@ -145,7 +145,7 @@ class _Run:
             return None
         folder = batch_peers.install(peer, self._peers)
         if folder is None:
-            _say(f"{peer} could not be installed: what is compared with it is not measured")
+            _say(f"{peer} could not be installed: comparisons with it are not measured")
         return folder
 
 

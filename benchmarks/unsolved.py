@@ -1,4 +1,4 @@
-"""Draws the starts of episodes that a policy did not solve, each with its seed.
+"""Pictures of the starts that a policy did not solve, each with its seed.
 
 picture = draw(json.loads(Path("result.json").read_text()))  # (height, width, 3), or None
 """
@@ -19,12 +19,12 @@ _CAMERA = "fixed"  # of the arm's domains
 
 
 def seeds_of(result: dict[str, Any]) -> list[int]:
-    """The seeds of the episodes that were not solved."""
+    """Seeds of the episodes that were not solved."""
     return [episode["seed"] for episode in result["episodes"] if not episode["success"]]
 
 
 def draw(result: dict[str, Any]) -> np.ndarray | None:
-    """Those episodes' starts side by side, (height, width, 3) uint8; None if all are solved."""
+    """Starts of unsolved episodes side by side, (height, width, 3) uint8; None without any."""
     pictures = [_start(result["domain"], result["task"], seed) for seed in seeds_of(result)]
     return mosaic(pictures, columns=min(_COLUMNS, len(pictures))) if pictures else None
 

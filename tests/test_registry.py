@@ -37,7 +37,7 @@ def test_the_view_of_all_domains_cannot_be_changed(swing: Domain) -> None:
         registry.domains()["other"] = swing  # pyright: ignore[reportIndexIssue]
 
 
-def test_a_listener_hears_of_what_is_there_and_of_every_change(
+def test_a_listener_receives_existing_domains_and_every_change(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(registry, "_listeners", [])
@@ -65,7 +65,7 @@ def test_the_registry_begins_with_the_suites_domains_and_their_rows() -> None:
         assert domain.rows == tuple(row for row in registry.TASKS if row.domain == name)
 
 
-def test_removing_a_domain_that_is_not_there_is_a_key_error() -> None:
+def test_removing_an_unknown_domain_is_a_key_error() -> None:
     with pytest.raises(KeyError, match="nowhere"):
         registry.remove("nowhere")
 

@@ -202,7 +202,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ('terms["grasping"] / 3', 'terms["grasping"] / 2'),
         ("[: 1 + self._insert]", "[:1]"),
         ("[0.1, 0.1, 1 - 0.1 - 0.1]", "[0.1, 0.2, 1 - 0.1 - 0.2]"),
-        ("if place == physics.named", "if place is physics.named"),
+        ("if position == physics.named", "if position is physics.named"),
     ],
     "suite/stacker.py": [
         ("self.random.randint(self._n_boxes)", "self.random.randint(1, self._n_boxes)"),
@@ -302,8 +302,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("return copy.copy(self._model)", "return self._model"),
         (
-            "            vars(self)[name] = field  # the",
-            "            vars(self)[name] = field.copy()  # the",
+            "            vars(self)[name] = field  # c",
+            "            vars(self)[name] = field.copy()  # c",
         ),
         ("return ReadOnlyStruct(field, name)", "return field"),
     ],

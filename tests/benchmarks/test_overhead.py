@@ -1,4 +1,4 @@
-"""The benchmarks run, and say what they measured. What the figures are is theirs to say."""
+"""The benchmarks run and report their measurements; the figures are not tested."""
 
 import importlib.util
 import json
@@ -22,7 +22,7 @@ _OF_ALL = ["import adds", "OpenGL modules", "first load / compile", "memory grow
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """What a quick run prints, and the text of its JSON."""
+    """The output of a quick run, and the text of its JSON."""
     file = tmp_path_factory.mktemp("benchmarks") / "results" / "quick.json"
     done = run_benchmark("overhead.py", "--quick", "--json", str(file))
     assert done.returncode == 0, done.stderr
@@ -34,7 +34,7 @@ def test_one_command_prints_a_line_for_every_measure_and_task(quick: tuple[str, 
     for measure in [*_OF_EACH_TASK, *_OF_ALL]:
         assert measure in table
     for task in _TASKS:
-        # Not each time with a measure, which is named once for all tasks.
+        # Not repeated with the measure, which is named once for all tasks.
         assert table.count(f"{task} ") >= len(_OF_EACH_TASK)
     assert ">= 1.25" in table
     assert "met" in table
@@ -48,7 +48,7 @@ def test_the_json_has_every_figure_with_its_bar(quick: tuple[str, str]) -> None:
     for row in rows:
         if row["measure"] in [*_OF_EACH_TASK, *_OF_ALL]:
             assert row["bar"] is not None
-            # Other systems do not tell the memory of a process in a file.
+            # Other systems do not report the memory of a process in a file.
             if sys.platform == "linux" or row["measure"] != "memory grows by":
                 assert row["ours"] is not None
 
@@ -85,6 +85,6 @@ def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[st
 
 @pytest.mark.slow
 def test_memory_stays_flat_over_steps_and_loads() -> None:
-    # A tenth of what the benchmark itself does.
+    # A tenth of the benchmark's own work.
     done = run_benchmark("memory.py", "--steps", "100000", "--loads", "500", "--cycles", "300")
     assert done.returncode == 0, done.stdout + done.stderr

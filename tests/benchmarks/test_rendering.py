@@ -1,4 +1,4 @@
-"""The benchmark of pictures runs, and says what it measured. What the figures are is its to say."""
+"""The rendering benchmark runs and reports its measurements; the figures are not tested."""
 
 import importlib.util
 import json
@@ -15,7 +15,7 @@ _HAS_DM_CONTROL = importlib.util.find_spec("dm_control") is not None
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, Any]]:
-    """What a quick run prints, and what it writes."""
+    """The output of a quick run, and its JSON."""
     try:
         suite.load("humanoid", "stand").physics.render(8, 8)
     except RenderingError as error:

@@ -1,4 +1,4 @@
-"""The batches' benchmark and `limberjack bench` run, and say what they measured."""
+"""The benchmark of batches and `limberjack bench` run and report their measurements."""
 
 import importlib.util
 import json
@@ -24,7 +24,7 @@ _BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """What a quick run without other packages prints, and the text of its JSON."""
+    """The output of a quick run without other packages, and the text of its JSON."""
     file = tmp_path_factory.mktemp("benchmarks") / "results" / "quick.json"
     done = run_benchmark(
         "steps_per_second.py", "--quick", "--without-peers", "--threads", "2", "--json", str(file)

@@ -37,12 +37,12 @@ _PLAY = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
 
 
 def play(client: str) -> str:
-    """What a program prints on Limberjack."""
+    """The output of a program on Limberjack."""
     return run(f"{INSTALL}; {_PLAY}", str(_HERE / f"{client}.py"))
 
 
 def play_on_dm_control(client: str) -> str:
-    """What a program prints on the genuine dm_control."""
+    """The output of a program on the real dm_control."""
     # dm_control logs to standard error, and loads on this MuJoCo with the oracle's help.
     patch = "import logging; logging.disable(); import tests.oracle.oracle"
     file = str(_HERE / f"{client}.py")

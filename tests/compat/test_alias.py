@@ -105,7 +105,7 @@ def test_every_module_is_one_object_under_both_names(first: str) -> None:
     assert int(run(program, first)) > 20
 
 
-def test_everything_that_programs_import_is_there() -> None:
+def test_all_names_that_programs_import_exist() -> None:
     program = f"""
     import importlib, json, sys
     {INSTALL}
@@ -149,7 +149,7 @@ def test_modules_imported_before_the_installation_are_not_loaded_again() -> None
     run(program)
 
 
-def test_what_is_pickled_names_limberjack_and_loads_without_the_installation() -> None:
+def test_pickles_name_limberjack_and_load_without_the_installation() -> None:
     write = f"""
     import pickle
     {INSTALL}
@@ -168,7 +168,7 @@ def test_what_is_pickled_names_limberjack_and_loads_without_the_installation() -
     run(read, text)
 
 
-def test_what_was_pickled_with_dm_control_loads_here() -> None:
+def test_pickles_of_dm_control_load_here() -> None:
     program = f"""
     import pickle
     {INSTALL}
@@ -178,7 +178,7 @@ def test_what_was_pickled_with_dm_control_loads_here() -> None:
     run(program)
 
 
-def test_searches_find_what_is_there_and_nothing_else() -> None:
+def test_searches_find_existing_modules_only() -> None:
     program = f"""
     import importlib.util, pkgutil, sys
     {INSTALL}

@@ -96,7 +96,7 @@ def test_using_a_stand_in_names_what_is_not_implemented(use: str) -> None:
     assert "in a separate environment" in message
 
 
-def test_private_attributes_of_stand_ins_are_not_there() -> None:
+def test_private_attributes_of_stand_ins_do_not_exist() -> None:
     program = f"""
     import inspect
     {INSTALL}
@@ -114,7 +114,7 @@ def test_private_attributes_of_stand_ins_are_not_there() -> None:
     assert "_x" in message
 
 
-def test_stand_ins_are_not_there_without_the_installation() -> None:
+def test_stand_ins_do_not_exist_without_the_installation() -> None:
     program = """
     try:
         import limberjack.composer

@@ -58,7 +58,7 @@ _ONLY_IN = {
     "typer": "limberjack.cli",
     "websockets": "limberjack.viewer.guard",  # for its types only: Studio imports it
 }
-# Modules that are made of a package of an extra, and cannot be imported without it.
+# Modules that depend on a package of an extra, and cannot be imported without it.
 _MADE_OF = {
     "limberjack.sb3": ("stable_baselines3", "sb3"),
 }
@@ -162,14 +162,14 @@ for name in {sorted(set(_PUBLIC) - _MISSING)!r}:
 
 
 @pytest.mark.parametrize("module", _MADE_OF)
-def test_without_its_extra_a_module_says_what_to_install(module: str) -> None:
+def test_without_its_extra_a_module_names_the_packages_to_install(module: str) -> None:
     package, extra = _MADE_OF[module]
     code = f"import sys; sys.modules[{package!r}] = None; import {module}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     assert f"ImportError: {missing_extra(extra)}" in done.stderr
 
 
-def test_the_package_itself_imports_only_what_registers_the_ids() -> None:
+def test_the_package_itself_imports_only_the_registration_of_ids() -> None:
     program = """
 import sys
 import gymnasium

@@ -85,14 +85,14 @@ def test_every_module_of_tests_has_a_module_that_it_tests() -> None:
         for path in sorted(tests - mirrored)
         if path.parts[0] not in _BESIDES and str(path) not in _ACROSS
     ]
-    assert not astray, f"rename {astray} after what they test, or say in _ACROSS that it is more"
+    assert not astray, f"rename {astray} after the modules that they test, or list them in _ACROSS"
 
 
 def test_the_exceptions_are_needed() -> None:
     paths = {str(path) for path in _paths(of_packages=False)}
-    assert set(_EXCEPTIONS) <= paths, "an exception for a module that is not there"
+    assert set(_EXCEPTIONS) <= paths, "an exception for a module that does not exist"
     for path in _EXCEPTIONS:
-        assert not (_TESTS / _test_of(Path(path))).exists(), f"{path} has tests of its own now"
+        assert not (_TESTS / _test_of(Path(path))).exists(), f"{path} has tests now"
     mirrored = {str(_test_of(path)) for kind in (True, False) for path in _paths(of_packages=kind)}
     for path in _ACROSS:
         assert (_TESTS / path).exists(), path

@@ -66,7 +66,7 @@ def test_observations_are_arrays_of_their_own(task: Task) -> None:
 
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("flat", [False, True])
-def test_returned_steps_never_change_whatever_comes_after(task: Task, flat: bool) -> None:
+def test_returned_steps_never_change_later(task: Task, flat: bool) -> None:
     env = load(task, flat_observation=flat)
     steps = [env.reset(), *map(env.step, actions(env, 3))]
     results = methods(env.physics)

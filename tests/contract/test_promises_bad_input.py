@@ -326,7 +326,7 @@ def test_an_error_in_the_task_ends_the_episode(hook: str, kind: type[BaseExcepti
 
 
 @pytest.mark.parametrize("task", REPRESENTATIVES)
-def test_closing_twice_is_fine_and_later_use_says_closed(task: Task) -> None:
+def test_closing_twice_is_fine_and_later_use_raises(task: Task) -> None:
     env = load(task)
     play(env, 2)
     physics = env.physics

@@ -30,7 +30,7 @@ print(megabytes() - before)
 
 
 @pytest.mark.skipif(
-    not os.path.exists("/proc/self/statm"), reason="this system does not tell the memory in use"
+    not os.path.exists("/proc/self/statm"), reason="this system does not report the memory in use"
 )
 @pytest.mark.parametrize("task", ["humanoid:walk", "manipulator:bring_ball", "stacker:stack_4"])
 def test_making_and_closing_vector_environments_leaves_no_memory_in_use(task: str) -> None:

@@ -186,7 +186,7 @@ def copies(physics: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("is_own", [False, True], ids=["shared", "own"])
 @pytest.mark.parametrize("task", DOMAINS)
-def test_a_copied_physics_goes_on_alike_and_apart(task: Task, is_own: bool) -> None:
+def test_a_copied_physics_has_the_same_future_and_is_independent(task: Task, is_own: bool) -> None:
     env = load(task)
     if is_own:
         env.physics.model.opt.gravity[0] = 0.5

@@ -43,7 +43,7 @@ assert not opengl, opengl
 """
 _HAS_FORK = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
 _HAS_STATM = pytest.mark.skipif(
-    not os.path.exists("/proc/self/statm"), reason="this system does not tell the memory in use"
+    not os.path.exists("/proc/self/statm"), reason="this system does not report the memory in use"
 )
 _DRAWS = pytest.mark.skipif(
     os.environ.get("MUJOCO_GL") == "disable", reason="there is no off-screen OpenGL"
@@ -213,7 +213,7 @@ def test_exit_after_drawing_is_silent() -> None:
 
 @_HAS_FORK
 @pytest.mark.parametrize("task", ["humanoid:walk", "manipulator:insert_peg", "stacker:stack_4"])
-def test_a_forked_child_goes_on_as_its_parent_does_and_exits_well(task: str) -> None:
+def test_a_forked_child_has_the_same_future_and_exits_with_status_0(task: str) -> None:
     body = """
     import os, pickle, sys
     env = suite.load(*sys.argv[1].split(":"))
@@ -268,7 +268,7 @@ def memory():
     gc.collect()
     _trim(0)
     with open("/proc/self/statm") as file:
-        # Less the pages of files, libraries for example, that come and go as the system likes.
+        # Excludes pages of files, such as libraries, which the system loads and drops at will.
         resident, shared = map(int, file.read().split()[1:3])
     return (resident - shared) * 4096 / 1e6  # megabytes
 """

@@ -100,7 +100,7 @@ def test_a_task_that_breaks_a_law_fails_it() -> None:
     unittest.defaultTestLoader.loadTestsFromTestCase(Laws).run(result)
     broken = {test.id().rpartition(".")[2] for test, _ in result.failures}
     assert "test_a_row_is_the_single_environment" in broken
-    assert "test_an_episode_that_ends_is_followed_by_the_next" not in broken
+    assert "test_each_ended_episode_is_followed_by_a_new_one" not in broken
 
 
 @pytest.mark.usefixtures("share")
@@ -175,7 +175,7 @@ def test_variants_reach_the_rows(task: Task) -> None:
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_what_a_batch_returns_never_changes_later(task: Task) -> None:
+def test_arrays_returned_by_a_batch_never_change_later(task: Task) -> None:
     batch = suite.load_batch(*task, 3, 1, _SEED)
     first = batch.reset()
     action = _actions(batch, 1)[0]

@@ -166,7 +166,7 @@ def test_an_assigned_or_reseeded_stream_is_honoured_at_the_next_reset(task: Task
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_a_stream_given_instead_of_a_seed_is_used_as_it_is(task: Task) -> None:
+def test_a_stream_given_instead_of_a_seed_is_used_directly(task: Task) -> None:
     stream = np.random.RandomState(3)
     env = suite.load(*task, {"random": stream})
     assert env.task.random is stream

@@ -33,7 +33,7 @@ def _assert_same(one: Any, other: Any) -> None:
 
 @pytest.mark.parametrize("steps_before", [0, 1, 13, 20])
 @_TASKS
-def test_a_single_environment_goes_on_from_a_snapshot(task: Task, steps_before: int) -> None:
+def test_a_single_environment_continues_from_a_snapshot(task: Task, steps_before: int) -> None:
     env = suite.load(*task, {"random": 1, **_short(task)})
     env.reset()
     actions = _actions(env, steps_before + 45)

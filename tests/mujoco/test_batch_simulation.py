@@ -51,7 +51,7 @@ _CALLS: dict[str, Callable[[Any], object]] = {
 @pytest.mark.usefixtures("share")
 @pytest.mark.parametrize("call", _CALLS)
 @pytest.mark.parametrize("legacy_step", [True, False])
-def test_a_call_does_to_each_row_what_it_does_to_a_single_simulation(
+def test_a_call_has_the_same_effect_on_a_row_as_on_a_single_simulation(
     call: str, legacy_step: bool
 ) -> None:
     batch, singles = _pair()

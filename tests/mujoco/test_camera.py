@@ -26,7 +26,7 @@ _BARE = "<mujoco><worldbody><geom size='.1'/></worldbody></mujoco>"
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_picture_never_changes_and_is_nobody_elses(kind: str) -> None:
+def test_a_picture_is_a_fresh_array_that_never_changes(kind: str) -> None:
     physics = furnished()
     camera = Camera(physics, **SIZE)
     for draw in (lambda **k: physics.render(**SIZE, **k), camera.render):

@@ -106,7 +106,7 @@ def test_scene_options_are_dm_controls(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_a_callback_adds_is_drawn_as_by_dm_control(twins: tuple[Any, Any], kind: str) -> None:
+def test_geoms_added_by_a_callback_are_dm_controls(twins: tuple[Any, Any], kind: str) -> None:
     pictures = [p.render(**SIZE, scene_callback=add_box, **KINDS[kind]) for p in twins]
     _assert_same(*pictures)
     _assert_same(*[p.render(**SIZE, **KINDS[kind]) for p in twins])

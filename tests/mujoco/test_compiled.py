@@ -17,7 +17,7 @@ def _compile() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(_XML)
 
 
-def test_a_source_is_compiled_once_even_after_nobody_uses_the_model() -> None:
+def test_a_source_is_compiled_once_even_if_the_model_is_unused_in_between() -> None:
     def never() -> mujoco.MjModel:
         raise AssertionError("it was compiled again")
 
@@ -27,7 +27,7 @@ def test_a_source_is_compiled_once_even_after_nobody_uses_the_model() -> None:
     assert id(compiled(source, never).model) == number
 
 
-def test_models_that_nobody_uses_are_dropped_when_they_are_too_large_together(
+def test_unused_models_are_dropped_when_their_total_size_is_too_large(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(kept_models, "_last_used", type(kept_models._last_used)())
@@ -50,7 +50,7 @@ def test_a_second_load_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None
         suite.load(domain, task).close()
 
 
-def test_textures_that_are_not_there_cannot_be_read_or_changed() -> None:
+def test_removed_textures_cannot_be_read_or_changed() -> None:
     physics = suite.load("humanoid", "stand").physics
     light = type(physics).from_model(physics.model.without_textures())
     for model in (light.model, light.named.model):
@@ -59,7 +59,7 @@ def test_textures_that_are_not_there_cannot_be_read_or_changed() -> None:
     assert physics.model.tex_data.size
 
 
-def test_a_model_is_lent_once_somebody_could_change_what_is_drawn() -> None:
+def test_a_model_counts_as_lent_once_user_code_can_change_what_is_drawn() -> None:
     physics = suite.load("manipulator", "bring_ball").physics
     physics.named.model.body_pos["target_ball", "x"] = 0.1
     physics.model.opt.timestep = 0.001

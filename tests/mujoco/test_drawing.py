@@ -72,5 +72,7 @@ def test_keywords_are_those_of_render_and_a_wrong_one_is_answered_with_all_of_th
 
 def test_rendering_a_batch_suggests_the_call_for_its_rows(physics: Physics) -> None:
     rows = physics.replicate(2, 1).physics
-    with pytest.raises(TypeError, match=r"no render\(\): call render\(rows, \.\.\.\) of its Batch"):
+    with pytest.raises(
+        TypeError, match=r"not support render\(\): call render\(rows, \.\.\.\) of its Batch"
+    ):
         render(rows)

@@ -306,7 +306,7 @@ def test_the_whole_state_replays_exactly(physics: Physics) -> None:
 
 
 @pytest.mark.parametrize("way", ["copy", "pickle"])
-def test_a_copy_goes_on_alike(physics: Physics, way: str) -> None:
+def test_a_copy_has_the_same_future(physics: Physics, way: str) -> None:
     swing(physics, 7)
     other = physics.copy() if way == "copy" else pickle.loads(pickle.dumps(physics))
     assert other.model.name == "pendulum"

@@ -49,7 +49,7 @@ def test_rows_and_columns_of_a_models_field_follow_from_its_name(
     assert _axes(model, field) == expected
 
 
-def test_an_axis_of_another_length_than_its_prefix_says_is_unnamed(model: mujoco.MjModel) -> None:
+def test_an_axis_whose_length_does_not_match_its_prefix_is_unnamed(model: mujoco.MjModel) -> None:
     assert fields.axes_of("MjModel", "geom_new", (model.ngeom, 2), model) == ("ngeom", None)
     assert fields.axes_of("MjModel", "geom_new", (model.ngeom + 1, 2), model) == (None, None)
     assert fields.axes_of("MjModel", "geom_new", (), model) == ()

@@ -130,7 +130,7 @@ def named(physics: Physics, name: str) -> FieldIndexer:
 
 
 @_keys
-def test_names_pick_what_their_numbers_pick(
+def test_names_select_the_same_elements_as_their_numbers(
     physics: Physics, name: str, key: Any, numbers: Any
 ) -> None:
     expected = raw(physics, name)[numbers]
@@ -142,7 +142,7 @@ def test_names_pick_what_their_numbers_pick(
 
 
 @_keys
-def test_names_set_what_their_numbers_set(
+def test_names_assign_the_same_elements_as_their_numbers(
     physics: Physics, name: str, key: Any, numbers: Any
 ) -> None:
     expected = raw(physics, name).copy()
@@ -157,7 +157,7 @@ def test_names_set_what_their_numbers_set(
 
 
 @_keys
-def test_in_a_batch_names_pick_of_each_row_what_they_pick_of_one(
+def test_in_a_batch_names_select_the_same_elements_in_each_row(
     physics: Physics, name: str, key: Any, numbers: Any
 ) -> None:
     single = named(physics, name)

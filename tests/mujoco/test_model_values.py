@@ -64,7 +64,7 @@ def test_every_array_that_is_not_empty_has_a_checksum_and_each_number_of_the_opt
     assert "flex_vert" not in found  # there is none
 
 
-def test_changed_fields_are_sorted_and_hold_what_only_one_side_has() -> None:
+def test_changed_fields_are_sorted_and_include_fields_of_one_side_only() -> None:
     assert changed_fields({"b": 1, "a": 1, "c": 1}, {"b": 2, "d": 1, "c": 1}) == ["a", "b", "d"]
     assert changed_fields({}, {}) == []
 
@@ -75,7 +75,7 @@ def test_fields_that_mujoco_derives_follow_from_masses_and_options_and_not_from_
     assert derived_fields(["geom_rgba"]) == derived_fields([]) == frozenset()
 
 
-def test_what_mujoco_computes_again_from_a_mass_is_among_the_derived_fields(
+def test_fields_that_mujoco_recomputes_from_a_mass_are_derived_fields(
     model: mujoco.MjModel,
 ) -> None:
     before = checksums(model)

@@ -81,7 +81,7 @@ print(dict(os.environ) == before)
         "import mujoco.gl_context; GLContext = mujoco.gl_context.GLContext",
     ],
 )
-def test_mujocos_context_class_is_there_under_all_its_names(
+def test_mujocos_context_class_exists_under_all_its_names(
     run_script: Callable[..., str], statement: str
 ) -> None:
     script = f"""
@@ -141,7 +141,7 @@ print(all(x[name] is y[name] for x, y in zip(before, after) for name in x))
     assert run_script(script) == "True False\nTrue\n"
 
 
-def test_every_official_name_is_there(run_script: Callable[..., str]) -> None:
+def test_every_official_name_exists(run_script: Callable[..., str]) -> None:
     names = "import mujoco; mujoco.GLContext; print(*sorted(vars(mujoco)))"
     normally = run_script(names)
     assert set(normally.split()) <= set(run_script(f"import limberjack.mujoco; {names}").split())

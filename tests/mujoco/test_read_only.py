@@ -53,7 +53,7 @@ def test_structs_refuse_attributes_and_their_arrays_elements() -> None:
 
     struct = ReadOnlyStruct(Options(), "opt")
     assert struct.timestep == 0.1
-    with pytest.raises(ValueError, match=r"opt\.timestep is the same"):
+    with pytest.raises(ValueError, match=r"opt\.timestep is shared"):
         struct.timestep = 1.0
-    with pytest.raises(ValueError, match=r"opt\.gravity is the same"):
+    with pytest.raises(ValueError, match=r"opt\.gravity is shared"):
         struct.gravity[0] = 1.0

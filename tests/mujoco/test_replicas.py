@@ -148,7 +148,7 @@ def test_an_episode_that_fails_leaves_its_row_as_it_was() -> None:
     np.testing.assert_array_equal(rows.simulation.state, state)
 
 
-def test_a_row_that_diverges_is_reported_and_the_others_go_on() -> None:
+def test_a_row_that_diverges_is_reported_and_the_others_continue() -> None:
     rows, singles = _pair()
     rows.physics.data.qvel[1] = np.nan
     assert rows.step(None, 2).tolist() == [False, True, False]

@@ -109,7 +109,7 @@ def test_structs_of_the_model_can_be_read_only(model: Any) -> None:
         model.opt.timestep = 0.1
 
 
-def test_methods_of_the_official_model_are_refused_with_what_to_use(model: Any) -> None:
+def test_methods_of_the_official_model_are_refused_with_advice(model: Any) -> None:
     with pytest.raises(AttributeError, match=r"no model\.geom\(\.\.\.\): use physics\.named\.mod"):
         _ = model.geom
 

@@ -64,7 +64,7 @@ def test_a_forward_pass_without_actuation_has_none_and_leaves_it_enabled(shared:
 
 
 @both_kinds
-def test_what_the_user_disabled_stays_disabled(shared: bool) -> None:
+def test_flags_disabled_by_the_user_stay_disabled(shared: bool) -> None:
     simulation, data = made(shared)
     data.model.opt.disableflags = _GRAVITY
     simulation.forward_without_actuation()

@@ -8,7 +8,7 @@ import numpy as np
 
 __all__ = ["assert_same", "assert_same_outcome", "assert_same_pair", "fields"]
 
-# Not part of what a struct holds: where it lies in memory, and dm_control's names for itself.
+# Not compared: memory addresses, and dm_control's own helper attributes.
 _NOT_CONTENT = {"_address", "ptr", "range_", "type_"}
 
 

@@ -81,7 +81,7 @@ _NOT_BUILT = {"MjrContext"}
 @pytest.mark.parametrize(
     ("module", "not_built"), [("mujoco", set()), ("mujoco.wrapper", _NOT_BUILT)]
 )
-def test_every_public_name_of_dm_control_is_there(module: str, not_built: set[str]) -> None:
+def test_every_public_name_of_dm_control_exists(module: str, not_built: set[str]) -> None:
     public = {
         name
         for name, value in vars(theirs(module)).items()

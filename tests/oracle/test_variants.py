@@ -21,7 +21,7 @@ partly_observable = pytest.mark.parametrize(
 
 _STEPS = 60
 _STARTS = 200
-# What a start may change: the state, and the bodies that manipulator and stacker move.
+# Fields that a start may change: the state, and the bodies that manipulator and stacker move.
 _START_FIELDS = (
     "data.qpos",
     "data.qvel",
@@ -99,7 +99,7 @@ def test_an_infinite_time_limit_never_ends_the_episode(domain: str, task: str) -
 
 
 @every_task
-def test_a_random_state_is_used_as_it_is(domain: str, task: str) -> None:
+def test_a_random_state_is_used_directly(domain: str, task: str) -> None:
     streams = [np.random.RandomState(11) for _ in BOTH]
     envs = [
         package("suite").load(domain, task, task_kwargs={"random": stream})

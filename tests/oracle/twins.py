@@ -14,7 +14,7 @@ from .same import assert_same, assert_same_outcome, assert_same_pair
 __all__ = ["ACTIONS", "MODELS", "TASKS", "TwinPhysics", "Twins", "load", "load_physics"]
 
 TASKS = ours("suite").ALL_TASKS
-# One task for each model: what depends on the model alone is compared once.
+# One task per model, for comparisons that depend only on the model.
 MODELS = [
     ("humanoid", "walk"),
     ("manipulator", "bring_ball"),

@@ -1,4 +1,4 @@
-"""How the hand holds a box."""
+"""Grips on a box: firm, slipping and missing ones."""
 
 import dataclasses
 

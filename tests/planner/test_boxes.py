@@ -1,4 +1,4 @@
-"""Where the stacker's boxes are."""
+"""Positions of the stacker's boxes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What is done about a peg that is to be brought and is hard to get at."""
+"""The cost of bringing a peg that is hard to reach."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What a humanoid did, done again."""
+"""Repetition of a humanoid's gait."""
 
 from typing import Any
 

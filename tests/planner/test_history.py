@@ -1,4 +1,4 @@
-"""What a batch's simulations were is read as it was seen at the time."""
+"""Recorded steps of a batch read the same as at the time of recording."""
 
 from typing import Any
 

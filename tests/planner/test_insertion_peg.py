@@ -1,4 +1,4 @@
-"""What is done about a peg that is hard to get at, because of the slot or the arm."""
+"""The cost of inserting a peg that is hard to reach because of the slot or the arm."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The benchmarks of plans and of reach run, and say what they measured; figures are theirs."""
+"""The planner and reach benchmarks run and report their measurements; figures are not tested."""
 
 import json
 from pathlib import Path

@@ -175,7 +175,7 @@ def test_a_start_that_cannot_be_simulated_is_one_sentence() -> None:
 
 
 def _outcome(recording: Recording) -> str:
-    """What is said of a recording that is not played again as it was."""
+    """The difference or error reported for a recording that does not replay equally."""
     try:
         return replay(recording, _load("humanoid", "stand")) or ""
     except ValueError as error:

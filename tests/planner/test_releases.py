@@ -1,4 +1,4 @@
-"""Where a ball may be let go, and what is done with one that does not just fall into the cup."""
+"""Release points of a ball, and recovery of a ball that misses the cup."""
 
 from typing import Any
 

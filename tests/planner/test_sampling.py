@@ -223,7 +223,7 @@ def test_an_episode_that_has_begun_after_a_single_step_is_planned_anew() -> None
     ("arguments", "message"),
     [
         ({"num_threads": 0}, "num_threads is 0; expected a whole number of at least 1"),
-        ({"cost": _Towards}, "cost is _Towards itself; expected an object of a subclass"),
+        ({"cost": _Towards}, "cost is _Towards itself; expected an instance of a subclass"),
         ({"settings": {"samples": 3}}, r"settings is dict; expected Settings\(...\)"),
     ],
 )
@@ -236,7 +236,7 @@ def test_what_cannot_be_planned_with_is_named(arguments: Any, message: str) -> N
     ("proposals", "message"),
     [
         (np.zeros((2, 3, 21)), r"proposals of Proposing returned shape \(2, 3, 21\); expected"),
-        (np.full((2, 2, 21), np.nan), "proposals of Proposing returned what is not finite"),
+        (np.full((2, 2, 21), np.nan), "proposals of Proposing returned numbers that are not finite"),
     ],
 )
 def test_proposals_that_are_no_plans_are_named(proposals: np.ndarray, message: str) -> None:

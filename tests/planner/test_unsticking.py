@@ -1,4 +1,4 @@
-"""What the arm does where nothing becomes better."""
+"""Behaviour of the arm when there is no progress."""
 
 import numpy as np
 

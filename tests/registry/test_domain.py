@@ -33,7 +33,7 @@ def test_a_module_is_imported_when_it_is_loaded(module: str) -> None:
     assert domain.load() is domain.load()
 
 
-def test_a_module_that_is_given_is_loaded_as_it_is(module: str) -> None:
+def test_loading_a_domain_given_as_a_module_returns_the_module(module: str) -> None:
     given = importlib.import_module(module)
     domain = Domain("swing", given, _ROWS, source="registered")
     assert domain.load() is given

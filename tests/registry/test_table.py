@@ -6,13 +6,13 @@ from limberjack import registry, suite
 from tests.suite import task_table
 
 
-def test_the_table_is_what_the_modules_define() -> None:
+def test_the_table_matches_the_modules() -> None:
     written = task_table.TABLE.read_text(encoding="utf-8")
     assert written == task_table.text(), "run python tests/suite/task_table.py"
     assert list(registry.TASKS) == task_table.rows()
 
 
-def test_the_constants_are_what_dm_control_makes_of_the_modules() -> None:
+def test_the_constants_follow_from_the_modules_as_in_dm_control() -> None:
     modules = {
         name: importlib.import_module(f"limberjack.suite.{name}") for name in task_table.domains()
     }

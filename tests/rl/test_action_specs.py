@@ -57,7 +57,7 @@ def test_agents_are_refused_a_spec_that_the_task_does_not_follow(
     assert env.physics.get_state().tolist() == state
 
 
-def test_the_refusal_says_what_is_wrong_with_the_inherited_spec() -> None:
+def test_the_error_names_the_problem_with_the_inherited_spec() -> None:
     env = two_arms.by_joints(_ours)
     with pytest.raises(ValueError, match=r"\(16,\), is not what it takes: number \[14\]"):
         bounded_spec(env.task, env.physics)

@@ -28,7 +28,7 @@ def test_a_number_that_is_not_finite_is_named_by_its_index(value: float) -> None
         check_finite(action[1])
 
 
-def test_where_all_is_finite_there_is_no_mask() -> None:
+def test_finite_numbers_give_no_mask() -> None:
     assert not_finite(np.zeros(3)) is None
     assert not_finite(np.zeros(3, int)) is None
 

@@ -190,7 +190,7 @@ def test_more_rows_than_fit_into_memory_are_refused_at_once() -> None:
         suite.load_batch("humanoid", "walk", 10**9)
 
 
-def test_numpy_may_be_set_to_raise_what_it_otherwise_ignores() -> None:
+def test_numpy_may_be_set_to_raise_floating_point_errors() -> None:
     with np.errstate(all="raise"):
         for task in suite.ALL_TASKS:
             env = suite.load(*task, {"random": 0}, visualize_reward=True)
@@ -268,7 +268,7 @@ def test_use_from_two_threads_at_once_is_refused() -> None:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
 @pytest.mark.filterwarnings("ignore:This process .* is multi-threaded:DeprecationWarning")
 @pytest.mark.parametrize("a_few", [0, 1_000])  # rows that share an `MjData`, or do not
-def test_a_forked_child_goes_on_exactly_and_exits_with_status_0(
+def test_a_forked_child_has_the_same_future_and_exits_with_status_0(
     a_few: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lazy_batch, "_A_FEW", a_few)
@@ -450,7 +450,7 @@ def test_changes_of_the_model_it_was_made_from_do_not_reach_a_batch() -> None:
         batch.physics.named.model.body_mass["torso"] = 1.0
 
 
-def test_the_model_of_a_batch_is_read_only_and_names_what_to_use() -> None:
+def test_the_model_of_a_batch_is_read_only_and_errors_have_advice() -> None:
     batch = _walkers()
     with pytest.raises((ValueError, AttributeError), match="randomize"):
         batch.physics.model.body_mass[:] = 1.0

@@ -66,7 +66,7 @@ def test_a_constant_stands_for_all_rows_where_a_task_may_give_one(label: str) ->
         _finding(label).check(np.array(1.0), np.array(0.0))
 
 
-def test_a_constant_is_no_observation() -> None:
+def test_a_constant_is_refused_as_an_observation() -> None:
     with pytest.raises(ValueError, match=r"has shape \(\) in a batch of 3; expected \(3,\)"):
         _finding().check(np.array(1.0), np.array(1.0))
 
@@ -105,9 +105,9 @@ def test_a_quantity_that_only_one_side_has_is_named() -> None:
     assert "'angle' of task Swing is missing in a batch after 2 steps, which has only " in str(
         missing
     )
-    assert "observation 'speed', the reward: a task must give rows what it gives" in str(missing)
+    assert "observation 'speed', the reward: a task must have the same quantities" in str(missing)
     surplus = str(_finding(step=0).surplus())
-    assert "is there in a batch as episodes begin, but not in a single simulation" in surplus
+    assert "exists in a batch as episodes begin, but not in a single simulation" in surplus
 
 
 # Errors that a task raises.

@@ -125,7 +125,7 @@ def test_a_batch_safe_task_is_accepted(num_envs: int) -> None:
         (lambda p: p.position()[:1], r"has shape \(1, 2\) in a batch of 3; expected \(3, 1\)"),
         (lambda p: p.position()[0], r"has shape \(2,\) in a batch of 3; expected \(3,\)"),
         (lambda p: np.linalg.norm(p.tip_to_goal()), r"has shape \(\) in a batch of 3"),
-        # Shapes that fit: only the values tell.
+        # Shapes that fit: only the values differ.
         (lambda p: p.position()[::-1].copy(), r"is .* at index \[0\] in row 0 .*; expected"),
         (lambda p: p.velocity() / np.linalg.norm(p.position()), r"is .* in row \d"),
         (lambda p: p.position() - p.position().mean(), r"is .* in row \d"),
@@ -394,7 +394,7 @@ def test_fields_that_no_row_can_have_are_refused(fields: Any, error: Any, match:
         _batch(_with(EPISODE_FIELDS=fields))
 
 
-def test_a_quantity_that_forgets_what_is_randomised_is_refused() -> None:
+def test_a_quantity_that_ignores_randomised_fields_is_refused() -> None:
     class Weighing(Reach):
         def __init__(self, mass: float) -> None:
             super().__init__(random=0)
@@ -463,7 +463,7 @@ def test_a_row_that_diverges_is_compared_no_further() -> None:
 
 
 @pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
-def test_the_suites_tasks_are_accepted_whatever_is_observed(task: tuple[str, str]) -> None:
+def test_the_suites_tasks_are_accepted_with_all_observation_options(task: tuple[str, str]) -> None:
     kwargs = {} if task[0] == "humanoid" else {"fully_observable": False}
     for options in ({}, {"legacy_step": False}, {"randomize": {"body_mass": scale(0.9, 1.1)}}):
         assert suite.load_batch(*task, 1, 1, task_kwargs=kwargs, environment_kwargs=options)

@@ -79,7 +79,7 @@ def test_a_task_whose_rows_depend_on_each_other_fails(task: type[_Task]) -> None
     assert "test_a_row_is_the_single_environment" in failed
 
 
-def test_a_class_without_an_environment_says_what_to_define() -> None:
+def test_a_class_without_make_single_raises_with_advice() -> None:
     class Laws(BatchEnvironmentTestMixin):
         pass
 

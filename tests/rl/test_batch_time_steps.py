@@ -108,7 +108,7 @@ def test_each_row_ends_with_its_own_discount(made: Any) -> None:
     assert not batch.timed_out.any()
 
 
-def test_at_the_time_limit_a_row_is_not_discounted_whatever_the_task_says(made: Any) -> None:
+def test_at_the_time_limit_the_discount_is_1_regardless_of_the_task(made: Any) -> None:
     batch, task = made
     for _ in range(_LIMIT - 1):
         assert not batch.timed_out.any()

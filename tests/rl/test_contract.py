@@ -56,7 +56,7 @@ def test_a_reset_context_resets_first_and_follows_the_state_at_its_end(diverges:
     assert physics.calls == ["reset", "body", "after_reset"]
 
 
-def test_an_error_within_a_reset_context_leaves_the_state_as_it_is() -> None:
+def test_an_error_within_a_reset_context_leaves_the_state_unchanged() -> None:
     physics = _Physics()
     with pytest.raises(KeyError), physics.reset_context():
         raise KeyError

@@ -299,7 +299,7 @@ def test_a_control_step_is_a_whole_number_of_physics_steps(
         (0.1, float("nan"), "smaller"),
     ],
 )
-def test_a_control_step_that_is_no_multiple_is_refused(
+def test_a_control_step_that_is_not_a_multiple_is_refused(
     control_timestep: float, physics_timestep: float, match: str
 ) -> None:
     with pytest.raises(ValueError, match=match):

@@ -105,7 +105,7 @@ def test_a_row_that_begins_is_not_ended_by_the_limit_of_its_last_episode() -> No
     assert last == [False] * 3
 
 
-def test_the_task_ends_rows_with_its_discount_and_nan_goes_on() -> None:
+def test_the_task_ends_rows_with_its_discount_and_nan_continues() -> None:
     step_type, reward, discount, last = _count(
         Counter(3, 10), termination=np.array([_NAN, 0.0, 0.25])
     )

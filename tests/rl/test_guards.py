@@ -26,7 +26,7 @@ def test_other_numbers_are_refused_by_name(value: object) -> None:
         guards.at_least_one("num_envs", value)
 
 
-def test_what_divergence_does_is_one_of_two_words() -> None:
+def test_on_divergence_is_one_of_two_words() -> None:
     assert guards.raises_on_divergence("raise") is True
     assert guards.raises_on_divergence("end") is False
     with pytest.raises(ValueError, match="on_divergence is 'stop'; expected 'end' or 'raise'"):

@@ -33,7 +33,7 @@ def test_arrays_of_a_batch_are_its_own_and_views_are_copied() -> None:
     memory = np.arange(6.0).reshape(3, 2)
     fresh = np.ones((3, 2))
     observed = of_rows({"view": memory[:], "fresh": fresh}, 3, flat=False)
-    assert observed["fresh"] is fresh  # nobody else has it, so it need not be copied
+    assert observed["fresh"] is fresh  # no one else holds it, so it need not be copied
     memory[:] = -1
     np.testing.assert_array_equal(observed["view"], np.arange(6.0).reshape(3, 2))
 

@@ -59,7 +59,7 @@ def _pictures(stack: np.ndarray) -> list[np.ndarray]:
     return np.split(stack, stack.shape[-1] // 3, axis=-1)
 
 
-# What is seen.
+# Content.
 
 
 @_draws
@@ -122,7 +122,7 @@ def test_observations_follow_their_specs(only: bool, flat: bool) -> None:
 
 
 @_draws
-def test_a_user_may_change_what_was_observed() -> None:
+def test_returned_observations_may_be_modified() -> None:
     for env in (_single(), _batch()):
         kept = env.reset().observation["pixels"]
         expected = kept.copy()
@@ -254,7 +254,7 @@ def _restored_into_only(batch: BatchEnvironment) -> BatchEnvironment:
     return only
 
 
-# What goes wrong.
+# Errors.
 
 
 @pytest.mark.parametrize(

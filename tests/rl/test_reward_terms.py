@@ -70,7 +70,7 @@ def test_the_suites_rewards_are_made_of_their_terms(task: tuple[str, str]) -> No
     assert reward == env.task.get_reward(env.physics)
 
 
-def test_underflow_is_no_error_but_overflow_may_be_one() -> None:
+def test_underflow_never_raises_but_overflow_may() -> None:
     def rewarding(power: float) -> Any:
         task: Any = _Product()
         task.get_reward = lambda physics: np.exp(np.float64(power))

@@ -9,7 +9,7 @@ from limberjack.rl.streams import Streams
 _LARGEST = 2**32 - 1
 
 
-def test_a_row_draws_what_a_stream_with_its_seed_draws() -> None:
+def test_a_row_draws_from_a_stream_with_its_seed() -> None:
     streams = Streams(seed=7, count=3)
     for row in range(3):
         assert streams.own[row].rand() == np.random.RandomState(7 + row).rand()

@@ -69,7 +69,7 @@ def test_turned_about_the_vertical_the_limbs_are_where_they_were(physics: Any) -
 
 
 @pytest.mark.parametrize("task", ["stand", "walk", "run", "run_pure_state"])
-def test_standing_upright_and_still_is_what_stand_wants(task: str) -> None:
+def test_standing_upright_and_still_is_fully_rewarded_by_stand(task: str) -> None:
     env = suite.load("humanoid", task)
     set_pose(env.physics, 1.3)
     terms = env.task.reward_terms(env.physics)

@@ -54,7 +54,7 @@ def test_starts_are_in_hand_and_in_target_about_once_in_ten(task: str) -> None:
 
 
 @every_task
-def test_what_the_prop_does_at_the_start_is_as_its_kind_says(task: str) -> None:
+def test_the_initial_state_of_the_prop_matches_the_kind_of_start(task: str) -> None:
     env = load(task)
     prop = task.split("_")[1]
     for _ in range(100):

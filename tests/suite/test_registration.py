@@ -332,7 +332,7 @@ def test_a_domain_that_was_assigned_counts_by_itself_here_and_elsewhere(
     assert printed == "[False, False, True]\n"
 
 
-def test_what_is_assigned_need_not_pass_the_checks_and_may_have_any_name(
+def test_assigned_domains_need_not_pass_the_checks_and_may_have_any_name(
     swing: ModuleType, site: Path
 ) -> None:
     text = "from my_package.swing import swing_up\nSUITE = {'up': swing_up}\n"

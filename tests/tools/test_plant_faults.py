@@ -73,7 +73,7 @@ def test_a_fault_with_which_nothing_can_be_imported_is_broken(tool: Any, copy: A
     assert _planted(tool, copy, "2 * x", "2 *")[0] == tool.BROKEN
 
 
-def test_a_test_that_fails_without_the_fault_too_is_no_proof(tool: Any, copy: Any) -> None:
+def test_a_test_that_also_fails_without_the_fault_is_broken(tool: Any, copy: Any) -> None:
     (copy.folder / "tests" / "sums" / "test_broken.py").write_text(_ALWAYS, encoding="utf-8")
     kind, why = _planted(tool, copy, "unused = 0", "unused = 1")
     assert kind == tool.BROKEN

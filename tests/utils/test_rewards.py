@@ -142,7 +142,7 @@ def test_the_power_of_a_batch_of_numbers_is_not_that_of_a_vector() -> None:
 def test_a_number_is_squared_by_pow_as_in_dm_control() -> None:
     numbers = np.random.RandomState(0).uniform(1e-3, 4, 50_000).tolist()
     got = [rewards.tolerance(x, (0, 0), 1.0, "long_tail", 0.5) for x in numbers]
-    # One in some thousand numbers tells it from the product, in the last bit.
+    # About one number in a thousand differs from the product in the last bit.
     assert got == [1 / (math.pow(x, 2) + 1) for x in numbers]
 
 

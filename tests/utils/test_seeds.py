@@ -13,7 +13,7 @@ def test_a_whole_number_that_randomstate_takes_is_returned_as_an_int() -> None:
 
 
 @pytest.mark.parametrize("seed", [True, False, 1.5, "1", None, np.True_])
-def test_what_is_not_a_whole_number_is_a_type_error(seed: object) -> None:
+def test_values_that_are_not_integers_are_type_errors(seed: object) -> None:
     with pytest.raises(TypeError, match=r"^seed is .*; expected a whole number$"):
         checked_seed(seed)
 

@@ -66,7 +66,7 @@ def test_a_name_may_hold_any_character(etree: ModuleType, name: str) -> None:
     assert xml_tools.find_element(root, "body", name) is root[0]
 
 
-def test_an_element_that_is_not_there_is_an_error_with_a_suggestion(etree: ModuleType) -> None:
+def test_an_unknown_element_is_an_error_with_a_suggestion(etree: ModuleType) -> None:
     root = etree.fromstring(XML)
     with pytest.raises(ValueError, match=r"tag 'body' and name 'hnd' .*Did you mean 'hand'"):
         xml_tools.find_element(root, "body", "hnd")

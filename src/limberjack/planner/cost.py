@@ -125,7 +125,7 @@ class Cost:
 
     settings = Settings()
     breadth = 1.0  # noise scale, as a fraction of the settings' noise; `look` may set it
-    place = 0.0  # phase of the current time within the plan, in knots; set by the planner
+    place = 0.0  # phase of the current time in the plan, in knots; the planner sets it if anchored
 
     def __init__(self, task: Any) -> None:
         """Stores the environment's task, whose reward terms the cost may use."""

@@ -1,6 +1,6 @@
 """`NotImportable`: placeholder for a domain that only this process has; pickling it raises.
 
-pickle.dumps(NotImportable("swing"))    # PicklingError: ... move it into a module of its own ...
+pickle.dumps(NotImportable("swing"))    # PicklingError: ... move it into its own module ...
 """
 
 import pickle

@@ -154,7 +154,7 @@ class Environment(dm_env.Environment):
 
         Raises:
           ValueError, TypeError: the action is not made of finite numbers, or the task rejects it,
-            as `base.Task` does for a wrong number of actuators; nothing was stepped.
+            as `base.Task` does for another shape than (nu,); nothing was stepped.
           PhysicsError: the simulation diverged; the next step begins a new episode.
         """
         use, thread = self._use, get_ident()

@@ -68,7 +68,7 @@ def one_value_per_row(x: object) -> bool:
 
 
 def any_of(mask: np.ndarray) -> bool:
-    """Whether any element is true; faster than `mask.any()`, and on every batch step's path."""
+    """Whether any element is true; faster than `mask.any()`, and used several times per step."""
     return bool(np.count_nonzero(mask))
 
 

@@ -40,7 +40,7 @@ def test_egl_comes_first_and_by_name(run_script: Callable[..., str], value: str 
 @on_linux
 @with_osmesa
 @pytest.mark.parametrize("platform", [None, "egl", "osmesa"])
-def test_osmesa_draws_whatever_pyopengl_is_told(
+def test_osmesa_renders_for_any_pyopengl_platform(
     run_script: Callable[..., str], platform: str | None
 ) -> None:
     printed = run_script(_DRAW, MUJOCO_GL="osmesa", PYOPENGL_PLATFORM=platform)
@@ -58,7 +58,7 @@ def test_osmesa_draws_where_egl_cannot(run_script: Callable[..., str]) -> None:
 @on_linux
 @pytest.mark.parametrize("backend", ["egl", None])
 @pytest.mark.parametrize("device", ["99", "-1", "first"])
-def test_a_device_that_is_not_there_is_refused_and_nothing_else_draws_in_its_place(
+def test_an_unknown_device_is_refused_and_not_replaced(
     run_script: Callable[..., str], device: str, backend: str | None
 ) -> None:
     printed = run_script(_DRAW, MUJOCO_GL=backend, MUJOCO_EGL_DEVICE_ID=device)
@@ -68,7 +68,7 @@ def test_a_device_that_is_not_there_is_refused_and_nothing_else_draws_in_its_pla
 
 @on_linux
 @pytest.mark.parametrize("device", ["0", ""])
-def test_a_device_that_is_there_draws(run_script: Callable[..., str], device: str) -> None:
+def test_an_existing_device_renders(run_script: Callable[..., str], device: str) -> None:
     assert run_script(_DRAW, MUJOCO_EGL_DEVICE_ID=device).startswith("egl ")
 
 
@@ -105,7 +105,7 @@ def test_invalid_device_numbers_are_refused(number: Any, error: type[Exception])
 
 
 @on_linux
-def test_egls_devices_are_listed_by_what_draws(run_script: Callable[..., str]) -> None:
+def test_egl_devices_are_listed_by_renderer(run_script: Callable[..., str]) -> None:
     script = "from limberjack.mujoco.rendering.egl import Egl; print(Egl.devices())"
     found = ast.literal_eval(run_script(script))
     # None is a graphics card without its driver.

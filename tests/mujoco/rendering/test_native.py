@@ -11,7 +11,7 @@ _linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for Linux's C
 
 
 @_linux
-def test_a_library_that_is_there_is_loaded_and_another_is_none() -> None:
+def test_an_existing_library_is_loaded_and_a_missing_one_is_none() -> None:
     assert native.load("libc.so.6") is not None
     assert native.load("libno-such-thing.so.1") is None
 

@@ -59,7 +59,7 @@ def _turned(angle: float) -> Physics:
 # Threads.
 
 
-def test_sixteen_threads_draw_at_once_what_one_draws() -> None:
+def test_sixteen_threads_render_the_same_pictures_as_one() -> None:
     several = [_turned(0.2 * k) for k in range(16)]
     expected = [p.render(64, 64) for p in several]
     together = threading.Barrier(len(several))

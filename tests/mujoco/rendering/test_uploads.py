@@ -85,7 +85,7 @@ def _fresh(physics: Physics) -> np.ndarray:
 
 
 @_every_change
-def test_pictures_show_what_has_changed(change: Callable[[mujoco.MjModel], None]) -> None:
+def test_pictures_show_changes(change: Callable[[mujoco.MjModel], None]) -> None:
     physics = _physics()
     camera = Camera(physics, **_SIZE)
     before = physics.render(**_SIZE), camera.render()
@@ -97,7 +97,7 @@ def test_pictures_show_what_has_changed(change: Callable[[mujoco.MjModel], None]
 
 
 @_every_change
-def test_what_changes_in_one_simulation_is_not_seen_in_others(
+def test_changes_of_one_simulation_are_not_seen_in_others(
     change: Callable[[mujoco.MjModel], None],
 ) -> None:
     changed, other, third = _physics(), _physics(), _physics()
@@ -112,7 +112,7 @@ def test_what_changes_in_one_simulation_is_not_seen_in_others(
     np.testing.assert_array_equal(_physics().render(**_SIZE), before[0])
 
 
-def test_what_has_changed_back_is_seen() -> None:
+def test_reverted_changes_are_seen() -> None:
     physics = _physics()
     before = physics.render(**_SIZE)
     original = physics.model.hfield_data.copy()
@@ -188,7 +188,7 @@ def test_models_that_nobody_can_change_are_not_compared(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(uploads, "_are_same", compare)
     np.testing.assert_array_equal(environment.physics.render(**size), expected)
-    assert environment.physics.model.ptr  # from here on anybody may change it
+    assert environment.physics.model.ptr  # from now on user code may change it
     environment.physics.render(**size)  # its own copy, for the first time
     with pytest.raises(AssertionError, match="were compared"):
         environment.physics.render(**size)

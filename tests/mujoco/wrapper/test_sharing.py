@@ -66,7 +66,7 @@ def test_the_first_touch_that_could_change_a_model_copies_it_once(touch: Any) ->
     assert model.ptr is own
 
 
-def test_a_copy_of_a_shared_model_goes_on_sharing_and_of_an_own_one_does_not() -> None:
+def test_a_copy_of_a_shared_model_is_shared_and_of_a_private_one_is_not() -> None:
     for make in (copy.copy, copy.deepcopy, wrapper.MjModel.copy):
         model, _ = shared_pair()
         other = make(model)

@@ -86,7 +86,7 @@ def test_edits_are_kept() -> None:
 @pytest.mark.parametrize(
     "texture", ["", '<texture name="t" type="2d" builtin="flat" width="9" height="9"/>']
 )
-def test_a_model_with_small_textures_is_returned_as_it_is(texture: str) -> None:
+def test_a_model_with_small_textures_is_returned_unchanged(texture: str) -> None:
     xml = f"<mujoco><asset>{texture}</asset><worldbody><geom size='.1'/></worldbody></mujoco>"
     model = mujoco.MjModel.from_xml_string(xml)
     assert without_textures(model) is model
@@ -101,7 +101,7 @@ def test_a_model_with_small_textures_is_returned_as_it_is(texture: str) -> None:
         ("_is_like", lambda light, model: False),
     ],
 )
-def test_a_model_of_another_layout_is_returned_as_it_is(
+def test_a_model_with_another_layout_is_returned_unchanged(
     monkeypatch: pytest.MonkeyPatch, name: str, value: object
 ) -> None:
     model = _model(("humanoid", "stand"))

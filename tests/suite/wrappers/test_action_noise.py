@@ -92,7 +92,7 @@ def test_bounds_that_are_not_finite_are_refused(bound: float) -> None:
 
 
 @pytest.mark.parametrize("scale", [-0.1, np.nan, np.inf, [0.1, -0.1]])
-def test_a_scale_that_is_no_finite_fraction_is_refused(scale: Any) -> None:
+def test_a_scale_that_is_negative_or_not_finite_is_refused(scale: Any) -> None:
     with pytest.raises(ValueError, match="expected a finite fraction of at least 0"):
         action_noise.Wrapper(Recorder([-1.0, -1.0]), scale)
 

@@ -64,7 +64,7 @@ def test_a_copy_delegates_to_what_it_wraps(copied: Any) -> None:
     assert copied(Wrapper(_Environment())).extra == "extra"
 
 
-def test_a_name_that_nobody_has_is_an_attribute_error() -> None:
+def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="nothing"):
         _ = Wrapper(_Environment()).nothing
 
