@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from limberjack import policies, rollout, suite
+from limberjack.rl.control import Environment
 from tests.representatives import PAIRS
 
 
-def _load(domain: str, task: str, seed: int, time_limit: float = 0.5) -> suite.control.Environment:
+def _load(domain: str, task: str, seed: int, time_limit: float = 0.5) -> Environment:
     return suite.load(domain, task, task_kwargs={"random": seed, "time_limit": time_limit})
 
 

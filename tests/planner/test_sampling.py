@@ -236,7 +236,10 @@ def test_what_cannot_be_planned_with_is_named(arguments: Any, message: str) -> N
     ("proposals", "message"),
     [
         (np.zeros((2, 3, 21)), r"proposals of Proposing returned shape \(2, 3, 21\); expected"),
-        (np.full((2, 2, 21), np.nan), "proposals of Proposing returned numbers that are not finite"),
+        (
+            np.full((2, 2, 21), np.nan),
+            "proposals of Proposing returned numbers that are not finite",
+        ),
     ],
 )
 def test_proposals_that_are_no_plans_are_named(proposals: np.ndarray, message: str) -> None:
