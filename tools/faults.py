@@ -23,7 +23,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "self._replicas.simulation.save(None, self._s",
         ),
         ("            self._begins[rows] = True  # until c", "            pass  # until c"),
-        ("self._streams.replace(row, stream)", "self._streams.own[row] = stream"),
+        ("self._streams.replace(row, stream, seeds[i])", "self._streams.own[row] = stream"),
     ],
     "rl/endings.py": [
         ("            reward[begins] = 0.0\n", ""),
@@ -106,7 +106,32 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        if self._process != os.getpid():  # forked", "        if False:  # forked"),
         ("np.full(shape, None) if like.dtype == object else ", ""),
     ],
+    "rl/represented.py": [
+        ("if waits and not step else", "if waits else"),
+        ("stream is getattr(task", "stream is not getattr(task"),
+        ("known == list(range(known[0], known[0] + len(known)))", "known"),
+    ],
+    "report/chart.py": [
+        ("range(number + 1, len(heights))", "range(len(heights))"),
+        ("-_DASH * above", "0.0"),
+        ("left=np.nan, right=np.nan", ""),
+        ("(at if line.at is None else line.at)[kept]", "at[kept]"),
+    ],
+    "report/labels.py": [
+        ("        stream.set_state(state)\n", "        pass\n"),
+        ("(found[name], derived, strict=True)", "(derived, derived, strict=True)"),
+        ("sorted(of_number - shared)", "sorted(of_number)"),
+        ("            array[...] = self._base[name]\n", "            pass\n"),
+        ("is_vector else", "not is_vector else"),
+    ],
+    "report/units.py": [
+        ("gain * gear:g", "gain:g"),
+        ("gear != 1 or", ""),
+        ("[joint == _Joint.mjJNT_HINGE]", "[joint != _Joint.mjJNT_HINGE]"),
+    ],
     "gym/observations.py": [
+        ("np.where(least < low,", "np.where(least > low,"),
+        ("np.where(most > high,", "np.where(most < high,"),
         ("return list(observation[rows])", "return list(observation[: len(rows)])"),
         ("stop = start + math.prod(shape)", "stop = start + (shape[-1] if shape else 1)"),
         ("np.array(observation[part.name], self.dtype)", "np.asarray(observation[part.name])"),

@@ -1,4 +1,4 @@
-"""What the tests of the Gymnasium layer share: a task that ends episodes, comparison by bits."""
+"""Shared by the tests of the Gymnasium layer: a task that ends episodes, comparison by bits."""
 
 from typing import Any
 
@@ -71,5 +71,5 @@ def assert_same(one: Any, other: Any, where: str = "") -> None:
 
 
 def told_alike(infos: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Infos of rows, without what only a batch tells."""
+    """Infos of rows, without the entries that only a batch has."""
     return [{k: v for k, v in info.items() if k != "diverged"} for info in infos]

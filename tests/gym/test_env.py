@@ -24,7 +24,7 @@ def _env(task: tuple[str, str] = ("humanoid", "walk"), **kwargs: Any) -> gym.Env
     return gym.load(*task, **kwargs)
 
 
-# What Gymnasium asks for.
+# Requirements of Gymnasium and its users.
 
 
 @pytest.mark.parametrize(("domain", "task"), TASKS)
@@ -383,9 +383,9 @@ def test_gymnasiums_processes_give_the_numbers_of_one_process(context: str) -> N
             results = [[envs.reset(seed=5)[0]] for envs in (here, there)]
             for _ in range(6):
                 actions = here.action_space.sample()
-                for envs, told in zip((here, there), results, strict=True):
+                for envs, returned in zip((here, there), results, strict=True):
                     observation, *rest, info = envs.step(actions)
-                    told += [observation, *rest]
+                    returned += [observation, *rest]
             for one, other in zip(*results, strict=True):
                 one, other = (x if isinstance(x, dict) else {{"": x}} for x in (one, other))
                 for name in one:

@@ -32,17 +32,17 @@ def _actions(envs: gym.VectorEnv, step: int) -> np.ndarray:
 
 def _pipelined(envs: gym.VectorEnv, steps: int) -> list[list[Any]]:
     """The results of both halves, in the plain order."""
-    told: list[list[Any]] = [[] for _ in range(steps)]
+    returned: list[list[Any]] = [[] for _ in range(steps)]
     for half, rows in enumerate(envs.halves):
         envs.send(_actions(envs, 0)[rows], half)
     for step in range(steps):
         for half, rows in enumerate(envs.halves):
             result = envs.recv()
             assert result[4].pop("env_id").tolist() == list(range(5))[rows]
-            told[step].append(result)
+            returned[step].append(result)
             if step + 1 < steps:
                 envs.send(_actions(envs, step + 1)[rows], half)
-    return told
+    return returned
 
 
 @pytest.mark.parametrize("copied", [True, False])
@@ -122,7 +122,7 @@ def test_the_actions_are_copied_when_they_are_sent() -> None:
     halves.close()
 
 
-# What is refused.
+# Refused input.
 
 
 def test_errors_of_a_half_number_rows_within_the_whole_batch() -> None:

@@ -218,7 +218,7 @@ def test_one_picture_needs_no_stack(make: Any) -> None:
     np.testing.assert_array_equal(_pixels(observation), drawn)
 
 
-# What is refused.
+# Refused input.
 
 
 def _load_vector(domain: str, task: str, **kwargs: Any) -> gym.VectorEnv:

@@ -22,9 +22,9 @@ def _end_of_an_episode(mode: AutoresetMode, **kwargs: Any) -> tuple[gym.VectorEn
     envs = falling_envs(_ROWS, autoreset_mode=mode, **kwargs)
     envs.reset(seed=0)
     for _ in range(_STEPS):
-        told = envs.step(np.zeros((_ROWS, 21)))
-        if (told[2] | told[3]).any():
-            return envs, told
+        returned = envs.step(np.zeros((_ROWS, 21)))
+        if (returned[2] | returned[3]).any():
+            return envs, returned
     raise AssertionError("no episode has ended")
 
 

@@ -29,24 +29,24 @@ def _envs(num_envs: int = 3, task: tuple[str, str] = _WALK, **kwargs: Any) -> gy
 
 def _assert_lockstep(envs: Any, reference: Any, steps: int, mode: AutoresetMode) -> None:
     """Steps both with the same actions; where rows must be reset by hand it does that."""
-    told, expected = wrappers.DictInfoToList(envs), wrappers.DictInfoToList(reference)
+    returned, expected = wrappers.DictInfoToList(envs), wrappers.DictInfoToList(reference)
 
     def compare(one: Any, other: Any, where: str) -> None:
         (*values, infos), (*others, expected_infos) = one, other
         assert_same(values, others, where)
         assert_same(told_alike(infos), expected_infos, where)
 
-    compare(told.reset(seed=3), expected.reset(seed=3), "reset")
+    compare(returned.reset(seed=3), expected.reset(seed=3), "reset")
     actions = np.random.RandomState(0)
     low, high = envs.action_space.low, envs.action_space.high
     for step in range(steps):
         action = actions.uniform(low, high) * (step % 3 == 0)
-        result = told.step(action)
+        result = returned.step(action)
         compare(result, expected.step(action), f"step {step}")
         ended = result[2] | result[3]
         if mode is AutoresetMode.DISABLED and ended.any():
             compare(
-                told.reset(options={"reset_mask": ended}),
+                returned.reset(options={"reset_mask": ended}),
                 expected.reset(options={"reset_mask": ended.copy()}),
                 f"reset after step {step}",
             )
@@ -156,9 +156,9 @@ def test_a_mask_resets_its_rows_and_leaves_the_others_alone(mode: AutoresetMode)
         each.reset(seed=0)
     before, *_ = envs.step(np.ones((3, 21)))
     twin.step(np.ones((3, 21)))
-    told, _ = envs.reset(seed=20, options={"reset_mask": np.array([False, True, False])})
+    returned, _ = envs.reset(seed=20, options={"reset_mask": np.array([False, True, False])})
     begun, _ = single.reset(seed=21)
-    for name, values in told.items():
+    for name, values in returned.items():
         assert_same(values[[0, 2]], before[name][[0, 2]])
         assert_same(values[1], begun[name])
     one, other = envs.step(np.ones((3, 21))), twin.step(np.ones((3, 21)))
@@ -230,8 +230,8 @@ def test_a_row_that_ended_must_be_reset_where_autoreset_is_disabled() -> None:
     last, *_ = envs.step(np.zeros((2, 21)))
     with pytest.raises(error.ResetNeeded, match=r"rows \[0, 1\].*nothing was stepped"):
         envs.step(np.zeros((2, 21)))
-    told, _ = envs.reset(options={"reset_mask": np.array([True, False])})
-    assert_same(told[1], last[1])
+    returned, _ = envs.reset(options={"reset_mask": np.array([True, False])})
+    assert_same(returned[1], last[1])
     with pytest.raises(error.ResetNeeded, match=r"rows \[1\]"):
         envs.step(np.zeros((2, 21)))
 
@@ -420,15 +420,15 @@ def test_gymnasiums_statistics_are_those_of_single_environments(mode: AutoresetM
     def stream(envs: Any) -> list[Any]:
         recorded = wrappers.RecordEpisodeStatistics(envs)
         recorded.reset(seed=0)
-        told = []
+        returned = []
         for _ in range(36):
             _, _, terminated, truncated, info = recorded.step(np.zeros((3, 21)))
             if "episode" in info:
-                told.append((info["episode"]["r"], info["episode"]["l"], info["_episode"]))
+                returned.append((info["episode"]["r"], info["episode"]["l"], info["_episode"]))
             ended = terminated | truncated
             if mode is AutoresetMode.DISABLED and ended.any():
                 recorded.reset(options={"reset_mask": ended})
-        return told
+        return returned
 
     makers = [falling_env] * 3
     expected = SyncVectorEnv(makers, autoreset_mode=mode)

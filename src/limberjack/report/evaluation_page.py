@@ -154,5 +154,5 @@ def _facts(result: Facts) -> Iterator[tuple[str, str]]:
         yield "Policy", f"SHA-256 {result['policy_sha256']}"
     others = result.get("versions_of_episodes")
     if others:
-        told = "; ".join(", ".join(f"{k} {v}" for k, v in each.items()) for each in others)
-        yield "Played with", told
+        versions = "; ".join(", ".join(f"{k} {v}" for k, v in each.items()) for each in others)
+        yield "Played with", versions

@@ -39,7 +39,7 @@ def labels_of(environment: Environment) -> Labels:
     """The labels of an environment's flattened observations and actions.
 
     Observations without labels are absent; there are no actions unless each is a control of an
-    actuator. The environment is not changed, and its random stream goes on as before.
+    actuator. The environment is not changed, and its random stream continues as before.
     """
     physics = environment.physics
     if not isinstance(physics, Physics):
@@ -144,7 +144,7 @@ class _Probe:
     def _changed(
         self, values: dict[str, np.ndarray], field: str, row: int
     ) -> dict[str, np.ndarray]:
-        """Which numbers of the observations depend on a row of a field."""
+        """Masks of the observations' numbers that depend on a row of a field."""
         array = self._arrays[field]
         array[row] = self._stream.uniform(_LEAST, _MOST, array.shape[1:])
         seen = self._observe()

@@ -7,7 +7,7 @@
         recorder.write(run, episodes, fingerprint)
     print(recorder.written, recorder.left_out)
 
-A film or plot that cannot be made is left out, with the reason; the run goes on without it. The
+A film or plot that cannot be made is left out, with the reason; the run continues without it. The
 page is always written: it needs nothing but Python. One recorder at a time writes to a directory,
 and never over the results of another task or policy.
 """

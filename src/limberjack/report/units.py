@@ -153,7 +153,7 @@ def _of_field(model: "MjModel", name: str, unit: str, shape: Sequence[int]) -> l
 
 
 def _columns(shape: Sequence[int]) -> list[str]:
-    """What follows an object's name, for each number of its row."""
+    """The suffixes of an object's name for the numbers of its row."""
     if len(shape) == 1:
         return [""]
     named = {3: "xyz", 4: "quat", 9: "mat"}
