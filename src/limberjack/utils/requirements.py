@@ -39,6 +39,7 @@ PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "sb3": ("stable-baselines3",),
         "torchrl": ("torchrl",),
         "rllib": ("ray[rllib]", "torch"),
+        "gymnasium": ("moviepy", "pygame"),
     }
 )
 
