@@ -113,7 +113,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "report/chart.py": [
         ("range(number + 1, len(heights))", "range(len(heights))"),
-        ("-_DASH * above", "0.0"),
+        ("_DASH * (len(below) + above)", "0.0"),
         ("left=np.nan, right=np.nan", ""),
         ("(at if line.at is None else line.at)[kept]", "at[kept]"),
     ],

@@ -67,13 +67,9 @@ class Playing:
             self._prepare(first)
             self._fingerprint = report.fingerprint(first.physics.model._model)
             self._step_limit = first.step_limit
-            self._about: Facts = {
-                "domain": domain,
-                "task": task,
-                "policy": policy,
-                "time_limit": self._seconds(first),
-                "control_timestep": first.control_timestep(),
-            }
+            self._about: Facts = {"domain": domain, "task": task, "policy": policy}
+            self._about["time_limit"] = self._seconds(first)
+            self._about["control_timestep"] = first.control_timestep()
         self._recorder: Recorder | None = None
         if out is not None:
             self._recorder = report.Recorder(

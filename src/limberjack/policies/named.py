@@ -164,7 +164,7 @@ def _checking_policy(
 
 
 def _checked_action(where: str, returned: object, spec: specs.BoundedArray) -> np.ndarray:
-    """What a policy returned, as an array, or `PolicyError` if it is not an action of the spec."""
+    """A policy's action as an array; raises PolicyError if it is not an action of the spec."""
     try:
         action = np.asarray(returned)
     except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors with gradients

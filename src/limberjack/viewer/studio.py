@@ -47,6 +47,8 @@ except ImportError as error:
 
 __all__ = ["run"]
 
+_OfStudio = Any  # an object of MuJoCo Studio, which is not typed
+
 _BREATH = 0.002  # seconds between two readings of the clock; other threads draw meanwhile
 _START_LIMIT = 60.0  # seconds that Studio may take to start
 _GUARD_LIMIT = 30.0  # seconds that its server may take to listen; it takes milliseconds
@@ -97,7 +99,7 @@ def _listening(access: Access) -> Iterator[socket.socket]:
         yield made
 
 
-def _wait_until(is_ready: Callable[[], bool], handle: Any) -> None:
+def _wait_until(is_ready: Callable[[], bool], handle: _OfStudio) -> None:
     """Waits for a part of Studio's start."""
     end = time.monotonic() + _START_LIMIT
     while not is_ready():
@@ -112,7 +114,7 @@ def _wait_until(is_ready: Callable[[], bool], handle: Any) -> None:
         time.sleep(_BREATH)
 
 
-def _set_model(handle: Any, session: Session) -> None:
+def _set_model(handle: _OfStudio, session: Session) -> None:
     """Gives Studio a model and a state of its own; environments may share theirs."""
     model = session.copy_model()
     data = mujoco.MjData(model)
@@ -176,7 +178,7 @@ class _Loop(plugin.SimPlugin):
         self._pause(event.pause_state)
         return True
 
-    def _pause(self, state: Any) -> None:
+    def _pause(self, state: _OfStudio) -> None:
         paused = state != sim.PauseState.UNPAUSED
         if paused != self._session.paused:
             self._session.pause(paused)
@@ -310,18 +312,18 @@ def _draw_bar(value: float, text: str, name: str) -> None:
     imgui.TextUnformatted(name)
 
 
-def _pause_state(paused: bool) -> Any:
+def _pause_state(paused: bool) -> _OfStudio:
     return sim.PauseState.NORMAL_PAUSED if paused else sim.PauseState.UNPAUSED
 
 
-def _launch(access: Access, sock: socket.socket, title: str, plugins: list[Any]) -> Any:
+def _launch(access: Access, sock: socket.socket, title: str, plugins: list[_OfStudio]) -> _OfStudio:
     """Starts Studio in a thread of its own; returns its `ViewerHandle`."""
     # It reports each browser that comes and goes on standard output.
     logging.getLogger("WebServer").setLevel(logging.WARNING)
     config = viewer_protocol.ViewerConfig(title, gfx="web", http_port=access.address.port)
     of_viewer, of_loop = plugin.split_plugins(plugins)
 
-    def show(endpoint: Any) -> None:
+    def show(endpoint: _OfStudio) -> None:
         viewer = _WebViewer(access, sock, config, endpoint, plugins=of_viewer)
         viewer_protocol.run_viewer_loop(viewer)
 
