@@ -406,6 +406,50 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("before = self.flags.copy()", "before = self.flags"),
         ("= False\n\n    @property", "= True\n\n    @property"),
     ],
+    "viewer/access.py": [
+        (
+            "if parsed is None or not self._names_this",
+            "if parsed is not None and not self._names_this",
+        ),
+        (
+            '        for origin in request.values("Origin"):\n',
+            '        for origin in request.values("Origin")[:1]:\n',
+        ),
+        ("        if path == _UPLOADS:\n", "        if request.path == _UPLOADS:\n"),
+        ("number.is_loopback or number == bound", "number.is_loopback or number.is_private"),
+        ("bound is None or bound.is_unspecified", "bound is None"),
+        ("and ports[0] == ports[1]", ""),
+        ('_HOST.fullmatch(parts["host"])', '_HOST.match(parts["host"])'),
+        ("parsed = _HOST.fullmatch(host.lower())", "parsed = _HOST.match(host.lower())"),
+        ("return path == _PAGE and len(found) == 1 and", "return len(found) == 1 and"),
+        ("if key.strip() == name", "if key == name"),
+        ("port or self.address.port}", "self.address.port}"),
+        ("if len(values) == 1 else", "if values else"),
+        ("HttpOnly; SameSite=Strict", "SameSite=Lax"),
+        ("number if mapped is None else mapped", "number"),
+        ('request.method != "GET" or', ""),
+    ],
+    "viewer/guard.py": [
+        ("            self._permitted.add(connection)\n", ""),
+        (
+            "            if connection not in self._permitted:\n                connection",
+            "            if True:\n                connection",
+        ),
+        ("        asyncio.get_running_loop().call_later(_HANDSHAKE_LIMIT, expire)\n", ""),
+        ('("Access-Control-Allow-Origin", *_HEADERS)', "_HEADERS"),
+        ("        if connection not in self._permitted:\n            return\n", ""),
+        (
+            "        if response.status_code != _SWITCHING:\n            asyncio",
+            "        if True:\n            asyncio",
+        ),
+        ('"max_size": _LONGEST_MESSAGE, ', ""),
+        ("            self._started.set_exception(error)\n", ""),
+    ],
+    "viewer/address.py": [
+        ("if self.is_fixed or error.errno", "if error.errno"),
+        ("_free_port(number, _FIRST_PORT), is_fixed=False)", "_free_port(number, _FIRST_PORT))"),
+        ("        made.listen()\n", "        pass\n"),
+    ],
     "planner/record.py": [
         (
             "np.array_equal(recorded, found, equal_nan=True)",

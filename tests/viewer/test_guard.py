@@ -1,6 +1,7 @@
 """The guard on a server of `websockets`, without MuJoCo Studio."""
 
 import asyncio
+import contextlib
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -69,9 +70,8 @@ class _Served:
 @pytest.fixture
 def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[_Served]:
     monkeypatch.setattr("limberjack.viewer.guard._HANDSHAKE_LIMIT", _SHORT)
-    made = _Served(find_address())
-    yield made
-    made.close()
+    with contextlib.closing(_Served(find_address())) as made:
+        yield made
 
 
 def test_the_printed_address_opens_the_page_and_its_cookie_all_else(served: _Served) -> None:
@@ -113,6 +113,12 @@ def test_what_is_refused_reaches_nothing(served: _Served) -> None:
     assert served.reached[0] == "/state"
 
 
+def test_a_refused_request_gets_no_cookie_for_the_right_token(served: _Served) -> None:
+    answer = ask(served.port, f"/?token={served.access.token}", {"Origin": "http://evil.example"})
+    assert answer.status == 403
+    assert "set-cookie" not in answer.headers
+
+
 def test_a_host_that_is_allowed_is_answered(served: _Served) -> None:
     host = {
         "Host": "viewer.example.org",
@@ -151,18 +157,20 @@ def test_a_slow_download_and_an_open_websocket_outlast_the_limit(served: _Served
 
 def test_a_download_that_nobody_reads_is_closed_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("limberjack.viewer.guard._DOWNLOAD_LIMIT", _SHORT)
-    served = _Served(find_address())
-    with connect(served.port) as slow:
+    with contextlib.closing(_Served(find_address())) as served:
         permitted = {"Host": f"localhost:{served.port}", "Cookie": served.cookie}
-        slow.sendall(head("/model", permitted))
-        threading.Event().wait(3 * _SHORT)
-        received = 0
-        try:
-            while part := slow.recv(1 << 20):
-                received += len(part)
-        except ConnectionResetError:
-            pass
-    served.close()
+        with connect(served.port) as slow, connect(served.port) as opened:
+            opened.sendall(head("/state", permitted | WEBSOCKET))
+            assert opened.recv(1 << 16).startswith(b"HTTP/1.1 101")
+            slow.sendall(head("/model", permitted))
+            threading.Event().wait(3 * _SHORT)
+            received = 0
+            with contextlib.suppress(ConnectionResetError):
+                while part := slow.recv(1 << 20):
+                    received += len(part)
+            opened.setblocking(False)
+            with pytest.raises(BlockingIOError):  # a WebSocket is no download
+                opened.recv(1)
     assert received < _LARGE
 
 
