@@ -103,6 +103,10 @@ def test_lines_of_different_samples_are_compared_where_they_are_drawn() -> None:
     assert [dash is None for dash in _dashes(line_chart("x", ends, [few, many]))] == [False, True]
     crossing = [Line("up", np.array([0.0, 1.0])), Line("down", np.array([1.0, 0.0]))]
     assert _dashes(line_chart("x", np.array([0.0, 1.0]), crossing)) == [None, None]
+    # The short one ends before the other comes to its height.
+    ends = np.array([1.0, 1.0, np.nan, np.nan, np.nan])
+    later = [Line("short", ends), Line("long", np.array([0.0, 0.0, 1.0, 1.0, 1.0]))]
+    assert _dashes(line_chart("x", np.arange(5.0), later)) == [None, None]
     gone = [Line("here", np.ones(3)), Line("nowhere", np.full(3, np.nan))]
     assert _dashes(line_chart("x", np.arange(3.0), gone)) == [None, None]
 
