@@ -112,10 +112,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("known == list(range(known[0], known[0] + len(known)))", "known"),
     ],
     "report/chart.py": [
-        ("range(number + 1, len(heights))", "range(len(heights))"),
-        ("_DASH * (len(below) + above)", "0.0"),
+        ("heights[number + 1 :] if", "heights if"),
+        ("_DASH * len(above)\n", "0.0\n"),
+        ("is_alone = ~touches", "is_alone = touches"),
         ("left=np.nan, right=np.nan", ""),
-        ("(at if line.at is None else line.at)[kept]", "at[kept]"),
+        ("(at if line.at is None else line.at) / until", "at / until"),
     ],
     "report/labels.py": [
         ("        stream.set_state(state)\n", "        pass\n"),

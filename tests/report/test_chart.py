@@ -85,12 +85,28 @@ def test_lines_that_lie_on_top_of_each_other_can_all_be_seen() -> None:
     assert middle == (length, gap, length)
 
 
+def test_a_dashed_line_is_whole_where_it_touches_no_other() -> None:
+    seconds = np.arange(101.0)
+    upper = np.where(seconds < 60, 0.0, 1.0)
+    chart = line_chart("x", seconds, [Line("upper", upper), Line("lower", np.zeros(101))])
+    assert [dash is None for dash in _dashes(chart)] == [False, True]
+    (path,) = re.findall(r'<path class="c0" d="M([^"]*)"', chart)
+    drawn = [float(point.split(",")[0]) for point in path.split(" L")]
+    assert (min(drawn), max(drawn)) == (600, 1000)
+    same = line_chart("x", seconds, [Line("upper", upper), Line("lower", upper)])
+    assert "<path" not in same
+
+
 def test_lines_of_different_samples_are_compared_where_they_are_drawn() -> None:
     ends = np.array([0.0, 100.0])
     few, many = steps_of("few", [0.0, 0.0]), steps_of("many", [0.0] * 9 + [5.0])
     assert [dash is None for dash in _dashes(line_chart("x", ends, [few, many]))] == [False, True]
     crossing = [Line("up", np.array([0.0, 1.0])), Line("down", np.array([1.0, 0.0]))]
     assert _dashes(line_chart("x", np.array([0.0, 1.0]), crossing)) == [None, None]
+    # The short one ends before the other comes to its height.
+    ends = np.array([1.0, 1.0, np.nan, np.nan, np.nan])
+    later = [Line("short", ends), Line("long", np.array([0.0, 0.0, 1.0, 1.0, 1.0]))]
+    assert _dashes(line_chart("x", np.arange(5.0), later)) == [None, None]
     gone = [Line("here", np.ones(3)), Line("nowhere", np.full(3, np.nan))]
     assert _dashes(line_chart("x", np.arange(3.0), gone)) == [None, None]
 

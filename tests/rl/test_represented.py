@@ -29,6 +29,14 @@ def test_an_environment_shows_task_seed_and_step() -> None:
     assert "humanoid:walk" in repr(env)
 
 
+def test_an_episode_that_has_ended_shows_its_last_step() -> None:
+    env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.05})
+    env.reset()
+    while not env.step(_ACTION).last():
+        pass
+    assert repr(env) == "<Environment humanoid:walk, seed 3, step 2 of 2>"
+
+
 def test_a_seed_that_is_not_known_is_not_shown() -> None:
     env = suite.load("humanoid", "walk", {"random": np.random.RandomState(3)})
     assert "seed" not in repr(env)

@@ -108,7 +108,7 @@ class Env(gymnasium.Env):
 
         Args:
           seed: the episode is the first of `RandomState(seed)`; with None the stream continues.
-          options: ignored, as Gymnasium's other environments do.
+          options: ignored.
 
         Raises:
           ValueError: the seed is not between 0 and 2**32 - 1.

@@ -4,8 +4,8 @@
 
 The lines stretch with the page; the text beside them is HTML and does not. Colours and sizes are
 the page's (`page.html`). Lines of many samples are thinned to the resolution of a screen, and keep
-their peaks. Where lines lie on top of each other, the upper ones are dashed, so that all of them
-can be seen.
+their peaks. Where lines lie on top of each other, the upper ones are dashed there, so that all
+of them can be seen.
 """
 
 import html
@@ -123,48 +123,67 @@ def _drawn(at: np.ndarray, until: float, lines: Sequence[Line], low: float, high
     """
     buckets = max(_FEWEST_BUCKETS, min(_BUCKETS, _ALL_BUCKETS // max(len(lines), 1)))
     heights = [(line.values - low) / (high - low) for line in lines]
-    dashes = [""] * len(lines)
+    x_of = [(at if line.at is None else line.at) / until for line in lines]
+    covered: list[_Covered | None] = [None] * len(lines)
     if len(lines) <= _COLOURS:
-        x_of = [(at if line.at is None else line.at) / until for line in lines]
-        dashes = _dashes([_resampled(x, y) for x, y in zip(x_of, heights, strict=True)])
+        covered = _covered([_resampled(x, y) for x, y in zip(x_of, heights, strict=True)])
     drawn = []
     for number, line in enumerate(lines):
-        kept = thinned(line.values, buckets)
-        x = (at if line.at is None else line.at)[kept] / until
+        kept, own = thinned(line.values, buckets), covered[number]
+        x = x_of[number][kept]
         # Values are read off lines with names, so these are drawn more finely.
         digits = 2 if len(lines) <= _MOST_NAMED else 1
-        points = " ".join(
+        points = [
             f"{_WIDTH * a:.1f},{_HEIGHT * (1 - b):.{digits}f}"
             for a, b in zip(x, heights[number][kept], strict=True)
+        ]
+        look = _look(number, len(lines))
+        dash = "" if own is None else own.dash
+        drawn.append(
+            f'<polyline {look}{dash} points="{" ".join(points)}"/>\n'
+            f"{'' if own is None else _alone(look, x, points, own.touches)}"
         )
-        look = _look(number, len(lines), dashes[number])
-        drawn.append(f'<polyline {look} points="{points}"/>\n')
     return "".join(reversed(drawn))
 
 
-def _look(number: int, count: int, dash: str = "") -> str:
+class _Covered(NamedTuple):
+    """The drawing of a line that would hide others."""
+
+    dash: str  # attributes
+    touches: np.ndarray  # (_GRID,) booleans: where it lies on or under another line
+
+
+def _look(number: int, count: int) -> str:
     """The attributes that give a line, or its entry in the legend, its colour."""
     if count <= _COLOURS:
-        return f'class="c{number}"{dash}'
+        return f'class="c{number}"'
     return f'class="shade" style="--hue: {round(300 * number / count)}"'
 
 
-def _dashes(heights: Sequence[np.ndarray]) -> list[str]:
-    """The attribute that dashes a line, for each line that would hide others.
+def _covered(heights: Sequence[np.ndarray]) -> list[_Covered | None]:
+    """The drawing of each line that would hide others; None for a line that is drawn whole.
 
     Of k lines on top of each other the lowest is whole, and each of the others shows one dash of k.
     """
-    dashes = [""] * len(heights)
+    found: list[_Covered | None] = [None] * len(heights)
     for number, own in enumerate(heights):
-        below = [i for i in range(number + 1, len(heights)) if _hides(own, heights[i])]
+        above = [other for other in heights[:number] if _hides(other, own)]
+        below = [other for other in heights[number + 1 :] if _hides(own, other)]
         if below:
-            above = sum(_hides(heights[i], own) for i in range(number))
-            gap = _DASH * (len(below) + above)
-            offset = _DASH * above
-            dashes[number] = (
-                f' stroke-dasharray="{_DASH:g} {gap:g}" stroke-dashoffset="{-offset:g}"'
-            )
-    return dashes
+            gap, offset = _DASH * (len(below) + len(above)), _DASH * len(above)
+            dash = f' stroke-dasharray="{_DASH:g} {gap:g}" stroke-dashoffset="{-offset:g}"'
+            touches = np.any([_touches(own, other) for other in above + below], axis=0)
+            found[number] = _Covered(dash, touches)
+    return found
+
+
+def _alone(look: str, x: np.ndarray, points: Sequence[str], touches: np.ndarray) -> str:
+    """A path over the parts of a dashed line that touch no other line, which is whole there."""
+    is_alone = ~touches[np.clip(np.rint(x * (_GRID - 1)).astype(int), 0, _GRID - 1)]
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], is_alone, [False]])))
+    runs = (points[first:end] for first, end in ends.reshape(-1, 2))
+    drawn = "".join(f"M{' L'.join(run)}" for run in runs if len(run) > 1)
+    return f'<path {look} d="{drawn}"/>\n' if drawn else ""
 
 
 def _resampled(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -176,11 +195,15 @@ def _resampled(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.interp(grid, x[finite], y[finite], left=np.nan, right=np.nan)
 
 
+def _touches(own: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The points of the grid at which two lines cannot be distinguished; NaN touches nothing."""
+    return abs(own - other) < _TOUCHING
+
+
 def _hides(upper: np.ndarray, lower: np.ndarray) -> bool:
     """Whether a line lies on a good part of another."""
     shown = np.isfinite(upper) & np.isfinite(lower)
-    touching = abs(upper[shown] - lower[shown]) < _TOUCHING
-    return bool(touching.size) and float(touching.mean()) > _HIDDEN
+    return bool(shown.any()) and float(_touches(upper, lower)[shown].mean()) > _HIDDEN
 
 
 def _ticks(low: float, high: float, intervals: int) -> Iterator[float]:
