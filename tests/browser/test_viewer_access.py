@@ -18,7 +18,7 @@ from .viewing import serving, wait
 pytestmark = pytest.mark.browser
 
 pytest.importorskip(
-    "limberjack.viewer.studio", reason="needs the extra 'view'", exc_type=ImportError
+    "limberjack.viewer.studio", reason="MuJoCo Studio is not installed", exc_type=ImportError
 )
 
 _VIEW = ["-m", "limberjack", "view", "humanoid", "stand"]

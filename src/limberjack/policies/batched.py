@@ -115,7 +115,7 @@ class Batched:
         return actions
 
     def _checked(self, returned: object, rows: np.ndarray) -> np.ndarray:
-        """The policy's actions for these rows as an array; raises PolicyError if they are invalid."""
+        """The policy's actions for these rows; raises PolicyError if they are invalid."""
         expected = (ROWS, *self._shape)
         try:
             actions = np.asarray(returned)
