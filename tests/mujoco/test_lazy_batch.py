@@ -65,6 +65,10 @@ def test_sensors_are_disabled_until_they_are_read_by_name_or_all() -> None:
     batch = _walkers()
     before = _disabled(batch)
     assert len(before) == 31
+    lazy = batch.physics.simulation._lazy
+    stages, disabled = lazy._stages, lazy._disabled
+    assert (stages[:, disabled] == mujoco.mjtStage.mjSTAGE_NONE.value).all()
+    assert (stages[:, ~disabled] != mujoco.mjtStage.mjSTAGE_NONE.value).all()
     assert _READ_BY_ITS_TASK not in before
     physics = batch.physics
     physics.named.data.sensordata["torso_accel"]
@@ -193,3 +197,14 @@ def test_no_sensor_is_disabled_beside_a_callback() -> None:
     finally:
         mujoco.set_mjcb_control(None)
     assert lazy_batch._can_be_disabled(_model(), ()).any()
+
+
+@pytest.mark.usefixtures("share")
+def test_a_field_that_is_bound_late_leaves_the_warnings_alone() -> None:
+    simulation = _walkers().physics.simulation
+    simulation.state[1, 1] = np.nan
+    simulation.step(1)
+    assert simulation.has_warned()
+    simulation.warnings[...] = 0
+    simulation.data_field("qfrc_bias")
+    assert not simulation.has_warned()

@@ -121,3 +121,32 @@ def test_warnings_are_counted_live_and_cleared_by_a_reset() -> None:
     assert simulation.warnings[mujoco.mjtWarning.mjWARN_BADCTRL.value] > 0
     simulation.reset()
     assert not simulation.warnings.any()
+
+
+@both_kinds
+@pytest.mark.parametrize("step", ["step", "step_whole"])
+def test_a_loaded_state_has_the_quantities_of_the_call_that_led_to_it(
+    shared: bool, step: str
+) -> None:
+    simulation, data = made(shared)
+    other, loaded = made(shared)
+    data.ctrl[:] = 0.7
+    simulation.forward()
+    getattr(simulation, step)(3)
+    other.load(simulation.save(None, ()))
+    for name in ("qpos", "qvel", "qacc", "xpos", "xipos", "qfrc_bias", "actuator_force"):
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(data, name), name)
+
+
+def test_a_state_that_no_call_led_to_keeps_its_readings() -> None:
+    xml = _XML.format("").replace(
+        "<actuator>", "<sensor><jointpos joint='hinge'/></sensor><actuator>"
+    )
+    model = wrapper.MjModel.from_xml_string(xml)
+    data, loaded = wrapper.MjData(model), wrapper.MjData(model)
+    simulation = SingleSimulation(data)
+    simulation.step(3)
+    data.qpos[:] = 0.4
+    SingleSimulation(loaded).load(simulation.save(None, ()))
+    assert loaded.qpos[0] == 0.4
+    assert loaded.sensordata[0] == data.sensordata[0] != 0.4

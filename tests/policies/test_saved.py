@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import limberjack
 from limberjack import policies, rollout, suite
 from limberjack.policies import saved
 from tests.policies import saved_models
@@ -61,5 +62,6 @@ def test_without_stable_baselines3_the_error_says_what_is_needed(
 ) -> None:
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.delitem(sys.modules, saved_models.NAME, raising=False)
+    monkeypatch.delattr(limberjack, "sb3", raising=False)  # imported before, where it is installed
     with pytest.raises(policies.PolicyError, match=r"policy 'sb3:model\.zip': needs"):
         policies.find("sb3:model.zip", suite.load("humanoid", "stand"))
