@@ -208,3 +208,14 @@ def test_a_field_that_is_bound_late_leaves_the_warnings_alone() -> None:
     simulation.warnings[...] = 0
     simulation.data_field("qfrc_bias")
     assert not simulation.has_warned()
+
+
+@pytest.mark.usefixtures("share")
+def test_a_field_that_is_bound_late_leaves_loaded_readings_alone() -> None:
+    simulation = _walkers().physics.simulation
+    saved = simulation.save(np.array([1]), ())
+    loaded = {"state": saved["state"], "sensordata": saved["sensordata"] + 1}
+    simulation.load(loaded, np.array([1]))
+    simulation.data_field("qfrc_bias")
+    readings, _ = simulation.data_field("sensordata")
+    np.testing.assert_array_equal(readings[1, None], loaded["sensordata"])

@@ -150,3 +150,12 @@ def test_a_state_that_no_call_led_to_keeps_its_readings() -> None:
     SingleSimulation(loaded).load(simulation.save(None, ()))
     assert loaded.qpos[0] == 0.4
     assert loaded.sensordata[0] == data.sensordata[0] != 0.4
+
+
+def test_loading_leaves_the_counts_of_warnings_alone() -> None:
+    simulation, _ = made(False)
+    simulation.step(1)
+    saved = simulation.save(None, ())
+    simulation.warnings[2] = 3
+    simulation.load(saved)
+    assert simulation.warnings[2] == 3

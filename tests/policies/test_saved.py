@@ -60,7 +60,9 @@ def test_a_file_that_is_not_there_is_one_error_that_names_it(
 def test_without_stable_baselines3_the_error_says_what_is_needed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    imported = [name for name in sys.modules if name.startswith("stable_baselines3.")]
+    for name in ("stable_baselines3", *imported):
+        monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.delitem(sys.modules, saved_models.NAME, raising=False)
     monkeypatch.delattr(limberjack, "sb3", raising=False)  # imported before, where it is installed
     with pytest.raises(policies.PolicyError, match=r"policy 'sb3:model\.zip': needs"):
