@@ -147,8 +147,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "utils/arrays.py": [
         ("np.sqrt(np.vecdot(x, x))", "np.sqrt((x * x).sum(axis=-1))"),
         (
-            "np.matmul(vectors[..., None, :], frames[..., None, :, :])[..., 0, :]",
-            "vectors @ frames",
+            "np.matmul(vectors[..., None, :], frames)[..., 0, :]",
+            'np.einsum("...i,...ij->...j", vectors, frames)',
         ),
         ("functools.reduce(np.minimum, values)", "functools.reduce(np.fmin, values)"),
         (

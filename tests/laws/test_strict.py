@@ -47,7 +47,7 @@ _ALLOWED: list[Callable[[Any, Any], Any]] = [
     lambda x, m: np.modf(x)[0],
     lambda x, m: arrays.norm(x),
     lambda x, m: arrays.norm(x[0, 0]),
-    lambda x, m: arrays.rotate(x, m),
+    lambda x, m: arrays.to_frame(x, m.reshape(4, 9)),
     lambda x, m: arrays.concat([x, x]),
     lambda x, m: arrays.minimum_of([x, -x]),
 ]

@@ -15,7 +15,7 @@ _SEED = 21
 @pytest.mark.parametrize("task", twins.TASKS, ids="-".join)
 def test_rows_are_dm_controls_environments(task: tuple[str, str], num_envs: int) -> None:
     ours, theirs = (import_package("suite") for import_package in BOTH)
-    limit = {"time_limit": 40 * (0.025 if task[0] == "humanoid" else 0.01)}
+    limit = {"time_limit": 40 * ours.load(*task).control_timestep()}
     batch = ours.load_batch(*task, num_envs, 2, _SEED, task_kwargs=limit)
     singles = [theirs.load(*task, {"random": _SEED + i, **limit}) for i in range(num_envs)]
     batched, told = batch.reset(), [env.reset() for env in singles]

@@ -70,49 +70,25 @@ def test_a_loaded_model_is_the_same(domain: str, task: str) -> None:
     _assert_same_names(models[0], models[1], env.where)
 
 
-_MAKE_MODEL = [
-    ("manipulator", {"use_peg": use_peg, "insert": insert})
-    for use_peg in (False, True)
-    for insert in (False, True)
-] + [("stacker", {"n_boxes": n_boxes}) for n_boxes in (1, 2, 3, 4)]
+_BOOLEANS = (False, True)
+# Functions of the domains that make a model, and their arguments.
+_MAKERS: list[tuple[str, str, dict[str, Any]]] = [
+    ("humanoid", "get_model_and_assets", {}),
+    *(
+        ("manipulator", "make_model", {"use_peg": use_peg, "insert": insert})
+        for use_peg in _BOOLEANS
+        for insert in _BOOLEANS
+    ),
+    *(("stacker", "make_model", {"n_boxes": n_boxes}) for n_boxes in (1, 2, 3, 4)),
+]
 
 
-@pytest.mark.parametrize(("domain", "kwargs"), _MAKE_MODEL)
-def test_a_made_model_compiles_to_the_same(domain: str, kwargs: dict[str, Any]) -> None:
+@pytest.mark.parametrize(("domain", "maker", "kwargs"), _MAKERS)
+def test_a_made_model_compiles_to_the_same(domain: str, maker: str, kwargs: dict[str, Any]) -> None:
     models = []
     for package in BOTH:
-        made = getattr(package("suite"), domain).make_model(**kwargs)
+        made = getattr(getattr(package("suite"), domain), maker)(**kwargs)
         models.append(package("mujoco").wrapper.MjModel.from_xml_string(*made))
-    _assert_same_models(models[0].ptr, models[1].ptr, f"{domain}.make_model({kwargs})")
-    _assert_same_names(models[0], models[1], f"{domain}.make_model({kwargs})")
-
-
-def test_the_humanoid_read_from_its_file_compiles_to_the_same() -> None:
-    models = []
-    for package in BOTH:
-        made = package("suite").humanoid.get_model_and_assets()
-        models.append(package("mujoco").wrapper.MjModel.from_xml_string(*made))
-    _assert_same_models(models[0].ptr, models[1].ptr, "humanoid.get_model_and_assets()")
-
-
-_REGISTRY = ["ALL_TASKS", "BENCHMARKING", "EASY", "HARD", "EXTRA", "REWARD_VIZ", "NO_REWARD_VIZ"]
-
-
-@pytest.mark.parametrize("name", _REGISTRY)
-def test_the_registry_holds_the_same_tasks_of_the_domains_that_are_built(name: str) -> None:
-    built, whole = (getattr(package("suite"), name) for package in BOTH)
-    domains = {domain for domain, _ in twins.TASKS}
-    assert_same(built, tuple(task for task in whole if task[0] in domains), name)
-
-
-@pytest.mark.parametrize("domain", sorted({domain for domain, _ in twins.TASKS}))
-def test_a_domain_lists_and_tags_the_same_tasks(domain: str) -> None:
-    registries = [getattr(package("suite"), domain).SUITE for package in BOTH]
-    assert_same_pair((list(registry) for registry in registries), f"{domain}: tasks")
-    assert_same_pair((registry.tags() for registry in registries), f"{domain}: tags")
-    for tag in registries[1].tags():
-        assert_same_pair(
-            (list(registry.tagged(tag)) for registry in registries), f"{domain}: {tag}"
-        )
-    by_domain = [package("suite").TASKS_BY_DOMAIN[domain] for package in BOTH]
-    assert_same_pair(by_domain, f"{domain}: TASKS_BY_DOMAIN")
+    where = f"{domain}.{maker}({kwargs})"
+    _assert_same_models(models[0].ptr, models[1].ptr, where)
+    _assert_same_names(models[0], models[1], where)

@@ -36,22 +36,25 @@ def test_norm_reduces_the_last_axis_only(stream: np.random.RandomState) -> None:
     assert arrays.norm(np.zeros((2, 5, 3))).shape == (2, 5)
 
 
-def test_rotate_of_a_batch_has_the_bits_of_its_rows(stream: np.random.RandomState) -> None:
-    vectors, frames = wide(stream, _ROWS // 4, 4, 3), wide(stream, _ROWS // 4, 3, 3)
-    together = arrays.rotate(vectors, frames)
-    one_by_one = [arrays.rotate(v, f) for v, f in zip(vectors, frames, strict=True)]
+def test_to_frame_of_a_batch_has_the_bits_of_its_rows(stream: np.random.RandomState) -> None:
+    vectors, frames = wide(stream, _ROWS // 4, 4, 3), wide(stream, _ROWS // 4, 9)
+    together = arrays.to_frame(vectors, frames)
+    one_by_one = [arrays.to_frame(v, f) for v, f in zip(vectors, frames, strict=True)]
     np.testing.assert_array_equal(together, one_by_one)
+    single = arrays.to_frame(vectors[:, 0], frames)
+    np.testing.assert_array_equal(single, together[:, 0])
     # dm_control's own words: one vector after the other.
     for rows, limbs, frame in zip(together[:5000], vectors, frames, strict=False):
         for row, limb in zip(rows, limbs, strict=True):
-            np.testing.assert_array_equal(row, limb.dot(frame))
+            np.testing.assert_array_equal(row, limb.dot(frame.reshape(3, 3)))
+            np.testing.assert_array_equal(row, arrays.to_frame(limb, frame))
 
 
-def test_rotate_expresses_world_vectors_in_the_frame() -> None:
+def test_to_frame_expresses_world_vectors_in_the_frame() -> None:
     quarter_turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     ahead, up = quarter_turn[:, 0], quarter_turn[:, 2]  # the frame's axes in the world
     np.testing.assert_array_equal(
-        arrays.rotate(np.array([ahead, up]), quarter_turn), [[1, 0, 0], [0, 0, 1]]
+        arrays.to_frame(np.array([ahead, up]), quarter_turn.ravel()), [[1, 0, 0], [0, 0, 1]]
     )
 
 

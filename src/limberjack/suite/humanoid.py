@@ -11,6 +11,7 @@ import numpy as np
 
 from limberjack import mujoco
 from limberjack.rl import control
+from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
@@ -32,6 +33,7 @@ _DEFAULT_TIME_LIMIT = 25  # seconds
 _CONTROL_TIMESTEP = 0.025  # seconds
 
 _STAND_HEIGHT = 1.4  # metres; head height at which standing is fully rewarded
+_UPRIGHT = 0.9  # cosine of the tilt below which the torso counts as upright, 26 degrees
 _WALK_SPEED = 1  # metres per second; horizontal speed at which walking is fully rewarded
 _RUN_SPEED = 10  # metres per second; the same for running
 
@@ -154,9 +156,8 @@ class Physics(mujoco.Physics):
 
     def extremities(self) -> np.ndarray:
         """Hands and feet in the torso frame, (..., 12), metres: left hand and foot, then right."""
-        xpos, xmat = self.named.data.xpos, self.named.data.xmat["torso"]
-        frame = xmat.reshape(*xmat.shape[:-1], 3, 3)
-        limbs = arrays.rotate(xpos[_LIMBS] - xpos["torso"][..., None, :], frame)
+        xpos, xmat = self.named.data.xpos, self.named.data.xmat
+        limbs = arrays.to_frame(xpos[_LIMBS] - xpos["torso"][..., None, :], xmat["torso"])
         return limbs.reshape(*limbs.shape[:-2], -1)
 
 
@@ -215,18 +216,13 @@ class Humanoid(base.Task[Physics]):
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Factors of the reward: head height, uprightness, effort and horizontal speed."""
-        height, uprightness = physics.head_height(), physics.torso_upright()
-        standing = rewards.tolerance(height, (_STAND_HEIGHT, np.inf), margin=_STAND_HEIGHT / 4)
-        upright = rewards.tolerance(
-            uprightness, (0.9, np.inf), margin=1.9, sigmoid="linear", value_at_margin=0
-        )
-        small_control = rewards.mean_tolerance(
-            physics.control(), margin=1, sigmoid="quadratic", value_at_margin=0
+        standing = rewards.tolerance(
+            physics.head_height(), (_STAND_HEIGHT, np.inf), margin=_STAND_HEIGHT / 4
         )
         return {
             "standing": standing,
-            "upright": upright,
-            "small_control": (4 + small_control) / 5,  # full effort loses a fifth
+            "upright": locomotion.upright(physics.torso_upright(), at_least=_UPRIGHT),
+            "small_control": locomotion.low_effort(physics.control()),
             "movement": self._movement(physics.center_of_mass_velocity()[..., :2]),
         }
 
@@ -234,13 +230,7 @@ class Humanoid(base.Task[Physics]):
         """Reward factor for the horizontal velocity, (..., 2) -> (...)."""
         if self._move_speed == 0:
             return rewards.mean_tolerance(horizontal_velocity, margin=2)
-        move = rewards.tolerance(
-            arrays.norm(horizontal_velocity),
-            (self._move_speed, np.inf),
-            margin=self._move_speed,
-            sigmoid="linear",
-            value_at_margin=0,
-        )
+        move = locomotion.speed(arrays.norm(horizontal_velocity), at_least=self._move_speed)
         return (5 * move + 1) / 6  # standing still keeps a sixth
 
     def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:

@@ -26,8 +26,8 @@ __all__ = [
     "minimum_of",
     "norm",
     "one_value_per_row",
-    "rotate",
     "rows_of_a_batch",
+    "to_frame",
 ]
 
 # A scalar per simulation, () or (N,), or a vector per simulation, (k,) or (N, k).
@@ -91,13 +91,21 @@ def norm(x: np.ndarray) -> np.ndarray:
     return np.sqrt(np.vecdot(x, x))
 
 
-def rotate(vectors: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Row vectors times matrices, (..., k, 3) and (..., 3, 3) -> (..., k, 3).
+def to_frame(vectors: np.ndarray, xmat: np.ndarray) -> np.ndarray:
+    """World vectors in the frame of a body, geom or site.
 
-    With the rotation matrix of a body this expresses world vectors in the body's frame.
+    Args:
+      vectors: (..., 3), or (..., k, 3) for several of each simulation.
+      xmat: the frame as a row of MuJoCo's `xmat`, (..., 9).
+
+    Returns:
+      An array of the shape of `vectors`.
     """
+    frames = xmat.reshape(*xmat.shape[:-1], 3, 3)
+    if vectors.ndim > xmat.ndim:
+        frames = frames[..., None, :, :]
     # A stack of single rows: `vectors @ frames` would round differently from `vector.dot(frame)`.
-    return np.matmul(vectors[..., None, :], frames[..., None, :, :])[..., 0, :]
+    return np.matmul(vectors[..., None, :], frames)[..., 0, :]
 
 
 def concat(arrays: Iterable[np.ndarray]) -> np.ndarray:
