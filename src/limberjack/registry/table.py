@@ -6,6 +6,12 @@ __all__ = ["TASKS"]
 
 # fmt: off
 TASKS = (
+    Row("cartpole", "balance", ("benchmarking",), 1000, 2),
+    Row("cartpole", "balance_sparse", ("benchmarking",), 1000, 2),
+    Row("cartpole", "swingup", ("benchmarking",), 1000, 2),
+    Row("cartpole", "swingup_sparse", ("benchmarking",), 1000, 2),
+    Row("cartpole", "two_poles", (), 1000, 3),
+    Row("cartpole", "three_poles", (), 1000, 4),
     Row("humanoid", "stand", ("benchmarking",), 1000, 27),
     Row("humanoid", "walk", ("benchmarking",), 1000, 27),
     Row("humanoid", "run", ("benchmarking",), 1000, 27),
