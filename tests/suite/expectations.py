@@ -12,6 +12,8 @@ __all__ = ["COMBINED", "REWARDING", "STARTS", "any_start"]
 _HUMANOID = [("humanoid", task) for task in ("stand", "walk", "run", "run_pure_state")]
 _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
 _PEGS = [("manipulator", task) for task in ("bring_peg", "insert_peg")]
+_CARTPOLE = [("cartpole", task) for task in ("balance", "swingup", "two_poles", "three_poles")]
+_SWIMMER = [("swimmer", task) for task in ("swimmer6", "swimmer15")]
 _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
 
 
@@ -39,6 +41,18 @@ def _box_at_target(env: Any) -> None:
         physics.named.data.qpos[["box0_x", "box0_z"]] = place + 0.005
 
 
+def _upright(env: Any) -> None:
+    with env.physics.reset_context():
+        env.physics.data.qvel[:] = 0.01
+
+
+def _nose_near_target(env: Any) -> None:
+    physics = env.physics
+    with physics.reset_context():
+        env.task.initialize_episode(physics)
+        physics.named.data.qpos[["rootx", "rooty"]] = physics.named.model.geom_pos["target"][:2]
+
+
 def _of_peg(terms: Mapping[str, float]) -> float:
     return max(terms["bringing"], terms["grasping"] / 3)
 
@@ -49,14 +63,16 @@ def _product(terms: Mapping[str, float]) -> float:
 
 # By domain: puts things where the reward is positive; by default where an episode may start.
 REWARDING: dict[str, Callable[[Any], None]] = {
+    "cartpole": _upright,
     "manipulator": _prop_at_target,
     "stacker": _box_at_target,
+    "swimmer": _nose_near_target,
 }
 
 # By task: the reward that the documents make of the terms.
 COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys(_PEGS, _of_peg),
-    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS], _product),
+    **dict.fromkeys([*_CARTPOLE, *_HUMANOID, *_BALLS, *_STACKS], _product),
 }
 
 # By task: the kinds of starts.
@@ -65,4 +81,5 @@ STARTS: dict[tuple[str, str], set[str]] = {
     **{task: {"in_hand", "in_target", "uniform"} for task in (*_BALLS, *_PEGS)},
     ("stacker", "stack_2"): {"level_0", "level_1"},
     ("stacker", "stack_4"): {"level_0", "level_1", "level_2", "level_3"},
+    **{task: {"close", "far"} for task in _SWIMMER},
 }

@@ -22,4 +22,6 @@ TASKS = (
     Row("manipulator", "insert_peg", ("hard",), 1000, 11),
     Row("stacker", "stack_2", ("hard",), 1000, 14),
     Row("stacker", "stack_4", ("hard",), 1000, 20),
+    Row("swimmer", "swimmer6", ("benchmarking",), 1000, 8),
+    Row("swimmer", "swimmer15", ("benchmarking",), 1000, 17),
 )
