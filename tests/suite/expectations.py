@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-__all__ = ["COMBINED", "REWARDING", "STARTS", "any_start"]
+__all__ = ["COMBINED", "REWARDING", "STARTS", "UNBOUNDED", "any_start"]
 
 _HUMANOID = [("humanoid", task) for task in ("stand", "walk", "run", "run_pure_state")]
 _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
@@ -46,6 +46,12 @@ def _upright(env: Any) -> None:
         env.physics.data.qvel[:] = 0.01
 
 
+def _near_rest(env: Any) -> None:
+    with env.physics.reset_context():
+        env.task.initialize_episode(env.physics)
+        env.physics.data.qpos[:] *= 0.5
+
+
 def _nose_near_target(env: Any) -> None:
     physics = env.physics
     with physics.reset_context():
@@ -61,9 +67,13 @@ def _product(terms: Mapping[str, float]) -> float:
     return math.prod(terms.values())
 
 
+# Tasks whose reward is 1 less a cost that has no upper bound.
+UNBOUNDED = {("lqr", "lqr_2_1"), ("lqr", "lqr_6_2")}
+
 # By domain: puts things where the reward is positive; by default where an episode may start.
 REWARDING: dict[str, Callable[[Any], None]] = {
     "cartpole": _upright,
+    "lqr": _near_rest,
     "manipulator": _prop_at_target,
     "stacker": _box_at_target,
     "swimmer": _nose_near_target,

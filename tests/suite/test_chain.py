@@ -61,7 +61,7 @@ def test_another_number_than_a_whole_one_in_range_is_refused(
     make: Callable[[Any], object], shortest: int, name: str, number: Any
 ) -> None:
     for bad in (number, shortest - 1):
-        with pytest.raises(ValueError) as refused:
+        with pytest.raises(ValueError, match=name) as refused:
             make(bad)
         expected = f"{name} is {bad!r}; expected a whole number from {shortest} to"
         assert str(refused.value).startswith(expected)

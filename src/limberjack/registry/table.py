@@ -16,6 +16,8 @@ TASKS = (
     Row("humanoid", "walk", ("benchmarking",), 1000, 27),
     Row("humanoid", "run", ("benchmarking",), 1000, 27),
     Row("humanoid", "run_pure_state", (), 1000, 27),
+    Row("lqr", "lqr_2_1", (), None, 2),
+    Row("lqr", "lqr_6_2", (), None, 6),
     Row("manipulator", "bring_ball", ("benchmarking", "hard"), 1000, 11),
     Row("manipulator", "bring_peg", ("hard",), 1000, 11),
     Row("manipulator", "insert_ball", ("hard",), 1000, 11),
