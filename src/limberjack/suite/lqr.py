@@ -19,15 +19,9 @@ from limberjack.suite import _chain, base, common
 from limberjack.utils import arrays, containers
 
 __all__ = [
-    "OBSERVATIONS",
-    "PICTURES",
-    "SUITE",
-    "LQRLevel",
-    "Physics",
-    "get_model_and_assets",
-    "lqr_2_1",
+    "OBSERVATIONS", "PICTURES", "SUITE", "LQRLevel", "Physics", "get_model_and_assets", "lqr_2_1",
     "lqr_6_2",
-]
+]  # fmt: skip
 
 _DEFAULT_TIME_LIMIT = float("inf")  # seconds
 _CONTROL_COST_COEF = 0.1
@@ -36,8 +30,11 @@ _DAMPING = (0, 0)  # N s/m; a number is drawn for each joint nonetheless, as in 
 _REACHED = 0.01  # norm of the state at which an episode counts as solved
 
 SUITE = containers.TaggedTasks()
-# Chosen by eye: balls on both sides of the middle.
-PICTURES = {name: base.Picture("cam0", seed=2) for name in ("lqr_2_1", "lqr_6_2")}
+# Chosen by eye: all balls are visible.
+PICTURES = {
+    "lqr_2_1": base.Picture("cam0", seed=12, steps=9),
+    "lqr_6_2": base.Picture("cam0", seed=2),
+}
 OBSERVATIONS = {
     "position": base.Observed("displacement of each ball from the one before", "m"),
     "velocity": base.Observed("the same for velocities", "m/s"),
