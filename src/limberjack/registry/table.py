@@ -6,6 +6,8 @@ __all__ = ["TASKS"]
 
 # fmt: off
 TASKS = (
+    Row("acrobot", "swingup", ("benchmarking",), 1000, 2),
+    Row("acrobot", "swingup_sparse", ("benchmarking",), 1000, 2),
     Row("humanoid", "stand", ("benchmarking",), 1000, 27),
     Row("humanoid", "walk", ("benchmarking",), 1000, 27),
     Row("humanoid", "run", ("benchmarking",), 1000, 27),
