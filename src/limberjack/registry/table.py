@@ -17,6 +17,8 @@ TASKS = (
     Row("manipulator", "insert_ball", ("hard",), 1000, 11),
     Row("manipulator", "insert_peg", ("hard",), 1000, 11),
     Row("pendulum", "swingup", ("benchmarking",), 1000, 1),
+    Row("point_mass", "easy", ("benchmarking", "easy"), 1000, 2),
+    Row("point_mass", "hard", (), 1000, 2),
     Row("stacker", "stack_2", ("hard",), 1000, 14),
     Row("stacker", "stack_4", ("hard",), 1000, 20),
 )
