@@ -19,6 +19,8 @@ TASKS = (
     Row("pendulum", "swingup", ("benchmarking",), 1000, 1),
     Row("point_mass", "easy", ("benchmarking", "easy"), 1000, 2),
     Row("point_mass", "hard", (), 1000, 2),
+    Row("reacher", "easy", ("benchmarking", "easy"), 1000, 2),
+    Row("reacher", "hard", ("benchmarking",), 1000, 2),
     Row("stacker", "stack_2", ("hard",), 1000, 14),
     Row("stacker", "stack_4", ("hard",), 1000, 20),
 )
