@@ -8,6 +8,7 @@ __all__ = ["TASKS"]
 TASKS = (
     Row("acrobot", "swingup", ("benchmarking",), 1000, 2),
     Row("acrobot", "swingup_sparse", ("benchmarking",), 1000, 2),
+    Row("ball_in_cup", "catch", ("benchmarking", "easy"), 1000, 4),
     Row("humanoid", "stand", ("benchmarking",), 1000, 27),
     Row("humanoid", "walk", ("benchmarking",), 1000, 27),
     Row("humanoid", "run", ("benchmarking",), 1000, 27),
