@@ -13,6 +13,9 @@ _HUMANOID = [("humanoid", task) for task in ("stand", "walk", "run", "run_pure_s
 _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
 _PEGS = [("manipulator", task) for task in ("bring_peg", "insert_peg")]
 _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
+_HOPS = [("hopper", task) for task in ("stand", "hop")]
+_OF_ONE_TERM = [("cheetah", "run"), ("fish", "upright")]
+_OF_ONE_TERM += [("finger", task) for task in ("spin", "turn_easy", "turn_hard")]
 _WALKS = [("walker", task) for task in ("walk", "run")]
 
 
@@ -42,7 +45,15 @@ def _box_at_target(env: Any) -> None:
 
 def _running(env: Any) -> None:
     any_start(env)
-    env.physics.named.data.qvel["rootx"] += 1.0
+    env.physics.named.data.qvel["rootx"] += 2.0
+    env.physics.forward()
+
+
+def _spinning_in_target(env: Any) -> None:
+    any_start(env)
+    x, z = env.physics.target_position()
+    env.physics.named.data.qpos["hinge"] = -math.atan2(x, z)
+    env.physics.named.data.qvel["hinge"] = -16.0
     env.physics.forward()
 
 
@@ -58,6 +69,10 @@ def _of_walk(terms: Mapping[str, float]) -> float:
     return _of_stance(terms) * (1 + 5 * terms["movement"]) / 6
 
 
+def _of_swim(terms: Mapping[str, float]) -> float:
+    return 7 / 8 * terms["in_target"] + 1 / 8 * terms["upright"]
+
+
 def _product(terms: Mapping[str, float]) -> float:
     return math.prod(terms.values())
 
@@ -65,6 +80,8 @@ def _product(terms: Mapping[str, float]) -> float:
 # By domain: puts things where the reward is positive; by default where an episode may start.
 REWARDING: dict[str, Callable[[Any], None]] = {
     "cheetah": _running,
+    "finger": _spinning_in_target,
+    "hopper": _running,
     "manipulator": _prop_at_target,
     "stacker": _box_at_target,
 }
@@ -72,7 +89,8 @@ REWARDING: dict[str, Callable[[Any], None]] = {
 # By task: the reward that the documents make of the terms.
 COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys(_PEGS, _of_peg),
-    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, ("cheetah", "run")], _product),
+    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_HOPS, *_OF_ONE_TERM], _product),
+    ("fish", "swim"): _of_swim,
     ("walker", "stand"): _of_stance,
     **dict.fromkeys(_WALKS, _of_walk),
 }

@@ -7,6 +7,13 @@ __all__ = ["TASKS"]
 # fmt: off
 TASKS = (
     Row("cheetah", "run", ("benchmarking",), 1000, 9),
+    Row("finger", "spin", ("benchmarking",), 1000, 3),
+    Row("finger", "turn_easy", ("benchmarking",), 1000, 3),
+    Row("finger", "turn_hard", ("benchmarking",), 1000, 3),
+    Row("fish", "upright", ("benchmarking",), 1000, 13),
+    Row("fish", "swim", ("benchmarking",), 1000, 13),
+    Row("hopper", "stand", ("benchmarking",), 1000, 7),
+    Row("hopper", "hop", ("benchmarking",), 1000, 7),
     Row("humanoid", "stand", ("benchmarking",), 1000, 27),
     Row("humanoid", "walk", ("benchmarking",), 1000, 27),
     Row("humanoid", "run", ("benchmarking",), 1000, 27),
