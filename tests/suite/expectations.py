@@ -19,6 +19,10 @@ _TOYS = [
     ("pendulum", "swingup"),
     *((domain, task) for domain in ("point_mass", "reacher") for task in ("easy", "hard")),
 ]
+_HOPS = [("hopper", task) for task in ("stand", "hop")]
+_OF_ONE_TERM = [("cheetah", "run"), ("fish", "upright")]
+_OF_ONE_TERM += [("finger", task) for task in ("spin", "turn_easy", "turn_hard")]
+_WALKS = [("walker", task) for task in ("walk", "run")]
 
 
 # Any: an environment whose task and physics are of one domain.
@@ -76,10 +80,34 @@ def _ball_near_cup(env: Any) -> None:
     with env.physics.reset_context():
         env.physics.named.data.qpos["ball_x"] = env.task.random.uniform(-0.03, 0.03)
         env.physics.named.data.qpos["ball_z"] = env.task.random.uniform(0.32, 0.38)
+def _running(env: Any) -> None:
+    any_start(env)
+    env.physics.named.data.qvel["rootx"] += 2.0
+    env.physics.forward()
+
+
+def _spinning_in_target(env: Any) -> None:
+    any_start(env)
+    x, z = env.physics.target_position()
+    env.physics.named.data.qpos["hinge"] = -math.atan2(x, z)
+    env.physics.named.data.qvel["hinge"] = -16.0
+    env.physics.forward()
 
 
 def _of_peg(terms: Mapping[str, float]) -> float:
     return max(terms["bringing"], terms["grasping"] / 3)
+
+
+def _of_stance(terms: Mapping[str, float]) -> float:
+    return 0.75 * terms["standing"] + 0.25 * terms["upright"]
+
+
+def _of_walk(terms: Mapping[str, float]) -> float:
+    return _of_stance(terms) * (1 + 5 * terms["movement"]) / 6
+
+
+def _of_swim(terms: Mapping[str, float]) -> float:
+    return 7 / 8 * terms["in_target"] + 1 / 8 * terms["upright"]
 
 
 def _product(terms: Mapping[str, float]) -> float:
@@ -90,6 +118,9 @@ def _product(terms: Mapping[str, float]) -> float:
 REWARDING: dict[str, Callable[[Any], None]] = {
     "acrobot": _tip_near_target,
     "ball_in_cup": _ball_near_cup,
+    "cheetah": _running,
+    "finger": _spinning_in_target,
+    "hopper": _running,
     "manipulator": _prop_at_target,
     "pendulum": _pole_upright,
     "point_mass": _mass_near_target,
@@ -101,6 +132,10 @@ REWARDING: dict[str, Callable[[Any], None]] = {
 COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys(_PEGS, _of_peg),
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_TOYS], _product),
+    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_HOPS, *_OF_ONE_TERM], _product),
+    ("fish", "swim"): _of_swim,
+    ("walker", "stand"): _of_stance,
+    **dict.fromkeys(_WALKS, _of_walk),
 }
 
 # By task: the kinds of starts.
