@@ -6,6 +6,11 @@ __all__ = ["TASKS"]
 
 # fmt: off
 TASKS = (
+    Row("dog", "stand", ("no_reward_visualization",), 1000, 79),
+    Row("dog", "walk", ("no_reward_visualization",), 1000, 79),
+    Row("dog", "trot", ("no_reward_visualization",), 1000, 79),
+    Row("dog", "run", ("no_reward_visualization",), 1000, 79),
+    Row("dog", "fetch", ("no_reward_visualization", "hard"), 1000, 85),
     Row("humanoid", "stand", ("benchmarking",), 1000, 27),
     Row("humanoid", "walk", ("benchmarking",), 1000, 27),
     Row("humanoid", "run", ("benchmarking",), 1000, 27),
