@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from . import models
+from .drawn_here import compared_part
 from .oracle import BOTH, ours
 from .same import assert_same, assert_same_outcome, assert_same_pair
 
@@ -94,10 +95,15 @@ class Twins:
 
     def assert_same_physics(self, *fields: str) -> None:
         """Compares the named fields, such as `data.qpos`."""
+        both = self.ours.physics, self.theirs.physics
         for field in fields:
-            get = operator.attrgetter(field)
-            where = f"{self.where}, step {self.step_count}, {field}"
-            assert_same(get(self.ours.physics), get(self.theirs.physics), where)
+            values = [operator.attrgetter(field)(physics) for physics in both]
+            if field.startswith("model."):
+                models = both[0].model.ptr, both[1].model.ptr
+                domain, name = self.where.partition(":")[0], field.removeprefix("model.")
+                values = compared_part(domain, name, models, values)
+            if values is not None:
+                assert_same_pair(values, f"{self.where}, step {self.step_count}, {field}")
 
     def _compared(self, our_step: Any, their_step: Any) -> Any:
         assert_same(our_step, their_step, f"{self.where}, step {self.step_count}")
