@@ -1,5 +1,7 @@
 """Whole episodes of every task equal dm_control's in every bit."""
 
+import itertools
+
 import pytest
 
 from tests.representatives import FEATURES
@@ -11,7 +13,7 @@ pytestmark = pytest.mark.oracle
 _SEEDS = range(5)  # of tasks that stand for others
 _FEWER_SEEDS = range(2)  # of the others, so that fifty-one tasks take minutes
 _ALL_SEEDS = range(30)  # of every task, in the slow test
-_EPISODE_STEPS = 1000  # every task's time limit is 1,000 control steps
+_EPISODE_STEPS = 1000  # every task's time limit is 1,000 control steps, if it has one
 # One episode of zero actions of each seed saves a sixth of the time; the slow test plays two.
 _EPISODES = {"random": 2, "bang-bang": 2, "zero": 1}
 
@@ -24,7 +26,9 @@ def _play(domain: str, task: str, actions: str, seed: int, episodes: int) -> Non
     for episode in range(episodes):
         env.where = f"{where}, {actions} actions, episode {episode}"
         env.reset()
-        assert env.play(policy) == _EPISODE_STEPS, env.where
+        # An episode of a task without a time limit is left after as many steps.
+        assert env.play(itertools.islice(policy, _EPISODE_STEPS)) == _EPISODE_STEPS, env.where
+        assert env.ours.is_running == (env.ours.step_limit is None), env.where
 
 
 @pytest.mark.parametrize("actions", twins.ACTIONS)

@@ -96,6 +96,12 @@ _MAKERS: list[tuple[str, str, dict[str, Any]]] = [
         for insert in _BOOLEANS
     ),
     *(("stacker", "make_model", {"n_boxes": n_boxes}) for n_boxes in (1, 2, 3, 4)),
+    *(("cartpole", "get_model_and_assets", {"num_poles": poles}) for poles in (1, 2, 3, 5)),
+    *(
+        ("lqr", "get_model_and_assets", {"n_bodies": bodies, "n_actuators": n, "random": 0})
+        for bodies, n in ((1, 1), (2, 1), (5, 5), (6, 2))
+    ),
+    *(("swimmer", "get_model_and_assets", {"n_joints": links}) for links in (3, 4, 6, 15)),
 ]
 
 
@@ -103,7 +109,9 @@ _MAKERS: list[tuple[str, str, dict[str, Any]]] = [
 def test_a_made_model_compiles_to_the_same(domain: str, maker: str, kwargs: dict[str, Any]) -> None:
     models = []
     for package in BOTH:
-        made = getattr(getattr(package("suite"), domain), maker)(**kwargs)
+        # A stream for each package, of the same seed.
+        streams = {name: np.random.RandomState(kwargs[name]) for name in kwargs if name == "random"}
+        made = getattr(getattr(package("suite"), domain), maker)(**kwargs | streams)
         models.append(package("mujoco").wrapper.MjModel.from_xml_string(*made))
     where = f"{domain}.{maker}({kwargs})"
     _assert_same_models(domain, models[0].ptr, models[1].ptr, where)

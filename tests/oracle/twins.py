@@ -9,6 +9,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.rl.action_specs import bounds_to_try
+
 from . import models
 from .drawn_here import compared_part
 from .oracle import BOTH, ours
@@ -82,16 +84,17 @@ class Twins:
     def actions(self, kind: str, seed: int) -> Iterator[np.ndarray]:
         """Endless actions for this environment: random, zero or bang-bang."""
         spec = self.theirs.action_spec()
+        low, high = bounds_to_try(spec)
         random = np.random.RandomState(seed)
         signs = random.choice([-1.0, 1.0], spec.shape)
         while True:
             if kind == "zero":
                 yield np.zeros(spec.shape)
             elif kind == "random":
-                yield random.uniform(spec.minimum, spec.maximum, spec.shape)
+                yield random.uniform(low, high, spec.shape)
             else:
                 signs = np.where(random.uniform(size=spec.shape) < _SWITCH, -signs, signs)
-                yield np.where(signs > 0, spec.maximum, spec.minimum)
+                yield np.where(signs > 0, high, low)
 
     def assert_same_physics(self, *fields: str) -> None:
         """Compares the named fields, such as `data.qpos`."""

@@ -7,11 +7,13 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-__all__ = ["COMBINED", "REWARDING", "STARTS", "any_start"]
+__all__ = ["COMBINED", "REWARDING", "STARTS", "UNBOUNDED", "any_start"]
 
 _HUMANOID = [("humanoid", task) for task in ("stand", "walk", "run", "run_pure_state")]
 _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
 _PEGS = [("manipulator", task) for task in ("bring_peg", "insert_peg")]
+_CARTPOLE = [("cartpole", task) for task in ("balance", "swingup", "two_poles", "three_poles")]
+_SWIMMER = [("swimmer", task) for task in ("swimmer6", "swimmer15")]
 _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
 _TOYS = [
     *(("acrobot", task) for task in ("swingup", "swingup_sparse")),
@@ -92,6 +94,22 @@ def _spinning_in_target(env: Any) -> None:
     env.physics.named.data.qpos["hinge"] = -math.atan2(x, z)
     env.physics.named.data.qvel["hinge"] = -16.0
     env.physics.forward()
+def _upright(env: Any) -> None:
+    with env.physics.reset_context():
+        env.physics.data.qvel[:] = 0.01
+
+
+def _near_rest(env: Any) -> None:
+    with env.physics.reset_context():
+        env.task.initialize_episode(env.physics)
+        env.physics.data.qpos[:] *= 0.5
+
+
+def _nose_near_target(env: Any) -> None:
+    physics = env.physics
+    with physics.reset_context():
+        env.task.initialize_episode(physics)
+        physics.named.data.qpos[["rootx", "rooty"]] = physics.named.model.geom_pos["target"][:2]
 
 
 def _of_peg(terms: Mapping[str, float]) -> float:
@@ -114,6 +132,9 @@ def _product(terms: Mapping[str, float]) -> float:
     return math.prod(terms.values())
 
 
+# Tasks whose reward is 1 less a cost that has no upper bound.
+UNBOUNDED = {("lqr", "lqr_2_1"), ("lqr", "lqr_6_2")}
+
 # By domain: puts things where the reward is positive; by default where an episode may start.
 REWARDING: dict[str, Callable[[Any], None]] = {
     "acrobot": _tip_near_target,
@@ -121,11 +142,14 @@ REWARDING: dict[str, Callable[[Any], None]] = {
     "cheetah": _running,
     "finger": _spinning_in_target,
     "hopper": _running,
+    "cartpole": _upright,
+    "lqr": _near_rest,
     "manipulator": _prop_at_target,
     "pendulum": _pole_upright,
     "point_mass": _mass_near_target,
     "reacher": _target_near_finger,
     "stacker": _box_at_target,
+    "swimmer": _nose_near_target,
 }
 
 # By task: the reward that the documents make of the terms.
@@ -136,6 +160,7 @@ COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     ("fish", "swim"): _of_swim,
     ("walker", "stand"): _of_stance,
     **dict.fromkeys(_WALKS, _of_walk),
+    **dict.fromkeys([*_CARTPOLE, *_HUMANOID, *_BALLS, *_STACKS], _product),
 }
 
 # By task: the kinds of starts.
@@ -144,4 +169,5 @@ STARTS: dict[tuple[str, str], set[str]] = {
     **{task: {"in_hand", "in_target", "uniform"} for task in (*_BALLS, *_PEGS)},
     ("stacker", "stack_2"): {"level_0", "level_1"},
     ("stacker", "stack_4"): {"level_0", "level_1", "level_2", "level_3"},
+    **{task: {"close", "far"} for task in _SWIMMER},
 }
