@@ -14,6 +14,10 @@ TASKS = (
     Row("manipulator", "bring_peg", ("hard",), 1000, 11),
     Row("manipulator", "insert_ball", ("hard",), 1000, 11),
     Row("manipulator", "insert_peg", ("hard",), 1000, 11),
+    Row("quadruped", "walk", (), 1000, 22),
+    Row("quadruped", "run", (), 1000, 22),
+    Row("quadruped", "escape", (), 1000, 22),
+    Row("quadruped", "fetch", (), 1000, 28),
     Row("stacker", "stack_2", ("hard",), 1000, 14),
     Row("stacker", "stack_4", ("hard",), 1000, 20),
 )
