@@ -27,6 +27,7 @@ from limberjack import gym
 
 from . import twins
 from .oracle import ours, theirs
+from .same import difference
 
 __all__ = ["Between", "Play", "Rows", "first_difference"]
 
@@ -94,11 +95,11 @@ def first_difference(found: Rows, expected: Rows) -> str:
     if not places:
         return ""
     step, row, name = min(places)
-    one, other = (rows.fields[name][row, step] for rows in (found, expected))
-    values = f"{name} {one!r}, dm_control has {other!r}"
+    where = f"row {expected.numbers[row]}, step {step}, {name}"
+    mine, yours = (rows.fields[name][row, step] for rows in (found, expected))
     if name == "kind":
-        values = f"kind {_KINDS[int(one)]}, dm_control has {_KINDS[int(other)]}"
-    return f"row {expected.numbers[row]}, step {step}, {values}"
+        mine, yours = _KINDS[int(mine)], _KINDS[int(yours)]
+    return difference(mine, yours, where)
 
 
 def _position(stream: np.random.RandomState) -> int:
@@ -127,6 +128,11 @@ class Play:
     kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     environment_kwargs: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
+    @property
+    def where(self) -> str:
+        """The task and the seed, for messages."""
+        return f"{':'.join(self.task)}, seed {self.seed}"
+
     @functools.cached_property
     def _example(self) -> Any:
         return ours("suite").load(*self.task, dict(self.kwargs), dict(self.environment_kwargs))
@@ -134,6 +140,11 @@ class Play:
     @functools.cached_property
     def _arguments(self) -> dict[str, Any]:
         return {"time_limit": self.episode * self._example.control_timestep(), **self.kwargs}
+
+    @functools.cached_property
+    def _limit(self) -> float:
+        limit = self.load(ours, None).step_limit
+        return float("inf") if limit is None else limit
 
     def load(self, package: Callable[[str], Any], random: Any) -> Any:
         """The single environment of a package, with a seed or stream."""
@@ -169,8 +180,21 @@ class Play:
         `before_episode` is called with the environment and the row's number before each reset.
         """
         numbers = list(numbers)
+        return self._of_each(numbers, self._environments(numbers), before_episode)
+
+    def of_singles(self, numbers: Iterable[int]) -> Rows:
+        """The same from Limberjack's single environments."""
+        numbers = list(numbers)
+        return self._of_each(numbers, (self.load(ours, self.seed + row) for row in numbers))
+
+    def _of_each(
+        self,
+        numbers: list[int],
+        environments: Iterable[Any],
+        before_episode: Callable[[Any, int], None] | None = None,
+    ) -> Rows:
         rows: Rows | None = None
-        for index, env in enumerate(self._environments(numbers)):
+        for index, env in enumerate(environments):
             steps = self._steps(env, numbers[index], before_episode)
             for position, (kind, step) in enumerate(steps):
                 rows = rows or Rows.empty(numbers, self.steps, step.observation)
@@ -179,7 +203,7 @@ class Play:
         return rows
 
     def _environments(self, numbers: list[int]) -> Iterator[Any]:
-        """dm_control's environment of each row: a single one with another stream, where possible.
+        """dm_control's environment of each row: one for all, with another stream, where possible.
 
         Compiling a model takes longer than the row's steps. A task whose factory draws, such as the
         stiffnesses of lqr, needs an environment of its own for each row.
@@ -207,7 +231,7 @@ class Play:
             else:
                 step, count = env.step(action), count + 1
             is_over = step.last()
-            ended = _TRUNCATED if count >= self.episode else _TERMINATED
+            ended = _TRUNCATED if count >= self._limit else _TERMINATED
             yield (_FIRST if step.first() else ended if is_over else _MID), step
 
     def of_batch(
