@@ -38,25 +38,27 @@ _SUMMARY = _REPOSITORY / "benchmarks" / "results" / "exactness.json"
 _UNITS_OF_A_PROCESS = 20  # then it is replaced, and what it kept is freed
 
 
+def _executor(processes: int) -> concurrent.futures.Executor:
+    return concurrent.futures.ProcessPoolExecutor(
+        processes, multiprocessing.get_context("spawn"), max_tasks_per_child=_UNITS_OF_A_PROCESS
+    )
+
+
 def run(plan: list[Unit], ledger: Ledger, processes: int) -> None:
     """Runs the units of the plan that the ledger lacks, and prints each result."""
     todo = [unit for unit in plan if not ledger.passed(unit)]
     print(f"{len(plan)} units, {len(plan) - len(todo)} of them finished before", flush=True)
-    executor = concurrent.futures.ProcessPoolExecutor(
-        processes,
-        multiprocessing.get_context("spawn"),
-        max_tasks_per_child=_UNITS_OF_A_PROCESS,
-    )
-    began, predicted_done = time.monotonic(), 0.0
-    predicted = sum(map(cost, todo))
+    executor = _executor(processes)
+    began, finished = time.monotonic(), 0.0
+    left = sum(map(cost, todo))  # in seconds as predicted, like `finished`
     try:
         running = [executor.submit(compared, unit) for unit in todo]
         for number, future in enumerate(concurrent.futures.as_completed(running), 1):
             result = future.result()
             ledger.add(result)
-            predicted_done += cost(result.unit)
-            left = (time.monotonic() - began) * (predicted / predicted_done - 1) / 60
-            progress = f"{number} of {len(todo)}, about {left:.0f} min left"
+            finished, left = finished + cost(result.unit), left - cost(result.unit)
+            minutes = max(0.0, (time.monotonic() - began) * left / finished / 60)
+            progress = f"{number} of {len(todo)}, about {minutes:.0f} min left"
             verdict = f"DIFFERS\n  {result.difference}" if result.difference else "equal"
             print(f"{progress:32} {result.unit!s:45} {result.steps:8} steps {verdict}", flush=True)
     finally:

@@ -69,7 +69,7 @@ class Kind(NamedTuple):
     Attributes:
       compare: the comparison of a part of a task.
       parts: number of parts of a task.
-      steps: rough number of environment steps of a part, both packages together.
+      steps: what a part costs, as a number of steps of single environments.
     """
 
     compare: Callable[[Task, int], Tally]
@@ -269,11 +269,12 @@ def _randomisation(task: Task, part: int) -> Tally:
     return tally
 
 
-_ROWS = sum(_SIZES) * len(_THREADS) * len(_MODES)
+# A row's step costs half of an environment's.
+_ROWS = sum(_SIZES) * len(_THREADS) * len(_MODES) // 2 + max(_SIZES)
 
 KINDS = {
     "episodes": Kind(_episodes, SEEDS, 2 * len(twins.ACTIONS) * _EPISODES * _EPISODE_STEPS),
-    "batches": Kind(_batches, 1, (_ROWS + 2 * max(_SIZES)) * _STEPS),
+    "batches": Kind(_batches, 1, _ROWS * _STEPS),
     "arguments": Kind(_arguments, 1, 80 * _STEPS),
     "continuations": Kind(_continuations, 1, 50 * _STEPS),
     "randomisation": Kind(_randomisation, 1, 25 * _STEPS),
