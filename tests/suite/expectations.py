@@ -82,6 +82,8 @@ def _ball_near_cup(env: Any) -> None:
     with env.physics.reset_context():
         env.physics.named.data.qpos["ball_x"] = env.task.random.uniform(-0.03, 0.03)
         env.physics.named.data.qpos["ball_z"] = env.task.random.uniform(0.32, 0.38)
+
+
 def _running(env: Any) -> None:
     any_start(env)
     env.physics.named.data.qvel["rootx"] += 2.0
@@ -94,6 +96,8 @@ def _spinning_in_target(env: Any) -> None:
     env.physics.named.data.qpos["hinge"] = -math.atan2(x, z)
     env.physics.named.data.qvel["hinge"] = -16.0
     env.physics.forward()
+
+
 def _upright(env: Any) -> None:
     with env.physics.reset_context():
         env.physics.data.qvel[:] = 0.01
