@@ -74,6 +74,7 @@ _BOOLEANS = (False, True)
 # Functions of the domains that make a model, and their arguments.
 _MAKERS: list[tuple[str, str, dict[str, Any]]] = [
     ("humanoid", "get_model_and_assets", {}),
+    ("humanoid_CMU", "get_model_and_assets", {}),
     *(
         ("manipulator", "make_model", {"use_peg": use_peg, "insert": insert})
         for use_peg in _BOOLEANS

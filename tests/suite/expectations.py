@@ -10,6 +10,7 @@ from typing import Any
 __all__ = ["COMBINED", "REWARDING", "STARTS", "any_start"]
 
 _HUMANOID = [("humanoid", task) for task in ("stand", "walk", "run", "run_pure_state")]
+_HUMANOID_CMU = [("humanoid_CMU", task) for task in ("stand", "walk", "run")]
 _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
 _PEGS = [("manipulator", task) for task in ("bring_peg", "insert_peg")]
 _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
@@ -56,12 +57,12 @@ REWARDING: dict[str, Callable[[Any], None]] = {
 # By task: the reward that the documents make of the terms.
 COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys(_PEGS, _of_peg),
-    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS], _product),
+    **dict.fromkeys([*_HUMANOID, *_HUMANOID_CMU, *_BALLS, *_STACKS], _product),
 }
 
 # By task: the kinds of starts.
 STARTS: dict[tuple[str, str], set[str]] = {
-    **{task: {"face_up", "face_down", "on_side", "up"} for task in _HUMANOID},
+    **{task: {"face_up", "face_down", "on_side", "up"} for task in (*_HUMANOID, *_HUMANOID_CMU)},
     **{task: {"in_hand", "in_target", "uniform"} for task in (*_BALLS, *_PEGS)},
     ("stacker", "stack_2"): {"level_0", "level_1"},
     ("stacker", "stack_4"): {"level_0", "level_1", "level_2", "level_3"},
