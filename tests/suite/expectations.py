@@ -14,6 +14,7 @@ _HUMANOID_CMU = [("humanoid_CMU", task) for task in ("stand", "walk", "run")]
 _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
 _PEGS = [("manipulator", task) for task in ("bring_peg", "insert_peg")]
 _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
+_WALKS = [("walker", task) for task in ("walk", "run")]
 
 
 # Any: an environment whose task and physics are of one domain.
@@ -40,8 +41,22 @@ def _box_at_target(env: Any) -> None:
         physics.named.data.qpos[["box0_x", "box0_z"]] = place + 0.005
 
 
+def _running(env: Any) -> None:
+    any_start(env)
+    env.physics.named.data.qvel["rootx"] += 1.0
+    env.physics.forward()
+
+
 def _of_peg(terms: Mapping[str, float]) -> float:
     return max(terms["bringing"], terms["grasping"] / 3)
+
+
+def _of_stance(terms: Mapping[str, float]) -> float:
+    return 0.75 * terms["standing"] + 0.25 * terms["upright"]
+
+
+def _of_walk(terms: Mapping[str, float]) -> float:
+    return _of_stance(terms) * (1 + 5 * terms["movement"]) / 6
 
 
 def _product(terms: Mapping[str, float]) -> float:
@@ -50,6 +65,7 @@ def _product(terms: Mapping[str, float]) -> float:
 
 # By domain: puts things where the reward is positive; by default where an episode may start.
 REWARDING: dict[str, Callable[[Any], None]] = {
+    "cheetah": _running,
     "manipulator": _prop_at_target,
     "stacker": _box_at_target,
 }
@@ -58,6 +74,9 @@ REWARDING: dict[str, Callable[[Any], None]] = {
 COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys(_PEGS, _of_peg),
     **dict.fromkeys([*_HUMANOID, *_HUMANOID_CMU, *_BALLS, *_STACKS], _product),
+    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, ("cheetah", "run")], _product),
+    ("walker", "stand"): _of_stance,
+    **dict.fromkeys(_WALKS, _of_walk),
 }
 
 # By task: the kinds of starts.

@@ -6,6 +6,7 @@ __all__ = ["TASKS"]
 
 # fmt: off
 TASKS = (
+    Row("cheetah", "run", ("benchmarking",), 1000, 9),
     Row("humanoid", "stand", ("benchmarking",), 1000, 27),
     Row("humanoid", "walk", ("benchmarking",), 1000, 27),
     Row("humanoid", "run", ("benchmarking",), 1000, 27),
@@ -19,4 +20,7 @@ TASKS = (
     Row("manipulator", "insert_peg", ("hard",), 1000, 11),
     Row("stacker", "stack_2", ("hard",), 1000, 14),
     Row("stacker", "stack_4", ("hard",), 1000, 20),
+    Row("walker", "stand", ("benchmarking",), 1000, 9),
+    Row("walker", "walk", ("benchmarking",), 1000, 9),
+    Row("walker", "run", ("benchmarking",), 1000, 9),
 )
