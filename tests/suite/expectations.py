@@ -15,6 +15,12 @@ _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
 _PEGS = [("manipulator", task) for task in ("bring_peg", "insert_peg")]
 _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
 _WALKS = [("walker", task) for task in ("walk", "run")]
+_TOYS = [
+    *(("acrobot", task) for task in ("swingup", "swingup_sparse")),
+    ("ball_in_cup", "catch"),
+    ("pendulum", "swingup"),
+    *((domain, task) for domain in ("point_mass", "reacher") for task in ("easy", "hard")),
+]
 
 
 # Any: an environment whose task and physics are of one domain.
@@ -45,6 +51,37 @@ def _running(env: Any) -> None:
     any_start(env)
     env.physics.named.data.qvel["rootx"] += 1.0
     env.physics.forward()
+def _pole_upright(env: Any) -> None:
+    with env.physics.reset_context():
+        env.physics.named.data.qpos["hinge"] = env.task.random.uniform(-0.2, 0.2)
+
+
+def _tip_near_target(env: Any) -> None:
+    angles = env.task.random.uniform(-0.1, 0.1, 2)
+    with env.physics.reset_context():
+        env.physics.named.data.qpos[["shoulder", "elbow"]] = angles
+
+
+def _mass_near_target(env: Any) -> None:
+    with env.physics.reset_context():
+        env.task.initialize_episode(env.physics)
+        env.physics.data.qpos[:] *= 0.1
+
+
+def _target_near_finger(env: Any) -> None:
+    physics = env.physics
+    with physics.reset_context():
+        env.task.initialize_episode(physics)
+        physics.forward()
+        finger = physics.named.data.geom_xpos["finger", :2]
+        place = finger + env.task.random.uniform(-0.03, 0.03, 2)
+        physics.named.model.geom_pos["target", :2] = place
+
+
+def _ball_near_cup(env: Any) -> None:
+    with env.physics.reset_context():
+        env.physics.named.data.qpos["ball_x"] = env.task.random.uniform(-0.03, 0.03)
+        env.physics.named.data.qpos["ball_z"] = env.task.random.uniform(0.32, 0.38)
 
 
 def _of_peg(terms: Mapping[str, float]) -> float:
@@ -66,7 +103,12 @@ def _product(terms: Mapping[str, float]) -> float:
 # By domain: puts things where the reward is positive; by default where an episode may start.
 REWARDING: dict[str, Callable[[Any], None]] = {
     "cheetah": _running,
+    "acrobot": _tip_near_target,
+    "ball_in_cup": _ball_near_cup,
     "manipulator": _prop_at_target,
+    "pendulum": _pole_upright,
+    "point_mass": _mass_near_target,
+    "reacher": _target_near_finger,
     "stacker": _box_at_target,
 }
 
@@ -77,6 +119,7 @@ COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, ("cheetah", "run")], _product),
     ("walker", "stand"): _of_stance,
     **dict.fromkeys(_WALKS, _of_walk),
+    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_TOYS], _product),
 }
 
 # By task: the kinds of starts.

@@ -7,6 +7,9 @@ __all__ = ["TASKS"]
 # fmt: off
 TASKS = (
     Row("cheetah", "run", ("benchmarking",), 1000, 9),
+    Row("acrobot", "swingup", ("benchmarking",), 1000, 2),
+    Row("acrobot", "swingup_sparse", ("benchmarking",), 1000, 2),
+    Row("ball_in_cup", "catch", ("benchmarking", "easy"), 1000, 4),
     Row("humanoid", "stand", ("benchmarking",), 1000, 27),
     Row("humanoid", "walk", ("benchmarking",), 1000, 27),
     Row("humanoid", "run", ("benchmarking",), 1000, 27),
@@ -18,6 +21,11 @@ TASKS = (
     Row("manipulator", "bring_peg", ("hard",), 1000, 11),
     Row("manipulator", "insert_ball", ("hard",), 1000, 11),
     Row("manipulator", "insert_peg", ("hard",), 1000, 11),
+    Row("pendulum", "swingup", ("benchmarking",), 1000, 1),
+    Row("point_mass", "easy", ("benchmarking", "easy"), 1000, 2),
+    Row("point_mass", "hard", (), 1000, 2),
+    Row("reacher", "easy", ("benchmarking", "easy"), 1000, 2),
+    Row("reacher", "hard", ("benchmarking",), 1000, 2),
     Row("stacker", "stack_2", ("hard",), 1000, 14),
     Row("stacker", "stack_4", ("hard",), 1000, 20),
     Row("walker", "stand", ("benchmarking",), 1000, 9),
