@@ -14,6 +14,9 @@ _HUMANOID_CMU = [("humanoid_CMU", task) for task in ("stand", "walk", "run")]
 _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
 _PEGS = [("manipulator", task) for task in ("bring_peg", "insert_peg")]
 _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
+_HOPS = [("hopper", task) for task in ("stand", "hop")]
+_OF_ONE_TERM = [("cheetah", "run"), ("fish", "upright")]
+_OF_ONE_TERM += [("finger", task) for task in ("spin", "turn_easy", "turn_hard")]
 _WALKS = [("walker", task) for task in ("walk", "run")]
 _TOYS = [
     *(("acrobot", task) for task in ("swingup", "swingup_sparse")),
@@ -49,7 +52,15 @@ def _box_at_target(env: Any) -> None:
 
 def _running(env: Any) -> None:
     any_start(env)
-    env.physics.named.data.qvel["rootx"] += 1.0
+    env.physics.named.data.qvel["rootx"] += 2.0
+    env.physics.forward()
+
+
+def _spinning_in_target(env: Any) -> None:
+    any_start(env)
+    x, z = env.physics.target_position()
+    env.physics.named.data.qpos["hinge"] = -math.atan2(x, z)
+    env.physics.named.data.qvel["hinge"] = -16.0
     env.physics.forward()
 def _pole_upright(env: Any) -> None:
     with env.physics.reset_context():
@@ -96,6 +107,10 @@ def _of_walk(terms: Mapping[str, float]) -> float:
     return _of_stance(terms) * (1 + 5 * terms["movement"]) / 6
 
 
+def _of_swim(terms: Mapping[str, float]) -> float:
+    return 7 / 8 * terms["in_target"] + 1 / 8 * terms["upright"]
+
+
 def _product(terms: Mapping[str, float]) -> float:
     return math.prod(terms.values())
 
@@ -105,6 +120,8 @@ REWARDING: dict[str, Callable[[Any], None]] = {
     "cheetah": _running,
     "acrobot": _tip_near_target,
     "ball_in_cup": _ball_near_cup,
+    "finger": _spinning_in_target,
+    "hopper": _running,
     "manipulator": _prop_at_target,
     "pendulum": _pole_upright,
     "point_mass": _mass_near_target,
@@ -117,6 +134,8 @@ COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys(_PEGS, _of_peg),
     **dict.fromkeys([*_HUMANOID, *_HUMANOID_CMU, *_BALLS, *_STACKS], _product),
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, ("cheetah", "run")], _product),
+    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_HOPS, *_OF_ONE_TERM], _product),
+    ("fish", "swim"): _of_swim,
     ("walker", "stand"): _of_stance,
     **dict.fromkeys(_WALKS, _of_walk),
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_TOYS], _product),

@@ -1,8 +1,7 @@
 """Walker: a planar body on two legs stands, walks or runs, with six torques.
 
 An episode begins in a random pose. The reward is that of a high and upright torso, scaled by
-horizontal speed. The tasks are those of the DeepMind Control Suite
-(https://arxiv.org/abs/1801.00690).
+horizontal speed. The tasks are those of https://arxiv.org/abs/1801.00690.
 """
 
 import collections
@@ -13,22 +12,16 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
+from limberjack.suite.base import Kwargs, Random
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS",
-    "PICTURES",
-    "SUITE",
-    "Physics",
-    "PlanarWalker",
-    "get_model_and_assets",
-    "run",
-    "stand",
-    "walk",
-]
+    "OBSERVATIONS", "PICTURES", "SUITE", "Physics", "PlanarWalker", "get_model_and_assets", "run",
+    "stand", "walk",
+]  # fmt: skip
 
-_DEFAULT_TIME_LIMIT = 25  # seconds
+_TIME_LIMIT = _DEFAULT_TIME_LIMIT = 25  # seconds
 _CONTROL_TIMESTEP = 0.025  # seconds
 
 _STAND_HEIGHT = 1.2  # metres; torso height at which standing is fully rewarded
@@ -56,42 +49,31 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def stand(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Stand up and stay upright; moving is not penalised."""
-    return _environment(0, time_limit, random, environment_kwargs)
+    return _environment(PlanarWalker(0, random), time_limit, environment_kwargs)
 
 
 @SUITE.add("benchmarking")
 def walk(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Walk forward at 1 m/s or more."""
-    return _environment(_WALK_SPEED, time_limit, random, environment_kwargs)
+    return _environment(PlanarWalker(_WALK_SPEED, random), time_limit, environment_kwargs)
 
 
 @SUITE.add("benchmarking")
 def run(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run forward at 8 m/s or more."""
-    return _environment(_RUN_SPEED, time_limit, random, environment_kwargs)
+    return _environment(PlanarWalker(_RUN_SPEED, random), time_limit, environment_kwargs)
 
 
-def _environment(
-    move_speed: float, time_limit: float, random: base.Random, kwargs: base.Kwargs
-) -> control.Environment:
+def _environment(task: base.Task, time_limit: float, kwargs: Kwargs) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets())
-    task = PlanarWalker(move_speed, random)
-    return control.Environment(
-        physics, task, time_limit=time_limit, control_timestep=_CONTROL_TIMESTEP, **kwargs or {}
-    )
+    return control.Environment(physics, task, time_limit, _CONTROL_TIMESTEP, **kwargs or {})
 
 
 class Physics(mujoco.Physics):
@@ -118,13 +100,8 @@ class Physics(mujoco.Physics):
 class PlanarWalker(base.Task[Physics]):
     """Stand, or move forward at least at a given speed."""
 
-    def __init__(self, move_speed: float, random: base.Random = None) -> None:
-        """Creates the task.
-
-        Args:
-          move_speed: horizontal speed that is fully rewarded, m/s; 0 rewards standing alone.
-          random: a `numpy.random.RandomState`, a seed, or None.
-        """
+    def __init__(self, move_speed: float, random: Random = None) -> None:
+        """Rewards a forward speed of `move_speed`, m/s; 0 rewards standing alone."""
         self._move_speed = move_speed
         self.GOAL = ("standing", "upright", "movement") if move_speed else ("standing", "upright")
         super().__init__(random=random)
