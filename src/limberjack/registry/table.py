@@ -6,10 +6,10 @@ __all__ = ["TASKS"]
 
 # fmt: off
 TASKS = (
-    Row("cheetah", "run", ("benchmarking",), 1000, 9),
     Row("acrobot", "swingup", ("benchmarking",), 1000, 2),
     Row("acrobot", "swingup_sparse", ("benchmarking",), 1000, 2),
     Row("ball_in_cup", "catch", ("benchmarking", "easy"), 1000, 4),
+    Row("cheetah", "run", ("benchmarking",), 1000, 9),
     Row("finger", "spin", ("benchmarking",), 1000, 3),
     Row("finger", "turn_easy", ("benchmarking",), 1000, 3),
     Row("finger", "turn_hard", ("benchmarking",), 1000, 3),
@@ -31,12 +31,12 @@ TASKS = (
     Row("pendulum", "swingup", ("benchmarking",), 1000, 1),
     Row("point_mass", "easy", ("benchmarking", "easy"), 1000, 2),
     Row("point_mass", "hard", (), 1000, 2),
-    Row("reacher", "easy", ("benchmarking", "easy"), 1000, 2),
-    Row("reacher", "hard", ("benchmarking",), 1000, 2),
     Row("quadruped", "walk", (), 1000, 22),
     Row("quadruped", "run", (), 1000, 22),
     Row("quadruped", "escape", (), 1000, 22),
     Row("quadruped", "fetch", (), 1000, 28),
+    Row("reacher", "easy", ("benchmarking", "easy"), 1000, 2),
+    Row("reacher", "hard", ("benchmarking",), 1000, 2),
     Row("stacker", "stack_2", ("hard",), 1000, 14),
     Row("stacker", "stack_4", ("hard",), 1000, 20),
     Row("walker", "stand", ("benchmarking",), 1000, 9),
