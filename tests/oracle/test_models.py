@@ -90,6 +90,7 @@ _MAKERS: list[tuple[str, str, dict[str, Any]]] = [
     ("dog", "get_model_and_assets", {}),
     ("dog", "get_model_and_assets", {"floor_size": 3, "remove_ball": False}),
     ("humanoid", "get_model_and_assets", {}),
+    ("humanoid_CMU", "get_model_and_assets", {}),
     *(
         ("manipulator", "make_model", {"use_peg": use_peg, "insert": insert})
         for use_peg in _BOOLEANS
