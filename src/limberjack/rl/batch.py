@@ -34,6 +34,7 @@ from limberjack.rl.represented import of_batch, represented
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, bad_rows, origin_of
 from limberjack.rl.streams import Streams
+from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 from limberjack.utils.log import log
@@ -117,7 +118,7 @@ class BatchEnvironment:
         Args:
           env: a single environment, of the suite or with your own batch-safe task.
           num_envs: number of rows.
-          num_threads: number of threads; by default the cores available to this process.
+          num_threads: number of threads; by default as many cores as a step can occupy.
           seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
           on_divergence: see the constructor.
 
@@ -132,9 +133,8 @@ class BatchEnvironment:
         task = copy.copy(env.task)
         if getattr(task, "visualize_reward", False):
             task.visualize_reward = False  # the rows share the colours of materials
-        threads = guards.threads_for(num_threads, num_envs)
         how = env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence
-        replicas = env.physics.replicate(num_envs, threads, fields)
+        replicas = env.physics.replicate(num_envs, threads_for(num_threads, num_envs, env), fields)
         batch = cls(replicas, task, *how, randomizer=env._randomizer, pixels=env.pixels)
         batch._name = env._name
         return batch
