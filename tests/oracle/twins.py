@@ -10,7 +10,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.rl.action_specs import bounds_to_try
+
 from . import models
+from .drawn_here import compared_part
 from .oracle import BOTH, ours
 from .same import assert_same, assert_same_outcome, assert_same_pair
 
@@ -39,7 +42,6 @@ MODELS = _of_each_model()
 _SWITCH = 0.1
 
 _TURN = 25  # steps of mixed actions before the next kind
-_LARGEST = 10.0  # bound of actions that the model does not limit; the suite's limits are lower
 
 _STATE_FIELDS = (
     "qpos",
@@ -61,7 +63,7 @@ def actions(spec: Any, kind: str, seed: int) -> Iterator[np.ndarray]:
         parts = [actions(spec, part, seed) for part in ACTIONS]
         yield from (next(parts[number // _TURN % len(parts)]) for number in itertools.count())
     random = np.random.RandomState(seed)
-    low, high = np.maximum(spec.minimum, -_LARGEST), np.minimum(spec.maximum, _LARGEST)
+    low, high = bounds_to_try(spec)
     signs = random.choice([-1.0, 1.0], spec.shape)
     while True:
         if kind == "zero":
@@ -106,10 +108,15 @@ class Twins:
 
     def assert_same_physics(self, *fields: str) -> None:
         """Compares the named fields, such as `data.qpos`."""
+        both = self.ours.physics, self.theirs.physics
         for field in fields:
-            get = operator.attrgetter(field)
-            where = f"{self.where}, step {self.step_count}, {field}"
-            assert_same(get(self.ours.physics), get(self.theirs.physics), where)
+            values = [operator.attrgetter(field)(physics) for physics in both]
+            if field.startswith("model."):
+                models = both[0].model.ptr, both[1].model.ptr
+                domain, name = self.where.partition(":")[0], field.removeprefix("model.")
+                values = compared_part(domain, name, models, values)
+            if values is not None:
+                assert_same_pair(values, f"{self.where}, step {self.step_count}, {field}")
 
     def _compared(self, our_step: Any, their_step: Any) -> Any:
         assert_same(our_step, their_step, f"{self.where}, step {self.step_count}")

@@ -102,6 +102,7 @@ class BatchEnvironment:
         spec = bounded_spec(task, replicas.single)
         self._action_spec = guards.batched_spec(spec, self.num_envs)
         check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
+        self._streams.begin(range(self.num_envs), task, replicas.simulation)
 
     @classmethod
     def from_environment(
@@ -157,6 +158,7 @@ class BatchEnvironment:
             for i, (row, stream) in enumerate(zip(rows.tolist(), streams, strict=True)):
                 if stream is not None and seeds is not None:
                     self._streams.replace(row, stream, seeds[i])
+                    self._streams.begin([row], self._task, self._replicas.simulation)
             self._begin(rows)
             observation = self._observe(is_step=False)
             self._begins[rows] = False
@@ -252,8 +254,7 @@ class BatchEnvironment:
                 self._frames.load(snapshot.frames, rows)
             self._counter.steps[rows] = snapshot.step_count
             bad = bad_rows(self._replicas.physics, rows) & ~snapshot.begins
-            self._begins[rows] = snapshot.begins | bad
-            self.diverged[rows] = bad
+            self._begins[rows], self.diverged[rows] = snapshot.begins | bad, bad
             if arrays.any_of(bad):
                 self._report_divergence()
 
@@ -347,9 +348,8 @@ class BatchEnvironment:
         Raises:
           ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
         """
-        rows = self._rows(rows)
         with self._use:
-            return self._replicas.render_rows(rows, **render_arguments(kwargs))
+            return self._replicas.render_rows(self._rows(rows), **render_arguments(kwargs))
 
     # Any: the domain's own classes.
     @property
