@@ -62,6 +62,8 @@ def _spinning_in_target(env: Any) -> None:
     env.physics.named.data.qpos["hinge"] = -math.atan2(x, z)
     env.physics.named.data.qvel["hinge"] = -16.0
     env.physics.forward()
+
+
 def _pole_upright(env: Any) -> None:
     with env.physics.reset_context():
         env.physics.named.data.qpos["hinge"] = env.task.random.uniform(-0.2, 0.2)
