@@ -4,8 +4,8 @@
 
 Sections: one environment against dm_control; a batch against MuJoCo's own, and a vector environment
 against EnvPool, each by number of rows; loads; the memory of all tasks loaded in one process; the
-length of the domains' files. `classes.py` divides the tasks into heavy ones and toys. EnvPool lacks
-some tasks; these are left out. The exit status is 1 if a bar is missed.
+length of the domains' files. `classes.py` divides the tasks into heavy ones and toys. The exit
+status is 1 if a bar is missed.
 """
 
 import dataclasses
@@ -105,11 +105,7 @@ def _measure_peer(
     for size in [size for size in _PEER_SIZES if size in effort.sizes] or effort.sizes:
         for task in tasks:
             _say(f"  EnvPool, {':'.join(task)}, N={size}")
-            try:
-                taken = _beside_peer(task, size, num_threads, effort, folder, versions)
-            except RuntimeError:  # the peer's process ended: it lacks the task
-                _say(f"  EnvPool has no {':'.join(task)}")
-                continue
+            taken = _beside_peer(task, size, num_threads, effort, folder, versions)
             bar = _PEER if is_heavy(*task) else None
             free.append(_row("vector / EnvPool", task, size, taken, "peer", bar, "vector"))
             if bar is None:

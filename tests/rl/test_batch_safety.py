@@ -1,7 +1,6 @@
 """Tasks that would be wrong in a batch are refused when it is created, with the reason."""
 
 import collections
-import inspect
 import re
 from typing import Any
 
@@ -14,6 +13,7 @@ from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.randomize import scale
 from limberjack.suite import base
 from limberjack.utils import arrays, rewards
+from tests.laws.episodes import variant
 
 _ARM = """
 <mujoco model="arm">
@@ -528,7 +528,6 @@ def test_a_row_that_diverges_is_compared_no_further() -> None:
 
 @pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
 def test_the_suites_tasks_are_accepted_with_all_observation_options(task: tuple[str, str]) -> None:
-    takes = inspect.signature(suite.module_of(task[0]).SUITE[task[1]]).parameters
-    kwargs = {"fully_observable": False} if "fully_observable" in takes else {}
+    kwargs = variant(task)
     for options in ({}, {"legacy_step": False}, {"randomize": {"body_mass": scale(0.9, 1.1)}}):
         assert suite.load_batch(*task, 1, 1, task_kwargs=kwargs, environment_kwargs=options)

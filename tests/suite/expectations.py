@@ -7,12 +7,14 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-__all__ = ["COMBINED", "REWARDING", "STARTS", "any_start"]
+__all__ = ["COMBINED", "REWARDING", "STARTS", "UNBOUNDED", "any_start"]
 
 _HUMANOID = [("humanoid", task) for task in ("stand", "walk", "run", "run_pure_state")]
 _HUMANOID_CMU = [("humanoid_CMU", task) for task in ("stand", "walk", "run")]
 _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
 _PEGS = [("manipulator", task) for task in ("bring_peg", "insert_peg")]
+_CARTPOLE = [("cartpole", task) for task in ("balance", "swingup", "two_poles", "three_poles")]
+_SWIMMER = [("swimmer", task) for task in ("swimmer6", "swimmer15")]
 _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
 _HOPS = [("hopper", task) for task in ("stand", "hop")]
 _OF_ONE_TERM = [("cheetah", "run"), ("fish", "upright")]
@@ -97,6 +99,38 @@ def _ball_near_cup(env: Any) -> None:
         env.physics.named.data.qpos["ball_z"] = env.task.random.uniform(0.32, 0.38)
 
 
+def _running(env: Any) -> None:
+    any_start(env)
+    env.physics.named.data.qvel["rootx"] += 2.0
+    env.physics.forward()
+
+
+def _spinning_in_target(env: Any) -> None:
+    any_start(env)
+    x, z = env.physics.target_position()
+    env.physics.named.data.qpos["hinge"] = -math.atan2(x, z)
+    env.physics.named.data.qvel["hinge"] = -16.0
+    env.physics.forward()
+
+
+def _upright(env: Any) -> None:
+    with env.physics.reset_context():
+        env.physics.data.qvel[:] = 0.01
+
+
+def _near_rest(env: Any) -> None:
+    with env.physics.reset_context():
+        env.task.initialize_episode(env.physics)
+        env.physics.data.qpos[:] *= 0.5
+
+
+def _nose_near_target(env: Any) -> None:
+    physics = env.physics
+    with physics.reset_context():
+        env.task.initialize_episode(physics)
+        physics.named.data.qpos[["rootx", "rooty"]] = physics.named.model.geom_pos["target"][:2]
+
+
 def _of_peg(terms: Mapping[str, float]) -> float:
     return max(terms["bringing"], terms["grasping"] / 3)
 
@@ -117,6 +151,9 @@ def _product(terms: Mapping[str, float]) -> float:
     return math.prod(terms.values())
 
 
+# Tasks whose reward is 1 less a cost that has no upper bound.
+UNBOUNDED = {("lqr", "lqr_2_1"), ("lqr", "lqr_6_2")}
+
 # By domain: puts things where the reward is positive; by default where an episode may start.
 REWARDING: dict[str, Callable[[Any], None]] = {
     "cheetah": _running,
@@ -124,11 +161,14 @@ REWARDING: dict[str, Callable[[Any], None]] = {
     "ball_in_cup": _ball_near_cup,
     "finger": _spinning_in_target,
     "hopper": _running,
+    "cartpole": _upright,
+    "lqr": _near_rest,
     "manipulator": _prop_at_target,
     "pendulum": _pole_upright,
     "point_mass": _mass_near_target,
     "reacher": _target_near_finger,
     "stacker": _box_at_target,
+    "swimmer": _nose_near_target,
 }
 
 # By task: the reward that the documents make of the terms.
@@ -140,6 +180,7 @@ COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     ("fish", "swim"): _of_swim,
     ("walker", "stand"): _of_stance,
     **dict.fromkeys(_WALKS, _of_walk),
+    **dict.fromkeys([*_CARTPOLE, *_HUMANOID, *_BALLS, *_STACKS], _product),
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_TOYS], _product),
 }
 
@@ -149,4 +190,5 @@ STARTS: dict[tuple[str, str], set[str]] = {
     **{task: {"in_hand", "in_target", "uniform"} for task in (*_BALLS, *_PEGS)},
     ("stacker", "stack_2"): {"level_0", "level_1"},
     ("stacker", "stack_4"): {"level_0", "level_1", "level_2", "level_3"},
+    **{task: {"close", "far"} for task in _SWIMMER},
 }

@@ -28,6 +28,7 @@ from limberjack.rl.batch_measurements import MEASUREMENT, measurements_of
 from limberjack.rl.contract import Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.utils import arrays
 from limberjack.utils.suggest import did_you_mean
 
@@ -155,9 +156,10 @@ class _Trial:
         """
         task, rows = self._task, self._rows
         stream = np.random.RandomState(row)
+        task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
+        set_stream_fields(task, stream, rows.simulation, row)
         if randomizer is not None:
             rows.simulation.set_fields(randomizer.draw(stream_beside(stream)), row)
-        task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
         with rows.episode(row) as one:
             values = self._values(one)
             task.initialize_episode(one)  # pyright: ignore[reportArgumentType]

@@ -56,7 +56,8 @@ class Task(control.Task[_Physics]):
     A domain specifies its own physics, `class Humanoid(base.Task[Physics])`, and annotates with it.
     """
 
-    # Model fields that `initialize_episode` sets, of which each row of a batch has its own copy.
+    # Model fields that `initialize_episode` or `begin_stream` sets. Each row of a batch has its own
+    # copy of them.
     EPISODE_FIELDS: tuple[str, ...] = ()
     # The reward terms that define the goal; the others shape the behaviour.
     GOAL: tuple[str, ...] = ()
