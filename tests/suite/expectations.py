@@ -52,20 +52,6 @@ def _box_at_target(env: Any) -> None:
         physics.named.data.qpos[["box0_x", "box0_z"]] = place + 0.005
 
 
-def _running(env: Any) -> None:
-    any_start(env)
-    env.physics.named.data.qvel["rootx"] += 2.0
-    env.physics.forward()
-
-
-def _spinning_in_target(env: Any) -> None:
-    any_start(env)
-    x, z = env.physics.target_position()
-    env.physics.named.data.qpos["hinge"] = -math.atan2(x, z)
-    env.physics.named.data.qvel["hinge"] = -16.0
-    env.physics.forward()
-
-
 def _pole_upright(env: Any) -> None:
     with env.physics.reset_context():
         env.physics.named.data.qpos["hinge"] = env.task.random.uniform(-0.2, 0.2)
