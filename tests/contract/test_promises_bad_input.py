@@ -107,11 +107,11 @@ def test_any_numbers_are_an_action(action: Any) -> None:
 @pytest.mark.parametrize(
     ("names", "words"),
     [
-        (("humaniod", "walk"), ["'humaniod'", "'humanoid'?", "humanoid, manipulator, stacker"]),
+        (("humaniod", "walk"), ["'humaniod'", "'humanoid'?", "acrobot, ball_in_cup, cartpole"]),
         (("humanoid", "wlak"), ["'wlak'", "'walk'?", "run, run_pure_state, stand, walk"]),
         (("stacker", "walk"), ["'walk'", "'stacker'", "stack_2, stack_4"]),
         (("Stacker", "stack_2"), ["'Stacker'", "'stacker'?"]),
-        ((None, "walk"), ["None", "humanoid, manipulator, stacker"]),
+        ((None, "walk"), ["None", "acrobot, ball_in_cup, cartpole"]),
     ],
 )
 def test_an_unknown_domain_or_task_brings_choices_and_a_suggestion(
