@@ -82,7 +82,8 @@ def _chain_of(n_bodies: int, n_actuators: int) -> ElementTree.Element:
 
 def _draw(random: np.random.RandomState, joints: int) -> list[float]:
     """The stiffness of each joint, N/m; a damping is drawn after each and is always 0."""
-    return random.uniform(*zip(_STIFFNESS, _DAMPING, strict=True), (joints, 2))[:, 0].tolist()
+    low, high = np.transpose((_STIFFNESS, _DAMPING))
+    return random.uniform(low, high, (joints, 2))[:, 0].tolist()
 
 
 @SUITE.add()
@@ -185,8 +186,8 @@ class LQRLevel(base.Task[Physics]):
 
     def get_evaluation(self, physics: Physics) -> arrays.Quantity:
         """1 with the state near zero and 0 elsewhere, (...); not used for learning."""
-        is_reached = physics.state_norm() <= _REACHED
-        return float(is_reached) if physics.num_envs is None else is_reached.astype(float)
+        reached = np.where(physics.state_norm() <= _REACHED, 1.0, 0.0)
+        return float(reached) if physics.num_envs is None else reached
 
     def get_termination(self, physics: Physics) -> arrays.Quantity | None:
         """Discount 0 where everything is at rest."""
