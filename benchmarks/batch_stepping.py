@@ -27,7 +27,7 @@ from report import Bar, Row, at_least, spread
 
 from limberjack import bench
 
-__all__ = ["SIZES", "Cells", "measure_processes"]
+__all__ = ["SIZES", "Cells", "kept_to", "measure_processes"]
 
 SIZES: tuple[int, ...] = (64, 256, 1024)
 
@@ -82,7 +82,7 @@ class Cells:
             players: dict[str, bench.Player] = {name: getattr(contest, name) for name in names}
             taken = bench.take_turns(players, contest.actions, *effort)
         if self._peer is not None:
-            with _kept_to(self._num_threads):
+            with kept_to(self._num_threads):
                 bound = self._beside_peer(cell, self._peer, effort)
             free = self._beside_peer(cell, self._peer, effort)
             taken |= {_OURS_BOUND: bound[_OURS], _THEIRS_BOUND: bound[_THEIRS]}
@@ -165,7 +165,7 @@ class Cells:
 
 
 @contextlib.contextmanager
-def _kept_to(num_cores: int) -> Iterator[None]:
+def kept_to(num_cores: int) -> Iterator[None]:
     """Restricts processes and threads started in the context to some cores, if supported."""
     if not hasattr(os, "sched_setaffinity"):
         yield

@@ -38,7 +38,7 @@ def make_envpool(domain: str, task: str, num_envs: int, num_threads: int) -> Any
 
 def envpool_name(domain: str, task: str) -> str:
     """A task's name in EnvPool: 'StackerStack2-v1' for stacker, stack_2."""
-    return "".join(word.capitalize() for word in f"{domain}_{task}".split("_")) + "-v1"
+    return "".join(word[:1].upper() + word[1:] for word in f"{domain}_{task}".split("_")) + "-v1"
 
 
 def make_async(domain: str, task: str, num_envs: int, num_threads: int) -> Any:

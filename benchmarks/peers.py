@@ -12,11 +12,20 @@ else of it is changed, and no domain uses those fields.
 import importlib
 import importlib.util
 import os
+import unittest.mock
 from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
-__all__ = ["OURS", "THEIRS", "WITHOUT_OPENGL", "installed", "source", "suite"]
+__all__ = [
+    "OURS",
+    "THEIRS",
+    "WITHOUT_OPENGL",
+    "installed",
+    "planned_tasks",
+    "source",
+    "suite",
+]
 
 OURS = "limberjack"
 THEIRS = "dm_control"
@@ -46,14 +55,24 @@ def suite(package: str, draws: bool = False) -> ModuleType:
 
 def source(domain: str, task: str) -> tuple[str, dict[str, bytes]]:
     """The MJCF of Limberjack's task and the files that it includes."""
-    module: Any = importlib.import_module(f"{OURS}.suite.{domain}")
-    if domain == "humanoid":
-        xml, assets = module.get_model_and_assets()
-    elif domain == "manipulator":
-        xml, assets = module.make_model(task.endswith("peg"), task.startswith("insert"))
-    else:
-        xml, assets = module.make_model(int(task.removeprefix("stack_")))
-    return xml.decode(), assets
+    found: list[Any] = []
+    physics: Any = importlib.import_module(f"{OURS}.mujoco").Physics
+    compile_shared = physics.from_shared_xml.__func__
+
+    def record(cls: Any, xml: str | bytes, assets: dict[str, bytes]) -> Any:
+        found.extend((xml, assets))
+        return compile_shared(cls, xml, assets)
+
+    with unittest.mock.patch.object(physics, "from_shared_xml", classmethod(record)):
+        suite(OURS).load(domain, task)
+    xml, assets = found
+    return (xml.decode() if isinstance(xml, bytes) else xml), assets
+
+
+def planned_tasks() -> list[tuple[str, str]]:
+    """The tasks that the planner plays."""
+    ours = suite(OURS)
+    return [task for task in ours.ALL_TASKS if ours.load(*task).task.planner_cost is not None]
 
 
 def _make_loadable(variables: Mapping[str, str]) -> None:

@@ -25,6 +25,7 @@ __all__ = [
     "print_table",
     "spread",
     "summary",
+    "versions",
     "write_json",
 ]
 
@@ -143,7 +144,7 @@ def write_json(path: Path, rows: Iterable[Row], settings: Mapping[str, Any]) -> 
     document = {
         "date": datetime.datetime.now(datetime.UTC).date().isoformat(),
         "machine": _machine(),
-        "versions": _versions(),
+        "versions": versions(),
         "settings": settings,
         "rows": [{**dataclasses.asdict(row), "is_met": row.is_met} for row in rows],
     }
@@ -164,16 +165,17 @@ def _verdict(row: Row) -> str:
     return {True: "[green]yes[/]", False: "[bold red]NO[/]", None: "not measured"}[row.is_met]
 
 
-def _versions() -> dict[str, str]:
-    versions = {"python": platform.python_version()}
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that figures depend on."""
+    found = {"python": platform.python_version()}
     for name in _MEASURED:
         try:
-            versions[name] = importlib.metadata.version(name)
+            found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-    if "limberjack" not in versions:  # run from its source
-        versions["limberjack"] = importlib.import_module("limberjack").__version__
-    return versions
+    if "limberjack" not in found:  # run from its source
+        found["limberjack"] = importlib.import_module("limberjack").__version__
+    return found
 
 
 def _machine() -> dict[str, Any]:

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import baselines
 import unsolved
 
 from limberjack import suite
@@ -52,7 +53,8 @@ _PUBLISHED = {
 
 _HEAD = """# Scores
 
-Returns of policies on all ten tasks, and of doing nothing. `benchmarks/scores.py` writes this page
+Returns of the planner on the ten tasks that it plays, of doing nothing, and of random actions on
+dm_control's benchmark. `benchmarks/scores.py` writes this page
 from the results in `benchmarks/results/scores`. Each of them was made by
 
     limberjack evaluate DOMAIN TASK --policy NAME --seeds A:B --out DIR
@@ -77,6 +79,14 @@ _UNSOLVED = """
 
 The starts of the arm's episodes that were not a success, each with its seed. Some of them cannot be
 solved: [what can be reached](planner.md#what-can-be-reached).
+"""
+
+_BASELINES = """
+## The benchmark without a policy
+
+Mean returns of zero and of random actions on the 28 tasks tagged benchmarking, with the 95 %
+interval of the mean, over the first episodes of seeds {seeds} (`benchmarks/baselines.py`). A policy
+has learned something where it does better than both.
 """
 
 _PUBLISHED_TEXT = """
@@ -132,6 +142,7 @@ def page(results: Sequence[_Result]) -> str:
     lines.pop()
     pictures = list(_unsolved_lines(results))
     lines += [_UNSOLVED, *pictures[:-1]] if pictures else []
+    lines += _baseline_lines()
     published = [[*task, *score] for task in suite.ALL_TASKS for score in _PUBLISHED.get(task, [])]
     columns = ["domain", "task", "score", "by", "steps", "action repeat"]
     lines += [_PUBLISHED_TEXT, *_table(columns, published)]
@@ -187,6 +198,26 @@ def _start_table(results: Sequence[_Result]) -> list[str]:
         for (task, start), row in cells.items()
     ]
     return _table(["task", "start", *policies], rows)
+
+
+def _baseline_lines() -> list[str]:
+    """The table of dm_control's benchmark, from the committed results."""
+    found = json.loads(baselines.FILE.read_text(encoding="utf-8"))
+    rows = [
+        [
+            f"[{row['domain']}]({row['domain']}.md)",
+            row["task"],
+            *(_with_interval(row[policy]) for policy in ("zero", "random")),
+        ]
+        for row in found["rows"]
+    ]
+    head = _BASELINES.format(seeds=found["seeds"])
+    return [head, *_table(["domain", "task", "zero", "random"], rows)]
+
+
+def _with_interval(summary: _Result) -> str:
+    low, high = summary["interval"]
+    return f"{summary['mean']:.1f} ({low:.1f} to {high:.1f})"
 
 
 def _unsolved_lines(results: Sequence[_Result]) -> Iterator[str]:

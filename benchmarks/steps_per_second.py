@@ -1,5 +1,7 @@
 """Speed bars of batches in one table: against MuJoCo alone, EnvPool and Gymnasium's processes.
 
+The tasks are those rich in contacts, which the planner plays; `suite_speed.py` measures all.
+
     python benchmarks/steps_per_second.py [--quick] [--only SECTION]... [--peers DIR] [--json FILE]
 
 This script installs other packages, each in a separate virtual environment in DIR or in a temporary
@@ -19,9 +21,8 @@ import batch_costs
 import batch_peers
 import batch_stepping
 import typer
+from peers import planned_tasks
 from report import Row, all_met, print_table, summary, write_json
-
-from limberjack import suite
 
 __all__ = ["Effort", "Section", "main"]
 
@@ -88,7 +89,7 @@ class _Run:
         """Args: peers: folder in which the peers are installed; None omits them."""
         self._effort = effort
         self._num_threads = num_threads
-        self._tasks = suite.ALL_TASKS[: effort.tasks]
+        self._tasks = planned_tasks()[: effort.tasks]
         self._few_tasks = _TASK_OF_DOMAIN[: effort.tasks_of_domains]
         self._peers = peers
         self.versions: dict[str, str] = {}  # of the peers and of the MuJoCo that they run

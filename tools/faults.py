@@ -219,8 +219,12 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ('"left_foot", "right_hand", "right_foot"]', '"right_hand", "left_foot", "right_foot"]'),
         ("return (5 * move + 1) / 6", "return (5 * move + 1) / 5"),
-        ("(4 + small_control) / 5", "(5 + small_control) / 6"),
-        ("physics.control(), margin=1", "physics.control(), margin=2"),
+    ],
+    "suite/_locomotion.py": [
+        ("margin=1 + at_least", "margin=at_least"),
+        ("margin=at_least if margin is None else margin", "margin=at_least"),
+        ("(4 + mean) / 5", "(5 + mean) / 6"),
+        ("control, margin=1", "control, margin=2"),
     ],
     "suite/manipulator.py": [
         ("np.cos(angle / 2), np.sin(angle / 2)", "np.cos(angle), np.sin(angle)"),

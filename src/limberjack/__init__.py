@@ -1,4 +1,4 @@
-"""Limberjack: the humanoid, manipulator and stacker of the DeepMind Control Suite, on MuJoCo 4.0.
+"""Limberjack: the DeepMind Control Suite on MuJoCo 4.0.
 
     from limberjack import suite
 

@@ -25,6 +25,7 @@ from dm_env import specs
 
 from limberjack.factories import Factory, Make, factory_of
 from limberjack.gym.vector import VectorEnv
+from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import at_least_one
 from limberjack.suite import base
@@ -381,8 +382,7 @@ _random = np.random.RandomState(_SEED)
 
 def _actions(spec: specs.BoundedArray, num_steps: int) -> np.ndarray:
     """Random actions within the bounds, or between -1 and 1 where there are none."""
-    low = np.where(np.isfinite(spec.minimum), spec.minimum, -1.0)
-    high = np.where(np.isfinite(spec.maximum), spec.maximum, 1.0)
+    low, high = bounds_to_try(spec)
     # Rounded to float32, the vector environment's own type.
     drawn = _random.uniform(low, high, (num_steps, *spec.shape)).astype(np.float32)
     return drawn.astype(np.float64)

@@ -14,6 +14,7 @@ import numpy as np
 
 from limberjack import suite
 from limberjack.mujoco import TextOverlay
+from limberjack.rl.action_specs import bounds_to_try
 from limberjack.suite import base
 from limberjack.utils import png
 from limberjack.utils.files import replacing
@@ -88,8 +89,9 @@ def _draw_sizes(domain: str, task: str, sizes: list[tuple[int, int, bool]]) -> l
     environment.reset()
     stream = np.random.RandomState(0)
     spec = environment.action_spec()
+    low, high = bounds_to_try(spec)
     for _ in range(shown.steps):
-        environment.step(_ACTION_SCALE * stream.uniform(spec.minimum, spec.maximum, spec.shape))
+        environment.step(_ACTION_SCALE * stream.uniform(low, high, spec.shape))
     name = TextOverlay(task, position="bottom left")
     pictures = [
         environment.physics.render(height, width, shown.camera, [name] if label else [])

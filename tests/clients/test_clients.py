@@ -20,18 +20,16 @@ _LINES = {  # what each program prints
     "spec_driven": 8,
     "dreamer": 24,
     "pixel_learner": 2,
+    "custom_tasks": 264,
 }
-_DRAWING = ("dreamer", "pixel_learner")
 _CAN_DRAW = os.environ.get("MUJOCO_GL") != "disable"
+_NO_OPENGL = "" if _CAN_DRAW else "there is no off-screen OpenGL"
+_NO_LXML = "" if importlib.util.find_spec("lxml") else "lxml is not installed"
+_CANNOT_RUN = {"dreamer": _NO_OPENGL, "pixel_learner": _NO_OPENGL, "custom_tasks": _NO_LXML}
 _CLIENTS = [
-    pytest.param(
-        client,
-        marks=pytest.mark.skipif(
-            client in _DRAWING and not _CAN_DRAW,
-            reason="there is no off-screen OpenGL",
-        ),
-    )
+    pytest.param(client, marks=pytest.mark.skipif(bool(reason), reason=reason))
     for client in _LINES
+    for reason in [_CANNOT_RUN.get(client, "")]
 ]
 _PLAY = "import runpy, sys; runpy.run_path(sys.argv[1], run_name='__main__')"
 

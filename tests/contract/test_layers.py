@@ -23,6 +23,7 @@ _LAYERS = {
     "limberjack.rl": 1,
     "limberjack.mujoco": 2,
     "limberjack.rl.batch": 3,
+    "limberjack.rl.batch_measurements": 3,
     "limberjack.rl.batch_safety": 3,
     "limberjack.rl.batch_test_utils": 3,
     "limberjack.suite": 4,

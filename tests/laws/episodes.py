@@ -18,6 +18,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.rl import control
+from limberjack.rl.action_specs import bounds_to_try
 
 __all__ = [
     "DOMAINS",
@@ -88,7 +89,7 @@ def actions(env: control.Environment, count: int, seed: int = 0) -> np.ndarray:
     """Random valid actions, (count, nu)."""
     spec = env.action_spec()
     stream = np.random.RandomState(seed)
-    return stream.uniform(spec.minimum, spec.maximum, (count, *spec.shape))
+    return stream.uniform(*bounds_to_try(spec), (count, *spec.shape))
 
 
 def bits(value: Any) -> Any:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["assert_same", "assert_same_outcome", "assert_same_pair", "fields"]
+__all__ = ["assert_same", "assert_same_outcome", "assert_same_pair", "difference", "fields"]
 
 # Not compared: memory addresses, and dm_control's own helper attributes.
 _NOT_CONTENT = {"_address", "ptr", "range_", "type_"}
@@ -20,7 +20,7 @@ def assert_same(ours: Any, theirs: Any, where: str) -> None:
     """
     # Building messages in advance would take half the time of the whole-episode tests.
     if not _is_same(ours, theirs):
-        raise AssertionError(_difference(ours, theirs, where))
+        raise AssertionError(difference(ours, theirs, where))
 
 
 def _is_same(ours: Any, theirs: Any) -> bool:
@@ -41,8 +41,8 @@ def _is_same(ours: Any, theirs: Any) -> bool:
     return bool(ours == theirs)
 
 
-def _difference(ours: Any, theirs: Any, where: str) -> str:
-    """Describes the difference between two values."""
+def difference(ours: Any, theirs: Any, where: str) -> str:
+    """Describes the first difference between two values that are not the same."""
     if type(ours) is not type(theirs):
         kinds = f"{type(ours).__name__} {ours!r}, dm_control has {type(theirs).__name__} {theirs!r}"
         return f"{where}: {kinds}"
@@ -62,7 +62,7 @@ def _difference(ours: Any, theirs: Any, where: str) -> str:
     else:
         return f"{where}: {ours!r}, dm_control has {theirs!r}"
     return next(
-        _difference(mine, yours, name) for name, mine, yours in pairs if not _is_same(mine, yours)
+        difference(mine, yours, name) for name, mine, yours in pairs if not _is_same(mine, yours)
     )
 
 

@@ -1,36 +1,61 @@
-"""Row i of a batch is dm_control's own environment with seed + i, bit for bit."""
+"""Row i of a batch is dm_control's own environment with seed + i, bit for bit.
 
-import numpy as np
+Every task plays 300 time steps of each row, across the end of an episode and a reset in the middle
+of one, in batches of 1, 5 and 64. The three sizes use the three autoreset modes and one or two
+threads, in an order that rotates over the tasks.
+
+Of 64 rows and more, five are compared with dm_control; which ones rotates over the tasks as well,
+because that many environments of dm_control would take ten times as long as the batch. The laws
+compare batches of 64 with each other, and `make test-exactness` compares all rows of all sizes,
+modes and numbers of threads with dm_control.
+"""
+
 import pytest
+from gymnasium.vector import AutoresetMode
+
+from tests.representatives import FEATURES
 
 from . import twins
-from .oracle import BOTH
+from .rows import Play, first_difference
 
 pytestmark = pytest.mark.oracle
 
 _SEED = 21
+_FEW, _MANY, _MOST = 5, 64, 200
+_LARGE = [
+    FEATURES[feature]
+    for feature in (
+        "a free root and contacts in three dimensions",
+        "model fields set at each start, and kinds of starts",
+        "starts that are rejected, and starts at the goal",
+        "many bodies that touch, and a goal of several terms",
+    )
+]
 
 
-@pytest.mark.parametrize("num_envs", [2, 7])
-@pytest.mark.parametrize("task", twins.TASKS, ids="-".join)
-def test_rows_are_dm_controls_environments(task: tuple[str, str], num_envs: int) -> None:
-    ours, theirs = (import_package("suite") for import_package in BOTH)
-    limit = {"time_limit": 40 * ours.load(*task).control_timestep()}
-    batch = ours.load_batch(*task, num_envs, 2, _SEED, task_kwargs=limit)
-    singles = [theirs.load(*task, {"random": _SEED + i, **limit}) for i in range(num_envs)]
-    batched, told = batch.reset(), [env.reset() for env in singles]
-    actions = np.random.RandomState(0).uniform(-1, 1, (130, *batch.action_spec().shape))
-    for step, action in enumerate(actions):
-        for row, single in enumerate(told):
-            where = f"{task} row {row} step {step}"
-            assert batched.step_type[row] == int(single.step_type), where
-            if not single.first():
-                assert batched.reward[row] == single.reward, where
-                assert batched.discount[row] == single.discount, where
-            for name, value in single.observation.items():
-                np.testing.assert_array_equal(batched.observation[name][row], value, where)
-        if step == 25:  # from here on the rows' episodes end at different times
-            batch.reset([1])
-            told[1] = singles[1].reset()
-        batched = batch.step(action)
-        told = [env.step(a) for env, a in zip(singles, action, strict=True)]
+def _some(num_envs: int, number: int) -> list[int]:
+    """The last row and four others that depend on the number of the task."""
+    spread = [(number * 5 + 13 * part) % (num_envs - 1) for part in range(4)]
+    return sorted({*spread, num_envs - 1})
+
+
+@pytest.mark.parametrize(
+    ("number", "task"), list(enumerate(twins.TASKS)), ids=[":".join(task) for task in twins.TASKS]
+)
+def test_rows_are_dm_controls_environments(number: int, task: tuple[str, str]) -> None:
+    play = Play(task, _SEED)
+    compared = {1: [0], _FEW: list(range(_FEW)), _MANY: _some(_MANY, number)}
+    modes = list(AutoresetMode)
+    expected = play.of_dm_control(sorted({*compared[_FEW], *compared[_MANY]}))
+    for turn, (num_envs, rows) in enumerate(compared.items(), number):
+        mode, num_threads = modes[turn % len(modes)], 1 + turn // len(modes) % 2
+        found = play.of_batch(num_envs, num_threads, mode)
+        where = f"{num_envs} rows, {num_threads} threads, {mode.value}"
+        assert not first_difference(found, expected.some(rows)), where
+
+
+@pytest.mark.parametrize("task", _LARGE, ids=":".join)
+def test_some_of_200_rows_are_dm_controls_environments(task: tuple[str, str]) -> None:
+    play = Play(task, _SEED)
+    expected = play.of_dm_control(_some(_MOST, twins.TASKS.index(task)))
+    assert not first_difference(play.of_batch(_MOST, num_threads=2), expected)

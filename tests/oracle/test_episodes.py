@@ -1,46 +1,30 @@
-"""Whole episodes of every task equal dm_control's in every bit."""
+"""Every time step of every task equals dm_control's in every bit.
+
+One seed of 300 steps, with random, zero and bang-bang actions in turn, across the end of an
+episode. `make test-exactness` compares whole episodes of several seeds and every argument.
+"""
+
+import itertools
 
 import pytest
 
-from tests.representatives import FEATURES
-
 from . import twins
+from .oracle import ours
 
 pytestmark = pytest.mark.oracle
 
-_SEEDS = range(5)  # of tasks that stand for others
-_FEWER_SEEDS = range(2)  # of the others, so that fifty-one tasks take minutes
-_ALL_SEEDS = range(30)  # of every task, in the slow test
-_EPISODE_STEPS = 1000  # every task's time limit is 1,000 control steps
-# One episode of zero actions of each seed saves a sixth of the time; the slow test plays two.
-_EPISODES = {"random": 2, "bang-bang": 2, "zero": 1}
+_STEPS = 300
+_STEPS_OF_AN_EPISODE = 180
 
 
-def _play(domain: str, task: str, actions: str, seed: int, episodes: int) -> None:
-    """Whole episodes of one environment, one after the other."""
-    env = twins.load(domain, task, seed)
-    policy = env.actions(actions, seed)
-    where = env.where
-    for episode in range(episodes):
-        env.where = f"{where}, {actions} actions, episode {episode}"
-        env.reset()
-        assert env.play(policy) == _EPISODE_STEPS, env.where
-
-
-@pytest.mark.parametrize("actions", twins.ACTIONS)
 @pytest.mark.parametrize(("domain", "task"), twins.TASKS)
-def test_every_time_step_of_whole_episodes_is_the_same(
-    domain: str, task: str, actions: str
-) -> None:
-    for seed in _SEEDS if (domain, task) in FEATURES.values() else _FEWER_SEEDS:
-        _play(domain, task, actions, seed, _EPISODES[actions])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("actions", twins.ACTIONS)
-@pytest.mark.parametrize(("domain", "task"), twins.TASKS)
-def test_every_time_step_is_the_same_over_many_more_seeds(
-    domain: str, task: str, actions: str
-) -> None:
-    for seed in _ALL_SEEDS:
-        _play(domain, task, actions, seed, episodes=2)
+def test_every_time_step_is_the_same_across_the_end_of_an_episode(domain: str, task: str) -> None:
+    limit = _STEPS_OF_AN_EPISODE * ours("suite").load(domain, task).control_timestep()
+    env = twins.load(domain, task, task_kwargs={"time_limit": limit})
+    env.reset()
+    ends = []
+    for number, action in enumerate(itertools.islice(env.actions("mixed", seed=0), _STEPS)):
+        if env.step(action).last():
+            ends.append(number + 1)
+            env.assert_same_physics("data.qpos", "data.qvel")
+    assert ends == [_STEPS_OF_AN_EPISODE]

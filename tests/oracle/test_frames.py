@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 from . import models, twins
+from .drawn_here import DOMAINS as DRAWN_HERE
 from .oracle import BOTH, needs_rendering
 from .same import assert_same, assert_same_outcome, assert_same_pair
 
 pytestmark = [pytest.mark.oracle, needs_rendering]
 
+# The pictures of domains with looks of their own differ by design.
+_MODELS = [task for task in twins.MODELS if task[0] not in DRAWN_HERE]
 _SIZE = {"height": 90, "width": 120}
 _KINDS: dict[str, dict[str, bool]] = {
     "RGB": {},
@@ -55,18 +58,42 @@ def _assert_same_frames(twin: list[Any], where: str, **kwargs: Any) -> np.ndarra
     return frames[1]
 
 
+def _turns_with_a_body(model: Any, camera: int | str) -> bool:
+    """Whether a camera is mounted on a body, such as an eye, and may see nothing but the sky."""
+    if not isinstance(camera, int) or camera < 0:
+        return False
+    is_fixed = model.cam_mode[camera] == mujoco.mjtCamLight.mjCAMLIGHT_FIXED.value
+    return is_fixed and model.cam_bodyid[camera] > 0
+
+
+# The meshes of dm_control's dog are not part of this package, which draws its collision geoms.
+_DRAWN_ALIKE = [task for task in twins.TASKS if task[0] != "dog"]
+
+
+@pytest.mark.parametrize(("domain", "task"), _DRAWN_ALIKE)
+def test_first_frames_are_the_same_and_again_after_a_second_reset(domain: str, task: str) -> None:
+    with _played(domain, task, steps=0) as env:
+        twin = [env.ours.physics, env.theirs.physics]
+        first = _assert_same_frames(twin, env.where, camera_id=0, **_SIZE)
+        assert np.ptp(first) > 0, f"{env.where}: the camera sees nothing"
+        env.play(itertools.islice(env.actions("random", 0), 2))
+        env.reset()
+        _assert_same_frames(twin, f"{env.where}, second reset", camera_id=0, **_SIZE)
+
+
 @pytest.mark.parametrize("kind", _KINDS)
-@pytest.mark.parametrize(("domain", "task"), twins.MODELS)
+@pytest.mark.parametrize(("domain", "task"), _MODELS)
 def test_frames_from_every_camera_are_the_same(domain: str, task: str, kind: str) -> None:
     with _played(domain, task) as env:
         twin = [env.ours.physics, env.theirs.physics]
         cameras = [-1, *range(twin[1].model.ncam), twin[1].model.id2name(0, "camera")]
         for camera in cameras:
             frame = _assert_same_frames(twin, env.where, camera_id=camera, **_SIZE, **_KINDS[kind])
-            assert np.ptp(frame) > 0, f"{env.where}: camera {camera} sees nothing"
+            sees_sky = kind == "segmentation" and _turns_with_a_body(twin[1].model, camera)
+            assert sees_sky or np.ptp(frame) > 0, f"{env.where}: camera {camera} sees nothing"
 
 
-@pytest.mark.parametrize(("domain", "task"), twins.MODELS[::3])
+@pytest.mark.parametrize(("domain", "task"), _MODELS[::3])
 def test_frames_of_default_and_odd_sizes_are_the_same(domain: str, task: str) -> None:
     with _played(domain, task) as env:
         twin = [env.ours.physics, env.theirs.physics]
@@ -76,7 +103,7 @@ def test_frames_of_default_and_odd_sizes_are_the_same(domain: str, task: str) ->
                 _assert_same_frames(twin, env.where, height=height, width=width, **kind)
 
 
-@pytest.mark.parametrize(("domain", "task"), twins.MODELS[::3])
+@pytest.mark.parametrize(("domain", "task"), _MODELS[::3])
 def test_frames_along_an_episode_with_reward_colours_are_the_same(domain: str, task: str) -> None:
     with _played(domain, task, steps=1, visualize_reward=True) as env:
         twin = [env.ours.physics, env.theirs.physics]

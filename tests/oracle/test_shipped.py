@@ -13,6 +13,7 @@ pytestmark = pytest.mark.oracle
 _FILES = [
     "suite.suite_test",
     "suite.loader_test",
+    "suite.lqr_test",
     "rl.control_test",
     "suite.utils.randomizers_test",
     "utils.rewards_test",
@@ -29,7 +30,6 @@ _FILES = [
 
 # Cases that cannot pass, and why. One that would pass is an error here, so that the list shrinks
 # as domains are built.
-_NO_DOMAIN = "needs the domain cartpole, which is not built"
 _NO_EASY_TASK = (
     "needs a task tagged 'easy', and no domain that has one is built (ball_in_cup, point_mass, "
     "reacher)"
@@ -47,19 +47,7 @@ def _listed(reason: str, case: str, *methods: str) -> dict[str, str]:
 
 
 _CANNOT_PASS = {
-    **_listed(
-        _NO_DOMAIN,
-        "suite.loader_test::LoaderTest",
-        "test_load_with_kwargs",
-        "test_load_without_kwargs",
-    ),
     **_listed(_NO_EASY_TASK, "suite.loader_test::LoaderConstantsTest", "testSuiteConstants"),
-    **_listed(
-        _NO_DOMAIN,
-        "suite.wrappers.pixels_test::PixelsTest",
-        "test_dict_observation0",
-        "test_dict_observation1",
-    ),
     **_listed(
         "its model uses <composite>, which MuJoCo 4.0 removed; dm_control fails too",
         "mujoco.engine_test::MujocoEngineTest",

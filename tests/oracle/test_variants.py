@@ -129,7 +129,7 @@ def test_a_random_state_is_used_directly(domain: str, task: str) -> None:
 def test_a_random_state_assigned_to_the_task_is_used_at_the_next_reset(
     domain: str, task: str
 ) -> None:
-    env = twins.load(domain, task, seed=None)
+    env = twins.load(domain, task)
     for seed in (4, 5):
         for twin in (env.ours, env.theirs):
             twin.task._random = np.random.RandomState(seed)

@@ -2,6 +2,7 @@
 
 import functools
 import hashlib
+import itertools
 import operator
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -9,11 +10,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.rl.action_specs import bounds_to_try
+
 from . import models
+from .drawn_here import compared_part
 from .oracle import BOTH, ours
 from .same import assert_same, assert_same_outcome, assert_same_pair
 
-__all__ = ["ACTIONS", "MODELS", "TASKS", "TwinPhysics", "Twins", "load", "load_physics"]
+__all__ = ["ACTIONS", "MODELS", "TASKS", "TwinPhysics", "Twins", "actions", "load", "load_physics"]
 
 TASKS = ours("suite").ALL_TASKS
 ACTIONS = ["random", "zero", "bang-bang"]
@@ -37,6 +41,8 @@ MODELS = _of_each_model()
 # average, long enough to throw the body about and to press fingers against things.
 _SWITCH = 0.1
 
+_TURN = 25  # steps of mixed actions before the next kind
+
 _STATE_FIELDS = (
     "qpos",
     "qvel",
@@ -49,6 +55,24 @@ _STATE_FIELDS = (
     "xmat",
 )
 _QUERIES = ("position", "velocity", "control", "activation", "state", "time", "timestep")
+
+
+def actions(spec: Any, kind: str, seed: int) -> Iterator[np.ndarray]:
+    """Endless actions: random, zero, bang-bang, or mixed, which is each of these in turn."""
+    if kind == "mixed":
+        parts = [actions(spec, part, seed) for part in ACTIONS]
+        yield from (next(parts[number // _TURN % len(parts)]) for number in itertools.count())
+    random = np.random.RandomState(seed)
+    low, high = bounds_to_try(spec)
+    signs = random.choice([-1.0, 1.0], spec.shape)
+    while True:
+        if kind == "zero":
+            yield np.zeros(spec.shape)
+        elif kind == "random":
+            yield random.uniform(low, high, spec.shape)
+        else:
+            signs = np.where(random.uniform(size=spec.shape) < _SWITCH, -signs, signs)
+            yield np.where(signs > 0, high, low)
 
 
 class Twins:
@@ -79,25 +103,20 @@ class Twins:
         return self.step_count
 
     def actions(self, kind: str, seed: int) -> Iterator[np.ndarray]:
-        """Endless actions for this environment: random, zero or bang-bang."""
-        spec = self.theirs.action_spec()
-        random = np.random.RandomState(seed)
-        signs = random.choice([-1.0, 1.0], spec.shape)
-        while True:
-            if kind == "zero":
-                yield np.zeros(spec.shape)
-            elif kind == "random":
-                yield random.uniform(spec.minimum, spec.maximum, spec.shape)
-            else:
-                signs = np.where(random.uniform(size=spec.shape) < _SWITCH, -signs, signs)
-                yield np.where(signs > 0, spec.maximum, spec.minimum)
+        """Endless actions for this environment; see `actions`."""
+        return actions(self.theirs.action_spec(), kind, seed)
 
     def assert_same_physics(self, *fields: str) -> None:
         """Compares the named fields, such as `data.qpos`."""
+        both = self.ours.physics, self.theirs.physics
         for field in fields:
-            get = operator.attrgetter(field)
-            where = f"{self.where}, step {self.step_count}, {field}"
-            assert_same(get(self.ours.physics), get(self.theirs.physics), where)
+            values = [operator.attrgetter(field)(physics) for physics in both]
+            if field.startswith("model."):
+                models = both[0].model.ptr, both[1].model.ptr
+                domain, name = self.where.partition(":")[0], field.removeprefix("model.")
+                values = compared_part(domain, name, models, values)
+            if values is not None:
+                assert_same_pair(values, f"{self.where}, step {self.step_count}, {field}")
 
     def _compared(self, our_step: Any, their_step: Any) -> Any:
         assert_same(our_step, their_step, f"{self.where}, step {self.step_count}")

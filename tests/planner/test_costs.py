@@ -12,7 +12,9 @@ from limberjack.planner.costs_manipulator import Bring
 from limberjack.rl.control import PhysicsError
 from limberjack.utils.arrays import rows_of_a_batch
 
-every_task = pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
+from .planned import PLANNED
+
+every_task = pytest.mark.parametrize(("domain", "task"), PLANNED)
 _ROWS = 6
 
 

@@ -11,15 +11,26 @@ from limberjack import suite
 from limberjack.planner import Cost
 from limberjack.planner.library import cost_for, sources_for
 
+from .planned import PLANNED
+
 _PLANNER = Path(limberjack.planner.__file__).parent
 
 
-@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
+@pytest.mark.parametrize(("domain", "task"), PLANNED)
 def test_every_task_of_the_suite_names_its_cost(domain: str, task: str) -> None:
     named = suite.load(domain, task).task
     cost = cost_for(named)
     assert f"{type(cost).__module__}:{type(cost).__name__}" == named.planner_cost
     assert cost.task is named
+
+
+def test_no_other_task_names_a_cost() -> None:
+    named = [
+        (domain, task)
+        for domain, task in suite.ALL_TASKS
+        if suite.load(domain, task, {"random": 0}).task.planner_cost is not None
+    ]
+    assert named == PLANNED
 
 
 def test_the_files_are_all_of_the_planners() -> None:

@@ -7,6 +7,8 @@ import pytest
 from limberjack import suite
 from limberjack.planner.tracking import Tracking, shares_of_knots, targets_at
 
+from .planned import PLANNED
+
 
 def test_a_spline_passes_its_knots_and_is_straight_between_them() -> None:
     knots = np.array([[0.0, 1.0], [2.0, 1.0], [3.0, -1.0]])
@@ -33,7 +35,7 @@ def test_shares_of_knots_make_the_splines_values() -> None:
     np.testing.assert_allclose(found.swapaxes(0, 1), targets_at(knots, places), atol=1e-15)
 
 
-@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
+@pytest.mark.parametrize(("domain", "task"), PLANNED)
 def test_targets_that_hold_the_joints_ask_for_nothing(domain: str, task: str) -> None:
     env = suite.load(domain, task, task_kwargs={"random": 0})
     env.reset()

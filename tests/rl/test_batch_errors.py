@@ -86,6 +86,24 @@ def test_an_observation_of_another_type_is_refused_and_a_reward_is_not() -> None
     _finding("the reward").check(found, expected)
 
 
+# Measurements.
+
+
+def test_a_measurement_of_one_value_for_all_rows_must_be_the_rows_value() -> None:
+    finding = _finding("physics.distance()")
+    finding.check_measurement(np.array(2.0), np.array(2.0))
+    finding.check_measurement(np.array([0.5, 2.0, 0.5]), np.array(2.0))
+    finding.check_measurement(np.ones((2, 3)), np.zeros(2))  # in columns
+    with pytest.raises(
+        ValueError, match=r"^physics\.distance\(\) .* has shape \(\) in a batch of 3"
+    ):
+        finding.check_measurement(np.array(2.0), np.array(1.0))
+    with pytest.raises(ValueError, match=r"has shape \(2,\) in a batch of 3; expected \(3, 2\)"):
+        finding.check_measurement(np.ones(2), np.zeros(2))
+    with pytest.raises(ValueError, match=r"is 2\.0 in row 1 of a batch"):
+        finding.check_measurement(np.array([1.0, 2.0, 1.0]), np.array(1.0))
+
+
 # Advice.
 
 

@@ -13,6 +13,7 @@ from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.randomize import scale
 from limberjack.suite import base
 from limberjack.utils import arrays, rewards
+from tests.laws.episodes import variant
 
 _ARM = """
 <mujoco model="arm">
@@ -272,6 +273,69 @@ def test_an_attribute_that_an_episode_sets_is_named() -> None:
     assert not hasattr(task, "_offset")
 
 
+def test_an_attribute_that_every_start_sets_alike_is_not_blamed() -> None:
+    def initialize_episode(self: Any, physics: Physics) -> None:
+        Reach.initialize_episode(self, physics)
+        self._timeout_progress = 0
+
+    def get_observation(self: Any, physics: Physics) -> Any:
+        return {"angles": physics.position()[::-1].copy()}
+
+    task = _with(initialize_episode=initialize_episode, get_observation=get_observation)
+    with pytest.raises(ValueError, match=r"'angles' .* in row 0 .*: index with"):
+        _batch(task)
+
+
+class _Measuring(Physics):
+    """Methods as programs for single simulations write them, and two that are right."""
+
+    def distance(self) -> Any:
+        return np.linalg.norm(self.tip_to_goal())
+
+    def tip_height(self) -> Any:
+        return self.named.data.site_xpos["tip"][2]
+
+    def is_near(self) -> Any:
+        return self.distance() < 1e-3
+
+    def reach(self) -> Any:
+        return self.model.geom_size[:2, 1]
+
+    def gaps(self) -> list[Any]:
+        return [self.tip_to_goal()[..., axis] for axis in range(3)]
+
+    def columns(self) -> Any:
+        return np.array(self.gaps())
+
+
+@pytest.mark.parametrize(
+    ("quantity", "message"),
+    [
+        # Both are 0 in every state of the check.
+        (lambda p: rewards.tolerance(p.distance(), (0, 1e-3)), r"distance\(\) .* has shape \(\)"),
+        (lambda p: 0.0 if p.is_near() else 0.1, r"distance\(\) .* has shape \(\)"),
+        (lambda p: rewards.tolerance(p.tip_height(), (90, 99)), r"tip_height\(\) .* is .* in row"),
+    ],
+)
+def test_a_wrong_measurement_is_refused_where_the_reward_is_too_sparse_to_show_it(
+    quantity: Any, message: str
+) -> None:
+    physics = _Measuring.from_xml_string(_ARM)
+    env = control.Environment(physics, _rewarding(quantity), time_limit=1, n_sub_steps=2)
+    with pytest.raises(ValueError, match=rf"^physics\.{message}.*arrays\.norm\(x\)"):
+        BatchEnvironment.from_environment(env, 3, 1, seed=0)
+
+
+def test_a_measurement_may_be_a_constant_or_arranged_as_the_task_likes() -> None:
+    def gap(physics: Any) -> Any:
+        return physics.columns()[0] + sum(physics.gaps()) + physics.reach()[0]
+
+    physics = _Measuring.from_xml_string(_ARM)
+    env = control.Environment(physics, _rewarding(gap), time_limit=1, n_sub_steps=2)
+    assert BatchEnvironment.from_environment(env, 3, 1, seed=0).num_envs == 3
+    assert "distance" not in vars(physics)
+
+
 def test_an_attribute_that_is_the_same_in_every_episode_is_accepted() -> None:
     def initialize_episode(self: Any, physics: Physics) -> None:
         Reach.initialize_episode(self, physics)
@@ -464,6 +528,6 @@ def test_a_row_that_diverges_is_compared_no_further() -> None:
 
 @pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
 def test_the_suites_tasks_are_accepted_with_all_observation_options(task: tuple[str, str]) -> None:
-    kwargs = {} if task[0] == "humanoid" else {"fully_observable": False}
+    kwargs = variant(task)
     for options in ({}, {"legacy_step": False}, {"randomize": {"body_mass": scale(0.9, 1.1)}}):
         assert suite.load_batch(*task, 1, 1, task_kwargs=kwargs, environment_kwargs=options)

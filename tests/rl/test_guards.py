@@ -9,7 +9,6 @@ import pytest
 from dm_env import specs
 
 from limberjack.rl import guards
-from limberjack.utils.cores import usable_cores
 
 _NONE_BEGINS = np.zeros(3, bool)
 
@@ -86,15 +85,6 @@ def test_other_rows_are_refused(ids: object, message: str) -> None:
 
 
 # Threads.
-
-
-def test_there_are_no_more_threads_than_rows_and_cores_by_default() -> None:
-    assert guards.threads_for(3, 8) == 3
-    assert guards.threads_for(3, 2) == 2
-    assert guards.threads_for(None, 10**6) == usable_cores()
-    assert guards.threads_for(None, 1) == 1
-    with pytest.raises(ValueError, match="num_threads is 0; expected a whole number"):
-        guards.threads_for(0, 8)
 
 
 # Seeds.

@@ -133,6 +133,11 @@ def test_a_missing_method_of_a_task_is_named() -> None:
     assert Nothing().start(make().physics) is None
 
 
+def test_the_reward_is_the_product_of_its_terms_unless_a_task_combines_them_otherwise() -> None:
+    assert Stay().reward_of({"near": 0.5, "high": 0.25, "still": 0.9}) == 0.5 * 0.25 * 0.9
+    assert Stay().reward_of({"near": 0.5}) == 0.5
+
+
 def test_success_is_all_terms_of_the_goal_nearly_1() -> None:
     class Two(Stay):
         GOAL = ("near", "high")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from limberjack import suite
 from limberjack.suite import _locomotion as locomotion
 
 
@@ -32,3 +33,16 @@ def test_full_effort_loses_a_fifth() -> None:
     np.testing.assert_array_equal(
         locomotion.low_effort(controls), [locomotion.low_effort(row) for row in controls]
     )
+
+
+@pytest.mark.parametrize(("domain", "task"), [("walker", "walk"), ("cheetah", "run")])
+def test_forward_speed_is_a_number_or_one_per_row(domain: str, task: str) -> None:
+    env = suite.load(domain, task)
+    env.physics.data.qvel[:] = 0.0
+    env.physics.named.data.qvel[["rootx", "rootz"]] = 3.0, -2.0
+    env.physics.forward()
+    speed = locomotion.forward_speed(env.physics)
+    assert isinstance(speed, float)
+    assert speed == pytest.approx(3.0)
+    batch = suite.load_batch(domain, task, 4)
+    assert np.shape(locomotion.forward_speed(batch.physics)) == (4,)

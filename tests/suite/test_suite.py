@@ -2,7 +2,9 @@
 
 import ast
 import inspect
+from pathlib import Path
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -11,70 +13,149 @@ from limberjack import suite
 from limberjack.rl import control
 from limberjack.suite import humanoid, manipulator, stacker
 
-_HUMANOID = ("stand", "walk", "run", "run_pure_state")
+# dm_control's tasks, in its order: domain, task, tags (benchmarking, easy, hard, no reward
+# visualization), control step and default time limit in seconds, number of actuators.
+_TABLE = """
+acrobot       swingup         B   0.01   10   1
+acrobot       swingup_sparse  B   0.01   10   1
+ball_in_cup   catch           BE  0.02   20   2
+cartpole      balance         B   0.01   10   1
+cartpole      balance_sparse  B   0.01   10   1
+cartpole      swingup         B   0.01   10   1
+cartpole      swingup_sparse  B   0.01   10   1
+cartpole      two_poles       -   0.01   10   1
+cartpole      three_poles     -   0.01   10   1
+cheetah       run             B   0.01   10   6
+dog           stand           N   0.015  15   38
+dog           walk            N   0.015  15   38
+dog           trot            N   0.015  15   38
+dog           run             N   0.015  15   38
+dog           fetch           HN  0.015  15   38
+finger        spin            B   0.02   20   2
+finger        turn_easy       B   0.02   20   2
+finger        turn_hard       B   0.02   20   2
+fish          upright         B   0.04   40   5
+fish          swim            B   0.04   40   5
+hopper        stand           B   0.02   20   4
+hopper        hop             B   0.02   20   4
+humanoid      stand           B   0.025  25   21
+humanoid      walk            B   0.025  25   21
+humanoid      run             B   0.025  25   21
+humanoid      run_pure_state  -   0.025  25   21
+humanoid_CMU  stand           -   0.02   20   56
+humanoid_CMU  walk            -   0.02   20   56
+humanoid_CMU  run             -   0.02   20   56
+lqr           lqr_2_1         -   0.03   inf  1
+lqr           lqr_6_2         -   0.03   inf  2
+manipulator   bring_ball      BH  0.01   10   5
+manipulator   bring_peg       H   0.01   10   5
+manipulator   insert_ball     H   0.01   10   5
+manipulator   insert_peg      H   0.01   10   5
+pendulum      swingup         B   0.02   20   1
+point_mass    easy            BE  0.02   20   2
+point_mass    hard            -   0.02   20   2
+quadruped     walk            -   0.02   20   12
+quadruped     run             -   0.02   20   12
+quadruped     escape          -   0.02   20   12
+quadruped     fetch           -   0.02   20   12
+reacher       easy            BE  0.02   20   2
+reacher       hard            B   0.02   20   2
+stacker       stack_2         H   0.01   10   5
+stacker       stack_4         H   0.01   10   5
+swimmer       swimmer6        B   0.03   30   5
+swimmer       swimmer15       B   0.03   30   14
+walker        stand           B   0.025  25   6
+walker        walk            B   0.025  25   6
+walker        run             B   0.025  25   6
+"""
+
+
+class _Fact(NamedTuple):
+    domain: str
+    task: str
+    tags: str
+    control_timestep: float
+    time_limit: float
+    actuators: int
+
+
+def _fact(line: str) -> _Fact:
+    domain, task, tags, control_timestep, time_limit, actuators = line.split()
+    times = float(control_timestep), float(time_limit)
+    return _Fact(domain, task, tags, *times, int(actuators))
+
+
+_FACTS = [_fact(line) for line in _TABLE.strip().splitlines()]
+_DOMAINS = list(dict.fromkeys(fact.domain for fact in _FACTS))
+every_task = pytest.mark.parametrize("fact", _FACTS, ids=lambda fact: f"{fact.domain}:{fact.task}")
+
+# Arguments of the factories, in dm_control's order, by task or domain.
+_BASIC = ["time_limit", "random", "environment_kwargs"]
+_ARGUMENTS = {
+    "manipulator": ["fully_observable", *_BASIC],
+    "stacker": ["fully_observable", *_BASIC],
+    "three_poles": ["time_limit", "random", "num_poles", "sparse", "environment_kwargs"],
+}
+
 _MANIPULATOR = ("bring_ball", "bring_peg", "insert_ball", "insert_peg")
 _STACKER = ("stack_2", "stack_4")
 
 # Numbers of lines of the dm_control files that these replace.
 _LONGEST = {humanoid: 206, manipulator: 287, stacker: 203}
 _NAMES_FOR_OTHERS = 10  # lines around the pictures, figures of starts, the planner's cost
+_FIRST = ("humanoid", "manipulator", "stacker")
+_MOST_LINES = 2_000  # of the other sixteen domains, of code and of models
 
-# Control step and default time limit in seconds, and actuators.
-_TIMES = {"humanoid": (0.025, 25, 21), "manipulator": (0.01, 10, 5), "stacker": (0.01, 10, 5)}
+
+def _tagged(letter: str) -> tuple[tuple[str, str], ...]:
+    return tuple((fact.domain, fact.task) for fact in _FACTS if letter in fact.tags)
 
 
-def test_all_tasks_are_the_ten_in_order() -> None:
-    by_domain = {"humanoid": _HUMANOID, "manipulator": _MANIPULATOR, "stacker": _STACKER}
-    expected = tuple((domain, task) for domain, tasks in by_domain.items() for task in tasks)
-    assert expected == suite.ALL_TASKS
-    assert by_domain == suite.TASKS_BY_DOMAIN
+def test_all_tasks_are_dm_controls_in_its_order() -> None:
+    assert tuple((fact.domain, fact.task) for fact in _FACTS) == suite.ALL_TASKS
+    assert {
+        domain: tuple(fact.task for fact in _FACTS if fact.domain == domain) for domain in _DOMAINS
+    } == suite.TASKS_BY_DOMAIN
 
 
 def test_tags_are_dm_controls() -> None:
-    benchmarking = [("humanoid", task) for task in _HUMANOID[:3]] + [("manipulator", "bring_ball")]
-    extra = sorted(set(suite.ALL_TASKS) - set(benchmarking))
-    hard = [task for task in suite.ALL_TASKS if task[0] != "humanoid"]
-    expected = {"BENCHMARKING": benchmarking, "EXTRA": extra, "EASY": [], "HARD": hard}
-    expected |= {"NO_REWARD_VIZ": [], "REWARD_VIZ": sorted(suite.ALL_TASKS)}
-    assert {name: list(getattr(suite, name)) for name in expected} == expected
-    assert all(type(getattr(suite, name)) is tuple for name in expected)
+    every, benchmarking, hidden = set(suite.ALL_TASKS), _tagged("B"), _tagged("N")
+    expected = {"BENCHMARKING": benchmarking, "EASY": _tagged("E"), "HARD": _tagged("H")}
+    expected |= {"EXTRA": tuple(sorted(every - set(benchmarking))), "NO_REWARD_VIZ": hidden}
+    expected |= {"REWARD_VIZ": tuple(sorted(every - set(hidden)))}
+    assert {name: getattr(suite, name) for name in expected} == expected
+    assert [len(expected[name]) for name in ("BENCHMARKING", "EASY", "HARD")] == [28, 3, 7]
 
 
 def test_private_names_that_programs_use_exist() -> None:
-    assert dict(suite._DOMAINS) == {
-        "humanoid": humanoid,
-        "manipulator": manipulator,
-        "stacker": stacker,
-    }
+    assert list(suite._DOMAINS) == list(_DOMAINS)
+    assert suite._DOMAINS["humanoid"] is humanoid
     assert suite._get_tasks("benchmarking") == suite.BENCHMARKING
     assert suite._get_tasks(None) == suite.ALL_TASKS
-    assert suite._get_tasks_by_domain(suite.BENCHMARKING) == {
-        "humanoid": _HUMANOID[:3],
-        "manipulator": ("bring_ball",),
-    }
+    easy = suite._get_tasks_by_domain(suite.EASY)
+    assert easy == {"ball_in_cup": ("catch",), "point_mass": ("easy",), "reacher": ("easy",)}
 
 
-@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
-def test_a_task_has_its_times_and_actuators(domain: str, task: str) -> None:
-    control_timestep, time_limit, actuators = _TIMES[domain]
-    env = suite.load(domain, task)
+@every_task
+def test_a_task_has_its_times_and_actuators(fact: _Fact) -> None:
+    env = suite.load(fact.domain, fact.task)
     assert isinstance(env, control.Environment)
-    assert env.control_timestep() == control_timestep
-    assert env.action_spec().shape == (actuators,)
-    factory = suite._DOMAINS[domain].SUITE[task]
+    assert env.control_timestep() == pytest.approx(fact.control_timestep, rel=1e-12)
+    assert env.action_spec().shape == (fact.actuators,)
+    factory = suite._DOMAINS[fact.domain].SUITE[fact.task]
     parameters = inspect.signature(factory).parameters
-    names = ["time_limit", "random", "environment_kwargs"]
-    assert list(parameters) == (["fully_observable"] if domain != "humanoid" else []) + names
-    assert parameters["time_limit"].default == time_limit
+    expected = _ARGUMENTS.get(fact.task, _ARGUMENTS.get(fact.domain, _BASIC))
+    assert list(parameters) == expected
+    assert parameters["time_limit"].default == fact.time_limit
 
 
-@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
-def test_keywords_reach_the_factory_and_the_environment(domain: str, task: str) -> None:
-    control_timestep, _, _ = _TIMES[domain]
+@every_task
+def test_keywords_reach_the_factory_and_the_environment(fact: _Fact) -> None:
+    domain, task = fact.domain, fact.task
     env = suite.load(
         domain,
         task,
-        task_kwargs={"time_limit": 2 * control_timestep, "random": 3},
+        task_kwargs={"time_limit": 2 * fact.control_timestep, "random": 3},
         environment_kwargs={"flat_observation": True, "legacy_step": False},
         visualize_reward=True,
     )
@@ -84,12 +165,12 @@ def test_keywords_reach_the_factory_and_the_environment(domain: str, task: str) 
     action = np.zeros(env.action_spec().shape)
     assert env.step(action).mid()
     assert env.step(action).last()
-    twin = suite.build_environment(
+    other = suite.build_environment(
         domain, task, {"random": 3, "environment_kwargs": {"flat_observation": True}}
     )
-    assert twin.task.visualize_reward is False
+    assert other.task.visualize_reward is False
     np.testing.assert_array_equal(
-        twin.reset().observation["observations"],
+        other.reset().observation["observations"],
         suite.load(domain, task, {"random": 3}, {"flat_observation": True})
         .reset()
         .observation["observations"],
@@ -174,3 +255,11 @@ def test_a_domain_is_shorter_than_dm_controls(module: ModuleType) -> None:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "OBSERVATIONS"
     )
     assert lines - beside <= _LONGEST[module]
+
+
+@pytest.mark.parametrize("ending", [".py", ".xml"])
+def test_the_other_domains_are_short(ending: str) -> None:
+    folder = Path(suite.__file__).parent
+    names = [*(set(_DOMAINS) - set(_FIRST)), *(["lqr_solver"] if ending == ".py" else [])]
+    lines = {name: (folder / f"{name}{ending}").read_text().count("\n") for name in names}
+    assert sum(lines.values()) <= _MOST_LINES, lines

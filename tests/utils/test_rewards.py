@@ -162,6 +162,20 @@ def test_a_number_gives_a_float(x: Any, margin: float) -> None:
     assert value == rewards.tolerance(np.array([x], float), (0.0, 1.0), margin)[0]
 
 
+@pytest.mark.parametrize("margin", [0.0, 0.5])
+@pytest.mark.parametrize("x", [-0.2, 0.7, 1.2, np.inf, np.nan])
+def test_bounds_from_a_model_are_as_good_as_python_numbers(x: float, margin: float) -> None:
+    expected = rewards.tolerance(x, (0.0, 1.0), margin)
+    for bounds in ((0, np.float64(1)), (np.float64(0), 1.0)):
+        for given in (x, np.float64(x)):
+            value = rewards.tolerance(given, bounds, np.float64(margin))
+            assert type(value) is float
+            np.testing.assert_equal(value, expected)  # NaN equals NaN
+    # An array of no dimensions is still an array.
+    assert np.shape(rewards.tolerance(x, (0.0, np.array(1.0)), margin)) == ()
+    assert isinstance(rewards.tolerance(x, (0.0, np.array(1.0)), margin), np.ndarray)
+
+
 @pytest.mark.parametrize("margin", [0.0, 1.0])
 @pytest.mark.parametrize("bounds", [(0.0, 0.0), (0.0, 1.0)])
 def test_an_array_keeps_its_shape_and_is_not_written_to(bounds: Any, margin: float) -> None:

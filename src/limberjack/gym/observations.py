@@ -16,6 +16,8 @@ import numpy.typing as npt
 from dm_env import specs
 from gymnasium import spaces
 
+from limberjack.rl.action_specs import open_bounds
+
 __all__ = ["Info", "Observation", "Observations", "Part", "action_space", "specs_of_one_row"]
 
 # A state beyond this has diverged in MuJoCo's terms, so no observation is larger.
@@ -110,9 +112,10 @@ def specs_of_one_row(batched: Mapping[str, specs.Array]) -> dict[str, specs.Arra
 def action_space(spec: specs.BoundedArray) -> spaces.Box:
     """The space of one simulation's actions, float32 as in Gymnasium's MuJoCo environments.
 
-    It lies within the spec: bounds that float32 cannot represent are rounded inward.
+    It lies within the spec: bounds that float32 cannot represent are rounded inward. Where the spec
+    is unlimited, the bounds are infinite, so that Gymnasium samples a normal distribution.
     """
-    low, high = (np.broadcast_to(bound, spec.shape) for bound in (spec.minimum, spec.maximum))
+    low, high = open_bounds(spec)
     least, most = low.astype(np.float32), high.astype(np.float32)
     least = np.where(least < low, np.nextafter(least, np.inf), least)
     most = np.where(most > high, np.nextafter(most, -np.inf), most)

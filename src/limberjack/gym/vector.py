@@ -330,7 +330,8 @@ def load_vector(
       randomize: fields of the model to draw for each episode; see `limberjack.rl.randomize`.
       pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
         `limberjack.rl.pixels`.
-      num_threads: threads that step the rows; by default the cores that this process may use.
+      num_threads: threads that step the rows; by default as many of the available cores as the
+        work of a step can occupy.
       on_divergence: see `suite.load_batch`.
       pipelined: make two halves, for `send` and `recv`.
       kwargs: autoreset_mode, flat, dtype, copy, render_mode, render_kwargs, width, height,

@@ -21,6 +21,7 @@ import numpy as np
 from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.lazy_batch import LazyBatch
 from limberjack.mujoco.leaving import begin, watch
+from limberjack.mujoco.model_values import derived_fields
 from limberjack.mujoco.read_only import ReadOnly
 from limberjack.mujoco.simulation import (
     FORWARD,
@@ -43,6 +44,7 @@ _COMMON = (
     "{} of the model is shared by all rows and read-only: to vary it from row to row, give "
     "environment_kwargs={{'randomize': ...}}, or name it in the task's EPISODE_FIELDS"
 )
+_DERIVED = "{} of the model is read-only: MuJoCo computes it from fields that differ by row"
 
 
 class BatchSimulation(CountsWarnings):
@@ -206,6 +208,8 @@ class BatchSimulation(CountsWarnings):
         model = self._model._model
         if is_structure(name):
             return fixed_field(model, name), False
+        if self.sets_constants and name in derived_fields(lazy.own):
+            return ReadOnly.of(lazy.official.expand(name), _DERIVED.format(name)), True
         field = getattr(model, name)
         is_array = isinstance(field, np.ndarray)
         return ReadOnly.of(field, _COMMON.format(name)) if is_array else field, False

@@ -8,6 +8,7 @@ A view shares the memory of its array, so it always has the current values. Resu
 are ordinary arrays.
 """
 
+from collections.abc import Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -63,14 +64,22 @@ def _plain(value: object) -> object:
 class ReadOnlyStruct:
     """A read-only view of a struct, such as `mujoco.MjOption`."""
 
-    def __init__(self, struct: object, name: str) -> None:
-        """Wraps a struct; `name` is used in messages."""
-        vars(self).update(_struct=struct, _name=name)
+    def __init__(
+        self, struct: object, name: str, own: Mapping[str, np.ndarray] | None = None
+    ) -> None:
+        """Wraps a struct.
+
+        Args:
+          struct: the struct.
+          name: its name, for messages.
+          own: fields that differ per row, (num_envs, ...), which are read in place of the struct's.
+        """
+        vars(self).update(_struct=struct, _name=name, _own=own or {})
 
     def __getattr__(self, name: str) -> Any:  # attributes of the struct
         if name.startswith("_"):  # including those of an object not yet initialised
             raise AttributeError(name)
-        value = getattr(self._struct, name)
+        value = self._own[name] if name in self._own else getattr(self._struct, name)
         if isinstance(value, np.ndarray):
             return ReadOnly.of(value, _COMMON.format(f"{self._name}.{name}"))
         return value

@@ -7,15 +7,27 @@ They have the fields of the official structs, with one row per simulation. They 
 """
 
 import copy
+import functools
 from typing import Any
 
 import mujoco
+import numpy as np
 
 from limberjack.mujoco.read_only import ReadOnlyStruct
 from limberjack.mujoco.simulation import Fields
 from limberjack.mujoco.wrapper.core import MjModel
+from limberjack.mujoco.wrapper.data import moving_object
 
 __all__ = ["RowsData", "RowsModel"]
+
+# Fields with the position and the frame of an object, and the one with its body, by object type.
+_POSES = {
+    mujoco.mjtObj.mjOBJ_BODY.value: ("xipos", "ximat", None),
+    mujoco.mjtObj.mjOBJ_XBODY.value: ("xpos", "xmat", None),
+    mujoco.mjtObj.mjOBJ_GEOM.value: ("geom_xpos", "geom_xmat", "geom_bodyid"),
+    mujoco.mjtObj.mjOBJ_SITE.value: ("site_xpos", "site_xmat", "site_bodyid"),
+    mujoco.mjtObj.mjOBJ_CAMERA.value: ("cam_xpos", "cam_xmat", "cam_bodyid"),
+}
 
 
 class RowsData:
@@ -29,6 +41,11 @@ class RowsData:
     def _data(self) -> "RowsData":
         """This object, in place of the official data that a single simulation's wrapper has."""
         return self
+
+    @functools.cached_property
+    def _one(self) -> mujoco.MjData:
+        """Scratch data for MuJoCo's functions of single simulations."""
+        return mujoco.MjData(self.model._model)
 
     def __getattr__(self, name: str) -> Any:  # Any: fields of the official struct
         if name == "_fields":  # not yet set, as while copying: avoids infinite recursion
@@ -49,6 +66,31 @@ class RowsData:
     def __setattr__(self, name: str, value: object) -> None:
         self._fields.data_field(name)[0][...] = value
 
+    def object_velocity(
+        self, object_id: int | str, object_type: str | int, local_frame: bool = False
+    ) -> np.ndarray:
+        """Velocity of an object, (..., 2, 3): linear in m/s, then angular in rad/s.
+
+        The arguments and errors are those of `MjData.object_velocity`.
+        """
+        kind, number = moving_object(self.model, object_id, object_type)
+        model: mujoco.MjModel = self.model._model
+        position, frame, owner = _POSES[kind]
+        body = number if owner is None else getattr(model, owner)[number]
+        # What MuJoCo's function reads of the data; a formula of NumPy's may round differently.
+        reads = {"cvel": body, "subtree_com": model.body_rootid[body], position: number}
+        one = self._one
+        rows = [
+            (getattr(one, name)[index], getattr(self, name)[..., index, :])
+            for name, index in (reads | {frame: number}).items()
+        ]
+        velocity = np.empty((*self.cvel.shape[:-2], 6))
+        for row in np.ndindex(velocity.shape[:-1]):
+            for place, values in rows:
+                place[...] = values[row]
+            mujoco.mj_objectVelocity(model, one, kind, number, velocity[row], local_frame)
+        return velocity.reshape(*velocity.shape[:-1], 2, 3)[..., ::-1, :]
+
 
 class RowsModel(MjModel):
     """The fields of a batch's MjModel; per-row fields have a leading batch axis."""
@@ -66,7 +108,13 @@ class RowsModel(MjModel):
             return field
         if callable(field):
             raise AttributeError(f"a batch has no model.{name}(...): use physics.named.model")
-        return ReadOnlyStruct(field, name)
+        return ReadOnlyStruct(field, name, self._own_parts(name))
+
+    def _own_parts(self, struct: str) -> dict[str, np.ndarray]:
+        """Per-row fields of a struct of the model, such as the gravity of `opt`."""
+        own = getattr(self._fields, "own_fields", {})
+        parts = ((name.partition("."), values) for name, values in own.items())
+        return {part: values for (whole, _, part), values in parts if whole == struct and part}
 
     def __setattr__(self, name: str, value: object) -> None:
         field = self._fields.model_field(name)[0]

@@ -9,7 +9,7 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
-from limberjack.rl.action_specs import bounded_spec
+from limberjack.rl.action_specs import bounded_spec, bounds_to_try
 from limberjack.rl.control import Environment
 
 __all__ = ["BUILT_IN", "begin", "planner", "planner_with", "random", "zero"]
@@ -26,9 +26,10 @@ def zero(spec: specs.BoundedArray, seed: int) -> Act:
 
 
 def random(spec: specs.BoundedArray, seed: int) -> Act:
-    """Acts uniformly within the bounds, from a stream of the seed's own."""
-    stream = np.random.RandomState([seed, _ACTION_STREAM])
-    return lambda observation: stream.uniform(spec.minimum, spec.maximum, spec.shape)
+    """Acts uniformly within the bounds, or within -1 and 1 where there are none."""
+    stream = np.random.RandomState([seed, _ACTION_STREAM])  # of its own
+    low, high = bounds_to_try(spec)
+    return lambda observation: stream.uniform(low, high, spec.shape)
 
 
 def planner_with(num_threads: int | None) -> EnvironmentPolicy:

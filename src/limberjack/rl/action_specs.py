@@ -16,7 +16,7 @@ from dm_env import specs
 
 from limberjack.rl.contract import Physics, Task
 
-__all__ = ["bounded_spec", "bounds_to_try"]
+__all__ = ["bounded_spec", "bounds_to_try", "open_bounds"]
 
 _WIDEST = 1e9  # larger bounds mean 'unlimited': MuJoCo's own limit is 1e10
 
@@ -46,10 +46,16 @@ def bounded_spec(task: Task, physics: Physics) -> specs.BoundedArray:
     return spec
 
 
+def open_bounds(spec: specs.BoundedArray) -> tuple[np.ndarray, np.ndarray]:
+    """The bounds of the spec, infinite where it is unlimited."""
+    low, high = (np.broadcast_to(bound, spec.shape) for bound in (spec.minimum, spec.maximum))
+    return np.where(low > -_WIDEST, low, -np.inf), np.where(high < _WIDEST, high, np.inf)
+
+
 def bounds_to_try(spec: specs.BoundedArray) -> tuple[np.ndarray, np.ndarray]:
-    """Bounds for trial actions: those of the spec, or -1 and 1 where it is unlimited."""
-    low, high = np.broadcast_to(spec.minimum, spec.shape), np.broadcast_to(spec.maximum, spec.shape)
-    has_low, has_high = abs(low) < _WIDEST, abs(high) < _WIDEST
+    """Bounds for random actions: those of the spec, or -1 and 1 where it is unlimited."""
+    low, high = open_bounds(spec)
+    has_low, has_high = np.isfinite(low), np.isfinite(high)
     lower = np.where(has_low, low, np.minimum(-1.0, np.where(has_high, high - 2.0, -1.0)))
     return lower, np.where(has_high, high, np.maximum(1.0, lower + 2.0))
 

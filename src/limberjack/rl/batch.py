@@ -34,6 +34,7 @@ from limberjack.rl.represented import of_batch, represented
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, bad_rows, origin_of
 from limberjack.rl.streams import Streams
+from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 from limberjack.utils.log import log
@@ -101,6 +102,7 @@ class BatchEnvironment:
         spec = bounded_spec(task, replicas.single)
         self._action_spec = guards.batched_spec(spec, self.num_envs)
         check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
+        self._streams.begin(range(self.num_envs), task, replicas.simulation)
 
     @classmethod
     def from_environment(
@@ -116,7 +118,7 @@ class BatchEnvironment:
         Args:
           env: a single environment, of the suite or with your own batch-safe task.
           num_envs: number of rows.
-          num_threads: number of threads; by default the cores available to this process.
+          num_threads: number of threads; by default as many cores as a step can occupy.
           seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
           on_divergence: see the constructor.
 
@@ -131,9 +133,8 @@ class BatchEnvironment:
         task = copy.copy(env.task)
         if getattr(task, "visualize_reward", False):
             task.visualize_reward = False  # the rows share the colours of materials
-        threads = guards.threads_for(num_threads, num_envs)
         how = env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence
-        replicas = env.physics.replicate(num_envs, threads, fields)
+        replicas = env.physics.replicate(num_envs, threads_for(num_threads, num_envs, env), fields)
         batch = cls(replicas, task, *how, randomizer=env._randomizer, pixels=env.pixels)
         batch._name = env._name
         return batch
@@ -157,6 +158,7 @@ class BatchEnvironment:
             for i, (row, stream) in enumerate(zip(rows.tolist(), streams, strict=True)):
                 if stream is not None and seeds is not None:
                     self._streams.replace(row, stream, seeds[i])
+                    self._streams.begin([row], self._task, self._replicas.simulation)
             self._begin(rows)
             observation = self._observe(is_step=False)
             self._begins[rows] = False
@@ -252,8 +254,7 @@ class BatchEnvironment:
                 self._frames.load(snapshot.frames, rows)
             self._counter.steps[rows] = snapshot.step_count
             bad = bad_rows(self._replicas.physics, rows) & ~snapshot.begins
-            self._begins[rows] = snapshot.begins | bad
-            self.diverged[rows] = bad
+            self._begins[rows], self.diverged[rows] = snapshot.begins | bad, bad
             if arrays.any_of(bad):
                 self._report_divergence()
 
@@ -347,9 +348,8 @@ class BatchEnvironment:
         Raises:
           ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
         """
-        rows = self._rows(rows)
         with self._use:
-            return self._replicas.render_rows(rows, **render_arguments(kwargs))
+            return self._replicas.render_rows(self._rows(rows), **render_arguments(kwargs))
 
     # Any: the domain's own classes.
     @property

@@ -18,7 +18,9 @@ import numpy as np
 __all__ = ["Finding", "explained"]
 
 _ADVICE = (
-    "index with `...`, reduce over axis -1, and write np.maximum and np.where for max() and if"
+    "index with `...`, reduce over axis -1, and write np.maximum and np.where for max() and if: "
+    "x[..., 0] for x[0], arrays.norm(x) of limberjack.utils for np.linalg.norm(x), "
+    "x.all(axis=-1) for all(x), and x for float(x)"
 )
 # Quantities that may be a scalar in a batch, which is broadcast to every row.
 _MAY_BE_ONE = ("the reward", "reward term", "is_success")
@@ -65,7 +67,7 @@ class Finding:
         if found.shape != shape:
             raise ValueError(
                 f"{self.label} of task {self.task} has shape {found.shape} in a batch of "
-                f"{self.num_rows}; expected {shape}: {self._advice()}"
+                f"{self.num_rows}; expected {shape}: {_ADVICE}"
             )
         if self.label.startswith("observation") and found.dtype != expected.dtype:
             raise ValueError(
@@ -81,6 +83,21 @@ class Finding:
                 f"row {self.row} of a batch {self._time()}; expected {expected[index].item()!r}, "
                 f"as in a single simulation in the same state: {self._advice()}"
             )
+
+    def check_measurement(self, found: np.ndarray, expected: np.ndarray) -> None:
+        """Raises ValueError if what a method of the physics measures is certainly wrong.
+
+        A method may return a constant of the model, or arrange an array as it likes. It may not
+        return one value for all rows where they differ, nor wrong numbers.
+
+        Args:
+          found: value in a batch.
+          expected: value in a single simulation in the state of this row.
+        """
+        is_one_for_all = found.shape == expected.shape
+        is_number_per_row = expected.shape == () and found.shape == (self.num_rows,)
+        if is_number_per_row or (is_one_for_all and _differing(found, expected).any()):
+            self.check(found, expected)
 
     def missing(self, others: Sequence[str]) -> ValueError:
         """The error for a quantity that a single simulation has and the batch lacks."""

@@ -5,8 +5,10 @@
 A few rows begin from different starts and take random actions for some steps, in lockstep with
 single simulations in the same states. Observation, reward, its terms, success, termination and
 state of each row are compared with the single simulation's, value by value, and the single
-simulation's model is checked for changes. Everything runs on copies of the task and the physics.
-The task's random stream is reset to the same position before each evaluation on either side.
+simulation's model is checked for changes. So is what the methods of the task's physics return,
+because a sparse reward is 0 for a wrong distance too. Everything runs on copies of the task and the
+physics. The task's random stream is reset to the same position before each evaluation on either
+side.
 
 The check covers only the first steps of an episode.
 """
@@ -22,9 +24,11 @@ from limberjack.mujoco.fields import fields_of_rows
 from limberjack.mujoco.replicas import Replicas
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch_errors import Finding, explained
+from limberjack.rl.batch_measurements import MEASUREMENT, measurements_of
 from limberjack.rl.contract import Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.utils import arrays
 from limberjack.utils.suggest import did_you_mean
 
@@ -128,9 +132,11 @@ class _Trial:
         self._fields = tuple(saved_fields)
         self._name = type(task).__name__
         self._task: Task = _copied(task)
+        self._measured = [measurements_of(each) for each in (self._rows.single, self._rows.physics)]
         self._stream = np.random.RandomState(0)
         self._stream_state = self._stream.get_state()
-        self._kept: set[str] = set()  # task attributes that are set at the start of an episode
+        self._starts: list[Mapping[str, object]] = []  # the task's attributes after each start
+        self._kept: set[str] = set()  # those that differ between starts
         whole = model_values.checksums(self._rows.single.model._model)
         model = self._rows.single.model._model
         candidates = whole.keys() - set(saved_fields)
@@ -150,16 +156,18 @@ class _Trial:
         """
         task, rows = self._task, self._rows
         stream = np.random.RandomState(row)
+        task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
+        set_stream_fields(task, stream, rows.simulation, row)
         if randomizer is not None:
             rows.simulation.set_fields(randomizer.draw(stream_beside(stream)), row)
-        task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
-        before = vars(_copied(task))
         with rows.episode(row) as one:
             values = self._values(one)
             task.initialize_episode(one)  # pyright: ignore[reportArgumentType]
             self._check_model(one, values, "as an episode begins")
-        self._kept |= _changed(before, vars(task))
         alone = _copied(task)
+        for other in self._starts:
+            self._kept |= _changed(other, vars(alone))
+        self._starts.append(vars(_copied(task)))
         try:
             one.after_reset()
             yield _copies(self._seen(alone, one, is_step=False))
@@ -217,6 +225,8 @@ class _Trial:
         of = (self._name, self._num_rows)
         read: Physics = physics  # pyright: ignore[reportAssignmentType] (implements both)
         is_batch = expected is not None
+        measured = self._measured[is_batch]
+        measured.clear()
         seen = self._state(physics, is_batch)
         if is_step:
             self._rewind(task)
@@ -236,6 +246,7 @@ class _Trial:
             with explained("get_termination", *of, is_batch):
                 ending = task.get_termination(read)
             seen["get_termination"] = np.nan if ending is None else ending
+        seen = measured | seen  # first, as the cause of differences in the others
         return {name: np.asarray(value) for name, value in seen.items()}
 
     def _state(self, physics: SimulatedPhysics, is_batch: bool) -> dict[str, object]:
@@ -251,11 +262,15 @@ class _Trial:
         """Raises ValueError if a row differs from its single simulation."""
         for label, value in expected.items():
             finding = Finding(label, self._name, row, step, self._num_rows, sorted(self._kept))
+            if label.startswith(MEASUREMENT):
+                if label in found:
+                    finding.check_measurement(found[label], value)
+                continue
             if label not in found:
                 raise finding.missing(sorted(found))
             finding.check(found[label], value)
         for label in found:
-            if label not in expected:
+            if label not in expected and not label.startswith(MEASUREMENT):
                 finding = Finding(label, self._name, row, step, self._num_rows, [])
                 raise finding.surplus()
 
@@ -313,7 +328,7 @@ def _copies(record: _Record) -> _Record:
 
 
 def _changed(before: Mapping[str, object], after: Mapping[str, object]) -> set[str]:
-    """The attributes set by a start, other than the random stream."""
+    """The attributes that differ between two starts, other than the random stream."""
     names = (before.keys() | after.keys()) - {"_random"}
     return {name for name in names if not _is_same(before.get(name), after.get(name))}
 

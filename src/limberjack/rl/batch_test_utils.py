@@ -14,6 +14,7 @@ from typing import Any
 import dm_env
 import numpy as np
 
+from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
 
 __all__ = ["BatchEnvironmentTestMixin"]
@@ -42,7 +43,7 @@ class BatchEnvironmentTestMixin:
         """Actions for `num_steps` steps, by default random within the bounds."""
         random = np.random.RandomState(self.seed)
         spec = batch.action_spec()
-        low, high = np.maximum(spec.minimum, -1e3), np.minimum(spec.maximum, 1e3)
+        low, high = bounds_to_try(spec)
         for _ in range(self.num_steps):
             yield random.uniform(low, high, spec.shape).astype(spec.dtype)
 

@@ -167,6 +167,17 @@ class Task(abc.ABC, Generic[_Physics]):
     # The stream from which episodes are drawn; a batch sets each row's stream in turn.
     _random: np.random.RandomState
 
+    def begin_stream(self, random: np.random.RandomState) -> Mapping[str, np.ndarray]:
+        """Model fields that belong to a random stream, by name; by default none.
+
+        Called once for each stream, before its first episode. The fields must be declared in
+        EPISODE_FIELDS. Constants that MuJoCo derives from them are not recomputed.
+
+        Args:
+          random: the stream, from which the values may be drawn.
+        """
+        return {}
+
     @abc.abstractmethod
     def initialize_episode(self, physics: _Physics) -> None:
         """Sets an episode's initial state, within `physics.reset_context()`."""

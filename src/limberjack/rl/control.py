@@ -35,6 +35,7 @@ from limberjack.rl.randomize import Draw, Randomizer, stream_beside
 from limberjack.rl.represented import of_environment, represented
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, origin_of
+from limberjack.rl.stream_fields import check_not_randomized, set_stream_fields
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
@@ -93,7 +94,8 @@ class Environment(dm_env.Environment):
 
         Raises:
           ValueError: both `control_timestep` and `n_sub_steps` are given, or one of the numbers
-            is NaN, zero, negative or not a multiple; or there is no such camera.
+            is NaN, zero, negative or not a multiple; or there is no such camera; or `randomize`
+            names a field that the task draws itself for each seed.
           TypeError: `pixels` has an unknown option.
         """
         if n_sub_steps is not None and control_timestep is not None:
@@ -103,8 +105,7 @@ class Environment(dm_env.Environment):
             )
         if not isinstance(time_limit, numbers.Real) or not time_limit > 0:  # also NaN
             raise ValueError(f"time_limit is {time_limit!r}; expected a positive number of seconds")
-        self._task = task
-        self._physics = physics
+        self._task, self._physics = task, physics
         self._flat_observation = flat_observation
         if n_sub_steps is not None:
             self._n_sub_steps = at_least_one("n_sub_steps", n_sub_steps)
@@ -120,10 +121,10 @@ class Environment(dm_env.Environment):
         self._reset_next_step = True
         if randomize:
             self._randomizer = Randomizer(randomize, self._simulated)
+            check_not_randomized(task, self._randomizer.fields)
         self._frames = Frames.of(pixels, self._simulated)
         self.reward_terms: dict[str, Quantity] = {}  # of the last step, by name
-        # Values drawn for this episode, by field.
-        self.randomization: dict[str, np.ndarray] = {}
+        self.randomization: dict[str, np.ndarray] = {}  # drawn for this episode, by field
 
     def reset(self) -> dm_env.TimeStep:
         """Begins an episode and returns its first `TimeStep`."""
@@ -234,8 +235,9 @@ class Environment(dm_env.Environment):
 
     def reseed(self, seed: int) -> None:
         """Makes the next episode the first one of an environment with `random=seed`."""
-        self._task._random = np.random.RandomState(seed)
-        self._seeded = self._task._random, seed
+        stream = np.random.RandomState(seed)
+        set_stream_fields(self._task, stream, self._simulated.simulation)
+        self._task._random, self._seeded = stream, (stream, seed)
 
     def snapshot(self) -> Snapshot:
         """Everything that the environment's future depends on; see `limberjack.rl.snapshot`."""

@@ -10,7 +10,6 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl.actions import as_numbers, not_finite
-from limberjack.utils.cores import usable_cores
 from limberjack.utils.seeds import checked_seed
 
 __all__ = [
@@ -22,7 +21,6 @@ __all__ = [
     "check_memory",
     "raises_on_divergence",
     "streams_of_seeds",
-    "threads_for",
 ]
 
 _STREAM_BYTES = 2_500  # size of a RandomState, with 624 numbers of 4 bytes; each row has two
@@ -104,16 +102,6 @@ def at_least_one(name: str, value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f"{name} is {value!r}; expected a whole number of at least 1")
     return int(value)
-
-
-def threads_for(num_threads: int | None, num_envs: int) -> int:
-    """The number of threads that step the rows: at most one for each; all usable cores for None.
-
-    Raises:
-      ValueError: it is not a whole number of at least 1.
-    """
-    threads = usable_cores() if num_threads is None else num_threads
-    return min(at_least_one("num_threads", threads), num_envs)
 
 
 def check_memory(num_envs: int, row: Iterable[np.ndarray]) -> None:

@@ -7,11 +7,14 @@
 A row's draws do not depend on the other rows.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from limberjack.rl.contract import Simulation, Task
 from limberjack.rl.randomize import stream_beside
+from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.utils.seeds import checked_seed
 
 __all__ = ["States", "Streams"]
@@ -40,6 +43,16 @@ class Streams:
         self.seeds[row] = seed
         self.own[row] = stream
         self.beside[row] = stream_beside(stream)
+
+    def begin(self, rows: Iterable[int], task: Task, simulation: Simulation) -> None:
+        """Draws and sets the model fields that belong to the new streams of rows.
+
+        Raises:
+          ValueError: see `set_stream_fields`.
+        """
+        for row in rows:
+            if set_stream_fields(task, self.own[row], simulation, row):
+                self.beside[row] = stream_beside(self.own[row])
 
     def save(self, rows: np.ndarray, with_beside: bool) -> list[States]:
         """States of rows' streams: of `own`, or of `own` and `beside`."""

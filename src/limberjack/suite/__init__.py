@@ -173,7 +173,8 @@ def load_batch(
       domain_name: such as 'humanoid'.
       task_name: such as 'walk'.
       num_envs: number of rows.
-      num_threads: number of threads; by default the cores available to this process.
+      num_threads: number of threads; by default as many of the available cores as the work of a
+        step can occupy.
       seed: row i equals `load` with `{'random': seed + i}`; None for an arbitrary seed.
       task_kwargs: as for `load`, without 'random'.
       environment_kwargs: as for `load`.

@@ -4,13 +4,21 @@
     moving = locomotion.speed(physics.speed(), at_least=10)
 
 Each is between 0 and 1, (...), and takes quantities of one simulation or of a batch.
+`forward_speed` reads the sensor that planar bodies share.
 """
 
 import numpy as np
 
+from limberjack import mujoco
 from limberjack.utils import arrays, rewards
 
-__all__ = ["low_effort", "speed", "upright"]
+__all__ = ["forward_speed", "low_effort", "speed", "upright"]
+
+
+def forward_speed(physics: mujoco.Physics) -> arrays.Quantity:
+    """Velocity of the body's centre of mass along x, (...), metres per second."""
+    # `[..., 0]` would give an array, not a number, for one simulation.
+    return physics.named.data.sensordata["torso_subtreelinvel"].T[0]
 
 
 def upright(cosine: arrays.Quantity, at_least: float) -> arrays.Quantity:

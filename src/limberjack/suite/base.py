@@ -56,7 +56,8 @@ class Task(control.Task[_Physics]):
     A domain specifies its own physics, `class Humanoid(base.Task[Physics])`, and annotates with it.
     """
 
-    # Model fields that `initialize_episode` sets, of which each row of a batch has its own copy.
+    # Model fields that `initialize_episode` or `begin_stream` sets. Each row of a batch has its own
+    # copy of them.
     EPISODE_FIELDS: tuple[str, ...] = ()
     # The reward terms that define the goal; the others shape the behaviour.
     GOAL: tuple[str, ...] = ()
@@ -135,12 +136,12 @@ class Task(control.Task[_Physics]):
     def reward_terms(self, physics: _Physics) -> dict[str, Quantity]:
         """Terms of the reward by name, each between 0 and 1, (...)."""
         raise NotImplementedError(
-            f"{type(self).__name__} defines neither get_reward nor reward_terms and reward_of"
+            f"{type(self).__name__} defines neither get_reward nor reward_terms"
         )
 
     def reward_of(self, terms: dict[str, Quantity]) -> Quantity:
-        """The reward computed from its terms, (...)."""
-        raise NotImplementedError(f"{type(self).__name__} does not define reward_of")
+        """The reward computed from its terms, (...); unless overridden, their product in order."""
+        return functools.reduce(lambda product, term: product * term, terms.values())
 
     def is_success(self, terms: dict[str, Quantity]) -> Quantity:
         """Whether the goal is currently reached, (...) booleans: all of its terms are nearly 1."""

@@ -6,6 +6,7 @@ head, an upright torso, low effort and horizontal speed. The model is that of Ta
 """
 
 import collections
+from typing import ClassVar
 
 import numpy as np
 
@@ -42,7 +43,6 @@ _FALL_TIME = 1.0  # seconds; without control, every humanoid is on the ground af
 _UP_HEIGHT = 0.7  # metres; half the head height at which standing is fully rewarded
 _FACING = 0.5  # cosine of 60 degrees
 _PLANNED_WALK = 2.0  # metres per second; the planner has a separate cost for faster tasks
-_LIMBS = ["left_hand", "left_foot", "right_hand", "right_foot"]
 
 SUITE = containers.TaggedTasks()
 # Chosen by eye: starts in which the whole body is visible.
@@ -128,36 +128,45 @@ def _environment(
 
 
 class Physics(mujoco.Physics):
-    """Measurements of the humanoid."""
+    """Measurements of the humanoid; `humanoid_CMU` names the parts of its own body."""
+
+    _TORSO = "torso"
+    _UP, _FRONT = "zz", "zx"  # vertical components of the torso's axes: to the head, and ahead
+    _LIMBS: ClassVar = ["left_hand", "left_foot", "right_hand", "right_foot"]
 
     def torso_upright(self) -> arrays.Quantity:
         """Cosine of the torso's tilt, (...): 1 upright, -1 head down."""
-        return self.named.data.xmat["torso", "zz"]
+        return self.named.data.xmat[self._TORSO, self._UP]
+
+    def facing_up(self) -> arrays.Quantity:
+        """Vertical component of the torso's forward axis, (...): 1 on its back, -1 on its front."""
+        return self.named.data.xmat[self._TORSO, self._FRONT]
 
     def head_height(self) -> arrays.Quantity:
         """Height of the head, (...), metres."""
         return self.named.data.xpos["head", "z"]
 
     def center_of_mass_position(self) -> np.ndarray:
-        """Position of the whole body's centre of mass, (..., 3), metres."""
-        return self.named.data.subtree_com["torso"].copy()
+        """Centre of mass of the torso and everything attached to it, (..., 3), metres."""
+        return self.named.data.subtree_com[self._TORSO].copy()
 
     def center_of_mass_velocity(self) -> np.ndarray:
-        """Velocity of the whole body's centre of mass, (..., 3), metres per second."""
-        return self.named.data.sensordata["torso_subtreelinvel"].copy()
+        """Velocity of `center_of_mass_position`, (..., 3), metres per second."""
+        return self.named.data.sensordata[f"{self._TORSO}_subtreelinvel"].copy()
 
     def torso_vertical_orientation(self) -> np.ndarray:
         """The world's vertical axis in the torso frame, (..., 3)."""
-        return self.named.data.xmat["torso", ["zx", "zy", "zz"]]
+        return self.named.data.xmat[self._TORSO, ["zx", "zy", "zz"]]
 
     def joint_angles(self) -> np.ndarray:
-        """Angles of the hinges, (..., 21), radians: all positions except the root's."""
+        """Angles of the hinges, (..., k), radians: all positions except the root's."""
         return self.data.qpos[..., _ROOT_POSITIONS:].copy()
 
     def extremities(self) -> np.ndarray:
         """Hands and feet in the torso frame, (..., 12), metres: left hand and foot, then right."""
         xpos, xmat = self.named.data.xpos, self.named.data.xmat
-        limbs = arrays.to_frame(xpos[_LIMBS] - xpos["torso"][..., None, :], xmat["torso"])
+        from_torso = xpos[self._LIMBS] - xpos[self._TORSO][..., None, :]
+        limbs = arrays.to_frame(from_torso, xmat[self._TORSO])
         return limbs.reshape(*limbs.shape[:-2], -1)
 
 
@@ -194,7 +203,7 @@ class Humanoid(base.Task[Physics]):
         fall.step(round(_FALL_TIME / fall.timestep()))
         if fall.head_height() >= _UP_HEIGHT:
             return "up"
-        front = fall.named.data.xmat["torso", "zx"]  # the front's vertical component
+        front = fall.facing_up()
         if abs(front) < _FACING:
             return "on_side"
         return "face_up" if front > 0 else "face_down"

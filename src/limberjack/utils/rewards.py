@@ -27,6 +27,7 @@ _DEFAULT_VALUE_AT_MARGIN = 0.1
 _ZERO = np.zeros(())
 _ONE = np.ones(())
 _NUMBERS = (float, int, np.generic)
+_BOOLEANS = (bool, np.bool_)
 
 # Any: a number or an array, distinguished by the type of a comparison's result; see the overloads.
 _Bound = Any
@@ -94,7 +95,7 @@ def tolerance(
     # arrays.
     if (lower > upper) is not False or (margin < 0) is not False:
         _check_order(lower, upper, margin)
-        if not all(isinstance(bound, _NUMBERS) for bound in (lower, upper, margin)):
+        if not _are_numbers(lower, upper, margin):
             return _of_arrays(x, lower, upper, margin, *_sigmoid(sigmoid, value_at_margin))
     curve, scale = _sigmoid(sigmoid, value_at_margin) if margin != 0 else (_outside, 0.0)
     if isinstance(x, float):  # fast path without arrays
@@ -137,8 +138,16 @@ def _check_order(lower: Quantity, upper: Quantity, margin: Quantity) -> None:
         (lower > upper, "Lower bound must be <= upper bound."),
         (margin < 0, "`margin` must be non-negative."),
     ):
-        if isinstance(is_wrong, bool | np.bool_ | np.ndarray) and np.any(is_wrong):
+        if isinstance(is_wrong, np.ndarray):
+            is_wrong = arrays.any_of(is_wrong)
+        if isinstance(is_wrong, _BOOLEANS) and is_wrong:
             raise ValueError(message)
+
+
+def _are_numbers(lower: Quantity, upper: Quantity, margin: Quantity) -> bool:
+    """Whether bounds and margin are Python's or NumPy's numbers; faster than a loop."""
+    numbers = isinstance(lower, _NUMBERS) and isinstance(upper, _NUMBERS)
+    return numbers and isinstance(margin, _NUMBERS)
 
 
 def _with_masks(
@@ -176,7 +185,7 @@ def _distance(x: np.ndarray, lower: float, upper: float) -> np.ndarray:
 
 def _outside(distance: Quantity, scale: float) -> Quantity:
     """The value outside the bounds where there is no margin."""
-    return np.zeros_like(distance, dtype=float)
+    return 0.0 if isinstance(distance, float) else np.zeros_like(distance, dtype=float)
 
 
 def _square(x: Quantity) -> Quantity:

@@ -16,7 +16,7 @@ import numpy as np
 
 from limberjack.mujoco.wrapper.model import MjModel, object_type_number
 
-__all__ = ["MjData"]
+__all__ = ["MjData", "moving_object"]
 
 # Object types with a velocity, and the sizes that count them.
 _COUNT_OF_MOVING = {
@@ -26,6 +26,30 @@ _COUNT_OF_MOVING = {
     mujoco.mjtObj.mjOBJ_SITE.value: "nsite",
     mujoco.mjtObj.mjOBJ_CAMERA.value: "ncam",
 }
+
+
+def moving_object(model: MjModel, object_id: int | str, object_type: int | str) -> tuple[int, int]:
+    """Type and number of an object that has a velocity.
+
+    Raises:
+      ValueError: objects of that type have no velocity, or there is no such name or number.
+    """
+    kind = object_type_number(object_type)
+    if kind not in _COUNT_OF_MOVING:
+        raise ValueError(
+            f"objects of type {object_type!r} have no velocity; expected 'body', 'xbody', "
+            "'geom', 'site' or 'camera'"
+        )
+    if isinstance(object_id, str):
+        object_id = model.name2id(object_id, kind)
+    number = operator.index(object_id)
+    count = getattr(model._model, _COUNT_OF_MOVING[kind])
+    if not 0 <= number < count:  # MuJoCo would read out of bounds
+        raise ValueError(
+            f"object_id is {number}; expected a name, or a number from 0: the model has "
+            f"{count} objects of type {object_type!r}"
+        )
+    return kind, number
 
 
 class MjData:
@@ -120,21 +144,7 @@ class MjData:
         Raises:
           ValueError: objects of that type have no velocity, or there is no such name or number.
         """
-        kind = object_type_number(object_type)
-        if kind not in _COUNT_OF_MOVING:
-            raise ValueError(
-                f"objects of type {object_type!r} have no velocity; expected 'body', 'xbody', "
-                "'geom', 'site' or 'camera'"
-            )
-        if isinstance(object_id, str):
-            object_id = self._model.name2id(object_id, kind)
-        number = operator.index(object_id)
-        count = getattr(self._model._model, _COUNT_OF_MOVING[kind])
-        if not 0 <= number < count:  # MuJoCo would read out of bounds
-            raise ValueError(
-                f"object_id is {number}; expected a name, or a number from 0: the model has "
-                f"{count} objects of type {object_type!r}"
-            )
+        kind, number = moving_object(self._model, object_id, object_type)
         velocity = np.empty(6)
         mujoco.mj_objectVelocity(
             self._model._model, self._data, kind, number, velocity, local_frame

@@ -1,0 +1,294 @@
+"""Speed, memory and size of all tasks of the suite in one table, with the bars of its classes.
+
+    python benchmarks/suite_speed.py [--quick] [--only SECTION]... [--peers DIR] [--json FILE]
+
+Sections: one environment against dm_control; a batch against MuJoCo's own, and a vector environment
+against EnvPool, each by number of rows; loads; the memory of all tasks loaded in one process; the
+length of the domains' files. `classes.py` divides the tasks into heavy ones and toys. The exit
+status is 1 if a bar is missed.
+"""
+
+import dataclasses
+import enum
+import statistics
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import batch_costs
+import batch_peers
+import fresh
+import starting
+import stepping
+import typer
+from batch_stepping import kept_to
+from classes import is_heavy
+from report import Bar, Row, all_met, at_least, at_most, print_table, spread, summary, write_json
+
+from limberjack import bench, suite
+
+__all__ = ["Section", "main", "megabytes_of_all"]
+
+# Over a bare `mujoco.batch.Batch`, by number of rows.
+_HEAVY = {64: at_least(0.90), 256: at_least(0.94), 1024: at_least(0.95)}
+_TOY = {64: at_least(0.65), 256: at_least(0.80), 1024: at_least(0.90)}
+_PEER_SIZES = (256, 1024)
+_PEER = at_least(1.0)  # on each heavy task, with threads of both free to use all cores
+_PEER_MEAN = at_least(1.25)  # the geometric mean of the heavy tasks
+_PEER_TOY = at_least(0.85)  # of the ratio of the bare batch to EnvPool
+_DOG = ("dog", "run")  # the largest model
+_DOG_LOAD = at_most(150)  # milliseconds
+_MEMORY = at_most(800)  # megabytes
+_LINES = at_most(2_000)
+_OLD_DOMAINS = ("humanoid", "manipulator", "stacker")  # which are not part of the bar on lines
+
+_Task = tuple[str, str]
+
+
+class Section(enum.StrEnum):
+    """A part of the table."""
+
+    SINGLE = "single"
+    BATCH = "batch"
+    PEER = "peer"
+    LOAD = "load"
+    MEMORY = "memory"
+    SIZE = "size"
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+    """The amount of work."""
+
+    tasks: int  # the first so many
+    episodes: int  # of each task, one environment
+    steps: int  # of each episode
+    sizes: tuple[int, ...]  # numbers of rows
+    seconds: float  # of each comparison
+    rounds: int  # of each comparison, at least
+    loads: int  # of each task
+
+
+_FULL = Effort(51, 4, 1_000, (64, 256, 1024), 1.5, 8, 7)
+_QUICK = Effort(1, 1, 10, (64,), 0.01, 2, 1)
+
+
+def _measure_batch(tasks: Sequence[_Task], effort: Effort, num_threads: int) -> list[Row]:
+    """A batch of each task beside a bare `mujoco.batch.Batch` that keeps its simulations."""
+    rows = []
+    for size in effort.sizes:
+        for task in tasks:
+            _say(f"  {':'.join(task)}, N={size}")
+            bar = (_HEAVY if is_heavy(*task) else _TOY)[size]
+            taken = _taken(task, size, num_threads, effort)
+            if not bar.is_met_by(_ratio(taken, "bare", "ours")):  # once more, under another load
+                again = _taken(task, size, num_threads, effort)
+                taken = {name: taken[name] + again[name] for name in taken}
+            rows.append(_row("batch / bare Batch", task, size, taken, "bare", bar))
+    return rows
+
+
+def _taken(task: _Task, size: int, num_threads: int, effort: Effort) -> dict[str, list[float]]:
+    with bench.Contest(*task, size, num_threads) as contest:
+        players: dict[str, bench.Player] = {"bare": contest.persistent_physics}
+        players |= {"ours": contest.batch, "vector": contest.vector}
+        return bench.take_turns(players, contest.actions, effort.seconds, effort.rounds)
+
+
+def _measure_peer(
+    tasks: Sequence[_Task], effort: Effort, num_threads: int, folder: Path, versions: dict[str, str]
+) -> list[Row]:
+    """A vector environment of each task beside EnvPool, and a bare batch beside both."""
+    free, bound = [], []
+    for size in [size for size in _PEER_SIZES if size in effort.sizes] or effort.sizes:
+        for task in tasks:
+            _say(f"  EnvPool, {':'.join(task)}, N={size}")
+            taken = _beside_peer(task, size, num_threads, effort, folder, versions)
+            bar = _PEER if is_heavy(*task) else None
+            free.append(_row("vector / EnvPool", task, size, taken, "peer", bar, "vector"))
+            if bar is None:
+                free.append(_toy_row(task, size, taken))
+            with kept_to(num_threads):
+                taken = _beside_peer(task, size, num_threads, effort, folder, versions)
+            bound.append(_row("vector / EnvPool, bound", task, size, taken, "peer", None, "vector"))
+        heavy = [row for row in free if row.bar is _PEER and row.subject.endswith(f"N={size}")]
+        if heavy:
+            mean = statistics.geometric_mean([row.value for row in heavy if row.value])
+            subject = f"geometric mean, heavy, N={size}"
+            free.append(Row("vector / EnvPool", subject, None, None, "/s", mean, bar=_PEER_MEAN))
+    return [*sorted(free, key=lambda row: row.measure), *bound]
+
+
+def _beside_peer(
+    task: _Task,
+    size: int,
+    num_threads: int,
+    effort: Effort,
+    folder: Path,
+    versions: dict[str, str],
+) -> dict[str, list[float]]:
+    with (
+        bench.Contest(*task, size, num_threads) as contest,
+        batch_peers.Peer(batch_peers.ENVPOOL, folder, *task, size, num_threads) as peer,
+    ):
+        versions[peer.name] = f"MuJoCo {peer.mujoco}"
+        players: dict[str, bench.Player] = {"bare": contest.persistent_physics}
+        # The batch only for the check that what is timed does the same steps.
+        players |= {"ours": contest.batch, "vector": contest.vector, "peer": peer.play}
+        return bench.take_turns(players, contest.actions, effort.seconds, effort.rounds)
+
+
+def _row(
+    measure: str,
+    task: _Task,
+    size: int,
+    taken: dict[str, list[float]],
+    theirs: str,
+    bar: Bar | None,
+    ours: str = "ours",
+) -> Row:
+    ratios = [b / a for a, b in zip(taken[ours], taken[theirs], strict=True)]
+    added = [a - b for a, b in zip(taken[ours], taken["bare"], strict=True)]
+    details = {"ratio": spread(ratios), "added_us": 1e6 * statistics.median(added)}
+    details["class"] = "heavy" if is_heavy(*task) else "toy"
+    return Row(
+        measure=measure,
+        subject=_subject(task, size),
+        ours=size / statistics.median(taken[ours]),
+        theirs=size / statistics.median(taken[theirs]),
+        unit="/s",
+        value=statistics.median(ratios),
+        bar=bar,
+        details=details,
+    )
+
+
+def _toy_row(task: _Task, size: int, taken: dict[str, list[float]]) -> Row:
+    """The share of what the physics alone would reach against EnvPool."""
+    physics = _ratio(taken, "peer", "bare")
+    return Row(
+        measure="of bare Batch / EnvPool",
+        subject=_subject(task, size),
+        ours=_ratio(taken, "peer", "vector"),
+        theirs=physics,
+        unit="",
+        value=_ratio(taken, "peer", "vector") / physics,
+        bar=_PEER_TOY,
+    )
+
+
+def _ratio(taken: dict[str, list[float]], theirs: str, ours: str) -> float:
+    return statistics.median(b / a for a, b in zip(taken[ours], taken[theirs], strict=True))
+
+
+def _subject(task: _Task, size: int) -> str:
+    return f"{':'.join(task)}, N={size}"
+
+
+def megabytes_of_all() -> float:
+    """Peak memory of this process once every task is loaded and has begun an episode."""
+    import resource  # here, as only Unix has it
+
+    environments = [suite.load(domain, task) for domain, task in suite.ALL_TASKS]
+    for environment in environments:
+        environment.reset()
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def _dog_row(rows: Sequence[Row]) -> Row:
+    (load,) = [r for r in rows if r.measure == "load / compile" and r.subject == ":".join(_DOG)]
+    return Row("load", load.subject, load.ours, load.theirs, "ms", load.ours, "ms", _DOG_LOAD)
+
+
+def _memory_row() -> Row:
+    taken = fresh.call("suite_speed", "megabytes_of_all")
+    return Row("memory", "all tasks loaded", taken, None, "MB", taken, "MB", _MEMORY)
+
+
+def _size_rows() -> list[Row]:
+    folder = Path(suite.__file__).parent
+    names = [name for name in suite.TASKS_BY_DOMAIN if name not in _OLD_DOMAINS]
+    rows = []
+    for ending, more in ((".py", ["lqr_solver"]), (".xml", [])):
+        files = [folder / f"{name}{ending}" for name in [*names, *more]]
+        lines = sum(file.read_text(encoding="utf-8").count("\n") for file in files if file.exists())
+        rows.append(Row("lines", f"*{ending}", lines, None, "", lines, bar=_LINES))
+    return rows
+
+
+def _say(line: str) -> None:
+    typer.echo(line, err=True)
+
+
+def _measure(
+    section: Section,
+    effort: Effort,
+    num_threads: int,
+    folder: Path | None,
+    versions: dict[str, str],
+) -> list[Row]:
+    tasks = suite.ALL_TASKS[: effort.tasks]
+    match section:
+        case Section.SINGLE:
+            rows = stepping.measure(effort.episodes, effort.steps)
+            return [row for row in rows if row.measure == "steps per second"]
+        case Section.BATCH:
+            return _measure_batch(tasks, effort, num_threads)
+        case Section.PEER:
+            envpool = folder and batch_peers.install(batch_peers.ENVPOOL, folder)
+            if envpool is None:
+                _say("EnvPool is not installed: comparisons with it are not measured")
+                return []
+            return _measure_peer(tasks, effort, num_threads, envpool, versions)
+        case Section.LOAD:
+            rows = starting.measure_loads(effort.loads, 0, 0)
+            rows += [_dog_row(rows)] if (_DOG in suite.ALL_TASKS) else []
+            return sorted(rows, key=lambda row: row.measure)
+        case Section.MEMORY:
+            return [_memory_row()]
+        case Section.SIZE:
+            return _size_rows()
+
+
+def main(
+    only: Annotated[
+        list[Section] | None, typer.Option(help="Measure this section; may be given repeatedly.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
+    ] = False,
+    peers: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where other packages are installed, kept.")
+    ] = None,
+    without_peers: Annotated[
+        bool, typer.Option("--without-peers", help="Install and compare with nothing.")
+    ] = False,
+    threads: Annotated[
+        int | None, typer.Option(min=1, help="Of everything; by default the cores now free.")
+    ] = None,
+    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+) -> None:
+    """Measure the whole suite and print each bar and whether it is met."""
+    effort = _QUICK if quick else _FULL
+    num_threads = threads or batch_costs.free_cores()
+    rows: list[Row] = []
+    versions: dict[str, str] = {}
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = None if without_peers else peers or Path(temporary)
+        for section in only or list(Section):
+            _say(f"measuring: {section}, {num_threads} threads")
+            rows += _measure(section, effort, num_threads, folder, versions)
+            if json is not None:  # after each section, as it takes long
+                settings: dict[str, Any] = {"quick": quick, "threads": num_threads}
+                write_json(
+                    json, rows, {**settings, **dataclasses.asdict(effort), "peers": versions}
+                )
+    print_table(rows, "compared")
+    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
+    sys.exit(not quick and not all_met(rows))
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,51 @@
+"""`measurements_of`: what the methods of a task's physics return, recorded as they are called.
+
+    measured = measurements_of(physics)
+    task.get_reward(physics)
+    measured            # {"physics.finger_to_target_dist()": 0.21, ...}
+
+Only methods that the physics adds to `mujoco.Physics` are recorded, and only numbers and arrays.
+"""
+
+import functools
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from limberjack import mujoco
+
+__all__ = ["MEASUREMENT", "measurements_of"]
+
+MEASUREMENT = "physics."  # every label begins with it
+
+
+def measurements_of(physics: Any) -> dict[str, np.ndarray]:
+    """A dictionary that each later call of a method adds its result to.
+
+    Args:
+      physics: a `mujoco.Physics`, whose methods are replaced by recording ones.
+    """
+    measured: dict[str, np.ndarray] = {}
+    for name, _ in inspect.getmembers(type(physics), inspect.isfunction):
+        if not hasattr(mujoco.Physics, name):
+            vars(physics)[name] = _recording(name, getattr(physics, name), measured)
+    return measured
+
+
+def _recording(
+    name: str, method: Callable[..., Any], measured: dict[str, np.ndarray]
+) -> Callable[..., Any]:
+    @functools.wraps(method)
+    def call(*args: Any, **kwargs: Any) -> Any:
+        value = method(*args, **kwargs)
+        if isinstance(value, np.ndarray | np.number | np.bool | float | int):
+            label, number = f"{MEASUREMENT}{name}()", 1
+            while label in measured:
+                number += 1
+                label = f"{MEASUREMENT}{name}(), call {number},"
+            measured[label] = np.array(value)  # a copy: it may be a view of live memory
+        return value
+
+    return call

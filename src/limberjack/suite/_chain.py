@@ -1,0 +1,54 @@
+"""Models that are chains of bodies, each nested in the one before.
+
+    <body name="pole_{i}" pos="0 0 1"> <joint name="hinge_{i}"/> </body>
+
+In a model's file such an element is a template; `repeat` replaces it by a chain or a sequence.
+"""
+
+import copy
+from collections.abc import Iterable
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+__all__ = ["checked_length", "repeat"]
+
+_LONGEST = 480  # links; MuJoCo's parser refuses XML that is nested 500 elements deep
+
+
+def repeat(parent: Element, indices: Iterable[int], **values: object) -> None:
+    """Replaces the templates among the children of an element by numbered copies, in place.
+
+    Copies of a body are nested, copies of other elements follow each other. In the attributes,
+    '{i}' becomes the index, '{next}' the index after it, and names of `values` their values.
+    """
+    templates = [child for child in parent if "{i}" in child.get("name", "")]
+    for template in templates:
+        parent.remove(template)
+    end = parent
+    for i in indices:
+        for template in templates:
+            link = copy.deepcopy(template)
+            for element in link.iter():
+                for name, text in element.items():
+                    element.set(name, text.format(i=i, next=i + 1, **values))
+            if link.tag == "body":
+                end.append(link)
+                end = link
+            else:
+                parent.append(link)
+
+
+def checked_length(
+    name: str, value: object, shortest: int = 1, wrong_kind: type[Exception] = ValueError
+) -> int:
+    """`value` as a number of links.
+
+    Raises:
+      ValueError: it is out of range, or not a whole number; `wrong_kind` for the latter if given.
+    """
+    is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if is_whole and shortest <= value <= _LONGEST:
+        return int(value)
+    message = f"{name} is {value!r}; expected a whole number from {shortest} to {_LONGEST}"
+    raise (ValueError if is_whole else wrong_kind)(message)

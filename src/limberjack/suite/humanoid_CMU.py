@@ -1,0 +1,100 @@
+"""Humanoid of CMU's motion capture data: stand up, walk or run, with 56 torques.
+
+The tasks are those of `limberjack.suite.humanoid` with another body, from the DeepMind Control
+Suite (https://arxiv.org/abs/1801.00690). Its thorax, where the torso is, has y up and z ahead.
+"""
+
+from typing import ClassVar
+
+from limberjack.rl import control
+from limberjack.suite import base, common, humanoid
+from limberjack.suite.humanoid import _RUN_SPEED, _STAND_HEIGHT, _WALK_SPEED  # noqa: F401
+from limberjack.utils import containers
+
+__all__ = [
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "HumanoidCMU",
+    "Physics",
+    "get_model_and_assets",
+    "run",
+    "stand",
+    "walk",
+]
+
+_DEFAULT_TIME_LIMIT = 20  # seconds
+_CONTROL_TIMESTEP = 0.02  # seconds
+
+SUITE = containers.TaggedTasks()
+_SEEDS = {"stand": 8, "walk": 2, "run": 1}  # chosen by eye: the whole body is visible
+PICTURES = {task: base.Picture("side", seed, steps=4) for task, seed in _SEEDS.items()}
+OBSERVATIONS = {
+    **{key: humanoid.OBSERVATIONS[key] for key in ("joint_angles", "extremities", "velocity")},
+    "head_height": base.Observed("height of the joint between neck and head", "m"),
+    "torso_vertical": base.Observed("the vertical in the thorax's frame; y is 1 if upright"),
+    "com_velocity": base.Observed("velocity of the upper body's centre of mass", "m/s"),
+}
+
+
+def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
+    """The model's MJCF and the files that it includes."""
+    return common.read_model("humanoid_CMU.xml"), common.ASSETS
+
+
+@SUITE.add()
+def stand(
+    time_limit: float = _DEFAULT_TIME_LIMIT,
+    random: base.Random = None,
+    environment_kwargs: base.Kwargs = None,
+) -> control.Environment:
+    """Stand up and stand still."""
+    return _environment(0, time_limit, random, environment_kwargs)
+
+
+@SUITE.add()
+def walk(
+    time_limit: float = _DEFAULT_TIME_LIMIT,
+    random: base.Random = None,
+    environment_kwargs: base.Kwargs = None,
+) -> control.Environment:
+    """Walk in any direction at 1 m/s or more."""
+    return _environment(_WALK_SPEED, time_limit, random, environment_kwargs)
+
+
+@SUITE.add()
+def run(
+    time_limit: float = _DEFAULT_TIME_LIMIT,
+    random: base.Random = None,
+    environment_kwargs: base.Kwargs = None,
+) -> control.Environment:
+    """Run in any direction, up to 10 m/s."""
+    return _environment(_RUN_SPEED, time_limit, random, environment_kwargs)
+
+
+def _environment(
+    move_speed: float, time_limit: float, random: base.Random, kwargs: base.Kwargs
+) -> control.Environment:
+    physics = Physics.from_shared_xml(*get_model_and_assets())
+    task = HumanoidCMU(move_speed=move_speed, random=random)
+    return control.Environment(
+        physics, task, time_limit=time_limit, control_timestep=_CONTROL_TIMESTEP, **kwargs or {}
+    )
+
+
+class Physics(humanoid.Physics):
+    """Measurements of the humanoid, with the thorax as its torso."""
+
+    _TORSO = "thorax"
+    _UP, _FRONT = "zy", "zz"
+    _LIMBS: ClassVar = ["lhand", "lfoot", "rhand", "rfoot"]
+    thorax_upright = humanoid.Physics.torso_upright
+
+
+class HumanoidCMU(humanoid.Humanoid):
+    """Stand, or move at least at a given speed."""
+
+    def __init__(self, move_speed: float, random: base.Random = None) -> None:
+        """Creates the task; `move_speed` and `random` are those of `humanoid.Humanoid`."""
+        super().__init__(move_speed, pure_state=False, random=random)
+        self.planner_cost = None  # the planner has none for this body

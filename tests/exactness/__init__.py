@@ -1,0 +1,1 @@
+"""The long comparison with dm_control: `make test-exactness`, see `__main__`."""
