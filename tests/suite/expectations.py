@@ -19,6 +19,7 @@ _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
 _HOPS = [("hopper", task) for task in ("stand", "hop")]
 _OF_ONE_TERM = [("cheetah", "run"), ("fish", "upright")]
 _OF_ONE_TERM += [("finger", task) for task in ("spin", "turn_easy", "turn_hard")]
+_QUADRUPED = [("quadruped", task) for task in ("walk", "run", "escape")]
 _WALKS = [("walker", task) for task in ("walk", "run")]
 _TOYS = [
     *(("acrobot", task) for task in ("swingup", "swingup_sparse")),
@@ -133,6 +134,10 @@ def _of_swim(terms: Mapping[str, float]) -> float:
     return 7 / 8 * terms["in_target"] + 1 / 8 * terms["upright"]
 
 
+def _of_fetch(terms: Mapping[str, float]) -> float:
+    return terms["upright"] * (terms["reach"] * (0.5 + 0.5 * terms["fetch"]))
+
+
 def _product(terms: Mapping[str, float]) -> float:
     return math.prod(terms.values())
 
@@ -163,6 +168,8 @@ COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys([*_HUMANOID, *_HUMANOID_CMU, *_BALLS, *_STACKS], _product),
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, ("cheetah", "run")], _product),
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_HOPS, *_OF_ONE_TERM], _product),
+    **dict.fromkeys(_QUADRUPED, _product),
+    ("quadruped", "fetch"): _of_fetch,
     ("fish", "swim"): _of_swim,
     ("walker", "stand"): _of_stance,
     **dict.fromkeys(_WALKS, _of_walk),
