@@ -9,6 +9,7 @@ from typing import Any
 
 __all__ = ["COMBINED", "REWARDING", "STARTS", "UNBOUNDED", "any_start"]
 
+_DOG = [("dog", task) for task in ("stand", "walk", "trot", "run", "fetch")]
 _HUMANOID = [("humanoid", task) for task in ("stand", "walk", "run", "run_pure_state")]
 _HUMANOID_CMU = [("humanoid_CMU", task) for task in ("stand", "walk", "run")]
 _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
@@ -165,7 +166,7 @@ REWARDING: dict[str, Callable[[Any], None]] = {
 # By task: the reward that the documents make of the terms.
 COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys(_PEGS, _of_peg),
-    **dict.fromkeys([*_HUMANOID, *_HUMANOID_CMU, *_BALLS, *_STACKS], _product),
+    **dict.fromkeys([*_DOG, *_HUMANOID, *_HUMANOID_CMU, *_BALLS, *_STACKS], _product),
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, ("cheetah", "run")], _product),
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_HOPS, *_OF_ONE_TERM], _product),
     **dict.fromkeys(_QUADRUPED, _product),
