@@ -21,7 +21,7 @@ partly_observable = pytest.mark.parametrize(
 )
 
 _STEPS = 60
-_STARTS = 200
+_STARTS = 60
 # Fields that a start may change: the state, and what of the model is drawn for each episode.
 _START_FIELDS = (
     "data.qpos",
