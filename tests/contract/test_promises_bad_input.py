@@ -294,7 +294,7 @@ def test_a_diverged_state_raises_and_the_next_step_begins_an_episode(task: Task)
         getattr(env.physics.data, field)[:] = value
         with pytest.raises(control.PhysicsError, match="mjWARN_BADQ"):
             env.step(actions(env, 1)[0])
-        env.task._random = np.random.RandomState(9)
+        env.reseed(9)
         again = [bits(env.step(actions(env, 1)[0])), *play(env, 5, reset=False)]
         assert again == play(load(task, seed=9), 5)
 

@@ -62,7 +62,9 @@ def test_the_suites_actuators_are_limited_to_1_or_as_the_model_says(task: tuple[
     assert spec.shape == (physics.model.nu,)
     limited = physics.model.actuator_ctrllimited.astype(bool)
     if task[0] in _OTHER_LIMITS:
-        expected = np.where(limited[:, None], physics.model.actuator_ctrlrange, (-np.inf, np.inf))
+        expected = np.where(
+            limited[:, None], physics.model.actuator_ctrlrange, (-mujoco.mjMAXVAL, mujoco.mjMAXVAL)
+        )
     else:
         expected = np.tile([-1.0, 1.0], (physics.model.nu, 1))
     np.testing.assert_array_equal(spec.minimum, expected[:, 0])
