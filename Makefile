@@ -23,12 +23,12 @@ IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --memory
 export PYTHONUNBUFFERED = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo docs test test-slow test-training lint format clean check-python
+.PHONY: help demo docs test test-slow test-exactness test-training lint format clean check-python
 .DELETE_ON_ERROR:
 
 help:  ## Show this list
 	@echo "usage: make [PYTHON=python3.12] TARGET"
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-13s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' Makefile
 
 demo: $(VENV)/installed-demo  ## Let the planner bring a ball home; video, report and numbers in demo/
 	$(BIN)/limberjack solve manipulator bring_ball --seed 1003 --out demo
@@ -44,6 +44,9 @@ test: lint  ## Run ruff, pyright and all tests but the slow ones
 
 test-slow: $(VENV)/installed-test  ## Run the slow tests
 	$(BIN)/python -m pytest -m slow
+
+test-exactness: $(VENV)/installed-test  ## Compare every task with dm_control at length; resumable
+	$(BIN)/python -m tests.exactness
 
 test-training: $(VENV)/installed-training  ## Run the tests of Stable-Baselines3 and the examples
 	$(BIN)/python -m pytest tests/test_sb3.py tests/evaluation/test_saved_models.py \

@@ -20,8 +20,8 @@ _EXCEPTIONS = {
 }
 # Folders of tests that mirror no part of the package; tests/__init__.py says what they are.
 _BESIDES = {
-    "benchmarks", "browser", "clients", "contract", "docs", "examples", "laws", "oracle", "planner",
-    "tools",
+    "benchmarks", "browser", "clients", "contract", "docs", "exactness", "examples", "laws",
+    "oracle", "planner", "tools",
 }  # fmt: skip
 # Modules in a mirroring folder that test more than one module.
 _ACROSS = {

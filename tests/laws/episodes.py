@@ -8,7 +8,9 @@ tests.
 
 import functools
 import inspect
+import itertools
 import os
+from collections.abc import Iterable
 from typing import Any
 
 import dm_env
@@ -29,6 +31,7 @@ __all__ = [
     "kinds",
     "load",
     "play",
+    "rotated",
     "short",
     "snapshot",
     "variant",
@@ -49,6 +52,24 @@ TASKS = [pytest.param(task, id=":".join(task)) for task in _tasks()]
 DOMAINS = [
     pytest.param(task, id=":".join(task)) for task in {task[0]: task for task in _tasks()}.values()
 ]
+
+
+def rotated(*choices: Iterable[Any]) -> list[Any]:
+    """Parameters of a law: each task with one combination of the choices, in turn.
+
+    The combinations are of sizes, threads and the like, which do not depend on the task: the tasks
+    together meet each of them. Where there are fewer tasks than combinations, each task meets all.
+    """
+    combinations = list(itertools.product(*choices))
+    tasks = _tasks()
+    turns = [(combinations[i % len(combinations)], task) for i, task in enumerate(tasks)]
+    if len(tasks) < len(combinations):
+        turns = list(itertools.product(combinations, tasks))
+    return [
+        pytest.param(task, *chosen, id="-".join([":".join(task), *map(str, chosen)]))
+        for chosen, task in turns
+    ]
+
 
 _OF_EVERY_FACTORY = ("time_limit", "random", "environment_kwargs")
 

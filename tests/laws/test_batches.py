@@ -11,9 +11,10 @@ from limberjack.rl import batch_test_utils, control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import humanoid
 
-from .episodes import TASKS, Task, short, variant
+from .episodes import DOMAINS, TASKS, Task, rotated, short, variant
 
 _SEED = 11
+_SHARE = ("own", "shared")  # see the fixture `share`
 _STEPS_OF_AN_EPISODE = 25
 
 
@@ -57,8 +58,11 @@ def _play(task: Task, batch: BatchEnvironment, singles: list[Any], steps: int) -
 
 
 @pytest.mark.usefixtures("share")
-@pytest.mark.parametrize(("num_envs", "num_threads"), [(1, 1), (2, 4), (7, 2)])
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(
+    ("task", "share", "num_envs", "num_threads"),
+    rotated(_SHARE, (2, 7, 1), (2, 4, 1)),
+    indirect=["share"],
+)
 def test_a_row_is_the_single_environment(task: Task, num_envs: int, num_threads: int) -> None:
     kwargs = _short(task)
     batch = suite.load_batch(*task, num_envs, num_threads, _SEED, task_kwargs=kwargs)
@@ -66,7 +70,7 @@ def test_a_row_is_the_single_environment(task: Task, num_envs: int, num_threads:
     _play(task, batch, singles, 3 * _STEPS_OF_AN_EPISODE + 10)
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", DOMAINS)
 def test_the_laws_that_users_test_their_own_tasks_with_hold(task: Task) -> None:
     class Laws(batch_test_utils.BatchEnvironmentTestMixin, unittest.TestCase):
         def make_single(self, seed: int) -> Any:
@@ -104,26 +108,28 @@ def test_a_task_that_breaks_a_law_fails_it() -> None:
 
 
 @pytest.mark.usefixtures("share")
-@pytest.mark.parametrize("task", TASKS)
-def test_64_rows_on_any_number_of_threads_are_the_same(task: Task) -> None:
+@pytest.mark.parametrize(
+    ("task", "share", "num_threads"), rotated(_SHARE, (2, 4)), indirect=["share"]
+)
+def test_64_rows_on_any_number_of_threads_are_the_same(task: Task, num_threads: int) -> None:
     kwargs = _short(task)
     batches = [
-        suite.load_batch(*task, 64, num_threads, _SEED, task_kwargs=kwargs)
-        for num_threads in (1, 2, 4)
+        suite.load_batch(*task, 64, threads, _SEED, task_kwargs=kwargs)
+        for threads in (1, num_threads)
     ]
     for batch in batches:
         batch.reset()
-    for action in _actions(batches[0], 2 * _STEPS_OF_AN_EPISODE):
-        first, *others = [batch.step(action) for batch in batches]
-        for other in others:
-            np.testing.assert_array_equal(first.reward, other.reward)
-            for name, value in first.observation.items():
-                np.testing.assert_array_equal(value, other.observation[name])
+    for action in _actions(batches[0], _STEPS_OF_AN_EPISODE + 10):
+        first, other = [batch.step(action) for batch in batches]
+        np.testing.assert_array_equal(first.reward, other.reward)
+        for name, value in first.observation.items():
+            np.testing.assert_array_equal(value, other.observation[name])
 
 
 @pytest.mark.usefixtures("share")
-@pytest.mark.parametrize("whole_steps", [False, True])
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize(
+    ("task", "share", "whole_steps"), rotated(_SHARE, (False, True)), indirect=["share"]
+)
 def test_a_field_bound_late_equals_that_of_the_single_environments(
     task: Task, whole_steps: bool
 ) -> None:

@@ -26,14 +26,17 @@ from gymnasium.vector import AutoresetMode
 from limberjack import gym
 
 from . import twins
-from .oracle import ours, theirs
+from .oracle import BOTH, ours, theirs
 from .same import difference
 
 __all__ = ["Between", "Play", "Rows", "first_difference"]
 
 # Kinds of time steps. Gymnasium distinguishes an end by the time limit from one by the task.
-_KINDS = ("first", "mid", "truncated", "terminated")
-_FIRST, _MID, _TRUNCATED, _TERMINATED = range(4)
+# A row that diverges has no further time steps: dm_control raises PhysicsError.
+_KINDS = ("first", "mid", "truncated", "terminated", "diverged")
+_FIRST, _MID, _TRUNCATED, _TERMINATED, _DIVERGED = range(5)
+
+_DIVERGENCE = tuple(package("rl.control").PhysicsError for package in BOTH)
 
 # Odd rows are reset at a position of their own between these two.
 _EARLIEST_RESET, _LATEST_RESET = 20, 90
@@ -197,6 +200,10 @@ class Play:
         for index, env in enumerate(environments):
             steps = self._steps(env, numbers[index], before_episode)
             for position, (kind, step) in enumerate(steps):
+                if kind == _DIVERGED:
+                    assert rows is not None
+                    rows.fields["kind"][index, position] = kind
+                    break
                 rows = rows or Rows.empty(numbers, self.steps, step.observation)
                 rows.write((index, position), kind, step.reward or 0.0, step.observation)
         assert rows is not None
@@ -229,7 +236,11 @@ class Play:
                     before_episode(env, row)
                 step, count = env.reset(), 0
             else:
-                step, count = env.step(action), count + 1
+                try:
+                    step, count = env.step(action), count + 1
+                except _DIVERGENCE:
+                    yield _DIVERGED, None
+                    return
             is_over = step.last()
             ended = _TRUNCATED if count >= self._limit else _TERMINATED
             yield (_FIRST if step.first() else ended if is_over else _MID), step
@@ -291,6 +302,12 @@ class _Recorder:
         self.rows.write((chosen, self.position[chosen]), kind, reward, values)
         self.position[mask] += 1
 
+    def _end(self, diverged: np.ndarray) -> None:
+        """Ends the sequences of rows that have diverged."""
+        chosen = np.flatnonzero(diverged & (self.position < self._steps))
+        self.rows.fields["kind"][chosen, self.position[chosen]] = _DIVERGED
+        self.position[chosen] = self._steps
+
     def add_step(self, result: Any, begun: np.ndarray, mode: AutoresetMode) -> np.ndarray:
         """Adds the result of a step; returns the mask of rows that the next step begins anew.
 
@@ -300,6 +317,7 @@ class _Recorder:
           mode: the autoreset mode.
         """
         observation, reward, terminated, truncated, info = result
+        self._end(info["diverged"])
         everyone = np.ones(len(reward), bool)
         kind = np.select([begun, terminated, truncated], [_FIRST, _TERMINATED, _TRUNCATED], _MID)
         ended = terminated | truncated

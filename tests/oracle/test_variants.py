@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ partly_observable = pytest.mark.parametrize(
 )
 
 _STEPS = 60
-_STARTS = 200
+_STARTS = 60
 # Fields that a start may change: the state, and what of the model is drawn for each episode.
 _START_FIELDS = (
     "data.qpos",
@@ -88,6 +89,33 @@ def test_another_number_of_substeps_is_the_same(domain: str, task: str, n_sub_st
     env.reset()
     env.play(env.actions("random", seed=2))
     env.step(np.zeros(env.theirs.action_spec().shape))
+
+
+def _is_accepted(call: Callable[[], Any]) -> bool:
+    try:
+        call()
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+@every_model
+@pytest.mark.parametrize("name", ["control_timestep", "n_sub_steps"])
+def test_a_control_step_is_accepted_where_the_factory_sets_none(
+    domain: str, task: str, name: str
+) -> None:
+    usual = twins.load(domain, task).theirs.control_timestep()
+    kwargs = {name: 3 if name == "n_sub_steps" else 2 * usual}
+    calls = [
+        functools.partial(package("suite").load, domain, task, {"random": 0}, kwargs)
+        for package in BOTH
+    ]
+    is_accepted = [_is_accepted(call) for call in calls]
+    assert is_accepted[0] == is_accepted[1]
+    if not is_accepted[0]:
+        return
+    env = twins.Twins(*(call() for call in calls), where=f"{domain}:{task}, {kwargs}")
+    _play(env, steps=20)
 
 
 @every_task

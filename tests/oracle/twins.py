@@ -9,12 +9,13 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pytest
 
 from limberjack.rl.action_specs import bounds_to_try
 
 from . import models
 from .drawn_here import compared_part
-from .oracle import BOTH, ours
+from .oracle import BOTH, ours, theirs
 from .same import assert_same, assert_same_outcome, assert_same_pair
 
 __all__ = ["ACTIONS", "MODELS", "TASKS", "TwinPhysics", "Twins", "actions", "load", "load_physics"]
@@ -91,9 +92,18 @@ class Twins:
         return self._compared(self.ours.reset(), self.theirs.reset())
 
     def step(self, action: Any) -> Any:
-        """Steps both and compares the time steps; returns dm_control's."""
+        """Steps both and compares the time steps; returns dm_control's.
+
+        Where the simulation diverges, both raise, and both begin the next episode.
+        """
         self.step_count += 1
-        return self._compared(self.ours.step(action), self.theirs.step(action))
+        try:
+            step = self.ours.step(action)
+        except ours("rl.control").PhysicsError:
+            with pytest.raises(theirs("rl.control").PhysicsError):
+                self.theirs.step(action)
+            return self.reset()
+        return self._compared(step, self.theirs.step(action))
 
     def play(self, actions: Iterable[Any]) -> int:
         """Steps until the episode or the actions end; returns the episode's number of steps."""

@@ -228,7 +228,15 @@ def build_environment(
     _check_keywords(where, kwargs, factories[task_name])
     if isinstance(of_environment, Mapping):
         _check_environment_keywords(where, of_environment)
-    environment = factories[task_name](**kwargs)
+    try:
+        environment = factories[task_name](**kwargs)
+    except (TypeError, KeyError) as error:  # a KeyError within an `except`, in CPython 3.11
+        if not str(error).endswith("'control_timestep'"):
+            raise
+        raise TypeError(
+            f"{where} sets control_timestep itself; for another value create a "
+            "control.Environment(env.physics, env.task, control_timestep=...)"
+        ) from None
     environment.registration = registration_of(domain_name)
     environment._name = where
     environment._seeded = getattr(environment.task, "random", None), kwargs.get("random")
@@ -242,14 +250,9 @@ def _no_choice(name: str, choices: Iterable[str], message: str) -> str:
 
 
 def _check_environment_keywords(where: str, given: Mapping[str, object]) -> None:
-    """Raises TypeError if the environment does not accept a keyword, or the task sets it itself."""
+    """Raises TypeError if the environment does not accept a keyword."""
     if "time_limit" in given:
         raise TypeError(f"{where}: time_limit is an argument of the task; pass it in task_kwargs")
-    if "control_timestep" in given and "n_sub_steps" not in given:
-        raise TypeError(
-            f"{where} sets control_timestep itself; for another value create a "
-            "control.Environment(env.physics, env.task, control_timestep=...)"
-        )
     _check_keywords(where, given, control.Environment)
 
 
