@@ -20,6 +20,7 @@ from typing import Annotated, Any
 
 import typer
 
+import limberjack
 from limberjack import sb3
 from limberjack.utils.cores import usable_cores
 
@@ -27,7 +28,7 @@ __all__ = ["main"]
 
 _RESULTS = Path(__file__).parent / "results" / "learning_curves.json"
 _PICTURE = Path(__file__).parents[1] / "docs" / "images" / "learning_curves.svg"
-_STEPS = {"cartpole:swingup": 1_000_000, "reacher:easy": 2_000_000, "cheetah:run": 4_000_000}
+_STEPS = {"cartpole:swingup": 500_000, "reacher:easy": 1_000_000, "cheetah:run": 2_000_000}
 _SEEDS = (0, 1, 2)
 _ENVS = 64
 _ROLLOUT = 64  # steps of each row between two updates
@@ -38,7 +39,7 @@ _SETTINGS: dict[str, Any] = {
     "gamma": 0.99,
     "learning_rate": 3e-4,
 }
-_PACKAGES = ("limberjack", "stable-baselines3", "torch", "mujoco")
+_PACKAGES = ("stable-baselines3", "torch", "mujoco")
 
 
 def _train(name: str, seed: int, steps: int) -> dict[str, Any]:
@@ -93,7 +94,8 @@ def main(
     results: dict[str, Any] = {"settings": {**_SETTINGS, "envs": _ENVS}, "runs": {}}
     if _RESULTS.exists():
         results["runs"] = json.loads(_RESULTS.read_text(encoding="utf-8"))["runs"]
-    results["versions"] = {name: importlib.metadata.version(name) for name in _PACKAGES}
+    results["versions"] = {"limberjack": limberjack.__version__}
+    results["versions"] |= {name: importlib.metadata.version(name) for name in _PACKAGES}
     names = only or list(_STEPS)
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(usable_cores(), context) as pool:

@@ -138,7 +138,8 @@ class _Stage:
         if limit is None:
             self._environment.close()
             raise ValueError(
-                f"{factory.title} has no time limit, so the film would never end: give its seconds"
+                f"{factory.title} has no time limit, so the film would never end: give its seconds "
+                "(--seconds SECONDS)"
             )
         self.step_limit = limit
         if visualize_reward:

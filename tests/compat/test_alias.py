@@ -49,7 +49,7 @@ GENUINE = {
     "__init__.py": "IS_GENUINE = True\n",
     "only_there.py": "",
     "suite/__init__.py": "IS_GENUINE = True\n",
-    "suite/cartpole.py": "",
+    "suite/carousel.py": "",
 }
 
 
@@ -192,7 +192,7 @@ def test_searches_find_existing_modules_only() -> None:
     assert find("dm_control.suite.humanoid") is not None
     assert find("dm_control.composer.anything") is not None
     assert find("dm_control.nothing") is None
-    assert find("dm_control.suite.cartpole") is None
+    assert find("dm_control.suite.carousel") is None
     assert find("limberjack.nothing") is None
     assert find("dm_controller") is None
     names = {{module.name for module in pkgutil.iter_modules(dm_control.__path__)}}
@@ -275,7 +275,7 @@ def test_a_genuine_dm_control_on_the_path_is_never_reached(genuine: Path) -> Non
     import dm_control, dm_control.suite
     assert dm_control is limberjack
     assert not hasattr(dm_control, "IS_GENUINE") and not hasattr(dm_control.suite, "IS_GENUINE")
-    for name in ("dm_control.only_there", "dm_control.suite.cartpole"):
+    for name in ("dm_control.only_there", "dm_control.suite.carousel"):
         assert importlib.util.find_spec(name) is None
         try:
             __import__(name)
@@ -302,7 +302,7 @@ def test_a_finder_of_an_editable_dm_control_is_never_asked(genuine: Path) -> Non
     {INSTALL}
     for look in (__import__, importlib.util.find_spec):
         try:
-            look("dm_control.suite.cartpole")
+            look("dm_control.suite.carousel")
         except ModuleNotFoundError:
             continue
         raise AssertionError(look)
@@ -322,7 +322,7 @@ def test_a_genuine_dm_control_that_is_imported_is_refused_and_left_alone(genuine
         except RuntimeError as error:
             print(error)
     assert (list(sys.meta_path), dict(sys.modules)) == before
-    import dm_control.suite.cartpole
+    import dm_control.suite.carousel
     """
     first, second = run(program, path=genuine).splitlines()
     assert first == second
@@ -357,19 +357,19 @@ def test_a_blocked_import_is_unblocked() -> None:
 @pytest.mark.parametrize(
     "statement",
     [
-        "from dm_control.suite import cartpole",
-        "import dm_control.suite.cartpole",
-        "from dm_control.suite.cartpole import Physics",
-        "import limberjack.suite.cartpole",
+        "from dm_control.suite import carousel",
+        "import dm_control.suite.carousel",
+        "from dm_control.suite.carousel import Physics",
+        "import limberjack.suite.carousel",
     ],
 )
-def test_a_domain_that_is_not_built_is_an_import_error_that_lists_the_domains(
+def test_a_domain_that_does_not_exist_is_an_import_error_that_lists_the_domains(
     statement: str,
 ) -> None:
     kind, message = error_of(statement)
     assert kind == "ModuleNotFoundError"
-    assert "'suite.cartpole'" in message
-    assert "Available domains: humanoid, manipulator, stacker" in message
+    assert "'suite.carousel'" in message
+    assert "Available domains: acrobot, ball_in_cup, cartpole," in message
     assert "install dm_control itself" in message
 
 

@@ -66,7 +66,7 @@ def test_sensors_are_disabled_until_they_are_read_by_name_or_all() -> None:
     before = _disabled(batch)
     assert len(before) == 31
     lazy = batch.physics.simulation._lazy
-    stages, disabled = lazy._stages, lazy._disabled
+    stages, disabled = lazy.official.expand("sensor_needstage"), lazy._disabled
     assert (stages[:, disabled] == mujoco.mjtStage.mjSTAGE_NONE.value).all()
     assert (stages[:, ~disabled] != mujoco.mjtStage.mjSTAGE_NONE.value).all()
     assert _READ_BY_ITS_TASK not in before

@@ -3,6 +3,7 @@
 import copy
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -137,3 +138,64 @@ def test_the_official_model_is_a_copy_that_reaches_no_row(source: Any) -> None:
     assert rows.physics.model.geom_size[1, 0] == 0.1
     rows.step(None, 5)
     assert rows.physics.data.qvel.all()
+
+
+_MOVING = """
+<mujoco>
+  <worldbody>
+    <camera name="still" pos="0 -1 0"/>
+    <geom name="floor" type="plane" size="1 1 .1"/>
+    <body name="base" pos="0 0 1">
+      <freejoint/>
+      <geom name="base" size=".1" pos=".1 .2 .3" euler="10 20 30"/>
+      <body name="arm" pos=".3 0 0" euler="40 0 10">
+        <joint axis="0 1 1"/>
+        <geom name="arm" type="box" size=".1 .2 .05" pos="0 .1 0"/>
+        <site name="tip" pos=".2 .1 0" euler="0 50 0"/>
+        <camera name="eye" pos="0 0 .1" euler="30 0 0"/>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+_OBJECTS = [
+    *((name, "body") for name in ("world", "base", "arm")),
+    *(("arm", "xbody"), ("arm", "geom"), ("floor", "geom"), ("base", "geom"), (0, "site")),
+    *(("eye", "camera"), ("still", "camera"), (2, mujoco.mjtObj.mjOBJ_BODY)),
+]
+
+
+@pytest.mark.parametrize("num_envs", [_NUM_ENVS, 200])  # few rows, and rows that share their data
+@pytest.mark.parametrize("local_frame", [False, True])
+def test_velocities_of_objects_are_those_of_single_simulations(
+    num_envs: int, local_frame: bool
+) -> None:
+    single = Physics.from_xml_string(_MOVING)
+    rows = single.replicate(num_envs, 1)
+    rows.simulation.state[:, 1:] += np.random.RandomState(0).normal(
+        size=rows.simulation.state[:, 1:].shape
+    )
+    rows.step(None, 2)
+    for name, kind in _OBJECTS:
+        found = rows.physics.data.object_velocity(name, kind, local_frame)
+        assert found.shape == (num_envs, 2, 3)
+        for row in range(_NUM_ENVS):
+            expected = rows.shown(row).data.object_velocity(name, kind, local_frame)
+            np.testing.assert_array_equal(found[row], expected)
+            np.testing.assert_array_equal(np.signbit(found[row]), np.signbit(expected))
+
+
+def test_the_velocity_of_something_else_is_refused(data: Any) -> None:
+    with pytest.raises(ValueError, match="objects of type 'joint' have no velocity"):
+        data.object_velocity("hinge", "joint")
+    with pytest.raises(ValueError, match="object_id is 7"):
+        data.object_velocity(7, "geom")
+
+
+def test_an_option_that_differs_by_row_has_an_axis() -> None:
+    physics = Physics.from_xml_string(_XML).replicate(_NUM_ENVS, 1, ("opt.gravity",)).physics
+    options = physics.model.opt
+    assert options.gravity.shape == (_NUM_ENVS, 3)
+    assert options.wind.shape == (3,)
+    with pytest.raises(ValueError, match=r"opt\.gravity is shared|read-only"):
+        options.gravity[0] = 1.0

@@ -54,10 +54,10 @@ def _common(models: tuple[Any, Any], kind: str) -> list[np.ndarray]:
     Meshes do not count, and all other geoms that only one of the models has collide with nothing.
     """
     names = [_names(model, kind) for model in models]
-    if kind == "geom":
-        for model, of in zip(models, names, strict=True):
-            of[:] = [n if model.geom_type[i] != _MESH else None for i, n in enumerate(of)]
-    common = set(names[0]) & set(names[1]) - {None}
+    common = set(names[0]) & set(names[1])
+    for model, of in zip(models, names, strict=True):
+        if kind == "geom":
+            common -= {name for i, name in enumerate(of) if model.geom_type[i] == _MESH}
     found = [np.array([i for i, name in enumerate(of) if name in common]) for of in names]
     for model, numbers in zip(models, found, strict=True):
         if kind == "geom":

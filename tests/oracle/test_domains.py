@@ -35,7 +35,7 @@ def _quantities(physics: Any) -> list[str]:
 def _is_measurable(physics: Any, name: str) -> bool:
     try:
         getattr(physics, name)(*_ARGUMENTS.get(name, ()))
-    except KeyError:
+    except LookupError:  # a name, or for some of dm_control's an empty list of names
         return False
     return True
 

@@ -17,13 +17,25 @@ def _texts(environment: control.Environment) -> dict[str, list[str]]:
     return {name: list(map(str, of)) for name, of in labels.observations.items()}
 
 
+# Numbers of which each depends on several objects, such as the difference of two positions in the
+# frame of a third: charts show their places in the observation.
+_OF_SEVERAL = {
+    "dog": ["torso_com_velocity", "target_position"],
+    "finger": ["position", "target_position", "dist_to_target"],
+    "fish": ["target"],
+    "quadruped": ["origin", "target_position", "ball_state"],
+    "reacher": ["to_target"],
+    "swimmer": ["to_target"],
+}
+
+
 @pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
 def test_every_number_that_a_task_observes_has_a_name_of_its_own(domain: str, task: str) -> None:
     env = suite.load(domain, task, {"random": 0})
     observation = env.reset().observation
     labels = labels_of(env)
-    for name, value in observation.items():
-        of_value = labels.observations[name]
+    for name in observation.keys() - _OF_SEVERAL.get(domain, []):
+        value, of_value = observation[name], labels.observations[name]
         assert len(set(of_value)) == len(of_value) == np.size(value)
         assert not any(label.name.isdigit() for label in of_value), name
     assert len(labels.actions) == env.action_spec().shape[0]

@@ -165,3 +165,24 @@ def test_drawn_values_are_shown_in_the_rows_they_belong_to() -> None:
     array = shown["opt.gravity"]
     show_drawn(shown, {"opt.gravity": np.array([[3.0, 4.0], [5.0, 6.0]])}, np.array([0, 2]), 3)
     assert array.tolist() == [[3, 4], [1, 2], [5, 6]]
+
+
+def test_constants_that_follow_from_drawn_fields_differ_by_row() -> None:
+    batch = suite.load_batch("humanoid", "stand", 3, 2, 5, environment_kwargs=_ENVIRONMENT)
+    assert batch.physics.model.body_subtreemass.shape == (3, 17)  # read before they are drawn
+    batch.reset()
+    for seeds in ([5, 6, 7], [9, 6, 8]):
+        batch.reset(seeds=seeds)
+        for row, seed in enumerate(seeds):
+            env = suite.load("humanoid", "stand", {"random": seed}, _ENVIRONMENT)
+            env.reset()
+            for name in ("body_subtreemass", "dof_invweight0", "body_inertia"):
+                found = getattr(batch.physics.model, name)
+                expected = getattr(env.physics.model, name)
+                np.testing.assert_array_equal(
+                    found[row] if found.ndim > expected.ndim else found, expected
+                )
+            torso = env.physics.named.model.body_subtreemass["torso"]
+            assert batch.physics.named.model.body_subtreemass["torso"][row] == torso
+    with pytest.raises(ValueError, match="MuJoCo computes it from fields that differ by row"):
+        batch.physics.model.body_subtreemass[0] = 1.0

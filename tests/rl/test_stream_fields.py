@@ -15,7 +15,7 @@ from limberjack.rl.stream_fields import check_not_randomized, set_stream_fields
 from limberjack.suite import base, lqr
 
 _TASK = ("lqr", "lqr_6_2")  # draws the stiffness of its springs
-_LIMIT = {"time_limit": 0.3}  # ten steps
+_LIMIT: dict[str, Any] = {"time_limit": 0.3}  # ten steps
 
 
 def _single(seed: int) -> Any:

@@ -9,6 +9,7 @@ from typing import Any
 
 __all__ = ["COMBINED", "REWARDING", "STARTS", "UNBOUNDED", "any_start"]
 
+_DOG = [("dog", task) for task in ("stand", "walk", "trot", "run", "fetch")]
 _HUMANOID = [("humanoid", task) for task in ("stand", "walk", "run", "run_pure_state")]
 _HUMANOID_CMU = [("humanoid_CMU", task) for task in ("stand", "walk", "run")]
 _BALLS = [("manipulator", task) for task in ("bring_ball", "insert_ball")]
@@ -19,6 +20,7 @@ _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
 _HOPS = [("hopper", task) for task in ("stand", "hop")]
 _OF_ONE_TERM = [("cheetah", "run"), ("fish", "upright")]
 _OF_ONE_TERM += [("finger", task) for task in ("spin", "turn_easy", "turn_hard")]
+_QUADRUPED = [("quadruped", task) for task in ("walk", "run", "escape")]
 _WALKS = [("walker", task) for task in ("walk", "run")]
 _TOYS = [
     *(("acrobot", task) for task in ("swingup", "swingup_sparse")),
@@ -50,20 +52,6 @@ def _box_at_target(env: Any) -> None:
         env.task.initialize_episode(physics)
         place = physics.named.model.body_pos["target", ["x", "z"]]
         physics.named.data.qpos[["box0_x", "box0_z"]] = place + 0.005
-
-
-def _running(env: Any) -> None:
-    any_start(env)
-    env.physics.named.data.qvel["rootx"] += 2.0
-    env.physics.forward()
-
-
-def _spinning_in_target(env: Any) -> None:
-    any_start(env)
-    x, z = env.physics.target_position()
-    env.physics.named.data.qpos["hinge"] = -math.atan2(x, z)
-    env.physics.named.data.qvel["hinge"] = -16.0
-    env.physics.forward()
 
 
 def _pole_upright(env: Any) -> None:
@@ -147,6 +135,10 @@ def _of_swim(terms: Mapping[str, float]) -> float:
     return 7 / 8 * terms["in_target"] + 1 / 8 * terms["upright"]
 
 
+def _of_fetch(terms: Mapping[str, float]) -> float:
+    return terms["upright"] * (terms["reach"] * (0.5 + 0.5 * terms["fetch"]))
+
+
 def _product(terms: Mapping[str, float]) -> float:
     return math.prod(terms.values())
 
@@ -174,9 +166,11 @@ REWARDING: dict[str, Callable[[Any], None]] = {
 # By task: the reward that the documents make of the terms.
 COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys(_PEGS, _of_peg),
-    **dict.fromkeys([*_HUMANOID, *_HUMANOID_CMU, *_BALLS, *_STACKS], _product),
+    **dict.fromkeys([*_DOG, *_HUMANOID, *_HUMANOID_CMU, *_BALLS, *_STACKS], _product),
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, ("cheetah", "run")], _product),
     **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_HOPS, *_OF_ONE_TERM], _product),
+    **dict.fromkeys(_QUADRUPED, _product),
+    ("quadruped", "fetch"): _of_fetch,
     ("fish", "swim"): _of_swim,
     ("walker", "stand"): _of_stance,
     **dict.fromkeys(_WALKS, _of_walk),

@@ -114,7 +114,7 @@ def test_a_chain_that_cannot_be_built_is_refused(
     numbers: Any, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        lqr.get_model_and_assets(*numbers, _STREAM)
+        lqr.get_model_and_assets(numbers[0], numbers[1], _STREAM)
 
 
 @pytest.mark.parametrize(

@@ -172,7 +172,7 @@ def _check_ends(factory: Factory, environment: Environment) -> None:
     if environment.step_limit is None:
         raise ValueError(
             f"{factory.title} has no time limit, so an episode might never end: give it a "
-            "time_limit"
+            "time_limit (--time-limit SECONDS)"
         )
 
 

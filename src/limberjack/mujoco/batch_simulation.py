@@ -96,8 +96,8 @@ class BatchSimulation(CountsWarnings):
         return self._lazy.remembers
 
     @property
-    def own_fields(self) -> Mapping[str, np.ndarray]:
-        """Per-row model fields, (num_envs, ...), live."""
+    def own_fields(self) -> Mapping[str, AnyArray]:
+        """Per-row model fields by name, indexed by row, live."""
         return self._living().own
 
     def step(self, nstep: int, rows: Rows = None) -> None:
@@ -150,7 +150,7 @@ class BatchSimulation(CountsWarnings):
         for name, value in values.items():
             lazy.own[name][index] = value
         if self.sets_constants:
-            lazy.official.set_const(None if row is None else [row])
+            lazy.set_const(None if row is None else np.array([row]))
 
     def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
         """See `Simulation`."""
@@ -170,7 +170,7 @@ class BatchSimulation(CountsWarnings):
             if name not in NOT_FIELDS:
                 lazy.own[name][index] = value
         if self.sets_constants:
-            lazy.official.set_const(rows)
+            lazy.set_const(rows)
         begin(self)
         lazy.load(saved, rows)
         self.busy_in = None
@@ -204,7 +204,7 @@ class BatchSimulation(CountsWarnings):
         """See `Fields`."""
         lazy = self._living()
         if name in lazy.own:
-            return lazy.own[name], True
+            return lazy.shown(name), True
         model = self._model._model
         if is_structure(name):
             return fixed_field(model, name), False

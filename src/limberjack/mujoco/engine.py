@@ -211,7 +211,7 @@ class Physics(_control.Physics):
         if self._simulation.num_envs is not None:
             raise TypeError(f"the physics of a batch does not support {what}: {instead}")
 
-    def origin(self, varying: Sequence[str] = ()) -> dict[str, object]:
+    def identity(self, varying: Sequence[str] = ()) -> dict[str, object]:
         """Facts that must match for a saved state to load; see `limberjack.mujoco.identity`."""
         return identity(self._simulation.model, varying)
 

@@ -186,8 +186,11 @@ _VALUES = ("contype", "conaffinity", "condim", "priority")
 
 
 def fields_of_rows() -> frozenset[str]:
-    """Fields of MjModel that can differ per row of a batch; options as 'opt.*'."""
-    return mujoco.batch.MODEL_FIELDS
+    """Fields of MjModel that can differ per row of a batch; options as 'opt.*'.
+
+    Those in `mujoco.batch.MODEL_FIELDS` cost the least: see `limberjack.mujoco.row_fields`.
+    """
+    return mujoco.batch.MODEL_FIELDS.union(of_floats())
 
 
 def check_randomizable(name: str) -> None:

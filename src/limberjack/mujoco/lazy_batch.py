@@ -28,9 +28,9 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
-from limberjack.mujoco import midphase
+from limberjack.mujoco import midphase, row_fields
 from limberjack.mujoco.index import Axes, FieldIndexer
-from limberjack.mujoco.simulation import ACTUATION, FORWARD, LOAD, START, Rows, is_bad_state
+from limberjack.mujoco.simulation import FORWARD, LOAD, START, Rows, is_bad_state
 from limberjack.utils.arrays import AnyArray
 
 __all__ = ["LazyBatch"]
@@ -63,7 +63,7 @@ class LazyBatch:
       official: the `mujoco.batch.Batch`.
       state: integration state, (num_envs, nstate), live.
       warning: MuJoCo's warnings by type: last info and count, (num_envs, 7, 2), live.
-      own: per-row model fields by name, (num_envs, ...), live.
+      own: per-row model fields by name, indexed by row, live; see `row_fields`.
       remembers: whether MuJoCo keeps more per row than its state.
     """
 
@@ -93,17 +93,16 @@ class LazyBatch:
         )
         self.state: np.ndarray = self.official.state
         self.warning: np.ndarray = self.official.warning
-        self.own: dict[str, np.ndarray] = {name: self.official.expand(name) for name in own}
-        self._disableflags: np.ndarray = self.official.expand("opt.disableflags")
+        self._fields = row_fields.of(self.official, model, num_envs, own)
+        self.own = self._fields.own
         if midphase.is_needless(model, self.own):
-            self.official.expand("body_bvhadr")[:, 0] = -1  # no tree for the world body
+            self._fields.write("body_bvhadr", 0, -1)  # no tree for the world body
         none = np.zeros(model.nsensor, bool)
         self._read_sensors = none if read_sensors is None else read_sensors
         self._disabled = none if self.remembers else _can_be_disabled(model, self.own)
         self._disabled = self._disabled & ~self._read_sensors
         if self._disabled.any():
-            self._stages: np.ndarray = self.official.expand("sensor_needstage")
-            self._stages[:, self._disabled] = _NEVER
+            self._fields.write("sensor_needstage", self._disabled, _NEVER)
         self._bound: set[str] = set()
         self._was_called = False
         self.last_call = np.full(num_envs, LOAD)
@@ -120,6 +119,14 @@ class LazyBatch:
         self._was_called = True
         self._run(kind, rows)
 
+    def set_const(self, rows: Rows) -> None:
+        """Recomputes the constants of rows' models after their fields were set (mj_setConst)."""
+        self._fields.set_const(rows)
+
+    def shown(self, name: str) -> np.ndarray:
+        """A per-row model field as an array, (num_envs, ...), live."""
+        return self._fields.shown(name)
+
     def forget_calls(self) -> None:
         """Records the current state of each row as loaded, since what led to it is unknown."""
         self._was_called = True
@@ -129,13 +136,8 @@ class LazyBatch:
     def _run(self, kind: int, rows: Rows) -> None:
         batch = self.official
         if kind == START:
-            flags = self._disableflags
-            before = flags.copy()
-            try:
-                flags |= ACTUATION
+            with self._fields.without_actuation(rows):
                 batch.forward(rows)
-            finally:
-                flags[...] = before
         elif kind == LOAD:
             batch.forward(rows, _UP_TO_VELOCITY)
         elif kind == FORWARD:
@@ -201,7 +203,7 @@ class LazyBatch:
         read &= self._disabled
         if not read.any():
             return
-        self._stages[:, read] = model.sensor_needstage[read]
+        self._fields.write("sensor_needstage", read, model.sensor_needstage[read])
         self._disabled &= ~read
         if self._was_called:
             self._replay()
@@ -271,9 +273,9 @@ class LazyBatch:
             self._model, len(self.state), self._num_threads, self.own, self._read_sensors
         )
         for name, values in self.own.items():
-            new.own[name][...] = values
+            new.own[name][...] = values[:]
         if sets_constants:
-            new.official.set_const()
+            new.set_const(None)
         new.state[...] = self.state
         new.last_call, new.before_call = self.last_call, self.before_call
         new._was_called = self._was_called

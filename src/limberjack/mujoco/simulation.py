@@ -44,6 +44,7 @@ __all__ = [
     "described",
     "is_bad_state",
     "read_field",
+    "write_field",
 ]
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value  # everything a time step depends on
@@ -211,9 +212,18 @@ def described(warnings: np.ndarray) -> str:
     return f"{names} in rows {np.flatnonzero(warnings.any(axis=-1)).tolist()}"
 
 
-def read_field(model: mujoco.MjModel, name: str) -> AnyArray:
+def read_field(model: mujoco.MjModel | MjModel, name: str) -> AnyArray:
     """A field of a model, or of its options as 'opt.gravity'."""
     return operator.attrgetter(name)(model)
+
+
+def write_field(model: mujoco.MjModel | MjModel, name: str, value: np.ndarray) -> None:
+    """Sets a field of a model, or of its options as 'opt.gravity'."""
+    field = read_field(model, name)
+    if isinstance(field, np.ndarray):
+        field[...] = value
+    else:
+        setattr(model.opt, name.removeprefix("opt."), value.item())
 
 
 def _log_warning(message: str | bytes) -> None:

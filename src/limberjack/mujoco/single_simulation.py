@@ -27,6 +27,7 @@ from limberjack.mujoco.simulation import (
     Rows,
     is_bad_state,
     read_field,
+    write_field,
 )
 from limberjack.mujoco.wrapper.core import MjData, MjModel
 from limberjack.mujoco.wrapper.model import fixed_field, is_structure
@@ -211,11 +212,7 @@ class SingleSimulation(CountsWarnings):
         """See `Simulation`."""
         model = self._wrapper.own()
         for name, value in values.items():
-            field = read_field(self._wrapper, name)
-            if isinstance(field, np.ndarray):
-                field[...] = value
-            else:
-                setattr(model.opt, name.removeprefix("opt."), value.item())
+            write_field(self._wrapper, name, value)
         if self.sets_constants:
             mujoco.mj_setConst(model, self._data)
 

@@ -10,7 +10,6 @@ Only methods that the physics adds to `mujoco.Physics` are recorded, and only nu
 import functools
 import inspect
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +20,7 @@ __all__ = ["MEASUREMENT", "measurements_of"]
 MEASUREMENT = "physics."  # every label begins with it
 
 
-def measurements_of(physics: Any) -> dict[str, np.ndarray]:
+def measurements_of(physics: object) -> dict[str, np.ndarray]:
     """A dictionary that each later call of a method adds its result to.
 
     Args:
@@ -35,10 +34,10 @@ def measurements_of(physics: Any) -> dict[str, np.ndarray]:
 
 
 def _recording(
-    name: str, method: Callable[..., Any], measured: dict[str, np.ndarray]
-) -> Callable[..., Any]:
+    name: str, method: Callable[..., object], measured: dict[str, np.ndarray]
+) -> Callable[..., object]:
     @functools.wraps(method)
-    def call(*args: Any, **kwargs: Any) -> Any:
+    def call(*args: object, **kwargs: object) -> object:
         value = method(*args, **kwargs)
         if isinstance(value, np.ndarray | np.number | np.bool | float | int):
             label, number = f"{MEASUREMENT}{name}()", 1

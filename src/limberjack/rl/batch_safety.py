@@ -75,7 +75,7 @@ def check_episode_fields(task: Task) -> None:
             raise ValueError(
                 f"task {name} declares {field!r} in EPISODE_FIELDS, which cannot differ per row of "
                 f"a batch.{did_you_mean(field, known)} Rows can differ only in the fields of "
-                "mujoco.batch.MODEL_FIELDS"
+                "mujoco.batch.MODEL_FIELDS and in floating-point fields"
             )
 
 

@@ -141,7 +141,7 @@ class SimulatedPhysics(Drawn, Protocol):
         """Current model values of the fields to be randomised."""
         ...
 
-    def origin(self, varying: Sequence[str] = ()) -> dict[str, object]:
+    def identity(self, varying: Sequence[str] = ()) -> dict[str, object]:
         """Facts that must match for a saved row to load."""
         ...
 

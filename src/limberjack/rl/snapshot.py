@@ -128,7 +128,7 @@ def origin_of(
         "task": type(task).__name__,
         "fields": tuple(fields),
         **pixels,
-        **physics.origin(fields),
+        **physics.identity(fields),
     }
 
 

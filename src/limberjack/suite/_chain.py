@@ -47,8 +47,9 @@ def checked_length(
     Raises:
       ValueError: it is out of range, or not a whole number; `wrong_kind` for the latter if given.
     """
-    is_whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-    if is_whole and shortest <= value <= _LONGEST:
-        return int(value)
     message = f"{name} is {value!r}; expected a whole number from {shortest} to {_LONGEST}"
-    raise (ValueError if is_whole else wrong_kind)(message)
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise wrong_kind(message)
+    if not shortest <= value <= _LONGEST:
+        raise ValueError(message)
+    return int(value)

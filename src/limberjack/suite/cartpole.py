@@ -15,19 +15,9 @@ from limberjack.suite import _locomotion as locomotion
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [
-    "OBSERVATIONS",
-    "PICTURES",
-    "SUITE",
-    "Balance",
-    "Physics",
-    "balance",
-    "balance_sparse",
-    "get_model_and_assets",
-    "swingup",
-    "swingup_sparse",
-    "three_poles",
-    "two_poles",
-]
+    "OBSERVATIONS", "PICTURES", "SUITE", "Balance", "Physics", "balance", "balance_sparse",
+    "get_model_and_assets", "swingup", "swingup_sparse", "three_poles", "two_poles",
+]  # fmt: skip
 
 _DEFAULT_TIME_LIMIT = 10  # seconds
 _FAST = 5  # rad/s; at this velocity of a pole its term is a tenth
@@ -75,7 +65,7 @@ def balance(
     environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
     """Keep an upright pole upright."""
-    return _environment(1, False, False, time_limit, random, environment_kwargs)
+    return _environment(Balance(False, False, random), time_limit, environment_kwargs)
 
 
 @SUITE.add("benchmarking")
@@ -85,7 +75,7 @@ def balance_sparse(
     environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
     """Keep an upright pole upright, rewarded only within narrow bounds."""
-    return _environment(1, False, True, time_limit, random, environment_kwargs)
+    return _environment(Balance(False, True, random), time_limit, environment_kwargs)
 
 
 @SUITE.add("benchmarking")
@@ -95,7 +85,7 @@ def swingup(
     environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
     """Swing a hanging pole up and balance it."""
-    return _environment(1, True, False, time_limit, random, environment_kwargs)
+    return _environment(Balance(True, False, random), time_limit, environment_kwargs)
 
 
 @SUITE.add("benchmarking")
@@ -105,7 +95,7 @@ def swingup_sparse(
     environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
     """Swing a hanging pole up and balance it, rewarded only within narrow bounds."""
-    return _environment(1, True, True, time_limit, random, environment_kwargs)
+    return _environment(Balance(True, True, random), time_limit, environment_kwargs)
 
 
 @SUITE.add()
@@ -115,7 +105,7 @@ def two_poles(
     environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
     """Swing up two poles, one on the end of the other."""
-    return _environment(2, True, False, time_limit, random, environment_kwargs)
+    return _environment(Balance(True, False, random), time_limit, environment_kwargs, num_poles=2)
 
 
 @SUITE.add()
@@ -127,19 +117,13 @@ def three_poles(
     environment_kwargs: base.Kwargs = None,
 ) -> control.Environment:
     """Swing up a chain of three poles, or of `num_poles`."""
-    return _environment(num_poles, True, sparse, time_limit, random, environment_kwargs)
+    return _environment(Balance(True, sparse, random), time_limit, environment_kwargs, num_poles)
 
 
 def _environment(
-    num_poles: int,
-    swing_up: bool,
-    sparse: bool,
-    time_limit: float,
-    random: base.Random,
-    kwargs: base.Kwargs,
+    task: base.Task, time_limit: float, kwargs: base.Kwargs, num_poles: int = 1
 ) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets(num_poles))
-    task = Balance(swing_up=swing_up, sparse=sparse, random=random)
     return control.Environment(physics, task, time_limit=time_limit, **kwargs or {})
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from limberjack import mujoco
 from limberjack.mujoco.wrapper.mjbindings import enums
 from limberjack.rl import control
-from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
 from limberjack.suite.base import Kwargs, Random
 from limberjack.utils import arrays, containers, rewards, xml_tools
@@ -39,6 +38,7 @@ _HINGE_TYPE = enums.mjtJoint.mjJNT_HINGE
 _LIMIT_TYPE, _EXCESSIVE_LIMIT_TORQUES = enums.mjtConstraint.mjCNSTR_LIMIT_JOINT, 150
 
 _FRAMES = ["skull", "torso", "pelvis"]
+_TURNS = ("twist",), ("extend", "bend")  # hinges of even and odd vertebrae of the lower back
 _FOR_FETCH = {  # elements of the model, by tag
     "body": ["ball"],
     "camera": ["ball", "head"],
@@ -126,11 +126,15 @@ def fetch(
 def _environment(
     task: "Stand", speed: float | None, time_limit: float, kwargs: Kwargs
 ) -> control.Environment:
-    """The task on a floor as long as the way at that speed; without a speed, on that of fetch."""
-    size = {"remove_ball": False} if speed is None else {"floor_size": speed * _LIMIT}
-    physics = Physics.from_shared_xml(*get_model_and_assets(**size))
+    """The task on a floor as long as the way at that speed; without a speed, with all for fetch."""
+    size = {} if speed is None else {"floor_size": speed * _LIMIT}
+    model = get_model_and_assets(**size, remove_ball=speed is not None)
     return control.Environment(
-        physics, task, time_limit=time_limit, control_timestep=_CONTROL_TIMESTEP, **kwargs or {}
+        physics=Physics.from_shared_xml(*model),
+        task=task,
+        time_limit=time_limit,
+        control_timestep=_CONTROL_TIMESTEP,
+        **kwargs or {},
     )
 
 
@@ -141,19 +145,17 @@ class Physics(mujoco.Physics):
         """Heights of torso and pelvis, (..., 2), metres."""
         return self.named.data.xpos[["torso", "pelvis"], "z"]
 
-    def default_heights(self) -> np.ndarray:
-        """Heights of torso and pelvis in the default pose, (..., 2), metres."""
-        model = self.model
-        body_z, joint_z = np.asarray(model.body_pos[..., 2]), np.asarray(model.jnt_pos[..., 2])
-        torso = height = np.asarray(self.named.model.qpos0["root"][..., 2])
-        # The spine's bodies are numbered in turn, and have the torso's orientation.
-        for body in range(model.name2id("L_1", "body"), model.name2id("pelvis", "body") + 1):
-            height = height + body_z[..., body]
-            first = model.body_jntadr[body]
-            for joint in range(first, first + model.body_jntnum[body]):
+    def default_heights(self) -> tuple[Quantity, Quantity]:
+        """Heights of torso and pelvis in the default pose, (...) each, metres."""
+        model = self.named.model
+        torso = height = model.qpos0["root"][..., 2][()]
+        for number in range(1, 8):  # from torso to pelvis; no vertebra is turned
+            height = height + model.body_pos[f"L_{number}", "z"]
+            for turn in _TURNS[number % 2]:
                 # As MuJoCo: to the hinge and back, which leaves a rounding error.
-                height = height + joint_z[..., joint] - joint_z[..., joint]
-        return _joined(*np.broadcast_arrays(torso, height))
+                to_hinge = model.jnt_pos[f"L_{number}_{turn}", "z"]
+                height = height + to_hinge - to_hinge
+        return torso, height + model.body_pos["pelvis", "z"]
 
     def body_weight(self) -> Quantity:
         """Weight of the dog, (...), newtons."""
@@ -177,7 +179,7 @@ class Physics(mujoco.Physics):
 
     def com_forward_velocity(self) -> Quantity:
         """Its forward component, (...)."""
-        return _parts(self.torso_com_velocity())[0]
+        return self.torso_com_velocity()[..., 0][()]  # a number, not an array, for one simulation
 
     def joint_angles(self) -> np.ndarray:
         """Angles of the hinges, (..., 73), radians."""
@@ -225,7 +227,8 @@ class Physics(mujoco.Physics):
 
     def ball_to_target_distance(self) -> Quantity:
         """Distance of the ball from the target, (...), metres."""
-        return arrays.norm(np.subtract(*(self.named.data.geom_xpos[g] for g in ("ball", "target"))))
+        positions = self.named.data.geom_xpos
+        return arrays.norm(positions["ball"] - positions["target"])
 
 
 class Stand(base.Task[Physics]):
@@ -235,11 +238,8 @@ class Stand(base.Task[Physics]):
       FACTORS: names of the reward's factors, in the order of `get_reward_factors`.
     """
 
-    FACTORS: tuple[str, ...] = (
-        *("torso_height", "pelvis_height", "skull_upright", "torso_upright", "pelvis_upright"),
-        "touch",
-    )
-    GOAL = FACTORS[:-1]  # the last is never below 0.9
+    GOAL = ("torso_height", "pelvis_height", "skull_upright", "torso_upright", "pelvis_upright")
+    FACTORS: tuple[str, ...] = (*GOAL, "touch")  # the last is never below 0.9
 
     def __init__(self, random: Random = None, observe_reward_factors: bool = False) -> None:
         """Creates the task, with the factors of the reward as an observation if that is asked."""
@@ -279,19 +279,22 @@ class Stand(base.Task[Physics]):
 
     def get_reward_factors(self, physics: Physics) -> np.ndarray:
         """Factors of the reward, (..., k), between 0 and 1; subclasses append their own."""
-        enough, weight = physics.default_heights() * _STAND_HEIGHT_FRACTION, physics.body_weight()
-        pairs = zip(_parts(physics.torso_pelvis_height()), _parts(enough), strict=True)
-        heights = [rewards.tolerance(now, (low, np.inf), margin=low) for now, low in pairs]
-        upright = locomotion.upright(physics.upright(), at_least=_MIN_UPRIGHT_COSINE)
+        heights, weight = physics.named.data.xpos, physics.body_weight()
+        torso, pelvis = physics.default_heights()
+        standing = _high(heights["torso", "z"], torso), _high(heights["pelvis", "z"], pelvis)
+        level = _MIN_UPRIGHT_COSINE
+        upright = rewards.tolerance(
+            physics.upright(), (level, np.inf), 1 + level, "linear", value_at_margin=0
+        )
         force = physics.touch_sensors().sum(axis=-1)
         touch = rewards.tolerance(force, (weight, np.inf), weight, "linear", value_at_margin=0.9)
-        return _joined(*heights, *_parts(upright), touch)
+        return arrays.concat((_joined(*standing), upright, _joined(touch)))
 
     def reward_terms(self, physics: Physics) -> dict[str, Quantity]:
         """The factors by name; those that a subclass does not name are 'factor_6' and so on."""
-        factors = _parts(self.get_reward_factors(physics))
-        unnamed = (f"factor_{number}" for number in range(len(self.FACTORS), len(factors)))
-        return dict(zip((*self.FACTORS, *unnamed), factors, strict=True))
+        factors = self.get_reward_factors(physics)
+        unnamed = (f"factor_{i}" for i in range(len(self.FACTORS), factors.shape[-1]))
+        return {name: factors[..., i][()] for i, name in enumerate((*self.FACTORS, *unnamed))}
 
     def reward_of(self, terms: dict[str, Quantity]) -> Quantity:
         """The product of all terms, between 0 and 1."""
@@ -316,7 +319,7 @@ class Move(Stand):
         speed, bounds = physics.com_forward_velocity(), (self._move_speed, 2 * self._move_speed)
         margin = max(1.0, self._move_speed)
         forward = rewards.tolerance(speed, bounds, margin, "linear", value_at_margin=0)
-        return _joined(*_parts(super().get_reward_factors(physics)), (4 * forward + 1) / 5)
+        return arrays.concat((super().get_reward_factors(physics), _joined((4 * forward + 1) / 5)))
 
 
 class Fetch(Stand):
@@ -354,12 +357,14 @@ class Fetch(Stand):
         bring = rewards.tolerance(distance, (0, target), model.geom_size["floor", 0], "reciprocal")
         # Having fetched the ball, the dog may let go of it.
         reach = np.where(distance < 2 * target, 1, (6 * reach + 1) / 7)
-        return _joined(*_parts(super().get_reward_factors(physics)), reach, (bring + 1) / 2)
+        own = _joined(reach, (bring + 1) / 2)
+        return arrays.concat((super().get_reward_factors(physics), own))
 
 
-def _parts(vectors: Quantity) -> np.ndarray:
-    """The elements of a vector, or of one vector per simulation, (..., k) -> (k, ...)."""
-    return np.moveaxis(np.asarray(vectors), -1, 0)
+def _high(height: Quantity, default: Quantity) -> Quantity:
+    """1 for nine tenths of the default height or more, (...)."""
+    low = default * _STAND_HEIGHT_FRACTION
+    return rewards.tolerance(height, (low, np.inf), margin=low)
 
 
 def _joined(*parts: Quantity) -> np.ndarray:

@@ -1,8 +1,7 @@
 """Quadruped: walk, run, climb out of a bowl, or fetch a ball, on four legs with 12 actuators.
 
-An episode begins with the torso turned at random, just above the ground; in escape, on a terrain of
-its own. The reward is the product of a term for an upright torso and terms for the task. The tasks
-are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
+An episode begins with the torso turned at random, just above the ground; escape draws a terrain
+too. The tasks are those of the DeepMind Control Suite (https://arxiv.org/abs/1801.00690).
 """
 
 import collections
@@ -14,11 +13,11 @@ import mujoco as official
 import numpy as np
 
 from limberjack import mujoco
-from limberjack.mujoco.wrapper import MjData
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
 from limberjack.suite._zoom import zoom
+from limberjack.suite.base import Kwargs, Random
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [
@@ -36,12 +35,12 @@ __all__ = [
     "walk",
 ]
 
-_DEFAULT_TIME_LIMIT = 20  # seconds
+_TIME_LIMIT = _DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds
 
 _RUN_SPEED = 5  # metres per second; forward speed at which running is fully rewarded
 _WALK_SPEED = 0.5  # metres per second; the same for walking
-_ESCAPE_FLOOR = 40  # metres; half the length of the floor, which extends beyond the terrain
+_ESCAPE_FLOOR = 40  # metres; half the length of escape's floor, which extends beyond the terrain
 _ESCAPE_TILT = 20  # degrees; in escape, a torso tilted by less counts as upright
 
 _HEIGHTFIELD_ID = 0
@@ -50,21 +49,26 @@ _TERRAIN_BUMP_SCALE = 2  # metres between two bumps
 _FLAT_CENTRE = 0.04  # radius within which the bowl is flat, as a fraction of the terrain's
 
 _RISE = 0.01  # metres between two heights that are tried for a start
-_MAX_RISES = 10_000
+_MAX_RISES = 10_000  # heights to try
 _SPAWN = 0.9  # fraction of the floor in which fetch starts
 _BALL_HEIGHT = 2  # metres; where the ball is dropped
 _BALL_SPEED = 5  # metres per second; standard deviation of each horizontal velocity of the ball
 
+_LEGS = ["front_left", "front_right", "back_right", "back_left"]
 _TOES = ["toe_front_left", "toe_back_left", "toe_back_right", "toe_front_right"]
 _WALLS = ["wall_px", "wall_py", "wall_nx", "wall_ny"]
+_HINGES = [f"{joint}_{leg}" for leg in _LEGS for joint in ("yaw", "pitch", "knee", "ankle")]
+_ON_TOES = [f"{kind}_toe_{leg}" for kind in ("force", "torque") for leg in _LEGS]
+_RANGEFINDERS = [f"rf_{row}{column}" for row in range(4) for column in range(5)]
 _NO_INTERSECTION = -1.0  # reading of a range finder that sees nothing
 
 SUITE = containers.TaggedTasks()
+# Chosen by eye: the quadruped stands, and in fetch the ball and the target are visible.
 PICTURES = {
-    "walk": base.Picture("x"),
-    "run": base.Picture("x"),
-    "escape": base.Picture("x"),
-    "fetch": base.Picture("x"),
+    "walk": base.Picture("x", seed=3, steps=30),
+    "run": base.Picture("x", seed=0, steps=30),
+    "escape": base.Picture("x", seed=3, steps=30),
+    "fetch": base.Picture("global", seed=0, steps=30),
 }
 OBSERVATIONS = {
     "egocentric_state": base.Observed(
@@ -81,7 +85,7 @@ OBSERVATIONS = {
         "hyperbolic tangent of each range finder's distance; 1 if it sees nothing", "tanh(m)"
     ),
     "ball_state": base.Observed(
-        "the ball's position, velocity and angular velocity, in the torso's frame", "m; m/s; rad/s"
+        "the ball's position, velocity and angular velocity in the torso's frame", "m; m/s; rad/s"
     ),
     "target_position": base.Observed("the target in the torso's frame", "m"),
 }
@@ -98,31 +102,27 @@ def make_model(
     Args:
       floor_size: half the length of the floor, metres; by default that between the walls.
       terrain: whether there is a height field, flat in the model.
-      rangefinders: whether there are range finders, which take time even if nobody reads them.
+      rangefinders: whether there are range finders, which take time even if they are not read.
       walls_and_ball: whether there are walls, a ball and a target.
     """
     root = ElementTree.fromstring(common.read_model("quadruped.xml"))
-    unused = []
-    if not walls_and_ball:
-        unused += [xml_tools.find_element(root, "geom", wall) for wall in _WALLS]
-        unused += [xml_tools.find_element(root, "body", "ball")]
-        unused += [xml_tools.find_element(root, "site", "target")]
+    find = functools.partial(xml_tools.find_element, root)
+    unused = [] if rangefinders else root.findall("sensor/rangefinder")
     if not terrain:
-        unused += [xml_tools.find_element(root, "geom", "terrain")]
-    if not rangefinders:
-        unused += root.findall("sensor/rangefinder")
+        unused += [find("geom", "terrain")]
+    if not walls_and_ball:
+        unused += [*(find("geom", wall) for wall in _WALLS), find("body", "ball")]
+        unused += [find("site", "target")]
     for element in unused:
         xml_tools.remove_element(root, element)
     if floor_size is not None:
-        xml_tools.find_element(root, "geom", "floor").set("size", f"{floor_size} {floor_size} .5")
+        find("geom", "floor").set("size", f"{floor_size} {floor_size} .5")
     return ElementTree.tostring(root)
 
 
 @SUITE.add()
 def walk(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Walk forward at 0.5 m/s or more."""
     model = make_model(floor_size=_DEFAULT_TIME_LIMIT * _WALK_SPEED)
@@ -131,9 +131,7 @@ def walk(
 
 @SUITE.add()
 def run(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run forward, up to 5 m/s."""
     model = make_model(floor_size=_DEFAULT_TIME_LIMIT * _RUN_SPEED)
@@ -142,9 +140,7 @@ def run(
 
 @SUITE.add()
 def escape(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Climb out of a bowl of rough terrain."""
     model = make_model(floor_size=_ESCAPE_FLOOR, terrain=True, rangefinders=True)
@@ -153,9 +149,7 @@ def escape(
 
 @SUITE.add()
 def fetch(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Bring a ball to the target at the origin."""
     model = make_model(walls_and_ball=True)
@@ -163,36 +157,14 @@ def fetch(
 
 
 def _environment(
-    model: bytes, task: base.Task, time_limit: float, kwargs: base.Kwargs
+    model: bytes, task: base.Task, time_limit: float, kwargs: Kwargs
 ) -> control.Environment:
     physics = Physics.from_shared_xml(model, common.ASSETS)
-    return control.Environment(
-        physics, task, time_limit=time_limit, control_timestep=_CONTROL_TIMESTEP, **kwargs or {}
-    )
+    return control.Environment(physics, task, time_limit, _CONTROL_TIMESTEP, **kwargs or {})
 
 
 class Physics(mujoco.Physics):
     """Measurements of the quadruped."""
-
-    def _reload_from_data(self, data: MjData) -> None:
-        vars(self).pop("_names", None)
-        super()._reload_from_data(data)
-
-    @functools.cached_property
-    def _names(self) -> dict[str, list[str]]:
-        """Names of the hinges and of the sensors of each kind, in the order of the model."""
-        model, joint, sensor = self.model, official.mjtJoint, official.mjtSensor
-
-        def of(kind: str, types: np.ndarray, *wanted: int) -> list[str]:
-            return [model.id2name(i, kind) for i in np.flatnonzero(np.isin(types, wanted))]
-
-        sensors = functools.partial(of, "sensor", model.sensor_type)
-        return {
-            "hinges": of("joint", model.jnt_type, joint.mjJNT_HINGE),
-            "force_torque": sensors(sensor.mjSENS_FORCE, sensor.mjSENS_TORQUE),
-            "imu": sensors(sensor.mjSENS_GYRO, sensor.mjSENS_ACCELEROMETER),
-            "rangefinder": sensors(sensor.mjSENS_RANGEFINDER),
-        }
 
     def torso_upright(self) -> np.ndarray:
         """Cosine of the torso's tilt, (...): 1 upright, -1 upside down."""
@@ -204,8 +176,8 @@ class Physics(mujoco.Physics):
 
     def egocentric_state(self) -> np.ndarray:
         """Angles and velocities of the hinges, and activations of the actuators, (..., 44)."""
-        data, hinges = self.named.data, self._names["hinges"]
-        return arrays.concat((data.qpos[hinges], data.qvel[hinges], self.data.act))
+        qpos, qvel = self.named.data.qpos, self.named.data.qvel
+        return arrays.concat((qpos[_HINGES], qvel[_HINGES], self.data.act))
 
     def toe_positions(self) -> np.ndarray:
         """Toes in the torso's frame, (..., 4, 3), metres, anticlockwise from the front left."""
@@ -213,16 +185,16 @@ class Physics(mujoco.Physics):
         return self._rows_in_torso_frame(xpos[_TOES] - xpos["torso"][..., None, :])
 
     def force_torque(self) -> np.ndarray:
-        """Inverse hyperbolic sine of forces and torques on the toes, (..., 24)."""
-        return np.arcsinh(self.named.data.sensordata[self._names["force_torque"]])
+        """Inverse hyperbolic sine of the forces, then the torques, on the toes, (..., 24)."""
+        return np.arcsinh(self.named.data.sensordata[_ON_TOES])
 
     def imu(self) -> np.ndarray:
-        """The torso's acceleration, m/s^2, and angular velocity, rad/s, in its frame, (..., 6)."""
-        return self.named.data.sensordata[self._names["imu"]]
+        """Acceleration, m/s^2, and angular velocity, rad/s, of the torso in its frame, (..., 6)."""
+        return self.named.data.sensordata[["imu_accel", "imu_gyro"]]
 
     def rangefinder(self) -> np.ndarray:
         """Hyperbolic tangent of the distances in metres, (..., 20); 1 where nothing is seen."""
-        readings = self.named.data.sensordata[self._names["rangefinder"]]
+        readings = self.named.data.sensordata[_RANGEFINDERS]
         return np.where(readings == _NO_INTERSECTION, 1.0, np.tanh(readings))
 
     def origin_distance(self) -> np.ndarray:
@@ -235,9 +207,9 @@ class Physics(mujoco.Physics):
         return -arrays.to_frame(data.xpos["torso"], data.xmat["torso"])
 
     def ball_state(self) -> np.ndarray:
-        """The ball's position, velocity and angular velocity, (..., 9), in the torso's frame.
+        """Position and velocity relative to the torso, and angular velocity of the ball, (..., 9).
 
-        Metres, metres per second, radians per second; all but the last are relative to the torso.
+        In the torso's frame; metres, metres per second, radians per second.
         """
         data = self.named.data
         ball, root = data.qvel["ball_root"], data.qvel["root"]
@@ -266,102 +238,80 @@ class Physics(mujoco.Physics):
     def _rows_in_torso_frame(self, rows: np.ndarray) -> np.ndarray:
         """Vectors of the world, (..., k, 3), in the torso's frame."""
         frame = self.named.data.xmat["torso"]
-        # One product of matrices, as in dm_control, which `to_frame` is not.
+        # One product of matrices, as in dm_control; `to_frame` may round differently.
         return np.matmul(rows, frame.reshape(*frame.shape[:-1], 3, 3))
 
-
-def _find_non_contacting_height(
-    physics: Physics, orientation: np.ndarray, x_pos: float = 0.0, y_pos: float = 0.0
-) -> None:
-    """Resets to the lowest pose without contacts, in steps of a centimetre.
-
-    Args:
-      physics: the simulation.
-      orientation: the torso's quaternion, (4,).
-      x_pos: the torso's position, metres.
-      y_pos: the same along y.
-
-    Raises:
-      RuntimeError: there are contacts at every height.
-    """
-    z_pos = 0.0  # in the ground
-    for _ in range(_MAX_RISES):
-        # Too many contacts for MuJoCo's buffer are contacts.
-        with contextlib.suppress(control.PhysicsError), physics.reset_context():
-            root = physics.named.data.qpos["root"]
-            root[:3], root[3:] = (x_pos, y_pos, z_pos), orientation
-        if not physics.data.ncon:
-            return
-        z_pos += _RISE
-    raise RuntimeError(
-        f"the quadruped has contacts at every height up to {z_pos:.0f} m; check whether a change "
-        "of the model rules out a start"
-    )
+    def _has_contacts(self, pose: np.ndarray) -> bool:
+        """Whether the root touches anything in a pose, (7,), which is set; computes no forces."""
+        model, data = self.model._model, self.data._data
+        self.named.data.qpos["root"] = pose
+        official.mj_kinematics(model, data)
+        official.mj_collision(model, data)
+        return data.ncon > 0
 
 
-def _common_observations(physics: Physics) -> collections.OrderedDict:
-    """The observations of all tasks."""
-    obs = collections.OrderedDict()
-    obs["egocentric_state"] = physics.egocentric_state()
-    obs["torso_velocity"] = physics.torso_velocity()
-    obs["torso_upright"] = physics.torso_upright()
-    obs["imu"] = physics.imu()
-    obs["force_torque"] = physics.force_torque()
-    return obs
+class _Task(base.Task[Physics]):
+    """A task that begins above the ground and observes the body."""
+
+    def _rise(self, physics: Physics, quaternion: np.ndarray, x: float = 0, y: float = 0) -> None:
+        """Resets to the lowest pose without contacts, in steps of a centimetre from the ground.
+
+        Raises:
+          RuntimeError: there are contacts at every height.
+        """
+        pose = np.array([x, y, 0.0, *quaternion])
+        physics.simulation.reset()
+        for _ in range(_MAX_RISES):
+            # A test of contacts takes a tenth of the time of a reset; the last one stays.
+            if not physics._has_contacts(pose):
+                with contextlib.suppress(control.PhysicsError), physics.reset_context():
+                    physics.named.data.qpos["root"] = pose
+                return
+            pose[2] += _RISE
+        raise RuntimeError(
+            f"the quadruped has contacts at every height up to {pose[2]:.0f} m; check whether a "
+            "change of the model rules out a start"
+        )
+
+    def _random_orientation(self) -> np.ndarray:
+        """A uniformly distributed unit quaternion, (4,)."""
+        orientation = self.random.randn(4)
+        return orientation / np.linalg.norm(orientation)
+
+    def get_observation(self, physics: Physics) -> collections.OrderedDict:
+        """State of the body, without its position and heading."""
+        obs = collections.OrderedDict()
+        obs["egocentric_state"] = physics.egocentric_state()
+        obs["torso_velocity"] = physics.torso_velocity()
+        obs["torso_upright"] = physics.torso_upright()
+        obs["imu"] = physics.imu()
+        obs["force_torque"] = physics.force_torque()
+        return obs
 
 
-def _upright_reward(physics: Physics, deviation_angle: float = 0) -> arrays.Quantity:
-    """1 for a tilt of at most `deviation_angle` degrees, decreasing to 0 upside down, (...)."""
-    return locomotion.upright(physics.torso_upright(), np.cos(np.deg2rad(deviation_angle)))
-
-
-def _random_orientation(random: np.random.RandomState) -> np.ndarray:
-    """A uniformly distributed unit quaternion, (4,)."""
-    orientation = random.randn(4)
-    return orientation / np.linalg.norm(orientation)
-
-
-def _linear(distance: arrays.Quantity, radius: float, margin: float) -> arrays.Quantity:
-    """1 up to a distance of `radius`, decreasing linearly to 0 over the margin, metres, (...)."""
-    return rewards.tolerance(distance, (0, radius), margin, "linear", value_at_margin=0)
-
-
-class Move(base.Task[Physics]):
+class Move(_Task):
     """Move forward at least at a given speed."""
 
     GOAL = ("upright", "movement")
 
-    def __init__(self, desired_speed: float, random: base.Random = None) -> None:
-        """Creates the task.
-
-        Args:
-          desired_speed: forward speed that is fully rewarded, m/s; 0 rewards being upright.
-          random: a `numpy.random.RandomState`, a seed, or None.
-        """
+    def __init__(self, desired_speed: float, random: Random = None) -> None:
+        """Rewards a forward speed of `desired_speed`, m/s; 0 rewards any, and being upright."""
         self._desired_speed = desired_speed
         super().__init__(random=random)
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws the torso's orientation."""
-        _find_non_contacting_height(physics, _random_orientation(self.random))
+        self._rise(physics, self._random_orientation())
         super().initialize_episode(physics)
-
-    def get_observation(self, physics: Physics) -> collections.OrderedDict:
-        """State of the body without its position and heading."""
-        return _common_observations(physics)
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Factors of the reward: uprightness and forward speed."""
         forward = physics.torso_velocity()[..., 0]
         movement = locomotion.speed(forward, self._desired_speed, value_at_margin=0.5)
-        return {"upright": _upright_reward(physics), "movement": movement}
-
-    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
-        """The product of both terms."""
-        return terms["upright"] * terms["movement"]
+        return {"upright": locomotion.upright(physics.torso_upright(), 1.0), "movement": movement}
 
 
-class Escape(base.Task[Physics]):
+class Escape(_Task):
     """Climb out of a bowl of rough terrain, which is drawn for each episode."""
 
     EPISODE_FIELDS = ("hfield_data",)
@@ -370,12 +320,11 @@ class Escape(base.Task[Physics]):
     def initialize_episode(self, physics: Physics) -> None:
         """Draws the terrain and the torso's orientation."""
         model = physics.model
-        size = model.hfield_nrow[_HEIGHTFIELD_ID]
-        start = model.hfield_adr[_HEIGHTFIELD_ID]
+        size, start = (f[_HEIGHTFIELD_ID] for f in (model.hfield_nrow, model.hfield_adr))
         terrain = self._draw_terrain(size, 2 * model.hfield_size[_HEIGHTFIELD_ID, 0])
         model.hfield_data[start : start + size**2] = terrain.ravel()
         super().initialize_episode(physics)
-        _find_non_contacting_height(physics, _random_orientation(self.random))
+        self._rise(physics, self._random_orientation())
 
     def _draw_terrain(self, size: int, length: float) -> np.ndarray:
         """Heights from 0 to 1 on a square grid, (size, size), for a terrain of this length."""
@@ -383,62 +332,55 @@ class Escape(base.Task[Physics]):
         radius = np.clip(np.sqrt(x**2 + y**2), _FLAT_CENTRE, 1)
         bowl = 0.5 - np.cos(2 * np.pi * radius) / 2
         count = int(length / _TERRAIN_BUMP_SCALE)
-        bumps = self.random.uniform(_TERRAIN_SMOOTHNESS, 1, (count, count))
-        return bowl * zoom(bumps, size)
+        return bowl * zoom(self.random.uniform(_TERRAIN_SMOOTHNESS, 1, (count, count)), size)
 
     def get_observation(self, physics: Physics) -> collections.OrderedDict:
         """State of the body, direction of the origin, and range finders."""
-        obs = _common_observations(physics)
+        obs = super().get_observation(physics)
         obs["origin"] = physics.origin()
         obs["rangefinder"] = physics.rangefinder()
         return obs
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Factors of the reward: uprightness and distance from the origin."""
-        away = locomotion.speed(
-            physics.origin_distance(), physics.model.hfield_size[..., _HEIGHTFIELD_ID, 0]
-        )
-        return {"upright": _upright_reward(physics, _ESCAPE_TILT), "escape": away}
-
-    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
-        """The product of both terms."""
-        return terms["upright"] * terms["escape"]
+        upright = locomotion.upright(physics.torso_upright(), np.cos(np.deg2rad(_ESCAPE_TILT)))
+        edge = physics.model.hfield_size[..., _HEIGHTFIELD_ID, 0]
+        return {"upright": upright, "escape": locomotion.speed(physics.origin_distance(), edge)}
 
 
-class Fetch(base.Task[Physics]):
+class Fetch(_Task):
     """Bring a ball to the target at the origin."""
 
     GOAL = ("fetch",)
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Draws heading and position, and position and velocity of the falling ball."""
+        """Draws heading and position, and the velocity and position of the falling ball."""
         uniform, data = self.random.uniform, physics.named.data
-        azimuth = uniform(0, 2 * np.pi)
-        orientation = np.array((np.cos(azimuth / 2), 0, 0, np.sin(azimuth / 2)))
+        half = uniform(0, 2 * np.pi) / 2
         radius = _SPAWN * physics.named.model.geom_size["floor", 0]
-        x, y = uniform(-radius, radius, size=2)
-        _find_non_contacting_height(physics, orientation, x, y)
-        data.qpos["ball_root"][:2] = uniform(-radius, radius, size=2)
-        data.qpos["ball_root"][2] = _BALL_HEIGHT
+        position = uniform(-radius, radius, size=2)
+        self._rise(physics, np.array([np.cos(half), 0, 0, np.sin(half)]), *position)
+        data.qpos["ball_root"][:3] = *uniform(-radius, radius, size=2), _BALL_HEIGHT
         data.qvel["ball_root"][:2] = _BALL_SPEED * self.random.randn(2)
         super().initialize_episode(physics)
 
     def get_observation(self, physics: Physics) -> collections.OrderedDict:
         """State of the body, and ball and target as seen from the torso."""
-        obs = _common_observations(physics)
+        obs = super().get_observation(physics)
         obs["ball_state"] = physics.ball_state()
         obs["target_position"] = physics.target_position()
         return obs
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
-        """Uprightness, distance to the ball, and the ball's distance to the target."""
+        """Uprightness, closeness to the ball, and closeness of the ball to the target."""
         geom_size, site_size = physics.named.model.geom_size, physics.named.model.site_size
+        within = functools.partial(rewards.tolerance, sigmoid="linear", value_at_margin=0)
         arena = geom_size["floor", 0] * np.sqrt(2)
         reach = site_size["workspace", 0] + geom_size["ball", 0]
         return {
-            "upright": _upright_reward(physics),
-            "reach": _linear(physics.self_to_ball_distance(), reach, arena),
-            "fetch": _linear(physics.ball_to_target_distance(), site_size["target", 0], arena),
+            "upright": locomotion.upright(physics.torso_upright(), 1.0),
+            "reach": within(physics.self_to_ball_distance(), (0, reach), arena),
+            "fetch": within(physics.ball_to_target_distance(), (0, site_size["target", 0]), arena),
         }
 
     def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
