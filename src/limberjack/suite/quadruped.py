@@ -311,7 +311,7 @@ class Move(_Task):
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Factors of the reward: uprightness and forward speed."""
-        forward = physics.torso_velocity()[..., 0]
+        forward = physics.torso_velocity().T[0]  # `[..., 0]` would give an array, not a number
         movement = locomotion.speed(forward, self._desired_speed, value_at_margin=0.5)
         return {"upright": self._upright(physics), "movement": movement}
 
