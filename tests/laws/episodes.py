@@ -24,6 +24,7 @@ from limberjack.rl.action_specs import bounds_to_try
 
 __all__ = [
     "DOMAINS",
+    "LAST_TASKS",
     "TASKS",
     "Task",
     "actions",
@@ -49,19 +50,18 @@ def _tasks() -> tuple[Task, ...]:
 
 TASKS = [pytest.param(task, id=":".join(task)) for task in _tasks()]
 # One task of each domain: its last, which has the most that can go wrong in its start.
-DOMAINS = [
-    pytest.param(task, id=":".join(task)) for task in {task[0]: task for task in _tasks()}.values()
-]
+LAST_TASKS = list({task[0]: task for task in _tasks()}.values())
+DOMAINS = [pytest.param(task, id=":".join(task)) for task in LAST_TASKS]
 
 
-def rotated(*choices: Iterable[Any]) -> list[Any]:
+def rotated(*choices: Iterable[Any], of: Iterable[Task] | None = None) -> list[Any]:
     """Parameters of a law: each task with one combination of the choices, in turn.
 
     The combinations are of sizes, threads and the like, which do not depend on the task: the tasks
     together meet each of them. Where there are fewer tasks than combinations, each task meets all.
     """
     combinations = list(itertools.product(*choices))
-    tasks = _tasks()
+    tasks = list(_tasks() if of is None else of)
     turns = [(combinations[i % len(combinations)], task) for i, task in enumerate(tasks)]
     if len(tasks) < len(combinations):
         turns = list(itertools.product(combinations, tasks))
