@@ -149,7 +149,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("stop = start + math.prod(shape)", "stop = start + (shape[-1] if shape else 1)"),
         ("np.array(observation[part.name], self.dtype)", "np.asarray(observation[part.name])"),
         ("kept = {name: values[rows] for", "kept = {name: values[: len(rows)] for"),
-        ("(spec.minimum, spec.maximum)", "(-1.0, 1.0)"),
+        ("low, high = open_bounds(spec)", "low, high = spec.minimum, spec.maximum"),
     ],
     "gym/arguments.py": [
         ("return mask.copy()", "return mask"),
