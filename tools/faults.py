@@ -247,7 +247,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        physics.simulation.reset()\n", ""),
         ("            pose[2] += _RISE\n", "            pose[2] = pose[2] + 2 * _RISE\n"),
         ("_BALL_SPEED * self.random.randn(2)", "_BALL_SPEED * self.random.rand(2)"),
-        ("np.cos(np.deg2rad(_ESCAPE_TILT))", "1.0"),
+        ("self._upright(physics, _ESCAPE_TILT)", "self._upright(physics)"),
         ('(0.5 + 0.5 * terms["fetch"])', 'terms["fetch"]'),
     ],
     "suite/_zoom.py": [

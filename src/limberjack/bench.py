@@ -25,6 +25,7 @@ from dm_env import specs
 
 from limberjack.factories import Factory, Make, factory_of
 from limberjack.gym.vector import VectorEnv
+from limberjack.mujoco import row_fields
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import at_least_one
@@ -249,11 +250,12 @@ class Contest:
         import mujoco.batch  # here, as `limberjack.mujoco` is to import it first
 
         like = self.environment.physics
-        model, threads = like.model._model, like.simulation.num_threads
+        model, threads = like.model.without_textures()._model, like.simulation.num_threads
         batch = mujoco.batch.Batch(model, self.num_envs, threads, persistent)
         batch.state[...] = self._start
+        fields = row_fields.of(batch, model, self.num_envs, self._start_fields)
         for name, values in self._start_fields.items():
-            batch.expand(name)[...] = values
+            fields.own[name][...] = values
         return batch
 
     def actions(self, num_steps: int) -> np.ndarray:

@@ -188,6 +188,25 @@ def test_pictures_of_rows_are_those_of_single_simulations() -> None:
     np.testing.assert_array_equal(rows.render_rows(np.array([1]), **how), pictures[1:])
 
 
+@_draws
+def test_each_row_is_drawn_with_its_own_terrain_in_each_episode() -> None:
+    rows = furnished().replicate(2, 1, ("hfield_data",))
+    how = {**SIZE, "camera_id": "wall"}
+    for episode in range(2):
+        heights = np.random.RandomState(episode).uniform(size=(2, 9))
+        for row in range(2):
+            with rows.episode(row) as one:
+                one.model.hfield_data[:] = heights[row]
+        rows.start(np.arange(2))
+        pictures = rows.render_rows(None, **how)
+        for row in range(2):
+            single = furnished()
+            single.model.hfield_data[:] = heights[row]
+            single.reset()
+            np.testing.assert_array_equal(pictures[row], single.render(**how))
+        assert (pictures[0] != pictures[1]).any()
+
+
 def test_pictures_of_no_row_have_their_shape_and_need_no_drawing() -> None:
     rows = furnished().replicate(2, 1, ())
     none = np.empty(0, int)

@@ -130,6 +130,17 @@ def test_constants_of_a_row_follow_its_fields(rows: BatchSimulation) -> None:
         np.testing.assert_array_equal(official.dof_invweight0, model.dof_invweight0)
 
 
+def test_a_batch_made_again_steps_alike(rows: BatchSimulation) -> None:
+    _vary(rows)
+    rows.forward_without_actuation()
+    again = rows._lazy.made_again(sets_constants=False)
+    for name, values in rows.own_fields.items():
+        np.testing.assert_array_equal(again.own[name][:], values[:])
+    rows.step(50)
+    again.call(50)
+    np.testing.assert_array_equal(again.state, rows.state)
+
+
 def test_models_of_rows_have_no_textures_and_only_they_are_changed(
     of_models: BatchSimulation,
 ) -> None:

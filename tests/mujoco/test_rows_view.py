@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from limberjack.mujoco import Physics
+from limberjack.mujoco import Physics, rows_view
 from limberjack.mujoco.rows_view import RowsData, RowsModel
 from limberjack.mujoco.wrapper import MjModel
 
@@ -183,6 +183,19 @@ def test_velocities_of_objects_are_those_of_single_simulations(
             expected = rows.shown(row).data.object_velocity(name, kind, local_frame)
             np.testing.assert_array_equal(found[row], expected)
             np.testing.assert_array_equal(np.signbit(found[row]), np.signbit(expected))
+
+
+@pytest.mark.parametrize("local_frame", [False, True])
+def test_the_formula_for_arrays_on_a_device_is_mujocos(local_frame: bool) -> None:
+    rows = Physics.from_xml_string(_MOVING).replicate(_NUM_ENVS, 1)
+    rows.simulation.state[:, 1:] += 0.5
+    rows.step(None, 2)
+    data = rows.physics.data
+    tip = data.cvel[:, 2], data.subtree_com[:, 1], data.site_xpos[:, 0], data.site_xmat[:, 0]
+    found = rows_view._velocity(*tip, local_frame=local_frame)
+    # Rounded in another order where compilers fuse operations.
+    expected = data.object_velocity("tip", "site", local_frame)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
 
 
 def test_the_velocity_of_something_else_is_refused(data: Any) -> None:

@@ -31,6 +31,10 @@ def test_steps_are_the_same(name: str, legacy_step: bool, nstep: int) -> None:
     twin.play(nstep=nstep)
 
 
+# Addresses within sparse Jacobians, which MuJoCo leaves as they happen to be where these are dense.
+_OF_SPARSE = ("efc_J_", "efc_AR_")
+
+
 @pytest.mark.parametrize(("domain", "task"), twins.MODELS)
 def test_every_array_of_the_data_is_the_same_after_steps(domain: str, task: str) -> None:
     env = twins.load(domain, task)
@@ -39,6 +43,8 @@ def test_every_array_of_the_data_is_the_same_after_steps(domain: str, task: str)
     ours, theirs = env.ours.physics.data.ptr, env.theirs.physics.data.ptr
     for field in dir(theirs):
         value = getattr(theirs, field, None)
+        if field.startswith(_OF_SPARSE) and not mujoco.mj_isSparse(env.ours.physics.model.ptr):
+            continue
         if isinstance(value, np.ndarray) and not field.startswith("_"):
             assert_same(getattr(ours, field), value, f"{env.where} {field}")
 

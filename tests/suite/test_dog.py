@@ -48,7 +48,7 @@ def test_the_weight_is_that_of_all_bodies_of_the_dog() -> None:
 
 
 def test_each_row_stands_by_its_own_heights_and_weight() -> None:
-    randomize = {"body_mass": scale(0.5, 2), "body_pos": scale(0.9, 1.1)}
+    randomize: dict[str, Any] = {"body_mass": scale(0.5, 2), "body_pos": scale(0.9, 1.1)}
     randomize["opt.gravity"] = shift([0, 0, -2], [0, 0, 2])
     batch = suite.load_batch("dog", "walk", 3, 1, 5, environment_kwargs={"randomize": randomize})
     batch.reset()

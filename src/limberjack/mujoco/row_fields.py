@@ -18,7 +18,7 @@ There are two implementations, and MuJoCo does not allow both in one batch:
 import contextlib
 import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 import mujoco
 import mujoco.batch
@@ -28,7 +28,7 @@ from limberjack.mujoco.read_only import ReadOnly
 from limberjack.mujoco.simulation import ACTUATION, Rows, read_field, write_field
 from limberjack.utils.arrays import AnyArray
 
-__all__ = ["RowFields", "of"]
+__all__ = ["Expanded", "RowFields", "RowModels", "of"]
 
 _READ_ONLY = (
     "{} of the model is read-only, since each row of this batch has a model of its own: set it in "
@@ -39,8 +39,10 @@ _READ_ONLY = (
 class RowFields(Protocol):
     """Per-row model fields; see the module's docstring."""
 
-    # By name, indexed by row and live; an array, or with the same brackets as one.
-    own: Mapping[str, AnyArray]
+    @property
+    def own(self) -> Mapping[str, AnyArray]:
+        """The fields by name, live: arrays, or objects with the brackets of an array."""
+        ...
 
     def shown(self, name: str) -> np.ndarray:
         """One of the own fields as an array, (num_envs, ...), that stays current."""
@@ -59,8 +61,9 @@ class RowFields(Protocol):
         ...
 
 
-# Any: MuJoCo's batch has its fields as attributes.
-def of(batch: Any, model: mujoco.MjModel, num_envs: int, names: Iterable[str]) -> RowFields:
+def of(
+    batch: mujoco.batch.Batch, model: mujoco.MjModel, num_envs: int, names: Iterable[str]
+) -> RowFields:
     """The fields of a `mujoco.batch.Batch` of this model, in which nothing is expanded."""
     names = tuple(names)
     if all(name in mujoco.batch.MODEL_FIELDS for name in names):
@@ -71,7 +74,7 @@ def of(batch: Any, model: mujoco.MjModel, num_envs: int, names: Iterable[str]) -
 class Expanded:
     """Arrays in the batch; see `RowFields`."""
 
-    def __init__(self, batch: Any, names: Iterable[str]) -> None:
+    def __init__(self, batch: mujoco.batch.Batch, names: Iterable[str]) -> None:
         self._batch = batch
         self.own: dict[str, AnyArray] = {name: batch.expand(name) for name in names}
         self._disableflags: np.ndarray = batch.expand("opt.disableflags")
@@ -107,7 +110,7 @@ class RowModels:
     """
 
     def __init__(
-        self, batch: Any, model: mujoco.MjModel, num_envs: int, names: Iterable[str]
+        self, batch: mujoco.batch.Batch, model: mujoco.MjModel, num_envs: int, names: Iterable[str]
     ) -> None:
         self._batch = batch
         self._models = [copy.copy(model) for _ in range(num_envs)]

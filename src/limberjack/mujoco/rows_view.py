@@ -17,6 +17,8 @@ from limberjack.mujoco.read_only import ReadOnlyStruct
 from limberjack.mujoco.simulation import Fields
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.data import moving_object
+from limberjack.utils import arrays
+from limberjack.utils.arrays import AnyArray
 
 __all__ = ["RowsData", "RowsModel"]
 
@@ -77,19 +79,29 @@ class RowsData:
         model: mujoco.MjModel = self.model._model
         position, frame, owner = _POSES[kind]
         body = number if owner is None else getattr(model, owner)[number]
-        # What MuJoCo's function reads of the data; a formula of NumPy's may round differently.
-        reads = {"cvel": body, "subtree_com": model.body_rootid[body], position: number}
-        one = self._one
-        rows = [
-            (getattr(one, name)[index], getattr(self, name)[..., index, :])
-            for name, index in (reads | {frame: number}).items()
-        ]
-        velocity = np.empty((*self.cvel.shape[:-2], 6))
+        reads = {"cvel": body, "subtree_com": model.body_rootid[body]}
+        reads |= {position: number, frame: number}
+        values = [getattr(self, name)[..., index, :] for name, index in reads.items()]
+        if not isinstance(values[0], np.ndarray):  # on a device: MuJoCo's functions cannot read it
+            return _velocity(*values, local_frame=local_frame)
+        # Not `_velocity`, which rounds differently where compilers fuse operations.
+        places = [getattr(self._one, name)[index] for name, index in reads.items()]
+        velocity = np.empty((*values[0].shape[:-1], 6))
         for row in np.ndindex(velocity.shape[:-1]):
-            for place, values in rows:
-                place[...] = values[row]
-            mujoco.mj_objectVelocity(model, one, kind, number, velocity[row], local_frame)
+            for place, value in zip(places, values, strict=True):
+                place[...] = value[row]
+            mujoco.mj_objectVelocity(model, self._one, kind, number, velocity[row], local_frame)
         return velocity.reshape(*velocity.shape[:-1], 2, 3)[..., ::-1, :]
+
+
+def _velocity(
+    cvel: AnyArray, com: AnyArray, position: AnyArray, frame: AnyArray, local_frame: bool
+) -> AnyArray:
+    """`mj_objectVelocity` by array operations, (..., 2, 3): linear, then angular."""
+    angular, linear = cvel[..., :3], cvel[..., 3:]
+    linear = linear - np.cross(position - com, angular)
+    velocity = np.stack((linear, angular), axis=-2)
+    return arrays.to_frame(velocity, frame) if local_frame else velocity
 
 
 class RowsModel(MjModel):

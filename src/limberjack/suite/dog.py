@@ -46,11 +46,9 @@ _FOR_FETCH = {  # elements of the model, by tag
 }
 
 SUITE = containers.TaggedTasks()
-# Chosen by eye: the whole dog is visible.
-PICTURES = {
-    task: base.Picture("y-axis", seed=seed, steps=8)
-    for seed, task in enumerate(("stand", "walk", "trot", "run", "fetch"))
-}
+# Chosen by eye: the dog is seen from its side.
+_SEEDS = {"stand": 14, "walk": 9, "trot": 6, "run": 3, "fetch": 4}
+PICTURES = {task: base.Picture("y-axis", seed=seed, steps=4) for task, seed in _SEEDS.items()}
 OBSERVATIONS = {
     "joint_angles": base.Observed("angles of the hinges, in the order of the joints", "rad"),
     "joint_velocites": base.Observed("velocities of the hinges; the name is dm_control's", "rad/s"),

@@ -278,6 +278,11 @@ class _Task(base.Task[Physics]):
         orientation = self.random.randn(4)
         return orientation / np.linalg.norm(orientation)
 
+    def _upright(self, physics: Physics, tilt: float = 0) -> arrays.Quantity:
+        """1 for a tilt of at most `tilt` degrees, decreasing to 0 upside down, (...)."""
+        # A product is a number where the quantity is an array without axes, as `torso_upright`.
+        return locomotion.upright(physics.torso_upright(), np.cos(np.deg2rad(tilt))) * 1.0
+
     def get_observation(self, physics: Physics) -> collections.OrderedDict:
         """State of the body, without its position and heading."""
         obs = collections.OrderedDict()
@@ -306,9 +311,9 @@ class Move(_Task):
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Factors of the reward: uprightness and forward speed."""
-        forward = physics.torso_velocity()[..., 0]
+        forward = physics.torso_velocity().T[0]  # `[..., 0]` would give an array, not a number
         movement = locomotion.speed(forward, self._desired_speed, value_at_margin=0.5)
-        return {"upright": locomotion.upright(physics.torso_upright(), 1.0), "movement": movement}
+        return {"upright": self._upright(physics), "movement": movement}
 
 
 class Escape(_Task):
@@ -343,9 +348,9 @@ class Escape(_Task):
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Factors of the reward: uprightness and distance from the origin."""
-        upright = locomotion.upright(physics.torso_upright(), np.cos(np.deg2rad(_ESCAPE_TILT)))
         edge = physics.model.hfield_size[..., _HEIGHTFIELD_ID, 0]
-        return {"upright": upright, "escape": locomotion.speed(physics.origin_distance(), edge)}
+        escape = locomotion.speed(physics.origin_distance(), edge) * 1.0
+        return {"upright": self._upright(physics, _ESCAPE_TILT), "escape": escape}
 
 
 class Fetch(_Task):
@@ -378,7 +383,7 @@ class Fetch(_Task):
         arena = geom_size["floor", 0] * np.sqrt(2)
         reach = site_size["workspace", 0] + geom_size["ball", 0]
         return {
-            "upright": locomotion.upright(physics.torso_upright(), 1.0),
+            "upright": self._upright(physics),
             "reach": within(physics.self_to_ball_distance(), (0, reach), arena),
             "fetch": within(physics.ball_to_target_distance(), (0, site_size["target", 0]), arena),
         }
