@@ -393,7 +393,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "            vars(self)[name] = field  # c",
             "            vars(self)[name] = field.copy()  # c",
         ),
-        ("return ReadOnlyStruct(field, name)", "return field"),
+        ("return ReadOnlyStruct(field, name, self._own_parts(name))", "return field"),
     ],
     "mujoco/read_only.py": [
         ("        self._refuse_writing()\n        super()", "        super()"),
