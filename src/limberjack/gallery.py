@@ -23,8 +23,8 @@ from limberjack.video import mosaic
 __all__ = ["draw", "write"]
 
 _SHEET = "suite.png"
-_COLUMNS = 5  # of the sheet
-_SHEET_PICTURE = 220, 220  # pixels; wide enough for the names of tasks
+_COLUMNS = 9  # of the sheet
+_SHEET_PICTURE = 160, 160  # pixels; wide enough for the names of tasks
 _PICTURE = 480, 480  # pixels
 _ACTION_SCALE = 0.3  # of the range of actions: bodies move, and nothing is thrown about
 
@@ -92,7 +92,7 @@ def _draw_sizes(domain: str, task: str, sizes: list[tuple[int, int, bool]]) -> l
     low, high = bounds_to_try(spec)
     for _ in range(shown.steps):
         environment.step(_ACTION_SCALE * stream.uniform(low, high, spec.shape))
-    name = TextOverlay(task, position="bottom left")
+    name = TextOverlay(f"{domain}\n{task}", position="bottom left")
     pictures = [
         environment.physics.render(height, width, shown.camera, [name] if label else [])
         for height, width, label in sizes

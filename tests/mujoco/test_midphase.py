@@ -92,8 +92,17 @@ def test_boxes_that_hold_their_geoms_are_no_reason_to_keep_it(kind: str) -> None
     assert midphase.is_needless(_model(_floor(0), body))
 
 
-@pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
-def test_the_suites_worlds_do_without(domain: str, task: str) -> None:
+# Worlds that keep their trees: nothing touches them, their geoms are moved at starts, or they have
+# other geoms than planes.
+_WITH_TREES = {"cartpole", "fish", "lqr", "point_mass", "reacher", "swimmer"}
+_WITH_TREES |= {"dog:fetch", "quadruped:escape"}
+
+
+@pytest.mark.parametrize(
+    ("domain", "task"),
+    [task for task in suite.ALL_TASKS if not {task[0], ":".join(task)} & _WITH_TREES],
+)
+def test_the_suites_other_worlds_do_without(domain: str, task: str) -> None:
     batch = suite.load_batch(domain, task, 2, num_threads=1, seed=0)
     trees = batch.physics.simulation._lazy.official.expand("body_bvhadr")
     np.testing.assert_array_equal(trees[:, 0], -1)

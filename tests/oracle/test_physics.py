@@ -295,6 +295,7 @@ def test_physics_has_dm_controls_public_names_and_few_of_its_own() -> None:
     assert sorted(names - others) == [
         "become",
         "from_shared_xml",
+        "identity",
         "nominal_fields",
         "num_envs",
         "origin",
