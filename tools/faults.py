@@ -23,6 +23,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "self._replicas.simulation.save(None, self._s",
         ),
         ("            self._begins[rows] = True  # until c", "            pass  # until c"),
+        (
+            "self._streams.begin([row], self._task, self._replicas.simulation)",
+            "",
+        ),
         ("self._streams.replace(row, stream, seeds[i])", "self._streams.own[row] = stream"),
     ],
     "rl/endings.py": [
@@ -41,7 +45,15 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("np.where(self.steps == 0, _FIRST, _MID)", "np.where(self.steps <= 1, _FIRST, _MID)"),
         ("self._all_one.copy(), self._all_mid.copy()", "self._all_one, self._all_mid.copy()"),
     ],
+    "rl/stream_fields.py": [
+        ("simulation.set_fields(fields, row)", "simulation.set_fields(fields)"),
+        ("np.random.RandomState(0)", "task._random"),
+    ],
     "rl/streams.py": [
+        (
+            "                self.beside[row] = stream_beside(self.own[row])\n",
+            "                pass\n",
+        ),
         ("        self.beside[row] = stream_beside(stream)\n", ""),
         ("in zip((self.own, self.beside), states", "in zip((self.beside, self.own), states"),
         ("        checked_seed(first + count - 1)\n", ""),
@@ -137,7 +149,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("stop = start + math.prod(shape)", "stop = start + (shape[-1] if shape else 1)"),
         ("np.array(observation[part.name], self.dtype)", "np.asarray(observation[part.name])"),
         ("kept = {name: values[rows] for", "kept = {name: values[: len(rows)] for"),
-        ("(spec.minimum, spec.maximum)", "(-1.0, 1.0)"),
+        ("low, high = open_bounds(spec)", "low, high = spec.minimum, spec.maximum"),
     ],
     "gym/arguments.py": [
         ("return mask.copy()", "return mask"),
@@ -210,6 +222,29 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("so_far[1], so_far[0] + 1)", "so_far[1], so_far[0])"),
         ("self._waiting = skipped + self._waiting[", "self._waiting = self._waiting["),
         ("        environment.reseed(seed)\n", ""),
+    ],
+    "suite/_chain.py": [
+        ("                end = link\n", ""),
+        ("next=i + 1", "next=i - 1"),
+    ],
+    "suite/cartpole.py": [
+        (".prod(axis=-1)", ".max(axis=-1)"),
+        ("margin=_FAST).min(axis=-1)", "margin=_FAST).mean(axis=-1)"),
+        ("1 - num_poles - 0.05", "-0.05"),
+    ],
+    "suite/lqr.py": [
+        ('root.iterfind("worldbody//joint")', 'root.iter("joint")'),
+        ("np.where(is_over, 0.0, np.nan)", "np.where(is_over, 0.0, 1.0)"),
+        ("np.sqrt(2) * unit", "unit"),
+    ],
+    "suite/lqr_solver.py": [
+        ("a + b @ k", "a - b @ k"),
+        ("timestep * change + drift", "change + drift"),
+    ],
+    "suite/swimmer.py": [
+        ("_PLANAR = [0, 1, 5]", "_PLANAR = [0, 1, 2]"),
+        ("margin=5 * radius", "margin=radius"),
+        ("limit=360.0 / links", "limit=180.0 / links"),
     ],
     "suite/humanoid.py": [
         ("margin=_STAND_HEIGHT / 4", "margin=_STAND_HEIGHT / 2"),
@@ -357,7 +392,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "            vars(self)[name] = field  # c",
             "            vars(self)[name] = field.copy()  # c",
         ),
-        ("return ReadOnlyStruct(field, name)", "return field"),
+        ("return ReadOnlyStruct(field, name, self._own_parts(name))", "return field"),
     ],
     "mujoco/read_only.py": [
         ("        self._refuse_writing()\n        super()", "        super()"),

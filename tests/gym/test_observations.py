@@ -131,3 +131,11 @@ def test_the_action_space_lies_within_bounds_that_float32_rounds() -> None:
     assert (space.high <= high).all()
     np.testing.assert_allclose(space.low, low, rtol=2e-7)  # float32 has 24 binary digits
     np.testing.assert_allclose(space.high, high, rtol=2e-7)
+
+
+def test_an_unlimited_action_has_infinite_bounds_so_that_samples_are_moderate() -> None:
+    bounds = specs.BoundedArray((3,), float, [-1e10, -2.0, -1e10], [1e10, 1e10, 3.0])
+    space = action_space(bounds)
+    assert space.low.tolist() == [-np.inf, -2.0, -np.inf]
+    assert space.high.tolist() == [np.inf, np.inf, 3.0]
+    assert max(abs(space.sample()).max() for _ in range(100)) < 100

@@ -30,10 +30,6 @@ _FILES = [
 
 # Cases that cannot pass, and why. One that would pass is an error here, so that the list shrinks
 # as domains are built.
-_NO_EASY_TASK = (
-    "needs a task tagged 'easy', and no domain that has one is built (ball_in_cup, point_mass, "
-    "reacher)"
-)
 _MESSAGE = (
     "looks up the text of a message under a private name of dm_control; test_physics.py, "
     "test_model_and_data.py and test_frames.py compare these errors"
@@ -47,7 +43,6 @@ def _listed(reason: str, case: str, *methods: str) -> dict[str, str]:
 
 
 _CANNOT_PASS = {
-    **_listed(_NO_EASY_TASK, "suite.loader_test::LoaderConstantsTest", "testSuiteConstants"),
     **_listed(
         "its model uses <composite>, which MuJoCo 4.0 removed; dm_control fails too",
         "mujoco.engine_test::MujocoEngineTest",

@@ -45,3 +45,10 @@ def test_the_planner_is_begun_with_the_environment_and_not_with_a_spec() -> None
         policies.planner(environment.action_spec(), 0)
     action = policies.begin(policies.planner_with(1), environment, 0)({})
     assert action.shape == environment.action_spec().shape
+
+
+def test_random_actions_of_an_unlimited_actuator_lie_between_minus_1_and_1() -> None:
+    act = policies.find("random")(specs.BoundedArray((2,), float, -1e10, 1e10), 0)
+    actions = np.array([act({}) for _ in range(200)])
+    assert -1 <= actions.min() < -0.9
+    assert 0.9 < actions.max() <= 1

@@ -230,7 +230,8 @@ class _Trial:
         seen = self._state(physics, is_batch)
         if is_step:
             self._rewind(task)
-            with explained("the reward", *of, is_batch):
+            # After an underflow the reward would be computed, and its methods called, once more.
+            with explained("the reward", *of, is_batch), np.errstate(under="ignore"):
                 reward, terms = reward_and_terms(task, read)
             seen["the reward"] = reward
             seen |= {f"reward term {name!r}": value for name, value in terms.items()}
