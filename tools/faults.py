@@ -325,7 +325,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "mujoco/row_fields.py": [
         ("            flags |= ACTUATION\n", ""),
         ("            flags[...] = before\n", "            pass\n"),
-        ("[self._models[row] for row in rows]", "self._models"),
         ("                option.disableflags |= ACTUATION\n", "                pass\n"),
         ("                option.disableflags = flags\n", "                pass\n"),
         ("            mujoco.mj_setConst(model, self._data)\n", "            pass\n"),
