@@ -45,9 +45,9 @@ def test_unused_models_are_dropped_when_their_total_size_is_too_large(
 def test_a_second_load_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     for domain, task in suite.ALL_TASKS:
         suite.load(domain, task).close()
-    monkeypatch.delattr(mujoco.MjModel, "from_xml_string")
-    for domain, task in suite.ALL_TASKS:
-        suite.load(domain, task).close()
+        with monkeypatch.context() as patch:
+            patch.delattr(mujoco.MjModel, "from_xml_string")
+            suite.load(domain, task).close()
 
 
 def test_removed_textures_cannot_be_read_or_changed() -> None:
