@@ -28,7 +28,7 @@ __all__ = ["main"]
 
 _RESULTS = Path(__file__).parent / "results" / "learning_curves.json"
 _PICTURE = Path(__file__).parents[1] / "docs" / "images" / "learning_curves.svg"
-_STEPS = {"cartpole:swingup": 500_000, "reacher:easy": 1_000_000, "cheetah:run": 2_000_000}
+_STEPS = {"cartpole:swingup": 500_000, "reacher:easy": 500_000, "cheetah:run": 1_000_000}
 _SEEDS = (0, 1, 2)
 _ENVS = 64
 _ROLLOUT = 64  # steps of each row between two updates
@@ -73,15 +73,17 @@ def _train(name: str, seed: int, steps: int) -> dict[str, Any]:
 def _draw(results: dict[str, Any]) -> None:
     pyplot: Any = importlib.import_module("matplotlib.pyplot")
     pyplot.rcParams.update({"svg.hashsalt": "limberjack", "font.size": 9})
-    figure, axes = pyplot.subplots(1, len(results["runs"]), figsize=(9, 2.8), sharey=True)
-    for axis, (name, runs) in zip(axes, results["runs"].items(), strict=True):
+    figure, axes = pyplot.subplots(
+        1, len(results["runs"]), figsize=(9, 2.8), sharey=True, squeeze=False
+    )
+    for axis, (name, runs) in zip(axes[0], results["runs"].items(), strict=True):
         for run in runs:
             steps, returns = zip(*run["curve"], strict=True)
             axis.plot([n / 1e6 for n in steps], returns, linewidth=1, label=f"seed {run['seed']}")
         axis.set(title=name.replace(":", " "), xlabel="million steps", ylim=(0, 1000))
         axis.grid(alpha=0.3)
-    axes[0].set_ylabel("return of training episodes")
-    axes[0].legend(frameon=False)
+    axes[0, 0].set_ylabel("return of training episodes")
+    axes[0, 0].legend(frameon=False)
     figure.tight_layout()
     figure.savefig(_PICTURE, metadata={"Date": None})
 
