@@ -283,7 +283,8 @@ def test_a_second_environment_costs_little_memory() -> None:
         before = memory()
         others = [suite.load(*task) for _ in range(20)]
         loaded = (memory() - before) / len(others)
-        assert loaded < 1.0, (task, loaded)
+        most = 15.0 if task[0] == "lqr" else 1.0  # each has springs, and so a model, of its own
+        assert loaded < most, (task, loaded)
         if task[0] == "humanoid":
             for env in others:
                 play(env)
