@@ -16,6 +16,8 @@ import numpy as np
 import peers
 from report import Row, at_least, at_most, spread
 
+from limberjack.rl.action_specs import bounds_to_try
+
 __all__ = ["measure"]
 
 _STEPS_PER_BLOCK = 25
@@ -79,8 +81,8 @@ class _Contest:
 
     def play(self, num_steps: int) -> None:
         """Runs an episode."""
-        spec = self._spec
-        actions = self._random.uniform(spec.minimum, spec.maximum, (num_steps, *spec.shape))
+        low, high = bounds_to_try(self._spec)
+        actions = self._random.uniform(low, high, (num_steps, *self._spec.shape))
         for environment in self._environments.values():
             environment.reset()
         self._become(self._environments[peers.OURS].physics)
@@ -107,12 +109,16 @@ class _Contest:
     def _play_bare(self, actions: Sequence[Any]) -> float:
         """Seconds for MuJoCo's calls alone."""
         model, data, num_whole = self._model, self._data, self._num_substeps - 1
+        is_split = model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4.value
         seconds = 0.0
         for action in actions:
             data.ctrl[:] = action
             start = time.perf_counter()
-            mujoco.mj_step2(model, data)
-            mujoco.mj_step(model, data, num_whole)
+            if is_split:
+                mujoco.mj_step2(model, data)
+                mujoco.mj_step(model, data, num_whole)
+            else:
+                mujoco.mj_step(model, data, num_whole + 1)
             mujoco.mj_step1(model, data)
             seconds += time.perf_counter() - start
         return seconds

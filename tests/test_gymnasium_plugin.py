@@ -62,7 +62,7 @@ import limberjack.suite
 import gymnasium
 print("limberjack/humanoid-walk-v0" in gymnasium.registry, limberjack.suite.ALL_TASKS[0][0])
 """
-    assert _run_without_site(directory, program) == "True humanoid\n"
+    assert _run_without_site(directory, program) == "True acrobot\n"
 
 
 def test_a_hook_that_runs_after_the_import_changes_nothing(directory: Path) -> None:

@@ -126,7 +126,7 @@ def test_an_edited_model_is_the_environments_own(task: Task, edit: Callable[[Any
 def test_an_edit_has_its_effect_on_the_edited_simulation(task: Task) -> None:
     env, twin = load(task), load(task)
     play(env, 2), play(twin, 2)
-    env.physics.model.opt.gravity[2] = 5.0
+    env.physics.model.actuator_gear[:] *= 3.0
     assert play(env, 3, reset=False) != play(twin, 3, reset=False)
     env.physics.model.opt.timestep = _TIMESTEP
     assert env.physics.timestep() == _TIMESTEP

@@ -298,7 +298,6 @@ def test_physics_has_dm_controls_public_names_and_few_of_its_own() -> None:
         "identity",
         "nominal_fields",
         "num_envs",
-        "origin",
         "picture_spec",
         "render_rows",
         "replicate",
