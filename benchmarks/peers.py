@@ -50,7 +50,10 @@ def suite(package: str, draws: bool = False) -> ModuleType:
     """
     if package == THEIRS:
         _make_loadable({} if draws else WITHOUT_OPENGL)
-    return importlib.import_module(f"{package}.suite")
+    found: Any = importlib.import_module(f"{package}.suite")
+    if package == THEIRS and not draws:
+        found.quadruped.Physics.contexts = None  # each start of escape would open OpenGL
+    return found
 
 
 def source(domain: str, task: str) -> tuple[str, dict[str, bytes]]:

@@ -9,6 +9,7 @@ Only methods that the physics adds to `mujoco.Physics` are recorded, and only nu
 
 import functools
 import inspect
+import weakref
 from collections.abc import Callable
 
 import numpy as np
@@ -27,18 +28,24 @@ def measurements_of(physics: object) -> dict[str, np.ndarray]:
       physics: a `mujoco.Physics`, whose methods are replaced by recording ones.
     """
     measured: dict[str, np.ndarray] = {}
-    for name, _ in inspect.getmembers(type(physics), inspect.isfunction):
+    # Weak, as otherwise the physics would refer to itself, and its memory be freed late.
+    itself = weakref.ref(physics)
+    for name, function in inspect.getmembers(type(physics), inspect.isfunction):
         if not hasattr(mujoco.Physics, name):
-            vars(physics)[name] = _recording(name, getattr(physics, name), measured)
+            vars(physics)[name] = _recording(name, function, itself, measured)
     return measured
 
 
 def _recording(
-    name: str, method: Callable[..., object], measured: dict[str, np.ndarray]
+    name: str,
+    function: Callable[..., object],
+    physics: weakref.ref[object],
+    measured: dict[str, np.ndarray],
 ) -> Callable[..., object]:
-    @functools.wraps(method)
+    @functools.wraps(function)
     def call(*args: object, **kwargs: object) -> object:
-        value = method(*args, **kwargs)
+        one = physics()
+        value = inspect.getattr_static(type(one), name).__get__(one)(*args, **kwargs)
         if isinstance(value, np.ndarray | np.number | np.bool | float | int):
             label, number = f"{MEASUREMENT}{name}()", 1
             while label in measured:
