@@ -1,0 +1,374 @@
+"""`DeviceBatch`: many episodes of one task, stepped in lockstep on a device.
+
+    batch = DeviceBatch(environment, num_envs=4096, device="cuda:0", seed=0)
+    observation = batch.reset()
+    outcome = batch.step(actions)       # tensors on the device; nothing waits for it
+
+A control step sets the controls, runs the physics steps, begins the episodes that are due, computes
+the first half of the next step, and then the observation and the reward with the task's own code.
+
+Row i's first episode is that of `RandomState(seed + i)`, as on the CPU. Later episodes take their
+starts from a ring of `num_envs` starts, the oldest first. The control steps replace them by new
+ones, of seeds drawn from a stream of their own: with the default number a start is used once where
+episodes last until the time limit.
+"""
+
+import copy
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from limberjack.gpu import memory, model_fields
+from limberjack.gpu.backend import torch
+from limberjack.gpu.counters import Counter, Ending
+from limberjack.gpu.ring import Ring
+from limberjack.gpu.rows import Rows
+from limberjack.gpu.sizes import Sizes
+from limberjack.gpu.starts import Starts
+from limberjack.gpu.tensors import device_array, plain
+from limberjack.gpu.warp_simulation import WarpSimulation, bytes_per_row
+from limberjack.mujoco.model_values import derived_fields
+from limberjack.rl.contract import Task
+from limberjack.rl.control import Environment
+from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.suite import base
+from limberjack.utils.arrays import AnyArray, Quantity, rows_of_a_batch
+from limberjack.utils.seeds import checked_seed
+
+__all__ = ["DeviceBatch", "Options", "Outcome", "usual_starts_per_step"]
+
+_FRESH_AT_ONCE = 8  # new starts that are drawn and copied together
+_USUAL_EPISODE = 1_000  # steps; for the number of new starts where episodes have no time limit
+_LARGEST = mujoco.mjMAXVAL  # MuJoCo replaces a state with larger values
+
+# Tensors in this module are of (num_envs, ...).
+_Observation = dict[str, torch.Tensor]
+
+
+@dataclasses.dataclass(frozen=True)
+class Options:
+    """Settings of a batch on a device.
+
+    Attributes:
+      sizes: room for contacts and constraints.
+      starts_per_step: new starts to draw in each control step, on average.
+      uses_graphs: record sequences of kernels, and replay them.
+      begins_next: begin the next episode of a row in the step after its last one; else rows wait
+        for `begin`.
+    """
+
+    sizes: Sizes
+    starts_per_step: float
+    uses_graphs: bool
+    begins_next: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """The result of a step, in tensors that later steps do not change.
+
+    Attributes:
+      observation: by name.
+      reward: 0 where an episode begins or a row diverges.
+      ending: which episodes end, and how.
+      terms: terms of the reward by name; empty if the task has none.
+      success: whether the goal is reached; None if the task has none.
+      begun: rows that began an episode.
+      diverged: rows whose state left MuJoCo's range, or whose action was not finite.
+      overflow: rows whose contacts or constraints had no room.
+    """
+
+    observation: _Observation
+    reward: torch.Tensor
+    ending: Ending
+    terms: dict[str, torch.Tensor]
+    success: torch.Tensor | None
+    begun: torch.Tensor
+    diverged: torch.Tensor
+    overflow: torch.Tensor
+
+
+class DeviceBatch:
+    """See the module's docstring."""
+
+    def __init__(
+        self,
+        environment: Environment,
+        num_envs: int,
+        device: torch.device,
+        seed: int | None,
+        options: Options,
+    ) -> None:
+        """Creates a batch whose first call must be `reset`.
+
+        Args:
+          environment: a single environment of the task, which is not changed.
+          num_envs: number of rows.
+          device: a `torch.device`.
+          seed: row i's first episode is that of `RandomState(seed + i)`; None for an arbitrary one.
+          options: see `Options`.
+
+        Raises:
+          ValueError: the task is not batch-safe, or its model or fields are not for a device.
+          TypeError: the task's code leaves NumPy's protocols.
+          MemoryError: the rows do not fit into the device's memory.
+        """
+        self.num_envs, self.device, self.options = num_envs, device, options
+        self.task: Any = copy.copy(environment.task)  # the domain's own class
+        if getattr(self.task, "visualize_reward", False):
+            self.task.visualize_reward = False  # the rows share the colours of materials
+        self.environment = environment
+        self.n_sub_steps = environment._n_sub_steps
+        own, model = environment._saved_fields(), environment.physics.model
+        model_fields.check(own)
+        if environment.physics.simulation.sets_constants:  # those that mj_setConst recomputes
+            own = tuple(dict.fromkeys((*own, *model_fields.batched(derived_fields(own)))))
+        memory.check(num_envs, bytes_per_row(model, own, options.sizes), device)
+        self.simulation = WarpSimulation(
+            model, num_envs, str(device), own, options.sizes, options.uses_graphs
+        )
+        self.physics = environment.physics.seen_through(self.simulation)
+        with self.simulation.scope():
+            self._try_task()
+            self.starts = Starts(environment, tuple(self.simulation.late), own)
+            self._rows = Rows(self.simulation, self.starts.parts)
+            self._default = torch.from_numpy(self.starts.default()).to(device)
+            self.counter = Counter(num_envs, environment._step_limit, device)
+            self._none = torch.zeros(num_envs, dtype=torch.bool, device=device)
+        self._ring: Ring | None = None
+        self._fresh_at_once = min(_FRESH_AT_ONCE, num_envs)
+        self._owed = 0.0
+        self.seed(seed)
+
+    def seed(self, seed: int | None) -> None:
+        """Lets the next whole `reset` begin the first episodes of `RandomState(seed + i)`."""
+        first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
+        checked_seed(first + self.num_envs - 1)
+        self.seeds = list(range(first, first + self.num_envs))
+        # The seeds of later starts.
+        self._random = np.random.RandomState([first, self.num_envs])
+        self._ring = None
+        self._owed = self._fresh_at_once - 1.0  # so that the new ones are early, never late
+
+    def reset(
+        self, mask: np.ndarray | None = None, seeds: Sequence[int | None] | None = None
+    ) -> _Observation:
+        """Begins an episode in all rows or in those of a mask; returns the observation of all.
+
+        Args:
+          mask: (num_envs,) booleans.
+          seeds: for each row a seed whose first episode it begins; where None, the row takes a
+            start of the ring, or at the first call begins its first episode.
+        """
+        numbers = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
+        given = list(seeds) if seeds is not None else [None] * self.num_envs
+        if self._ring is None:
+            given = [
+                own if one is None else one for own, one in zip(self.seeds, given, strict=True)
+            ]
+            numbers = np.arange(self.num_envs)
+        drawn = [row for row in numbers.tolist() if given[row] is not None]
+        with self.simulation.scope():
+            if drawn:
+                self._begin_seeded(drawn, given)
+            others = np.isin(numbers, drawn, invert=True)
+            if others.any():
+                chosen = torch.zeros_like(self._none)
+                chosen[torch.from_numpy(numbers[others]).to(self.device)] = True
+                self._begin(chosen)
+            self.simulation.first_half()
+            return self._observation()
+
+    def _begin_seeded(self, drawn: Sequence[int], seeds: Sequence[int | None]) -> None:
+        """Begins the first episodes of seeds in rows."""
+        values = np.zeros((self.num_envs, self.starts.width), np.float32)
+        values[drawn] = self.starts.draw([int(seeds[row] or 0) for row in drawn])
+        self._check_shared(values[drawn])
+        for row in drawn:
+            self.seeds[row] = int(seeds[row] or 0)
+        mask = np.zeros(self.num_envs, bool)
+        mask[drawn] = True
+        chosen, rows = (torch.from_numpy(array).to(self.device) for array in (mask, values))
+        if self._ring is None:
+            self._ring = Ring(rows.clone())
+        self._rows.write(chosen, rows)
+        self.counter.begin(chosen)
+
+    def begin(self, mask: torch.Tensor) -> _Observation:
+        """Begins the next episode in rows of a mask, a tensor; returns the observation of all."""
+        with self.simulation.scope():
+            self._begin(mask)
+            self.simulation.first_half()
+            return self._observation()
+
+    def _begin(self, mask: torch.Tensor) -> None:
+        assert self._ring is not None
+        self._rows.write(mask, self._ring.take(mask))
+        self.counter.begin(mask)
+
+    def step(self, actions: torch.Tensor) -> Outcome:
+        """Applies an action in every row; a row whose action is not finite diverges.
+
+        Args:
+          actions: (num_envs, ...) float32 on the device.
+        """
+        with self.simulation.scope():
+            self._draw_fresh_starts()
+            begun = self.counter.ended if self.options.begins_next else self._none.clone()
+            finite = torch.isfinite(actions).reshape(self.num_envs, -1).all(dim=-1)
+            safe = finite.reshape(-1, *(1,) * (actions.ndim - 1))
+            self._set_controls(torch.where(safe, actions, torch.zeros_like(actions)))
+            self.simulation.advance(self.n_sub_steps)
+            diverged = (~finite | self._out_of_range()) & ~begun
+            overflow = self.simulation.take_overflow()
+            self._rows.write_state(diverged, self._default)
+            if self.options.begins_next:
+                self._begin(begun)
+            self.simulation.first_half()
+            return self._outcome(begun, diverged, overflow)
+
+    def _set_controls(self, actions: torch.Tensor) -> None:
+        if type(self.task).before_step is base.Task.before_step:
+            self.simulation.ctrl.copy_(actions)
+            return
+        with rows_of_a_batch(self.num_envs):
+            self.task.before_step(device_array(actions), self.physics)
+
+    def _out_of_range(self) -> torch.Tensor:
+        bad = self._none
+        for name in ("qpos", "qvel", "act"):
+            values = self.simulation.live(name)
+            if values.shape[-1]:
+                bad = bad | ~(values.abs() <= _LARGEST).all(dim=-1)
+        return bad
+
+    def _outcome(
+        self, begun: torch.Tensor, diverged: torch.Tensor, overflow: torch.Tensor
+    ) -> Outcome:
+        with rows_of_a_batch(self.num_envs):
+            if not _is_inherited(self.task, "after_step"):
+                self.task.after_step(self.physics)
+            reward, terms = reward_and_terms(self.task, self.physics)
+            ended = self.task.get_termination(self.physics)
+            has_goal = terms and getattr(self.task, "GOAL", ())
+            success = self._per_row(self.task.is_success(terms)) if has_goal else None
+        ended = None if ended is None else self._per_row(ended)
+        shown, ending = self.counter.count(begun, diverged, self._per_row(reward), ended)
+        kept = {name: self._per_row(value).clone() for name, value in terms.items()}
+        return Outcome(self._observation(), shown, ending, kept, success, begun, diverged, overflow)
+
+    def _per_row(self, value: Quantity) -> torch.Tensor:
+        """One number for each row, (num_envs,), of an array or a number for all rows."""
+        tensor = plain(value)
+        if not isinstance(tensor, torch.Tensor):
+            tensor = torch.full((), value, dtype=torch.float32, device=self.device)
+        return tensor.expand(self.num_envs)
+
+    def _observation(self) -> _Observation:
+        with rows_of_a_batch(self.num_envs):
+            observed = self.task.get_observation(self.physics)
+        # Copies: observations may be views of the simulation.
+        return {
+            name: plain(values).to(torch.float32, copy=True) for name, values in observed.items()
+        }
+
+    def _draw_fresh_starts(self) -> None:
+        """Replaces the oldest starts of the ring, while the device is busy with the last step."""
+        assert self._ring is not None
+        self._owed += self.options.starts_per_step
+        count = self._fresh_at_once
+        while self._owed >= count:
+            self._owed -= count
+            self._ring.replace(self.starts.draw(self._random.randint(2**32, size=count).tolist()))
+
+    def _try_task(self) -> None:
+        """Runs the task's code once, which registers the fields that it reads."""
+        name = type(self.task).__name__
+        try:
+            with rows_of_a_batch(self.num_envs):
+                self.task.get_observation(self.physics)
+                _, terms = reward_and_terms(self.task, self.physics)
+                self.task.get_termination(self.physics)
+                if terms and getattr(self.task, "GOAL", ()):
+                    self.task.is_success(terms)
+        except (TypeError, AttributeError) as error:
+            raise TypeError(f"task {name} cannot run on a device: {error}") from error
+
+    def _check_shared(self, values: np.ndarray) -> None:
+        """Raises ValueError if a start sets elements of a field that all rows must share."""
+        official = self.environment.physics.model._model
+        for part in self.starts.parts:
+            if part.kind != "model":
+                continue
+            shared = model_fields.shared_elements(official, part.name).ravel()
+            nominal = model_fields.values(official, part.name).ravel().astype(np.float32)
+            if (values[:, part.columns][:, shared] != nominal[shared]).any():
+                raise ValueError(
+                    f"episodes set {part.name} of sites that sensors measure within, which MuJoCo "
+                    "Warp shares between all rows: use the CPU, limberjack.gym.load_vector"
+                )
+
+    def state_dict(self) -> dict[str, object]:
+        """Everything that the future of the batch depends on, in copies."""
+        assert self._ring is not None, "reset the batch first"
+        with self.simulation.scope():
+            return {
+                "parts": self.parts(),
+                "rows": self._rows.read(),
+                "steps": self.counter.steps.clone(),
+                "terminated": self.counter.terminated.clone(),
+                "truncated": self.counter.truncated.clone(),
+                "ring": self._ring.values.clone(),
+                "head": self._ring.head.clone(),
+                "tail": self._ring.tail,
+                "owed": self._owed,
+                "random": self._random.get_state(),
+                "seeds": list(self.seeds),
+            }
+
+    def load_state_dict(self, state: Mapping[str, AnyArray]) -> None:
+        """Continues from the result of `state_dict` of a batch of the same task and size."""
+        with self.simulation.scope():
+            rows = state["rows"].to(self.device)
+            self._rows.write(~self._none, rows)
+            for name in ("steps", "terminated", "truncated"):
+                getattr(self.counter, name).copy_(state[name])
+            self._ring = Ring(state["ring"].to(self.device, copy=True))
+            self._ring.head.copy_(state["head"])
+            self.simulation.first_half()
+        self._ring.tail, self._owed = state["tail"], state["owed"]
+        self._random.set_state(state["random"])
+        self.seeds = list(state["seeds"])
+
+    def parts(self) -> list[str]:
+        """The task and the fields of a row of numbers, to compare with those of a saved state."""
+        named = [f"{part.name} {part.columns}" for part in self.starts.parts]
+        return [self.environment._name or type(self.task).__name__, *named]
+
+    def observation(self) -> _Observation:
+        """The current observation, by name."""
+        with self.simulation.scope():
+            return self._observation()
+
+    def read_rows(self) -> torch.Tensor:
+        """The rows as numbers, (num_envs, width); see `Starts.parts`."""
+        with self.simulation.scope():
+            return self._rows.read()
+
+    def close(self) -> None:
+        """Frees the batch."""
+        self.starts.close()
+
+
+def usual_starts_per_step(num_envs: int, step_limit: float) -> float:
+    """New starts in each step with which each start is used once, if episodes are full length."""
+    return num_envs / (step_limit if math.isfinite(step_limit) else _USUAL_EPISODE)
+
+
+def _is_inherited(task: Task, name: str) -> bool:
+    """Whether the task has the suite's own method of this name."""
+    return getattr(type(task), name) is getattr(base.Task, name)

@@ -1,0 +1,246 @@
+"""NumPy's functions by their counterparts for tensors.
+
+    of_ufunc("minimum", "__call__")         # torch.minimum
+    of_function(np.concatenate)             # torch.cat, with NumPy's arguments
+
+A function without a counterpart is refused by name; see `refuse`.
+"""
+
+from collections.abc import Callable
+from typing import NoReturn
+
+import numpy as np
+
+from limberjack.gpu.backend import torch
+from limberjack.utils.arrays import AnyArray
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["dtype_of", "name_of", "of_function", "of_ufunc", "refuse"]
+
+# AnyArray in this module: tensors, and other arguments of NumPy's functions.
+_Function = Callable[..., AnyArray]
+
+# Universal functions that torch names otherwise, or whose namesake differs.
+_UFUNCS: dict[str, _Function] = {
+    "cbrt": lambda x: torch.sign(x) * torch.pow(torch.abs(x), 1 / 3),
+    "conjugate": torch.conj,
+    "degrees": torch.rad2deg,
+    "equal": torch.eq,
+    "float_power": torch.pow,  # torch's own is in float64
+    "invert": torch.bitwise_not,
+    "left_shift": torch.bitwise_left_shift,
+    "modf": lambda x: (torch.frac(x), torch.trunc(x)),
+    "power": torch.pow,
+    "radians": torch.deg2rad,
+    "right_shift": torch.bitwise_right_shift,
+    "rint": torch.round,
+    "vecdot": torch.linalg.vecdot,
+}
+_REDUCTIONS: dict[str, str] = {
+    "add": "sum",
+    "bitwise_or": "any",
+    "logical_and": "all",
+    "logical_or": "any",
+    "maximum": "amax",
+    "minimum": "amin",
+    "multiply": "prod",
+}
+
+
+def of_ufunc(name: str, method: str) -> _Function | None:
+    """The counterpart of a universal function, called with tensors; None if there is none."""
+    if method == "reduce" and name in _REDUCTIONS:
+        return _reduction(_REDUCTIONS[name], default_axis=0)
+    if method != "__call__":
+        return None
+    return _UFUNCS.get(name) or getattr(torch, name, None)
+
+
+def of_function(function: _Function) -> _Function | None:
+    """The counterpart of another function of NumPy, with its arguments; None if there is none."""
+    return _FUNCTIONS.get(function)
+
+
+def name_of(function: _Function) -> str:
+    """The name to write for a function, such as 'np.linalg.norm'."""
+    module = (getattr(function, "__module__", None) or "numpy").replace("numpy", "np", 1)
+    return f"{module}.{function.__name__}"
+
+
+def refuse(name: str, instead: str = "") -> NoReturn:
+    """Raises TypeError for a function without a counterpart, with the nearest ones."""
+    known = sorted({name_of(function) for function in _FUNCTIONS})
+    hint = f" Use {instead}." if instead else did_you_mean(name, known)
+    raise TypeError(
+        f"{name} is not available for arrays on a device.{hint} Available are NumPy's operators, "
+        f"universal functions and {', '.join(known)}; see docs/gpu.md"
+    )
+
+
+def dtype_of(dtype: AnyArray) -> AnyArray:
+    """The number type on a device: float32 for every float, int64 for integers, bool."""
+    if isinstance(dtype, torch.dtype):
+        return dtype
+    kind = np.dtype(dtype).kind
+    if kind not in "fiub":
+        raise TypeError(f"arrays on a device hold numbers; got dtype {dtype!r}")
+    return {"f": torch.float32, "b": torch.bool}.get(kind, torch.int64)
+
+
+def _reduction(name: str, default_axis: int | None = None) -> _Function:
+    reduce = getattr(torch, name)
+
+    def compute(
+        x: AnyArray, axis: AnyArray = default_axis, dtype: AnyArray = None, keepdims: bool = False
+    ) -> AnyArray:
+        if name == "prod" and axis is None:  # torch multiplies along one axis only
+            x, axis = x.reshape(-1), 0
+        result = reduce(x, _axes(x, axis), keepdim=keepdims)
+        return result if dtype is None else result.to(dtype_of(dtype))
+
+    return compute
+
+
+def _axes(x: AnyArray, axis: AnyArray) -> AnyArray:
+    return tuple(range(x.ndim)) if axis is None else axis
+
+
+def _mean(x: AnyArray, axis: AnyArray = None, keepdims: bool = False) -> AnyArray:
+    return torch.mean(x, _axes(x, axis), keepdim=keepdims)
+
+
+def _moment(name: str) -> _Function:
+    reduce = getattr(torch, name)
+
+    def compute(
+        x: AnyArray, axis: AnyArray = None, ddof: int = 0, keepdims: bool = False
+    ) -> AnyArray:
+        return reduce(x, _axes(x, axis), correction=ddof, keepdim=keepdims)
+
+    return compute
+
+
+def _arg(name: str) -> _Function:
+    find = getattr(torch, name)
+    return lambda x, axis=None, keepdims=False: find(x, axis, keepdim=keepdims)
+
+
+def _norm(
+    x: AnyArray, ord: AnyArray = None, axis: AnyArray = None, keepdims: bool = False
+) -> AnyArray:
+    if axis is None and ord is None:
+        x, axis = x.reshape(-1), -1
+    return torch.linalg.norm(x, ord, axis, keepdims)
+
+
+def _like(value: float | None) -> _Function:
+    def make(x: AnyArray, dtype: AnyArray = None, **kwargs: AnyArray) -> AnyArray:
+        kind = x.dtype if dtype is None else dtype_of(dtype)
+        return torch.full_like(x, value, dtype=kind)
+
+    return make
+
+
+def _full_like(x: AnyArray, fill_value: AnyArray, dtype: AnyArray = None) -> AnyArray:
+    filled = torch.empty_like(x, dtype=x.dtype if dtype is None else dtype_of(dtype))
+    filled[...] = fill_value
+    return filled
+
+
+def _clip(
+    x: AnyArray, a_min: AnyArray = None, a_max: AnyArray = None, **kwargs: AnyArray
+) -> AnyArray:
+    low, high = kwargs.get("min", a_min), kwargs.get("max", a_max)
+    x = x if low is None else torch.maximum(x, _number(low))
+    return x if high is None else torch.minimum(x, _number(high))
+
+
+def _where(condition: AnyArray, x: AnyArray, y: AnyArray) -> AnyArray:
+    if not isinstance(condition, torch.Tensor):
+        like = x if isinstance(x, torch.Tensor) else y
+        condition = torch.full((), condition, dtype=torch.bool, device=like.device)
+    return torch.where(condition, x, y)  # numbers stay numbers: copying them would wait
+
+
+def _number(x: AnyArray) -> AnyArray:
+    """A number as a tensor without axes of the device's number type."""
+    return x if isinstance(x, torch.Tensor) else torch.as_tensor(x, dtype=dtype_of(type(x)))
+
+
+def _dot(a: AnyArray, b: AnyArray) -> AnyArray:
+    if not getattr(a, "ndim", 0) or not getattr(b, "ndim", 0):
+        return a * b
+    return torch.matmul(a, b) if b.ndim <= 2 else torch.tensordot(a, b, ([-1], [-2]))
+
+
+def _cross(a: AnyArray, b: AnyArray, axis: int = -1) -> AnyArray:
+    return torch.linalg.cross(*torch.broadcast_tensors(a, b), dim=axis)
+
+
+def _split(x: AnyArray, sections: AnyArray, axis: int = 0) -> list[AnyArray]:
+    return list(torch.tensor_split(x, sections, dim=axis))
+
+
+def _transpose(x: AnyArray, axes: AnyArray = None) -> AnyArray:
+    if axes and isinstance(axes[0], tuple | list):
+        axes = axes[0]
+    return torch.permute(x, tuple(axes) if axes else tuple(reversed(range(x.ndim))))
+
+
+def _repeat(x: AnyArray, repeats: int, axis: int | None = None) -> AnyArray:
+    return torch.repeat_interleave(x, repeats, dim=axis)
+
+
+# Functions that are not universal, with NumPy's arguments.
+_FUNCTIONS: dict[_Function, _Function] = {
+    np.all: _reduction("all"),
+    np.amax: _reduction("amax"),
+    np.amin: _reduction("amin"),
+    np.any: _reduction("any"),
+    np.argmax: _arg("argmax"),
+    np.argmin: _arg("argmin"),
+    np.atleast_1d: torch.atleast_1d,
+    np.broadcast_to: lambda array, shape: torch.broadcast_to(array, shape),
+    np.clip: _clip,
+    np.concatenate: lambda arrays, axis=0: torch.cat(arrays, axis),
+    np.copy: lambda a: a.clone(),
+    np.copyto: lambda dst, src: dst.copy_(src),
+    np.cross: _cross,
+    np.cumsum: lambda a, axis: torch.cumsum(a, axis),
+    np.diff: lambda a, n=1, axis=-1: torch.diff(a, n, axis),
+    np.dot: _dot,
+    np.einsum: lambda text, *arrays: torch.einsum(text, *arrays),
+    np.empty_like: _like(0),
+    np.expand_dims: lambda a, axis: torch.unsqueeze(a, axis),
+    np.flip: lambda m, axis: torch.flip(m, (axis,) if isinstance(axis, int) else axis),
+    np.full_like: _full_like,
+    np.hstack: torch.hstack,
+    np.linalg.norm: _norm,
+    np.max: _reduction("amax"),
+    np.mean: _mean,
+    np.min: _reduction("amin"),
+    np.moveaxis: torch.movedim,
+    np.nan_to_num: lambda x, nan=0.0: torch.nan_to_num(x, nan),
+    np.ndim: lambda a: a.ndim,
+    np.ones_like: _like(1),
+    np.prod: _reduction("prod"),
+    np.ravel: torch.ravel,
+    np.repeat: _repeat,
+    np.reshape: lambda a, shape: torch.reshape(a, (shape,) if isinstance(shape, int) else shape),
+    np.roll: lambda a, shift, axis=None: torch.roll(a, shift, axis),
+    np.shape: lambda a: tuple(a.shape),
+    np.sort: lambda a, axis=-1: torch.sort(a, axis).values,
+    np.split: _split,
+    np.squeeze: lambda a, axis=None: torch.squeeze(a) if axis is None else torch.squeeze(a, axis),
+    np.stack: lambda arrays, axis=0: torch.stack(tuple(arrays), axis),
+    np.std: _moment("std"),
+    np.sum: _reduction("sum"),
+    np.swapaxes: torch.swapaxes,
+    np.take_along_axis: lambda arr, indices, axis: torch.take_along_dim(arr, indices, axis),
+    np.transpose: _transpose,
+    np.tile: lambda x, reps: torch.tile(x, (reps,) if isinstance(reps, int) else reps),
+    np.var: _moment("var"),
+    np.vstack: torch.vstack,
+    np.where: _where,
+    np.zeros_like: _like(0),
+}

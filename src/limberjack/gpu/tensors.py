@@ -1,0 +1,254 @@
+"""`DeviceArray`: a tensor on which task code written for NumPy runs unchanged.
+
+    heights = device_array(tensor)              # shares the tensor's memory
+    np.minimum(heights, 1.0)[..., None] * 2     # a DeviceArray again, computed on the device
+    plain(heights)                              # a torch.Tensor, for users
+
+It has NumPy's protocols (`__array_ufunc__` and `__array_function__`) and the methods of arrays that
+tasks use. Constants that are NumPy arrays are copied to the device once; NumPy numbers become
+Python's, which keeps results in float32. Operations that would wait for the device raise TypeError
+and name the replacement: `float`, `int`, `bool`, iteration, `np.asarray`.
+
+The law of strict arrays (tests/laws) checks the same restrictions without a device.
+"""
+
+import functools
+from collections.abc import Callable, Iterable
+from typing import NoReturn
+
+import numpy as np
+
+from limberjack.gpu import functions
+from limberjack.gpu.backend import torch
+from limberjack.utils.arrays import AnyArray
+
+__all__ = ["DeviceArray", "constant", "device_array", "plain"]
+
+# AnyArray in this module: whatever NumPy's functions and operators take and return, numbers too.
+_MOST_CONSTANTS = 4096  # cached arrays; a task has a few dozen
+
+_INSTEAD = {
+    "float()": "use the array itself: it holds one number for each row",
+    "int()": "use the array itself, or .astype(int)",
+    "use as an index of a list": "index an array instead",
+    "bool(), as by `if`, `and`, `not`, `min` and `max`,": (
+        "write np.where for if, & for and, ~ for not, np.minimum and np.maximum for min and max"
+    ),
+    "iteration, as by `for` and unpacking,": "index the last axis: x[..., 0]",
+    "`in`": "compare, and use .any(axis=-1)",
+    "item()": "use the array itself",
+    "tolist()": "use the array itself",
+    "np.asarray()": "use the array itself, or np.stack and arrays.concat to join several",
+}
+
+
+class DeviceArray(torch.Tensor):
+    """See the module's docstring."""
+
+    __array_priority__ = 1_000.0
+
+    @classmethod
+    def __torch_function__(
+        cls,
+        func: Callable[..., AnyArray],
+        types: AnyArray,
+        args: AnyArray = (),
+        kwargs: AnyArray = None,
+    ) -> AnyArray:
+        kwargs = kwargs or {}
+        if any(isinstance(arg, _FOREIGN) for arg in (*args, *kwargs.values())):
+            like = _first(args)
+            if func in _INDEXING:
+                args = (args[0], _index(args[1], like), *(_value(arg, like) for arg in args[2:]))
+            else:
+                args = tuple(_value(arg, like) for arg in args)
+                kwargs = {name: _value(value, like) for name, value in kwargs.items()}
+        return super().__torch_function__(func, types, args, kwargs)
+
+    def __array_ufunc__(
+        self, ufunc: np.ufunc, method: str, *inputs: AnyArray, **kwargs: AnyArray
+    ) -> AnyArray:
+        name = ufunc.__name__ if method == "__call__" else f"{ufunc.__name__}.{method}"
+        out = kwargs.pop("out", None)
+        compute = functions.of_ufunc(ufunc.__name__, method)
+        if compute is None or kwargs.keys() - {"axis", "keepdims", "dtype"}:
+            functions.refuse(f"np.{name}")
+        operands = [_operand(each, self) for each in inputs]
+        if kwargs.get("dtype") is not None:
+            kwargs["dtype"] = functions.dtype_of(kwargs["dtype"])
+        else:
+            kwargs.pop("dtype", None)
+        return _written(compute(*operands, **kwargs), out, f"np.{name}")
+
+    def __array_function__(
+        self,
+        function: Callable[..., AnyArray],
+        types: AnyArray,
+        args: AnyArray,
+        kwargs: dict[str, AnyArray],
+    ) -> AnyArray:
+        name = functions.name_of(function)
+        compute = functions.of_function(function)
+        if compute is None:
+            functions.refuse(name)
+        out = kwargs.pop("out", None)
+        if function is np.copyto:
+            return _written(_operand(args[1], self), args[0], name)
+        args = tuple(_converted(each, self) for each in args)
+        kwargs = {key: _converted(each, self) for key, each in kwargs.items()}
+        return _written(compute(*args, **kwargs), out, name)
+
+    def as_index(self, positions: np.ndarray) -> AnyArray:
+        """Positions as an index on this array's device; see `limberjack.utils.arrays.index_for`."""
+        return constant(np.asarray(positions), self.device)
+
+    # Methods of arrays whose names or arguments differ from a tensor's.
+
+    def astype(self, dtype: AnyArray, copy: bool = True) -> AnyArray:
+        """A copy of another number type; `float` is float32."""
+        return self.to(functions.dtype_of(dtype), copy=copy)
+
+    def copy(self) -> AnyArray:
+        """A copy."""
+        return self.clone()
+
+    def dot(self, other: AnyArray) -> AnyArray:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """As `np.dot` for vectors and matrices."""
+        return np.dot(self, other)
+
+    def max(self, axis: AnyArray = None, **kwargs: AnyArray) -> AnyArray:
+        """The largest element along an axis, or of all."""
+        return np.max(self, axis, **kwargs)
+
+    def min(self, axis: AnyArray = None, **kwargs: AnyArray) -> AnyArray:
+        """The smallest element along an axis, or of all."""
+        return np.min(self, axis, **kwargs)
+
+    def transpose(self, *axes: AnyArray) -> AnyArray:
+        """The array with its axes in another order."""
+        return np.transpose(self, axes if axes else None)
+
+    # Operations that would wait for the device.
+
+    def __array__(self, *args: AnyArray, **kwargs: AnyArray) -> NoReturn:
+        _refuse("np.asarray()")
+
+    def __float__(self) -> NoReturn:
+        _refuse("float()")
+
+    def __int__(self) -> NoReturn:
+        _refuse("int()")
+
+    def __index__(self) -> NoReturn:
+        _refuse("use as an index of a list")
+
+    def __bool__(self) -> NoReturn:
+        _refuse("bool(), as by `if`, `and`, `not`, `min` and `max`,")
+
+    def __iter__(self) -> NoReturn:
+        _refuse("iteration, as by `for` and unpacking,")
+
+    def __contains__(self, item: object) -> NoReturn:
+        _refuse("`in`")
+
+    def item(self) -> NoReturn:
+        """Refuses."""
+        _refuse("item()")
+
+    def tolist(self) -> NoReturn:
+        """Refuses."""
+        _refuse("tolist()")
+
+    def __repr__(self, **kwargs: AnyArray) -> str:
+        return f"DeviceArray(shape={tuple(self.shape)}, dtype={self.dtype}, device={self.device})"
+
+
+def device_array(tensor: AnyArray) -> AnyArray:
+    """The tensor as a `DeviceArray` that shares its memory."""
+    return tensor.as_subclass(DeviceArray)
+
+
+def plain(value: AnyArray) -> AnyArray:
+    """A quantity as a `torch.Tensor`; numbers stay numbers."""
+    return value.as_subclass(torch.Tensor) if isinstance(value, DeviceArray) else value
+
+
+def constant(values: np.ndarray, device: AnyArray) -> AnyArray:
+    """A NumPy array as a tensor on the device: float32, int64 or bool; copied once."""
+    values = np.ascontiguousarray(values)
+    return _constant(values.tobytes(), values.dtype.str, values.shape, str(device))
+
+
+@functools.lru_cache(maxsize=_MOST_CONSTANTS)
+def _constant(content: bytes, dtype: str, shape: tuple[int, ...], device: str) -> AnyArray:
+    values = np.frombuffer(content, dtype).reshape(shape).copy()
+    tensor = torch.from_numpy(values)
+    return tensor.to(device, functions.dtype_of(values.dtype)).as_subclass(DeviceArray)
+
+
+_FOREIGN = (np.ndarray, np.generic, list, tuple)
+_INDEXING = (torch.Tensor.__getitem__, torch.Tensor.__setitem__)
+
+
+def _first(args: Iterable[AnyArray]) -> AnyArray:
+    """The first tensor among arguments, which may be lists; None if there is none."""
+    for arg in args:
+        found = _first(arg) if isinstance(arg, list | tuple) else arg
+        if isinstance(found, torch.Tensor):
+            return found
+    return None
+
+
+def _operand(given: AnyArray, like: AnyArray) -> AnyArray:
+    """An operand of a ufunc as a tensor; a number as one without axes, which changes no dtype."""
+    if isinstance(given, torch.Tensor):
+        return given
+    if isinstance(given, np.ndarray) and given.ndim:
+        return constant(given, like.device)
+    if isinstance(given, list | tuple):
+        functions.refuse("a list of arrays as an operand", "np.stack")
+    number = given.item() if isinstance(given, np.ndarray | np.generic) else given
+    return torch.as_tensor(number, dtype=functions.dtype_of(type(number)))
+
+
+def _value(given: AnyArray, like: AnyArray) -> AnyArray:
+    """An argument of a tensor's operator or method: NumPy's arrays and numbers become torch's."""
+    if isinstance(given, np.ndarray) and given.ndim:
+        return constant(given, like.device)
+    if isinstance(given, np.ndarray | np.generic):
+        return given.item()
+    return given
+
+
+def _converted(given: AnyArray, like: AnyArray) -> AnyArray:
+    """An argument of a NumPy function, with arrays converted inside of lists too."""
+    if isinstance(given, list | tuple):
+        return type(given)(_converted(each, like) for each in given)
+    return _value(given, like)
+
+
+def _index(key: AnyArray, like: AnyArray) -> AnyArray:
+    """An index with the positions in it on the device."""
+    if isinstance(key, tuple):
+        return tuple(_index(each, like) for each in key)
+    if isinstance(key, list) and not any(isinstance(each, slice) for each in key):
+        return constant(np.array(key, None if key else int), like.device)
+    return _value(key, like)
+
+
+def _written(result: AnyArray, out: AnyArray, name: str) -> AnyArray:
+    """The result, written into `out` if given."""
+    target = out[0] if isinstance(out, tuple) else out
+    if target is None:
+        return result
+    if not isinstance(target, DeviceArray):
+        raise TypeError(
+            f"{name} of an array on a device cannot write into a {type(target).__name__}: let it "
+            "return a new array, as in x = x + y for x += y"
+        )
+    target.copy_(result)
+    return target
+
+
+def _refuse(what: str) -> NoReturn:
+    raise TypeError(f"{what} would take an array out of the device's memory: {_INSTEAD[what]}")

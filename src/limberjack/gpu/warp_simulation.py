@@ -1,0 +1,271 @@
+"""`WarpSimulation`: many simulations of one model on a device, stepped by MuJoCo Warp.
+
+    simulation = WarpSimulation(model, num_envs=4096, device="cuda:0", own_fields=(), sizes=sizes)
+    simulation.advance(5)
+    simulation.first_half()
+    heights = simulation.data_field("xpos")[0][:, 3, 2]      # (4096,), a `DeviceArray`
+
+It implements `Fields`, the part of a `Simulation` that task code reads, and has the controls. A
+control step is `advance` and then `first_half`. Between them rows may be given another state: the
+first half computes everything that positions and velocities determine, so the start of an episode
+needs no pass of its own.
+
+Quantities of forces and accelerations belong to the last time step, as on the CPU. MuJoCo Warp
+clears their sensors in the first half of the next step. Therefore `sensordata` is an array of its
+own, and so is each other such field that a task reads: `late` has them.
+"""
+
+import contextlib
+import copy
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import mujoco
+import numpy as np
+
+from limberjack.gpu import graphs, model_fields
+from limberjack.gpu.backend import mujoco_warp, torch, warp
+from limberjack.gpu.sizes import Sizes
+from limberjack.gpu.tensors import constant, device_array
+from limberjack.mujoco.index import Axes, FieldIndexer
+from limberjack.mujoco.simulation import Field
+from limberjack.mujoco.wrapper.core import MjModel
+from limberjack.mujoco.wrapper.model import fixed_field, is_structure
+from limberjack.utils.arrays import AnyArray
+
+__all__ = ["WarpSimulation", "bytes_per_row"]
+
+_SENSORS = "sensordata"
+# Fields that depend on forces and accelerations, which `first_half` does not compute.
+_LATE = (
+    *("qacc", "qacc_smooth", "act_dot", "actuator_force", "qfrc_actuator", "qfrc_smooth"),
+    *("qfrc_constraint", "cacc", "cfrc_int", "cfrc_ext"),
+)
+_OVERFLOWS = (
+    *("NEFC", "NJMAX_NNZ", "BROADPHASE", "NARROWPHASE", "CCD", "HFIELD"),
+    *("CONTACT_MATCH", "NVMAX", "EPA_HORIZON", "TACTILE"),
+)  # not those of a solver's iterations, which the CPU limits too
+
+
+class WarpSimulation:
+    """See the module's docstring.
+
+    Attributes:
+      num_envs: number of rows.
+      model: the shared model.
+      device: of all arrays.
+      ctrl: the actuators' controls, (num_envs, nu), live.
+      own: model fields of which each row has its own values, (num_envs, ...), live.
+      late: readings and other quantities of the last time step, (num_envs, ...) by name.
+      late_columns: mask of `sensordata`'s columns that belong to the last time step.
+    """
+
+    def __init__(
+        self,
+        model: MjModel,
+        num_envs: int,
+        device: str,
+        own_fields: Sequence[str],
+        sizes: Sizes,
+        uses_graphs: bool,
+    ) -> None:
+        """Makes simulations in the model's default state.
+
+        Args:
+          model: the shared model.
+          num_envs: number of rows.
+          device: as PyTorch and Warp name it: 'cuda:0' or 'cpu'.
+          own_fields: model fields of which each row has its own values.
+          sizes: room for contacts and constraints.
+          uses_graphs: record the steps and replay the records.
+
+        Raises:
+          ValueError: MuJoCo Warp cannot vary one of the fields, or lacks a feature of the model.
+        """
+        self.num_envs: int | None = num_envs
+        self.model = model
+        self.device = torch.device(device)
+        self.stream = None if self.device.type == "cpu" else torch.cuda.Stream(self.device)
+        model_fields.check(own_fields)
+        names = tuple(own_fields)
+        official = _for_warp(model)
+        with self.scope():
+            self._model = _put_model(official, dict.fromkeys(model_fields.batched(names), num_envs))
+            self._data = mujoco_warp.make_data(official, num_envs, sizes.nconmax, njmax=sizes.njmax)
+            self.own = {name: self._own_field(official, name) for name in names}
+        self._fields: dict[str, torch.Tensor] = {}
+        self.ctrl = device_array(self._live("ctrl"))
+        self.late: dict[str, torch.Tensor] = {}
+        self.late_columns = _late_columns(official)
+        self.data_field(_SENSORS)
+        self._runs_whole_steps = official.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self._graphs = graphs.Graphs(self.device, uses_graphs)
+        mask = sum(getattr(mujoco_warp.OverflowType, name).value for name in _OVERFLOWS)
+        self._overflow, self._overflow_mask = self._live("overflow"), mask
+
+    @contextlib.contextmanager
+    def scope(self) -> Iterator[None]:
+        """Context in which PyTorch and Warp work on this device, in one stream.
+
+        It leaves inference mode, since arrays that are made there cannot be written outside of it.
+        """
+        with torch.inference_mode(False), torch.no_grad(), self._stream_scope():
+            yield
+
+    @contextlib.contextmanager
+    def _stream_scope(self) -> Iterator[None]:
+        if self.stream is None:
+            with warp.ScopedDevice("cpu"):
+                yield
+            return
+        outside = torch.cuda.current_stream(self.device)
+        self.stream.wait_stream(outside)
+        ours = warp.stream_from_torch(self.stream)
+        device = warp.ScopedDevice(str(self.device))
+        with torch.cuda.stream(self.stream), device, warp.ScopedStream(ours):
+            yield
+        outside.wait_stream(self.stream)
+
+    def advance(self, nstep: int) -> None:
+        """Completes the step whose first half ran last, and runs whole steps up to `nstep`."""
+        self._graphs.run(("advance", nstep), lambda: self._advance(nstep))
+        for name, kept in self.late.items():
+            kept.copy_(self._live(name))
+
+    def _advance(self, nstep: int) -> None:
+        if self._runs_whole_steps:  # the second half alone would integrate with Euler's method
+            self._step_whole(nstep)
+            return
+        mujoco_warp.step2(self._model, self._data)
+        self._step_whole(nstep - 1)
+
+    def _step_whole(self, nstep: int) -> None:
+        for _ in range(nstep):
+            mujoco_warp.step(self._model, self._data)
+
+    def first_half(self) -> None:
+        """Recomputes quantities of positions and velocities, and the sensors that read them."""
+        self._graphs.run(("first_half",), lambda: mujoco_warp.step1(self._model, self._data))
+        readings = self.late[_SENSORS]
+        late = constant(self.late_columns, self.device)
+        torch.where(late, readings, self._live(_SENSORS), out=readings)
+
+    def step_bare(self, nstep: int) -> None:
+        """Runs time steps and nothing else, to compare speeds with; quantities are stale after."""
+        self._graphs.run(("bare", nstep), lambda: self._step_whole(nstep))
+
+    def take_overflow(self) -> torch.Tensor:
+        """Mask of rows whose contacts or constraints had no room since the last call."""
+        overflow = (self._overflow & self._overflow_mask) != 0
+        self._overflow.zero_()
+        return overflow
+
+    def live(self, name: str) -> torch.Tensor:
+        """A field of the data as MuJoCo Warp has it, (num_envs, ...), a plain tensor."""
+        return self._live(name)
+
+    def _live(self, name: str) -> torch.Tensor:
+        if name not in self._fields:
+            array: AnyArray = getattr(self._data, name, None)
+            if not isinstance(array, warp.array):
+                raise AttributeError(f"MuJoCo Warp's data has no array {name!r}")
+            tensor = warp.to_torch(array)
+            if getattr(array.dtype, "_shape_", ()) == (3, 3):  # in MuJoCo they are rows of nine
+                tensor = tensor.reshape(*tensor.shape[:-2], 9)
+            self._fields[name] = tensor
+        return self._fields[name]
+
+    def _own_field(self, official: mujoco.MjModel, name: str) -> torch.Tensor:
+        nominal = model_fields.values(official, name)
+        shape = (self.num_envs, *nominal.shape)
+        if name.startswith("opt."):
+            array = model_fields.expand_option(self._model.opt, name, self.num_envs or 1)
+        elif model_fields.batched((name,)):
+            array = getattr(self._model, name)
+        else:  # read by tasks only
+            start = torch.as_tensor(nominal, dtype=torch.float32, device=self.device)
+            return start.expand(shape).clone()
+        return warp.to_torch(array).reshape(shape)
+
+    def data_field(self, name: str) -> Field:
+        """See `Fields`."""
+        live = self._live(name)
+        if name != _SENSORS and name not in _LATE:
+            return device_array(live), True
+        if name not in self.late:
+            self.late[name] = live.clone()
+        return device_array(self.late[name]), True
+
+    field_for_names = data_field
+
+    def indexer(self, name: str, field: AnyArray, axes: Axes, batch: bool) -> FieldIndexer:
+        """See `Fields`."""
+        return FieldIndexer(name, field, axes, batch)
+
+    def model_field(self, name: str) -> Field:
+        """See `Fields`. Integers stay in NumPy: tasks use them as indices."""
+        if name in self.own:
+            return device_array(self.own[name]), True
+        official = self.model._model
+        if is_structure(name):
+            return fixed_field(official, name), False
+        field = getattr(official, name)
+        if isinstance(field, np.ndarray) and field.dtype.kind == "f":
+            return constant(field, self.device), False
+        return field, False
+
+    @property
+    def own_fields(self) -> dict[str, AnyArray]:
+        """Model fields that differ by row, for `physics.model.opt`."""
+        return {name: device_array(values) for name, values in self.own.items()}
+
+
+def bytes_per_row(model: MjModel, own_fields: Sequence[str], sizes: Sizes) -> int:
+    """Memory that a row takes on a device, bytes: the difference between one row and two."""
+    with warp.ScopedDevice("cpu"):
+        official = _for_warp(model)
+        one, two = (
+            sum(
+                a.capacity
+                for a in _arrays(
+                    mujoco_warp.make_data(official, rows, sizes.nconmax, njmax=sizes.njmax)
+                )
+            )
+            for rows in (1, 2)
+        )
+    own = sum(model_fields.values(official, name).size * 4 for name in own_fields)
+    return two - one + own
+
+
+def _arrays(struct: AnyArray) -> Iterator["warp.array"]:
+    for field in dataclasses.fields(struct):
+        value = getattr(struct, field.name)
+        if isinstance(value, warp.array):
+            yield value
+        elif dataclasses.is_dataclass(value):
+            yield from _arrays(value)
+
+
+def _for_warp(model: MjModel) -> mujoco.MjModel:
+    """A copy of the model for MuJoCo Warp."""
+    official = copy.copy(model.without_textures()._model)
+    # Without this flag MuJoCo Warp 4.0 loses contacts between boxes.
+    official.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_NATIVECCD
+    return official
+
+
+def _put_model(official: mujoco.MjModel, batch_sizes: dict[str, int]) -> "mujoco_warp.Model":
+    try:
+        model = mujoco_warp.put_model(official, batch_sizes=batch_sizes)
+    except NotImplementedError as error:
+        raise ValueError(
+            f"MuJoCo Warp cannot simulate this model: {error} Use the CPU: "
+            "limberjack.gym.load_vector"
+        ) from error
+    model.opt.warn_overflow = 0  # counted, not printed: see `take_overflow`
+    return model
+
+
+def _late_columns(official: mujoco.MjModel) -> np.ndarray:
+    late = official.sensor_needstage == mujoco.mjtStage.mjSTAGE_ACC.value
+    return np.repeat(late, official.sensor_dim)

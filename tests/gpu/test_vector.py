@@ -1,0 +1,320 @@
+"""The vector environment of tensors: resets, steps, autoreset modes, info, and bad input."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium import error
+
+from limberjack import gym, suite
+from limberjack.rl.randomize import scale
+
+from .on_device import as_numpy, torch
+
+pytestmark = pytest.mark.gpu
+gpu: Any = pytest.importorskip("limberjack.gpu.vector")
+
+_ROWS = 8
+_DEVICE: dict[str, Any] = {"device": "cpu", "seed": 0}
+_SHORT = 0.06  # seconds: 6 steps of the cheetah
+
+
+def _envs(domain: str = "cheetah", task: str = "run", rows: int = _ROWS, **kwargs: Any) -> Any:
+    return gpu.load_vector(domain, task, rows, **{**_DEVICE, **kwargs})
+
+
+def _actions(envs: Any, value: float = 0.3) -> Any:
+    return torch.full(envs.action_space.shape, value)
+
+
+@pytest.fixture(scope="module")
+def cheetah() -> Iterator[Any]:
+    """A vector environment in next-step mode, of short episodes."""
+    envs = _envs(time_limit=_SHORT)
+    yield envs
+    envs.close()
+
+
+def _close(found: Any, expected: Any, tolerance: float = 1e-4) -> None:
+    np.testing.assert_allclose(as_numpy(found), expected, rtol=tolerance, atol=tolerance)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_episodes_end_and_begin_as_on_the_cpu_in_each_mode(mode: str) -> None:
+    kwargs: dict[str, Any] = {"time_limit": _SHORT, "autoreset_mode": mode, "flat": True}
+    ours = _envs(**kwargs)
+    theirs = gym.load_vector("cheetah", "run", _ROWS, dtype="float32", num_threads=1, **kwargs)
+    found, info = ours.reset()
+    expected, _ = theirs.reset(seed=0)
+    _close(found, expected)
+    assert info == {}
+    for step in range(16):
+        found, reward, terminated, truncated, info = ours.step(_actions(ours))
+        expected, *others, expected_info = theirs.step(as_numpy(_actions(ours)))
+        np.testing.assert_array_equal(as_numpy(terminated), others[1])
+        np.testing.assert_array_equal(as_numpy(truncated), others[2])
+        assert set(expected_info) <= set(info)
+        for key in ("_reward_terms", "_success", "_diverged"):
+            np.testing.assert_array_equal(as_numpy(info[key]), expected_info[key])
+        if step < 6:  # later episodes have other starts
+            _close(reward, others[0])
+        if step < 5 or (mode == "NextStep" and step == 5):
+            _close(found, expected, 1e-3)
+        if mode == "SameStep" and step == 5:
+            assert as_numpy(info["_final_obs"]).all()
+            _close(info["final_obs"], np.stack(list(expected_info["final_obs"])), 1e-3)
+            assert set(info["final_info"]) == set(expected_info["final_info"])
+    ours.close()
+    theirs.close()
+
+
+def test_a_row_that_is_not_reset_keeps_reporting_its_end() -> None:
+    envs = _envs(time_limit=_SHORT, autoreset_mode="Disabled", rows=3)
+    envs.reset()
+    for _ in range(6):
+        envs.step(_actions(envs))
+    _, reward, _, truncated, _ = envs.step(_actions(envs))
+    assert as_numpy(truncated).all()
+    assert not as_numpy(reward).any()
+    mask = torch.tensor([True, False, True])
+    observations, _ = envs.reset(options={"reset_mask": mask})
+    again, _ = envs.reset(options={"reset_mask": as_numpy(mask)}, seed=[5, None, 6])
+    np.testing.assert_array_equal(as_numpy(again)[1], as_numpy(observations)[1])
+    first = suite.load_batch("cheetah", "run", 2, 1, seed=5).reset().observation
+    _close(again[0, :8], first["position"][0])
+    _close(again[2, :8], first["position"][1])
+    _, reward, _, truncated, _ = envs.step(_actions(envs))
+    np.testing.assert_array_equal(as_numpy(truncated), [False, True, False])
+    assert as_numpy(reward)[1] == 0
+    envs.close()
+
+
+def test_seeds_repeat_an_episode_and_later_starts_differ(cheetah: Any) -> None:
+    first, _ = cheetah.reset(seed=3)
+    second, _ = cheetah.reset()
+    third, _ = cheetah.reset(seed=3)
+    np.testing.assert_array_equal(as_numpy(first), as_numpy(third))
+    expected = suite.load_batch("cheetah", "run", _ROWS, 1, seed=3).reset().observation
+    _close(first[:, :8], expected["position"], 1e-6)
+    # The ring begins with the first starts; each is replaced before episodes of full length end.
+    assert as_numpy(second).shape == as_numpy(first).shape
+
+
+def test_starts_are_used_once_where_episodes_are_full_length(cheetah: Any) -> None:
+    cheetah.reset(seed=0)
+    seen = []
+    for _ in range(5 * 7):
+        observations, _, _, _, info = cheetah.step(_actions(cheetah))
+        if as_numpy(~info["_reward_terms"]).all():  # the rows have begun an episode
+            seen.append(as_numpy(observations))
+    starts = np.concatenate(seen)
+    assert len(starts) == 5 * _ROWS
+    assert len(np.unique(starts, axis=0)) == len(starts)
+
+
+def test_rows_that_do_not_begin_an_episode_keep_their_bits() -> None:
+    one, other = (_envs(time_limit=100.0, autoreset_mode="Disabled") for _ in range(2))
+    for envs in (one, other):
+        envs.reset(seed=0)
+    for _ in range(4):
+        mask = torch.zeros(_ROWS, dtype=torch.bool)
+        mask[2] = True
+        other.reset(options={"reset_mask": mask})
+        found, expected = (envs.step(_actions(envs))[0] for envs in (one, other))
+        rows = np.arange(_ROWS) != 2
+        np.testing.assert_array_equal(as_numpy(found)[rows], as_numpy(expected)[rows])
+    one.close()
+    other.close()
+
+
+def test_a_row_that_diverges_ends_is_flagged_and_begins_again(cheetah: Any) -> None:
+    cheetah.reset(seed=0)
+    cheetah.batch.simulation.live("qvel")[3] = float("nan")
+    cheetah.batch.simulation.live("qpos")[5] = 1e11
+    observations, reward, terminated, _, info = cheetah.step(_actions(cheetah))
+    flagged = [row in (3, 5) for row in range(_ROWS)]
+    for mask in (terminated, info["diverged"], ~info["_reward_terms"], reward == 0):
+        np.testing.assert_array_equal(as_numpy(mask), flagged)
+    assert np.isfinite(as_numpy(observations)).all()
+    observations, reward, terminated, _, info = cheetah.step(_actions(cheetah))
+    assert not as_numpy(terminated).any()
+    assert not as_numpy(info["diverged"]).any()
+    np.testing.assert_array_equal(as_numpy(~info["_reward_terms"]), flagged)
+    for _ in range(3):
+        observations, *_ = cheetah.step(_actions(cheetah))
+        assert np.isfinite(as_numpy(observations)).all()
+
+
+def test_an_action_that_is_not_finite_ends_its_row_alone(cheetah: Any) -> None:
+    cheetah.reset(seed=0)
+    actions = _actions(cheetah)
+    actions[1, 0], actions[4, 2] = float("nan"), float("inf")
+    _, _, terminated, _, info = cheetah.step(actions)
+    expected = [row in (1, 4) for row in range(_ROWS)]
+    np.testing.assert_array_equal(as_numpy(terminated), expected)
+    np.testing.assert_array_equal(as_numpy(info["diverged"]), expected)
+    actions = torch.full_like(actions, float("nan"))
+    _, _, terminated, _, info = cheetah.step(actions)  # rows that begin ignore their action
+    np.testing.assert_array_equal(as_numpy(terminated), [not ended for ended in expected])
+
+
+def test_drawn_fields_are_in_the_info_where_episodes_begin() -> None:
+    envs = _envs(time_limit=_SHORT, randomize={"body_mass": scale(0.5, 2.0)})
+    _, info = envs.reset(seed=0)
+    batch = suite.load_batch(
+        "cheetah", "run", _ROWS, 1, environment_kwargs={"randomize": {"body_mass": scale(0.5, 2.0)}}
+    )
+    batch.reset(seeds=list(range(_ROWS)))
+    drawn = info["randomization"]
+    np.testing.assert_array_equal(
+        as_numpy(drawn["body_mass"]), np.float32(batch.randomization["body_mass"])
+    )
+    assert as_numpy(drawn["_body_mass"]).all()
+    for _ in range(7):
+        *_, info = envs.step(_actions(envs))
+    later = as_numpy(info["randomization"]["body_mass"])
+    assert as_numpy(info["_randomization"]).all()
+    assert (later[:, 1] != as_numpy(drawn["body_mass"])[:, 1]).all()
+    envs.close()
+
+
+def test_spaces_and_layout_are_those_of_the_cpu(cheetah: Any) -> None:
+    theirs = gym.load_vector("cheetah", "run", _ROWS, flat=True, dtype="float32", num_threads=1)
+    for name in ("action_space", "observation_space", "single_observation_space", "layout"):
+        assert getattr(cheetah, name) == getattr(theirs, name)
+    assert repr(cheetah) == "<VectorEnv cheetah:run, 8 rows, cpu>"
+
+
+def test_observations_are_plain_tensors_that_later_steps_leave_alone(cheetah: Any) -> None:
+    observations, _ = cheetah.reset(seed=0)
+    kept = observations.clone()
+    results = cheetah.step(_actions(cheetah))
+    info = results[-1]
+    for value in (*results[:4], info["diverged"], *info["reward_terms"].values()):
+        assert type(value) is torch.Tensor
+    before = [value.clone() for value in results[:4]]
+    cheetah.step(_actions(cheetah, -1.0))
+    np.testing.assert_array_equal(as_numpy(observations), as_numpy(kept))
+    for value, kept in zip(results[:4], before, strict=True):
+        np.testing.assert_array_equal(as_numpy(value), as_numpy(kept))
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_nothing_waits_for_the_device_in_a_hundred_steps(mode: str) -> None:
+    from torch.utils._python_dispatch import (  # pyright: ignore[reportMissingImports]
+        TorchDispatchMode,
+    )
+
+    waits: list[str] = []
+
+    class Watch(TorchDispatchMode):
+        def __torch_dispatch__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None):
+            if func.overloadpacket.__name__ in ("_local_scalar_dense", "nonzero", "equal"):
+                waits.append(str(func))
+            return func(*args, **(kwargs or {}))
+
+    envs = _envs(time_limit=_SHORT, autoreset_mode=mode, rows=2)
+    envs.reset()
+    actions = _actions(envs)
+    with Watch():
+        for _ in range(100):
+            envs.step(actions)
+    assert waits == []
+    envs.close()
+
+
+def test_a_state_dict_continues_with_the_same_bits(cheetah: Any) -> None:
+    cheetah.reset(seed=0)
+    cheetah.step(_actions(cheetah))
+    saved = cheetah.state_dict()
+    expected = [cheetah.step(_actions(cheetah, 0.1 * i))[:4] for i in range(9)]
+    other = _envs(time_limit=_SHORT, seed=77)
+    observations = other.load_state_dict(saved)
+    assert observations.shape == (_ROWS, 17)
+    for i, results in enumerate(expected):
+        for found, value in zip(other.step(_actions(other, 0.1 * i))[:4], results, strict=True):
+            np.testing.assert_array_equal(as_numpy(found), as_numpy(value))
+    with pytest.raises(ValueError, match="the state has rows of shape"):
+        other.load_state_dict({**saved, "rows": saved["rows"][:2]})
+    other.close()
+
+
+def test_bad_actions_are_refused_with_advice(cheetah: Any) -> None:
+    cheetah.reset(seed=0)
+    for actions, kind, message in (
+        (np.zeros((_ROWS, 6)), TypeError, "actions are a ndarray; expected a torch.Tensor on cpu"),
+        (_actions(cheetah).double(), TypeError, r"torch\.float64; expected torch\.float32"),
+        (_actions(cheetah)[:3], ValueError, r"shape \(3, 6\); expected \(8, 6\)"),
+        (_actions(cheetah).to("meta"), ValueError, "actions are on meta; expected cpu"),
+    ):
+        with pytest.raises(kind, match=message):
+            cheetah.step(actions)
+
+
+def test_bad_resets_are_refused(cheetah: Any) -> None:
+    for kwargs, kind, message in (
+        ({"seed": [1, 2]}, ValueError, "2 seeds; expected 8"),
+        ({"options": {"reset_mask": torch.ones(3, dtype=torch.bool)}}, ValueError, r"shape \(3,\)"),
+        ({"options": {"reset_mask": torch.ones(8)}}, TypeError, "array of booleans"),
+        ({"seed": -1}, ValueError, "-1"),
+    ):
+        with pytest.raises(kind, match=message):
+            cheetah.reset(**kwargs)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "kind", "message"),
+    [
+        ({"pixels": {"camera": 0}}, ValueError, "pixels is .* no pictures are drawn on a device"),
+        ({"render_mode": "rgb_array"}, ValueError, "render_mode is 'rgb_array': no pictures"),
+        ({"environment_kwargs": {"pixels": {"camera": 0}}}, ValueError, "pixels is"),
+        ({"environment_kwargs": {"legacy_step": False}}, ValueError, "legacy_step is False"),
+        ({"autoreset_mode": "SameStop"}, ValueError, "Did you mean 'SameStep'"),
+        ({"nconmax": 0}, ValueError, "nconmax is 0"),
+        ({"num_thread": 2}, TypeError, "there is no argument 'num_thread'"),
+        ({"rows": 0}, ValueError, "num_envs is 0"),
+        ({"rows": 10**9}, MemoryError, "num_envs is 1000000000, which takes"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(
+    kwargs: dict[str, Any], kind: type[Exception], message: str
+) -> None:
+    with pytest.raises(kind, match=message):
+        _envs(**kwargs)
+
+
+def test_pictures_are_refused_and_a_closed_environment_says_so() -> None:
+    envs = _envs(rows=2)
+    with pytest.raises(error.ResetNeeded, match="call reset"):
+        envs.step(_actions(envs))
+    with pytest.raises(error.ResetNeeded, match="call reset"):
+        envs.to_cpu([0])
+    with pytest.raises(RuntimeError, match=r"no pictures .* to_cpu\(rows\)"):
+        envs.render()
+    envs.close()
+    with pytest.raises(error.ClosedEnvironmentError):
+        envs.reset()
+
+
+def test_overflows_are_counted_and_shown(caplog: pytest.LogCaptureFixture) -> None:
+    envs = _envs(nconmax=4, njmax=2)
+    envs.reset(seed=0)
+    marked = sum(int(envs.step(_actions(envs))[-1]["overflow"].sum()) for _ in range(20))
+    assert envs.overflows == marked > 0
+    envs.close()
+    assert "pass more than nconmax=4, njmax=2" in caplog.text
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_recorded_kernels_give_the_bits_of_the_kernels_themselves(mode: str) -> None:
+    plain, recorded = (
+        _envs(time_limit=_SHORT, autoreset_mode=mode, graphs=graphs) for graphs in (False, True)
+    )
+    np.testing.assert_array_equal(*(as_numpy(envs.reset()[0]) for envs in (plain, recorded)))
+    for step in range(15):
+        results = [envs.step(_actions(envs, 0.1 * step)) for envs in (plain, recorded)]
+        for found, expected in zip(*(result[:4] for result in results), strict=True):
+            np.testing.assert_array_equal(as_numpy(found), as_numpy(expected))
+    plain.close()
+    recorded.close()
