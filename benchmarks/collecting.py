@@ -1,0 +1,122 @@
+"""The speed of collecting datasets, and of reading them, in one table.
+
+    python benchmarks/collecting.py [--quick] [--json FILE]
+
+README.md describes the comparisons. The exit status is 1 if a bar is missed.
+"""
+
+import collections
+import contextlib
+import dataclasses
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from report import Bar, Row, all_met, at_least, print_table, spread, summary, write_json
+
+from limberjack import data, suite
+from limberjack.evaluation.runner import Runner
+from limberjack.evaluation.store import Store
+from limberjack.policies import actors
+
+__all__ = ["Effort", "main"]
+
+_TASKS = (("humanoid", "walk"), ("manipulator", "bring_ball"))
+_COLLECTING, _READING = at_least(0.8), at_least(5.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+    """The amount of work."""
+
+    turns: int  # of each task, by each side
+    episodes: int  # of a turn, in batches of 64
+    seconds: float | None  # of an episode; None for the task's own
+
+
+_FULL = Effort(turns=5, episodes=192, seconds=None)
+# Only checks that the benchmark works; its figures are meaningless.
+_QUICK = Effort(turns=1, episodes=3, seconds=0.2)
+
+
+def _measure(domain: str, task: str, effort: Effort) -> Iterator[Row]:
+    """The rows of a task: the sides take turns, and neighbouring turns are compared."""
+    rates: dict[str, list[float]] = collections.defaultdict(list)  # steps per second
+    for turn in range(effort.turns):
+        seeds = range(turn * effort.episodes, (turn + 1) * effort.episodes)
+        with tempfile.TemporaryDirectory() as folder:
+            rates["evaluate"].append(_evaluated(domain, task, list(seeds), effort))
+            rates["collect"].append(_collected(domain, task, seeds, effort, Path(folder)))
+            rates["read"].append(_read(Path(folder)))
+    yield _row("collect / evaluate", f"{domain}:{task}", rates, "collect", _COLLECTING)
+    yield _row("read / evaluate", f"{domain}:{task}", rates, "read", _READING)
+
+
+def _row(measure: str, subject: str, rates: dict[str, list[float]], ours: str, bar: Bar) -> Row:
+    ratios = [a / b for a, b in zip(rates[ours], rates["evaluate"], strict=True)]
+    return Row(
+        measure,
+        subject,
+        statistics.median(rates[ours]),
+        statistics.median(rates["evaluate"]),
+        "steps/s",
+        statistics.median(ratios),
+        bar=bar,
+        details={"ratio": spread(ratios), "steps_per_second": spread(rates[ours])},
+    )
+
+
+def _evaluated(domain: str, task: str, seeds: list[int], effort: Effort) -> float:
+    """Steps per second of random episodes as `evaluate` plays them, with the kinds of starts."""
+    kwargs = {} if effort.seconds is None else {"time_limit": effort.seconds}
+    began = time.perf_counter()
+    environment = suite.load(domain, task, {"random": 0, **kwargs})
+    full_length = suite.load(domain, task, {"random": 0})
+    store = Store(None, {"versions": {}})
+    with contextlib.closing(Runner(environment, full_length, store, seeds, None)) as runner:
+        runner.run(actors.find("random", environment), None)
+    seconds = time.perf_counter() - began
+    return sum(score.length for score in store.scores["random"].values()) / seconds
+
+
+def _collected(domain: str, task: str, seeds: range, effort: Effort, folder: Path) -> float:
+    """Steps per second of the same episodes, collected with everything but states."""
+    began = time.perf_counter()
+    data.collect(domain, task, "random", seeds, out=folder, time_limit=effort.seconds)
+    return data.load(folder).steps / (time.perf_counter() - began)
+
+
+def _read(folder: Path) -> float:
+    """Steps per second of all arrays of the episodes, read in one thread."""
+    began = time.perf_counter()
+    dataset = data.load(folder)
+    steps = sum(episode.length for episode in dataset)
+    return steps / (time.perf_counter() - began)
+
+
+def main(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
+    ] = False,
+    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+) -> None:
+    """Measure collecting and reading against evaluating, and print whether the bars are met."""
+    effort = _QUICK if quick else _FULL
+    rows = []
+    for domain, task in _TASKS:
+        typer.echo(f"measuring: {domain} {task}", err=True)
+        rows += _measure(domain, task, effort)
+    print_table(rows, "evaluate")
+    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
+    if json is not None:
+        write_json(json, rows, {"quick": quick, **dataclasses.asdict(effort)})
+    sys.exit(not quick and not all_met(rows))
+
+
+if __name__ == "__main__":
+    typer.run(main)

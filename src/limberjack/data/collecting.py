@@ -1,0 +1,231 @@
+"""`collect`: a policy's episodes, written to Parquet files of 64 each.
+
+    from limberjack.data import collect, load
+
+    collect("manipulator", "bring_ball", "random", range(1000), out="data")
+    dataset = load("data")
+
+Episode k is the first episode of an environment with the k-th seed, as in an evaluation, and a file
+has the same bytes whichever process makes it: a unit of work is a function of the recipe and the
+seeds. A file is written as soon as it is complete, so that the same call continues where an earlier
+one was killed, and a call with other seeds adds to the folder. While one batch simulates, the
+episodes of the one before are compressed and written.
+"""
+
+import dataclasses
+import datetime
+import functools
+import itertools
+import platform
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+
+from limberjack.data.episode import Episode
+from limberjack.data.folder import Folder, blocks
+from limberjack.data.parquet import PYARROW, encode
+from limberjack.data.playing import Recorded, actions_of, play
+from limberjack.data.recipe import SHARD, Kept, Recipe, recipe_of
+from limberjack.evaluation.runner import OnProgress
+from limberjack.evaluation.starts import kind_of_start
+from limberjack.report import Facts
+from limberjack.utils.seeds import checked_seed
+from limberjack.workers import OnState, Setup, Unit, open_workers, prepare, shard_of
+from limberjack.workers.scale import Scale
+
+__all__ = ["collect"]
+
+_OnSteps = Callable[[int], object]
+_Make = Callable[[Setup, tuple[int, ...]], "bytes | list[Episode]"]
+
+
+def collect(
+    domain: str,
+    task: str,
+    policy: object = "zero",
+    seeds: Iterable[int] = range(100),
+    *,
+    out: Path | str,
+    kept: Kept | None = None,
+    time_limit: float | None = None,
+    num_threads: int | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    ray: str | None = None,
+    shard: tuple[int, int] | None = None,
+    any_processor: bool = False,
+    on_progress: OnProgress | None = None,
+    on_state: OnState | None = None,
+    command: str = "",
+) -> None:
+    """Plays the episodes that a folder lacks, and writes them.
+
+    Args:
+      domain: such as 'humanoid'.
+      task: such as 'walk'.
+      policy: its name, or the function, object or class itself; see `limberjack.policies`.
+      seeds: increasing, from 0 to 2**32 - 1.
+      out: the folder, which is created if needed; episodes that it has are not played again.
+      kept: what is kept of each step; by default observations as they are, and no states.
+      time_limit: seconds per episode; the task's own by default.
+      num_threads, workers, executor, ray: who plays, as for `limberjack.evaluation.evaluate`.
+      shard: (K, N) plays only the K-th of N parts of the seeds; they share the folder.
+      any_processor: accept workers of processors that round differently.
+      on_progress: called as episodes are played and saved, as by `evaluate`.
+      on_state: called with the state of the workers.
+      command: the command line as it was typed, for run.json; empty if there was none.
+
+    Raises:
+      ValueError, TypeError: there is no such task, policy or seed, a number is out of range, the
+        episodes have no time limit or do not fit onto the disk, or the folder has another dataset.
+        Nothing was played.
+      PolicyError, WorkError: the policy or a worker failed; complete files stay in the folder.
+      OSError: a file cannot be written.
+      ImportError: the extra `data` is missing.
+    """
+    asked = _checked_seeds(seeds, shard)
+    scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
+    scaled = scale.setup(domain, task, policy, time_limit, len(asked))
+    setup = scaled or prepare(domain, task, policy, time_limit=time_limit, num_threads=num_threads)
+    recipe, processor = _recipe(setup, kept or Kept())
+    with Folder(Path(out), recipe, shard) as folder:
+        missing = folder.plan(asked)
+        if not missing:
+            return
+        call = {**_call(missing, command, processor), "workers": workers, "threads": num_threads}
+        folder.log(call)
+        saving = _Saving(folder, recipe, len(asked), missing, on_progress)
+        with open_workers() if scaled is None else scale.open(len(missing)) as opened, saving:
+            made: _Make = functools.partial(_content, recipe)
+            if scaled is None:
+                made = functools.partial(_episodes, recipe, on_steps=saving.on_steps)
+            units = [Unit(setup, tuple(unit)) for unit in _units(missing, setup.unit_size)]
+            for unit, result in opened.results(made, units):
+                saving.save(unit.seeds, result)
+        folder.log({**call, "ended": _now()})
+
+
+def _recipe(setup: Setup, kept: Kept) -> tuple[Recipe, str]:
+    """The recipe of a setup's episodes, and the processor here."""
+    here = setup.opened()
+    versions = {**setup.identity["versions"], "pyarrow": PYARROW}
+    facts = {**setup.identity, "versions": versions}
+    return recipe_of(facts, here.environment, kept), here.processor
+
+
+def _call(missing: Sequence[int], command: str, processor: str) -> Facts:
+    """An entry of run.json, for everything that the files do not depend on."""
+    return {
+        "began": _now(),
+        "ended": None,
+        "command": command,
+        "episodes": len(missing),
+        "first_seed": missing[0],
+        "host": platform.node(),
+        "processor": processor,
+    }
+
+
+class _Saving:
+    """The episodes that are saved, in a thread beside the simulation, and those that are played."""
+
+    def __init__(
+        self,
+        folder: Folder,
+        recipe: Recipe,
+        asked: int,
+        missing: Sequence[int],
+        on_progress: OnProgress | None,
+    ) -> None:
+        self._folder, self._recipe = folder, recipe
+        self._finished = asked - len(missing)
+        self._steps = 0  # of the running episodes
+        self._on_progress = on_progress
+        self._beside = ThreadPoolExecutor(1)
+        self._pending: Future[None] | None = None
+
+    def __enter__(self) -> "_Saving":
+        self._report()
+        return self
+
+    def __exit__(self, kind: object, *error: object) -> None:
+        self._beside.shutdown()  # what was played is saved, whatever follows
+        if kind is None:
+            self._wait()
+
+    def save(self, seeds: Sequence[int], made: "bytes | list[Episode]") -> None:
+        """Saves episodes, once those before them are saved."""
+        self._wait()
+        self._pending = self._beside.submit(self._save, seeds, made)
+        self._steps = 0
+        self._finished += len(seeds)
+        self._report()
+
+    def on_steps(self, count: int) -> None:
+        """Counts steps of episodes that are not saved yet."""
+        self._steps += count
+        self._report()
+
+    def _wait(self) -> None:
+        """Raises the error of the last saving, if any."""
+        if self._pending is not None:
+            self._pending.result()
+
+    def _save(self, seeds: Sequence[int], made: "bytes | list[Episode]") -> None:
+        content = made if isinstance(made, bytes) else encode(self._recipe, made)
+        self._folder.add(range(seeds[0], seeds[-1] + 1), content)
+
+    def _report(self) -> None:
+        if self._on_progress is not None:
+            part = self._steps / self._recipe.step_limit
+            self._on_progress(self._recipe.facts["policy"], self._finished, part)
+
+
+def _content(recipe: Recipe, setup: Setup, seeds: Sequence[int]) -> bytes:
+    """The content of the file of some seeds, as a worker makes it."""
+    if recipe.facts["versions"]["pyarrow"] != PYARROW:
+        raise ValueError(
+            f"pyarrow is {PYARROW} in a worker, and {recipe.facts['versions']['pyarrow']} where "
+            "the files are written: install the same version, so that the bytes are equal"
+        )
+    return encode(recipe, _episodes(recipe, setup, seeds))
+
+
+def _episodes(
+    recipe: Recipe, setup: Setup, seeds: Sequence[int], on_steps: _OnSteps | None = None
+) -> list[Episode]:
+    """The episodes of some seeds, in their order."""
+    here = setup.opened()
+    environment, found, threads = here.environment, here.found, here.num_threads
+    if found.actor is not None:
+        episodes = play(environment, found.actor, seeds, recipe.kept, threads, on_steps)
+    else:
+        assert found.alone is not None
+        actions = {s: actions_of(environment, found.alone, s, on_steps) for s in seeds}
+        episodes = play(environment, Recorded(actions), seeds, recipe.kept, threads)
+    return [
+        dataclasses.replace(one, start=kind_of_start(here.full_length, one.seed))
+        for one in episodes
+    ]
+
+
+def _units(seeds: Sequence[int], size: int) -> Iterator[range]:
+    """Blocks of the seeds, or each seed by itself where the policy plays one at a time."""
+    if size == SHARD:
+        return blocks(seeds)
+    return (range(seed, seed + 1) for seed in seeds)
+
+
+def _checked_seeds(seeds: Iterable[int], shard: tuple[int, int] | None) -> list[int]:
+    """The seeds, or those of a shard; raises ValueError or TypeError if they are not increasing."""
+    checked = [checked_seed(seed) for seed in seeds]
+    if not checked:
+        raise ValueError("there are no seeds; expected at least one, such as range(100)")
+    for one, following in itertools.pairwise(checked):
+        if following <= one:
+            raise ValueError(f"seed {following} follows {one}; expected increasing seeds")
+    return checked if shard is None else shard_of(checked, *shard)
+
+
+def _now() -> str:
+    return datetime.datetime.now(datetime.UTC).isoformat()

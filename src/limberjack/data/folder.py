@@ -1,0 +1,203 @@
+"""`Folder`: the files of a dataset, to which a collection adds.
+
+    with Folder(Path("data"), recipe) as folder:
+        for seeds in blocks(folder.plan(range(1000))):      # each within one block of 64
+            folder.add(seeds, content)
+
+A file has up to 64 episodes, those of one block of seeds, and is named by its seeds. It is written
+under a temporary name, and is complete once it has its own. Episodes that take long come one at a
+time: they wait in `parts` until their file is complete. `run.json` has what the files must not
+depend on: times, hosts, numbers of workers.
+"""
+
+import itertools
+import json
+import shutil
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from limberjack.data.parquet import Shard, join
+from limberjack.data.recipe import SHARD, Recipe
+from limberjack.report import Facts
+from limberjack.utils.files import Hold, replacing
+
+__all__ = ["Folder", "blocks", "shards_in"]
+
+_PARTS = "parts"
+_PATTERN = "seeds-*.parquet"
+_PARTIAL = f".{_PATTERN}"  # unfinished files: see `partial_path`
+
+
+def shards_in(directory: Path) -> list[Shard]:
+    """The files of a dataset, in the order of their seeds.
+
+    Raises:
+      OSError: a file cannot be read.
+      ValueError: a file is damaged, is of another recipe than the others, or has seeds of another.
+    """
+    shards = [Shard(path) for path in sorted(directory.glob(_PATTERN))]
+    for one, following in itertools.pairwise(shards):
+        difference = one.recipe.difference(following.recipe)
+        if difference is not None:
+            raise ValueError(
+                f"{one.path} and {following.path} are of different datasets, whose {difference}: "
+                "move one of them into another folder"
+            )
+        if following.seeds.start < one.seeds.stop:
+            raise ValueError(
+                f"{one.path} and {following.path} both have the episode of seed "
+                f"{following.seeds.start}: remove one of them"
+            )
+    return shards
+
+
+def blocks(seeds: Iterable[int]) -> Iterator[range]:
+    """The seeds, which are increasing, as ranges that each lie within one block of 64."""
+    first = last = None
+    for seed in seeds:
+        if first is None or last is None:
+            first = seed
+        elif seed != last + 1 or seed % SHARD == 0:
+            yield range(first, last + 1)
+            first = seed
+        last = seed
+    if first is not None and last is not None:
+        yield range(first, last + 1)
+
+
+class Folder:
+    """See the module's docstring; `directory` is its path."""
+
+    def __init__(
+        self, directory: Path, recipe: Recipe, shard: tuple[int, int] | None = None
+    ) -> None:
+        """Opens a folder, which is created if needed.
+
+        Args:
+          directory: of the files.
+          recipe: of the episodes to be added.
+          shard: (k, n) of one of n processes that write here, each its own seeds; None if this
+            one is alone.
+
+        Raises:
+          ValueError: its files have another recipe or are damaged, or another process writes here;
+            nothing was changed.
+          OSError: a file cannot be read.
+        """
+        self.directory = directory
+        self._parts_folder = directory / _PARTS
+        self._recipe = recipe
+        self._run = directory / (
+            "run.json" if shard is None else "run-{}-of-{}.json".format(*shard)
+        )
+        directory.mkdir(parents=True, exist_ok=True)
+        self._hold = Hold(directory if shard is None else self._run)
+        try:
+            self._shards = self._checked(shards_in(directory))
+            parts = [Shard(path) for path in sorted(self._parts_folder.glob(_PATTERN))]
+            self._parts = {shard.seeds.start: shard for shard in self._checked(parts)}
+            self._calls = self._earlier_calls()
+        except BaseException:
+            self._hold.release()
+            raise
+        self._targets: list[range] = []
+
+    def __enter__(self) -> "Folder":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._hold.release()
+
+    def plan(self, seeds: Iterable[int]) -> list[int]:
+        """The seeds, of those given, whose episodes are not here; their files will be written.
+
+        Raises:
+          ValueError: the episodes may not fit onto the disk; nothing was changed.
+        """
+        there = {seed for shard in self._shards for seed in shard.seeds}
+        self._targets = list(blocks(seed for seed in seeds if seed not in there))
+        missing = [s for target in self._targets for s in target if s not in self._parts]
+        needed = self._recipe.episode_nbytes * len(missing)
+        free = shutil.disk_usage(self.directory).free
+        if needed > free:
+            raise ValueError(
+                f"{len(missing)} episodes may take {_size(needed)}, and {self.directory} has "
+                f"{_size(free)} left: give fewer seeds, another folder, or keep less of each step"
+            )
+        for path in [*self.directory.glob(_PARTIAL), *self._parts_folder.glob(_PARTIAL)]:
+            # Of a process that was killed; other writers have other seeds.
+            if any(int(path.name.split("-")[1]) in target for target in self._targets):
+                path.unlink()
+        self._join()
+        return missing
+
+    def add(self, seeds: range, content: bytes) -> None:
+        """Writes episodes that `plan` has named: a whole file, or a part of one.
+
+        Raises:
+          OSError: the file cannot be written, as on a full disk; nothing is left of it.
+        """
+        if seeds in self._targets:
+            self._write(self.directory / _name(seeds), content)
+            self._targets.remove(seeds)
+            return
+        self._parts_folder.mkdir(exist_ok=True)
+        path = self._parts_folder / _name(seeds)
+        self._write(path, content)
+        self._parts[seeds.start] = Shard(path)
+        self._join()
+
+    def _join(self) -> None:
+        """Writes the files whose parts are all here, and removes these parts."""
+        for target in list(self._targets):
+            parts = [self._parts[seed] for seed in target if seed in self._parts]
+            if sum(len(part.seeds) for part in parts) < len(target):
+                continue
+            self._write(self.directory / _name(target), join(parts))
+            self._targets.remove(target)
+            for part in parts:
+                del self._parts[part.seeds.start]
+                part.path.unlink()
+        if self._parts_folder.is_dir() and not any(self._parts_folder.iterdir()):
+            self._parts_folder.rmdir()
+
+    def _write(self, path: Path, content: bytes) -> None:
+        with replacing(path) as partial:
+            partial.write_bytes(content)
+
+    def log(self, call: Facts) -> None:
+        """Writes a call to run.json, in the place of an entry that began at the same time."""
+        earlier = [entry for entry in self._calls if entry.get("began") != call["began"]]
+        self._calls = [*earlier, call]
+        with replacing(self._run) as partial:
+            partial.write_text(json.dumps({"calls": self._calls}, indent=2) + "\n", "utf-8")
+
+    def _earlier_calls(self) -> list[Facts]:
+        try:
+            calls = json.loads(self._run.read_bytes())["calls"]
+            return [dict(call) for call in calls]
+        except FileNotFoundError:
+            return []
+        except (KeyError, TypeError, ValueError):
+            raise ValueError(
+                f"{self._run} is damaged: remove it, or choose another folder"
+            ) from None
+
+    def _checked(self, shards: list[Shard]) -> list[Shard]:
+        for shard in shards:
+            difference = shard.recipe.difference(self._recipe)
+            if difference is not None:
+                raise ValueError(
+                    f"{shard.path} belongs to another dataset than the one asked for, whose "
+                    f"{difference}: choose another folder"
+                )
+        return shards
+
+
+def _name(seeds: range) -> str:
+    """Names that have the order of the seeds."""
+    return f"seeds-{seeds.start:010}-{seeds.stop:010}.parquet"
+
+
+def _size(nbytes: float) -> str:
+    return f"{nbytes / 1e9:.3g} GB" if nbytes >= 1e9 else f"{nbytes / 1e6:.3g} MB"

@@ -1,0 +1,151 @@
+"""The folder of a dataset: what is missing, what is written, and what is refused."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from limberjack.data.folder import Folder, blocks, shards_in
+from limberjack.data.parquet import encode
+
+from .collected import PENDULUM, hashes, made
+
+_RECIPE, _EPISODES = made(PENDULUM, range(60, 70))
+_OTHER, _ = made(PENDULUM, range(1), policy="zero")
+
+
+def _content(first: int, end: int) -> bytes:
+    return encode(_RECIPE, _EPISODES[first - 60 : end - 60])
+
+
+def test_blocks_are_split_at_multiples_of_64_and_at_gaps() -> None:
+    assert list(blocks([])) == []
+    assert list(blocks(range(60, 130))) == [range(60, 64), range(64, 128), range(128, 130)]
+    assert list(blocks([1, 2, 5, 63, 64])) == [
+        range(1, 3),
+        range(5, 6),
+        range(63, 64),
+        range(64, 65),
+    ]
+
+
+def test_a_whole_file_is_written_at_once(tmp_path: Path) -> None:
+    with Folder(tmp_path, _RECIPE) as folder:
+        assert folder.plan(range(60, 66)) == list(range(60, 66))
+        folder.add(range(60, 64), _content(60, 64))
+        assert [path.name for path in tmp_path.iterdir()] == ["seeds-0000000060-0000000064.parquet"]
+    with Folder(tmp_path, _RECIPE) as folder:
+        assert folder.plan(range(58, 70)) == [58, 59, *range(64, 70)]
+
+
+def test_parts_are_kept_until_their_file_is_complete(tmp_path: Path) -> None:
+    with Folder(tmp_path, _RECIPE) as folder:
+        folder.plan(range(60, 63))
+        folder.add(range(61, 62), _content(61, 62))
+        folder.add(range(60, 61), _content(60, 61))
+    assert hashes(tmp_path) == {}
+    with Folder(tmp_path, _RECIPE) as folder:
+        assert folder.plan(range(60, 63)) == [62]
+        folder.add(range(62, 63), _content(62, 63))
+    (path,) = tmp_path.iterdir()
+    assert path.read_bytes() == _content(60, 63)
+
+
+def test_a_process_that_died_between_parts_and_file_is_made_up_for(tmp_path: Path) -> None:
+    with Folder(tmp_path, _RECIPE) as folder:
+        folder.plan(range(60, 63))
+        for seed in (60, 61):
+            folder.add(range(seed, seed + 1), _content(seed, seed + 1))
+    with Folder(tmp_path, _RECIPE) as folder:
+        assert folder.plan(range(60, 62)) == []
+    (path,) = tmp_path.iterdir()
+    assert path.read_bytes() == _content(60, 62)
+
+
+def test_files_that_a_killed_process_left_unfinished_are_removed(tmp_path: Path) -> None:
+    (tmp_path / "parts").mkdir()
+    left = [
+        tmp_path / ".seeds-0000000060-0000000064.77.parquet",
+        tmp_path / "parts" / ".seeds-0000000061-0000000062.77.parquet",
+    ]
+    other = tmp_path / ".seeds-0000000128-0000000192.78.parquet"  # of another process, maybe
+    for path in (*left, other):
+        path.write_bytes(b"PAR1")
+    with Folder(tmp_path, _RECIPE) as folder:
+        folder.plan(range(60, 64))
+    assert list(tmp_path.iterdir()) == [other]
+
+
+def test_a_dataset_that_may_not_fit_is_refused_before_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Usage(NamedTuple):
+        free: int
+
+    needed = 3 * _RECIPE.episode_nbytes
+    with Folder(tmp_path, _RECIPE) as folder:
+        monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(needed - 1))
+        with pytest.raises(ValueError, match=r"3 episodes may take .* MB, and .* has .* MB left: "):
+            folder.plan(range(3))
+        monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(needed))
+        assert folder.plan(range(3)) == [0, 1, 2]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("parts", [False, True])
+def test_a_folder_with_another_dataset_is_refused_by_name(parts: bool, tmp_path: Path) -> None:
+    with Folder(tmp_path, _RECIPE) as folder:
+        folder.plan(range(60, 62))
+        end = 61 if parts else 62
+        folder.add(range(60, end), _content(60, end))
+    for _ in range(2):  # the lock is released
+        with pytest.raises(ValueError, match=r"seeds-.*policy is 'random' and 'zero': choose"):
+            Folder(tmp_path, _OTHER)
+
+
+def test_a_second_writer_is_refused_and_shards_are_not(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl", reason="no locks on this system")
+    refused = pytest.raises(ValueError, match="another process writes to")
+    with Folder(tmp_path, _RECIPE), refused:
+        Folder(tmp_path, _RECIPE)
+    with Folder(tmp_path, _RECIPE, (1, 2)), Folder(tmp_path, _RECIPE, (2, 2)), refused:
+        Folder(tmp_path, _RECIPE, (2, 2))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_of_different_datasets_are_told_apart(tmp_path: Path) -> None:
+    (tmp_path / "seeds-0000000000-0000000001.parquet").write_bytes(
+        encode(_OTHER, made(PENDULUM, range(1), policy="zero")[1])
+    )
+    (tmp_path / "seeds-0000000060-0000000061.parquet").write_bytes(_content(60, 61))
+    with pytest.raises(ValueError, match="of different datasets, whose policy is 'zero' and"):
+        shards_in(tmp_path)
+
+
+def test_a_seed_that_two_files_have_is_refused(tmp_path: Path) -> None:
+    for first, end in ((60, 63), (62, 64)):
+        name = f"seeds-{first:010}-{end:010}.parquet"
+        (tmp_path / name).write_bytes(_content(first, end))
+    with pytest.raises(ValueError, match="both have the episode of seed 62: remove one"):
+        shards_in(tmp_path)
+
+
+def test_calls_are_logged_beside_the_files(tmp_path: Path) -> None:
+    for began in ("one", "two"):
+        with Folder(tmp_path, _RECIPE) as folder:
+            folder.log({"began": began, "ended": None})
+            folder.log({"began": began, "ended": "later"})
+    calls = json.loads((tmp_path / "run.json").read_text())["calls"]
+    assert calls == [{"began": began, "ended": "later"} for began in ("one", "two")]
+    with Folder(tmp_path, _RECIPE, (3, 8)) as folder:
+        folder.log({"began": "three"})
+    assert (tmp_path / "run-3-of-8.json").exists()
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"calls": 3}', '{"calls": [3]}'])
+def test_a_damaged_log_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(text)
+    with pytest.raises(ValueError, match=r"run.json is damaged: remove it"):
+        Folder(tmp_path, _RECIPE)
