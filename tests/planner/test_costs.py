@@ -7,8 +7,8 @@ import pytest
 
 from limberjack import suite
 from limberjack.planner import Planner, cost_for
-from limberjack.planner.arm import ARM
-from limberjack.planner.costs_manipulator import Bring
+from limberjack.planner.arm.hand import ARM
+from limberjack.planner.manipulator.bring import Bring
 from limberjack.rl.control import PhysicsError
 from limberjack.utils.arrays import rows_of_a_batch
 
@@ -39,7 +39,7 @@ def test_a_cost_is_one_number_for_each_state_whatever_the_others_are(
 ) -> None:
     env, batch = _in_many_states(domain, task)
     cost = cost_for(env.task)
-    cost.look(env.physics.copy())
+    cost.update(env.physics.copy())
     with rows_of_a_batch(_ROWS):
         together = cost.step_cost(batch)
     assert together.shape == (_ROWS,)
@@ -60,7 +60,7 @@ def test_proposals_are_plans_of_the_right_shape(domain: str, task: str) -> None:
     env, _ = _in_many_states(domain, task)
     cost = cost_for(env.task)
     physics = env.physics.copy()
-    cost.look(physics)
+    cost.update(physics)
     found = cost.proposals(physics, np.random.default_rng(0))
     assert found is not None
     assert found.shape[1:] == (cost.settings.knots, env.physics.model.nu)
@@ -74,7 +74,7 @@ def test_a_ball_is_foreseen_as_it_goes_while_the_arm_stays() -> None:
         physics, cost = env.physics.copy(), Bring(env.task)
         data, kept = physics.named.data, env.physics.named.data.qpos[ARM].copy()
         data.qvel["ball_x"] = 0.5
-        cost.look(physics)
+        cost.update(physics)
         places = [place for place, _ in cost._coming]
         assert len(places) == cost.settings.knots - 1
         for expected in places:
@@ -106,7 +106,7 @@ def test_where_foresight_fails_the_ball_is_fetched_from_as_far_as_it_was_seen(
 
     monkeypatch.setattr(physics, "step", fails_later)
     cost = cost_for(env.task)
-    cost.look(physics)
+    cost.update(physics)
     found = cost.proposals(physics, np.random.default_rng(0))
     assert len(calls) == allowed + 1
     assert found is not None

@@ -36,10 +36,10 @@ def _seen(physics: Any) -> list[np.ndarray]:
 def _played(physics: Any, history: History) -> list[list[np.ndarray]]:
     history.begin()
     live = []
-    for moment in range(_MOMENTS):
-        physics.set_control(np.full((4, 5), 0.3 * moment - 0.4))
+    for step in range(_MOMENTS):
+        physics.set_control(np.full((4, 5), 0.3 * step - 0.4))
         physics.step(5)
-        history.note(moment)
+        history.record(step)
         live.append(_seen(physics))
     return live
 
@@ -131,7 +131,7 @@ def test_another_part_of_a_field_is_said_to_be_missing_until_it_is_noted() -> No
     assert history.is_complete
 
 
-def test_all_moments_at_once_are_noted_as_one_after_the_other() -> None:
+def test_all_steps_at_once_are_noted_as_one_after_the_other() -> None:
     physics = _batch()
     one_by_one, at_once = (
         History(physics.simulation, _MOMENTS),
@@ -143,9 +143,9 @@ def test_all_moments_at_once_are_noted_as_one_after_the_other() -> None:
     records: dict[str, list[np.ndarray]] = {}
     one_by_one.begin()
     at_once.begin()
-    for moment in range(_MOMENTS):
+    for step in range(_MOMENTS):
         physics.step(5)
-        one_by_one.note(moment)
+        one_by_one.record(step)
         for field in at_once.fields:
             records.setdefault(field, []).append(np.array(getattr(physics.data, field)))
 
@@ -153,6 +153,6 @@ def test_all_moments_at_once_are_noted_as_one_after_the_other() -> None:
         recorded = np.array(records[field])
         return recorded.reshape(*recorded.shape[:2], -1)[..., columns]
 
-    at_once.note_all(values_of)
+    at_once.record_all(values_of)
     for expected, found in zip(_seen(seen[0]), _seen(seen[1]), strict=True):
         np.testing.assert_array_equal(found, expected)

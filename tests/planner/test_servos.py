@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 
 from limberjack import suite
+from limberjack.planner.control_law import ControlLaw
 from limberjack.planner.history import History
 from limberjack.planner.rollouts import Rollouts
 from limberjack.planner.servos import Servos
-from limberjack.planner.tracking import Tracking
 
 _ROWS, _STEPS = 3, 6
 _LAW = {"gain": 2.0, "damping": 0.1, "tendons": True}
 
 
-def _targets(law: Tracking, count: int = _ROWS) -> np.ndarray:
+def _targets(law: ControlLaw, count: int = _ROWS) -> np.ndarray:
     drawn = np.random.default_rng(1).uniform(-0.5, 0.5, (_STEPS, count, len(law.low)))
     return law.within_limits(drawn)
 
 
-def _batch(task: tuple[str, str], law: Tracking | None = None) -> tuple[Rollouts, Servos | None]:
+def _batch(task: tuple[str, str], law: ControlLaw | None = None) -> tuple[Rollouts, Servos | None]:
     """A batch whose time step is the control step, in the starts of an episode each."""
     env = suite.load(*task, {"random": 0})
     twin = env.physics.copy()
@@ -37,8 +37,8 @@ def _batch(task: tuple[str, str], law: Tracking | None = None) -> tuple[Rollouts
     return batch, servos
 
 
-def _law(task: tuple[str, str]) -> Tracking:
-    return Tracking(suite.load(*task).physics.model._model, **_LAW)
+def _law(task: tuple[str, str]) -> ControlLaw:
+    return ControlLaw(suite.load(*task).physics.model._model, **_LAW)
 
 
 def _plan(targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +46,7 @@ def _plan(targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return targets.swapaxes(0, 1), np.arange(float(len(targets)))
 
 
-def _arm() -> tuple[Tracking, Rollouts, Servos]:
+def _arm() -> tuple[ControlLaw, Rollouts, Servos]:
     task = ("manipulator", "bring_ball")
     law = _law(task)
     batch, servos = _batch(task, law)
@@ -79,7 +79,7 @@ def test_servos_do_what_the_law_does(task: tuple[str, str]) -> None:
         by_law.step(1)
         assert not by_law.diverged().any()
         if step % 2:
-            histories[0].note(step // 2)
+            histories[0].record(step // 2)
     diverged = servos.follow(by_servos, histories[1], *_plan(targets), substeps=1, interval=2)
     assert diverged.shape == (_ROWS,)
     assert not diverged.any()
@@ -136,7 +136,7 @@ _ARM = """
 
 def _servo(actuator: str) -> mujoco.MjModel:
     model = mujoco.MjModel.from_xml_string(_ARM.format(actuator))
-    Servos(model, Tracking(model, gain=2.0, damping=0.5))
+    Servos(model, ControlLaw(model, gain=2.0, damping=0.5))
     return model
 
 

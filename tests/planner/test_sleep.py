@@ -4,8 +4,8 @@ import mujoco
 import numpy as np
 
 from limberjack import suite
+from limberjack.planner.planning_model import enable_sleep
 from limberjack.planner.rollouts import Rollouts, state_of
-from limberjack.planner.twin import let_rest
 
 _ROWS, _STEPS = 6, 90
 
@@ -14,7 +14,7 @@ def _batch() -> Rollouts:
     """A batch of four boxes each, which may sleep."""
     env = suite.load("stacker", "stack_4", {"random": 0})
     twin = env.physics.copy()
-    let_rest(twin.model.ptr)
+    enable_sleep(twin.model.ptr)
     return Rollouts(twin, _ROWS, 2, env.task.EPISODE_FIELDS)
 
 

@@ -10,8 +10,9 @@
 For your own task, pass `cost=`, an instance of a subclass of `Cost`. See docs/planner.md.
 """
 
-from limberjack.planner.cost import Cost, Settings
+from limberjack.planner.cost import Cost
 from limberjack.planner.library import cost_for
-from limberjack.planner.sampling import Planner
+from limberjack.planner.mppi import Planner
+from limberjack.planner.settings import Settings
 
 __all__ = ["Cost", "Planner", "Settings", "cost_for"]

@@ -1,17 +1,17 @@
-"""`History`: what the simulations of a batch were at several moments, to be read as one batch.
+"""`History`: a record of a batch's simulations at several steps, read as one batch.
 
-    history = History(rollouts.simulation, moments=25)
+    history = History(rollouts.simulation, steps=25)
     seen = rollouts.physics.seen_through(history)  # the same kind of Physics, to be read only
-    for moment in range(25):
+    for step in range(25):
         rollouts.step(2)
-        history.note(moment)
-    seen.named.data.xpos["head", "z"]  # (25 * num_envs,), the first moment's first
+        history.record(step)
+    seen.named.data.xpos["head", "z"]  # (25 * num_envs,), the first step's first
 
-Quantities of all moments cost hardly more time than those of one, most of which is Python's. Only
-what is read is kept: fields, and of those that are read by names the parts of a row in which these
-are. So what that is is known after the first reading:
+Quantities of all steps cost hardly more time than those of one, most of which is Python's. Only
+fields that are read are recorded, and of those that are read by names only the columns in use. They
+are known after the first reading:
 
-    history.is_complete  # False: what was read was not noted; now it would be
+    history.is_complete  # False: a field was read that was not recorded; from now on it is
 """
 
 from collections.abc import Callable
@@ -36,52 +36,52 @@ class History:
     """See the module's docstring.
 
     Attributes:
-      num_envs: of the batch that is seen through it: its own so many times as there are moments.
-      is_complete: whether all that was read since `begin` had been noted.
+      num_envs: of the recorded batch: the simulations times the steps.
+      is_complete: whether all fields that were read since `begin` had been recorded.
     """
 
-    def __init__(self, simulation: BatchSimulation, moments: int) -> None:
-        """Makes one for a batch; nothing is noted yet."""
+    def __init__(self, simulation: BatchSimulation, steps: int) -> None:
+        """Creates a record of a batch; nothing is recorded yet."""
         self._simulation = simulation
-        self._moments = moments
-        self._kept: dict[_Key, np.ndarray] = {}  # (moments, num_envs, ...) each
+        self._steps = steps
+        self._kept: dict[_Key, np.ndarray] = {}  # (steps, num_envs, ...) each
         self._parts: dict[_Key, _Parts] = {}  # of their rows that are kept
-        # Those parts, here and in the batch, as (..., num_envs, columns), once they are noted.
+        # Those parts, here and in the batch, as (..., num_envs, columns), once they are recorded.
         self._live: list[tuple[np.ndarray, np.ndarray]] | None = None
         self.is_complete = True
-        self.num_envs: int | None = moments * (simulation.num_envs or 1)
+        self.num_envs: int | None = steps * (simulation.num_envs or 1)
         self._seen: set[tuple[str, bytes]] = set()  # fields and columns that were read by names
         self.begin()
 
     def begin(self) -> None:
-        """Begins anew."""
+        """Begins a new record."""
         self.is_complete = True
         self._live = None
 
-    def note(self, moment: int) -> None:
-        """Notes the batch's present quantities as those of a moment, from 0 on."""
+    def record(self, step: int) -> None:
+        """Records the batch's current quantities as those of a step, from 0 on."""
         if self._live is None:
             self._live = []
             for key, kept in self._kept.items():
                 live = self._in_parts(key, self._now(key), 1)
                 self._live += zip(self._in_parts(key, kept, 2), live, strict=True)
         for kept, live in self._live:
-            kept[moment] = live
+            kept[step] = live
 
     def _now(self, key: _Key) -> np.ndarray:
-        """What the batch's present values are, (num_envs, ...), live."""
+        """The batch's current values, (num_envs, ...), live."""
         return getattr(self._simulation, key[0])(key[1])[0]
 
     @property
     def fields(self) -> list[str]:
-        """The fields of the data that are noted."""
+        """The fields of the data that are recorded."""
         return list(dict.fromkeys(n for read, n in self._kept if read != "model_field"))
 
-    def note_all(self, values_of: Callable[[str, slice], np.ndarray]) -> None:
-        """Notes all moments at once.
+    def record_all(self, values_of: Callable[[str, slice], np.ndarray]) -> None:
+        """Records all steps at once.
 
         Args:
-          values_of: gives columns of a field of the data, (moments, num_envs, columns).
+          values_of: gives columns of a field of the data, (steps, num_envs, columns).
         """
         for key, kept in self._kept.items():
             if key[0] == "model_field":
@@ -93,7 +93,7 @@ class History:
                 np.copyto(columns[..., part], values_of(key[1], part))
 
     def _in_parts(self, key: _Key, values: np.ndarray, axes: int) -> list[np.ndarray]:
-        """Views of what is kept of a field's values, behind so many axes."""
+        """Views of the recorded columns of a field's values, behind so many axes."""
         parts = self._parts[key]
         if parts == _WHOLE:
             return [values]
@@ -106,7 +106,7 @@ class History:
         return self._simulation.model
 
     def data_field(self, name: str) -> _Field:
-        """A field of the data, one row per simulation and moment."""
+        """A field of the data, one row per simulation and step."""
         return self._field(self._simulation.data_field, name, _WHOLE)
 
     def field_for_names(self, name: str) -> _Field:
@@ -114,12 +114,12 @@ class History:
         return self._field(self._simulation.field_for_names, name, _NOTHING)
 
     def indexer(self, name: str, field: np.ndarray, axes: Axes, batch: bool) -> FieldIndexer:
-        """What a field is indexed by names with."""
+        """The index of a field by names."""
         live = self._simulation.field_for_names(name)[0]
         return _Recorded(self, self._simulation.indexer(name, live, axes, True), name, field, axes)
 
     def want(self, name: str, columns: np.ndarray) -> None:
-        """Has some columns of a field's rows noted.
+        """Adds columns of a field's rows to the record.
 
         Args:
           name: of a field of the data.
@@ -149,8 +149,8 @@ class History:
             live, has_rows = read(name)
             if not has_rows:
                 return live, False
-            # Until it is noted the present values stand for all moments.
-            self._kept[key] = np.repeat(live[None], self._moments, axis=0)
+            # Until it is recorded the current values stand for all steps.
+            self._kept[key] = np.repeat(live[None], self._steps, axis=0)
             self._parts[key] = parts if live.ndim > 1 else _WHOLE
             self.is_complete = False
         kept = self._kept[key]
@@ -158,7 +158,7 @@ class History:
 
     def __getattr__(self, name: str) -> Any:
         raise AttributeError(
-            f"states that were noted have no {name!r}: they can be read, not stepped or changed"
+            f"recorded states have no {name!r}: they can be read, not stepped or changed"
         )
 
 

@@ -1,4 +1,4 @@
-"""`Rollouts`: the simulations that plans are tried in, all from the same state.
+"""`Rollouts`: simulations of plans in parallel, all from the same state.
 
 rollouts = Rollouts(planning_physics, samples=64, num_threads=4, own_fields=("body_pos",))
 rollouts.load(saved)
@@ -28,7 +28,7 @@ class Rollouts:
 
     Attributes:
       physics: the batch, (samples, ...).
-      simulation: what steps it.
+      simulation: steps the batch.
       single: a single simulation of the same model.
     """
 
@@ -41,14 +41,14 @@ class Rollouts:
         self.simulation = replicas.simulation
 
     def load(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Makes all of them go on as the only one that was saved.
+        """Sets all simulations to the one saved state.
 
         Quantities that follow from the state are those of before, until they are stepped.
         """
         simulation = self.simulation
         values = {name: value for name, value in saved.items() if name not in NOT_FIELDS}
         simulation.set_fields({name: value[0] for name, value in values.items()})
-        if simulation.remembers:  # such as what has been lying still, and for how long
+        if simulation.remembers:  # such as the time for which bodies have been at rest
             simulation.reset()
         simulation.state[...] = saved["state"]
 
@@ -57,11 +57,11 @@ class Rollouts:
         self.simulation.step(nstep)
 
     def forget_divergence(self) -> None:
-        """Begins again to count which of them diverge."""
+        """Resets the record of divergence."""
         self.simulation.warnings[...] = 0
 
     def diverged(self) -> np.ndarray:
-        """Which have diverged since that was forgotten, (samples,)."""
+        """Whether each has diverged since `forget_divergence`, (samples,)."""
         warnings = self.simulation.warnings
         if not any_of(warnings):
             return np.zeros(len(warnings), bool)
@@ -98,6 +98,6 @@ class Rollouts:
 
 
 def state_of(physics: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
-    """The present state of a single simulation, and fields of its model, for `load`."""
+    """The current state of a single simulation, and fields of its model, for `load`."""
     saved = physics.simulation.save(None, fields)
     return {name: value for name, value in saved.items() if name not in _NOT_LOADED}

@@ -1,11 +1,11 @@
-"""Plans that are simulated at once, as the model itself follows their targets.
+"""Servos in the planning model, which follow a plan's targets within one call of MuJoCo.
 
     servos = Servos(model, law)  # changes the plan's model
     diverged = servos.follow(batch, history, plans, places, substeps=4, interval=2)
 
-A motor that the law turns to an angle becomes a servo of MuJoCo's with the law's constants. It does
-what the law does, but at each time step, where the law holds its controls for a control step. So
-that all controls are known beforehand: they are the targets.
+A motor that the law turns to an angle becomes a servo of MuJoCo's with the law's constants. It
+follows the target at each time step, where the law holds its controls for a control step. All
+controls are then known before the rollout: they are the targets.
 """
 
 from typing import Any
@@ -13,16 +13,17 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.planner.control_law import ControlLaw
 from limberjack.planner.history import History
 from limberjack.planner.rollouts import Rollouts
-from limberjack.planner.tracking import Tracking, shares_of_knots
+from limberjack.planner.spline import knot_weights
 
 __all__ = ["Servos"]
 
 _FIXED = mujoco.mjtGain.mjGAIN_FIXED.value
 _AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
 _NO_DYNAMICS = mujoco.mjtDyn.mjDYN_NONE.value
-# What is recorded of the state after a step; all else is of the state before it.
+# Fields recorded of the state after a step; all others are of the state before it.
 _OF_THE_STATE = {
     *("act", "ctrl", "eq_active", "mocap_pos", "mocap_quat", "qacc_warmstart", "qfrc_applied"),
     *("qpos", "qvel", "time", "userdata", "xfrc_applied"),
@@ -32,7 +33,7 @@ _OF_THE_STATE = {
 class Servos:
     """The servos of a plan's model."""
 
-    def __init__(self, model: Any, law: Tracking) -> None:
+    def __init__(self, model: Any, law: ControlLaw) -> None:
         """Turns the motors of a raw `mujoco.MjModel` that the law turns to angles into servos.
 
         Raises:
@@ -42,7 +43,7 @@ class Servos:
         self._strength = np.where(law.follows, model.actuator_gainprm[:, 0], 1.0)
         self._records: dict[str, np.ndarray] = {}
         # Of the last plans, for which these were made; see `follow`.
-        self._shares, self._made_for = np.zeros((0, 0)), (0, 0, np.zeros(0))
+        self._weights, self._made_for = np.zeros((0, 0)), (0, 0, np.zeros(0))
         for motor in np.flatnonzero(law.follows).tolist():
             is_fixed = model.actuator_gaintype[motor] == _FIXED
             is_plain = is_fixed and model.actuator_dyntype[motor] == _NO_DYNAMICS
@@ -54,7 +55,7 @@ class Servos:
                 )
             self._build_in(model, law, motor)
 
-    def _build_in(self, model: Any, law: Tracking, motor: int) -> None:
+    def _build_in(self, model: Any, law: ControlLaw, motor: int) -> None:
         strength, gear = self._strength[motor], model.actuator_gear[motor, 0]
         low, high = sorted((law.low[motor] * strength, law.high[motor] * strength))
         if model.actuator_forcelimited[motor]:
@@ -82,17 +83,17 @@ class Servos:
 
         Args:
           batch: simulations of the model.
-          history: notes it after each interval, the last time at the end.
+          history: records the states after each interval, the last at the end.
           plans: splines of targets, (num_envs, knots, nu).
           places: in these, of the control steps, (steps,).
           substeps: time steps of a control step, in which a target holds.
           interval: control steps.
         """
         steps = len(places)
-        controls = self._shares_at(places, substeps, plans.shape[1]) @ plans
+        controls = self._weights_at(places, substeps, plans.shape[1]) @ plans
         first = ((steps - 1) % interval + 1) * substeps
-        moments = slice(first, steps * substeps + 1, interval * substeps)
-        earlier = slice(first - 1, steps * substeps, interval * substeps)
+        ends = slice(first, steps * substeps + 1, interval * substeps)
+        starts = slice(first - 1, steps * substeps, interval * substeps)
         fields = history.fields
         recorded = [*fields, "actuator_force"] if "ctrl" in fields else fields
         try:
@@ -107,21 +108,21 @@ class Servos:
         def values_of(field: str, columns: slice) -> np.ndarray:
             shape = records[field].shape
             values = records[field].reshape(*shape[:2], -1)
-            values = values[:, earlier if field in _OF_THE_STATE else moments, columns]
-            if field == "ctrl" and self._follows[columns].any():  # what the law would have said
-                said = records["actuator_force"][:, earlier, columns] / self._strength[columns]
+            values = values[:, starts if field in _OF_THE_STATE else ends, columns]
+            if field == "ctrl" and self._follows[columns].any():  # the law's controls
+                said = records["actuator_force"][:, starts, columns] / self._strength[columns]
                 values = np.where(self._follows[columns], said, values)
             return values.swapaxes(0, 1)
 
-        history.note_all(values_of)
+        history.record_all(values_of)
         return diverged
 
-    def _shares_at(self, places: np.ndarray, substeps: int, knots: int) -> np.ndarray:
-        """What knots count at each time step, (steps * substeps + 1, knots); mostly as before."""
+    def _weights_at(self, places: np.ndarray, substeps: int, knots: int) -> np.ndarray:
+        """Weights of the knots at each time step, (steps * substeps + 1, knots)."""
         *sizes, before = self._made_for
         if sizes != [substeps, knots] or not np.array_equal(places, before):
             # One more time step, after which what follows from the last state is known.
             at = np.minimum(np.arange(len(places) * substeps + 1) // substeps, len(places) - 1)
-            self._shares = shares_of_knots(knots, places[at])
+            self._weights = knot_weights(knots, places[at])
             self._made_for = substeps, knots, places
-        return self._shares
+        return self._weights

@@ -1,0 +1,89 @@
+"""The arm's lengths, radii and limits, read once from the suite's own model.
+
+    GEOMETRY.lengths      # of upper, middle and lower arm, metres
+    GEOMETRY.grasp        # from the wrist to the site between the fingers, metres
+
+All figures of kinematics and collisions come from here; margins are chosen where they are used.
+Reading compiles the model once, when the first cost of an arm's task is made.
+"""
+
+import dataclasses
+from typing import Any
+
+from limberjack import suite
+
+__all__ = ["GEOMETRY", "ArmGeometry"]
+
+_LINKS = ("upper_arm", "middle_arm", "lower_arm")
+
+
+@dataclasses.dataclass(frozen=True)
+class ArmGeometry:
+    """Figures of the arm, its pit and the peg; metres and radians.
+
+    Attributes:
+      base_height: height of the root's axis above the floor.
+      lengths: of the three links.
+      radii: of the three links, the hand, the two palms and, last, the peg's blade.
+      limits: of shoulder, elbow and wrist, the same to both sides.
+      floor: half the width of the floor, from whose edges the walls rise at 45 degrees.
+      hand: length of the hand's own link.
+      knuckle: from the hand's middle line aside, and from the wrist ahead, to a finger's joint.
+      finger: from that joint to the tip, ahead and aside, at an angle of 0.
+      open_angle: of the fingers, at their limit.
+      grasp, pinch: from the wrist to the sites between the fingers.
+      peg: from the peg's handle to its tip.
+      peg_grasp, peg_pinch: from the peg's middle back to the sites where it is held.
+    """
+
+    base_height: float
+    lengths: tuple[float, float, float]
+    radii: tuple[float, ...]
+    limits: tuple[float, float, float]
+    floor: float
+    hand: float
+    knuckle: tuple[float, float]
+    finger: tuple[float, float]
+    open_angle: float
+    grasp: float
+    pinch: float
+    peg: float
+    peg_grasp: float
+    peg_pinch: float
+
+    @classmethod
+    def of(cls, model: Any) -> "ArmGeometry":
+        """The figures in a raw `mujoco.MjModel` with the arm and a peg."""
+        body, joint, site, geom = model.body, model.joint, model.site, model.geom
+        chain = ("middle_arm", "lower_arm", "hand")
+        upper, middle, lower = (float(body(name).pos[2]) for name in chain)
+        radii = tuple(float(geom(g).size[0]) for g in (*_LINKS, "hand", "palm1", "palm2", "blade"))
+        limits = (float(joint(f"arm_{name}").range[1]) for name in ("shoulder", "elbow", "wrist"))
+        thumb, tip = body("thumb").pos, body("thumbtip").pos + geom("thumbtip2").pos
+        handle, peg_middle = float(site("peg_grasp").pos[2]), float(site("peg").pos[2])
+        shoulder, elbow, wrist = limits
+        return cls(
+            base_height=float(body("upper_arm").pos[2]),
+            lengths=(upper, middle, lower),
+            radii=radii,
+            limits=(shoulder, elbow, wrist),
+            floor=float(geom("floor").size[0]),
+            hand=2.0 * float(geom("hand").size[1]),
+            knuckle=(float(thumb[0]), float(thumb[2])),
+            # To a nanometre: a sum of two figures of the model may differ in the last bit.
+            finger=(round(float(tip[0]), 9), round(-float(tip[2]), 9)),
+            open_angle=float(joint("thumb").range[0]),
+            grasp=float(site("grasp").pos[2]),
+            pinch=float(body("pinch site").pos[2]),
+            peg=handle - float(site("peg_tip").pos[2]),
+            peg_grasp=handle - peg_middle,
+            peg_pinch=float(site("peg_pinch").pos[2]) - peg_middle,
+        )
+
+
+def _shipped() -> ArmGeometry:
+    physics = suite.load("manipulator", "bring_peg", {"random": 0}).physics
+    return ArmGeometry.of(physics.model.ptr)
+
+
+GEOMETRY = _shipped()

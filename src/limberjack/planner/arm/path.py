@@ -1,0 +1,138 @@
+"""`Path`: straight joint paths from waypoint to waypoint, measured by arc length.
+
+    path = Path(waypoints, joint_time)  # (n, 4)
+    path.remaining(joints)              # (N, 4) -> (N,), radians to the end
+    path.ahead(0.3, count=4)            # joints 0.3, 0.6, ... radians along the path, (4, 4)
+
+The remaining length is that from the nearest point of the path, plus the distance to it. Points
+beyond a bend cost more to go to directly: there is a reason for the bend. Searches return paths,
+and costs charge their remaining length.
+"""
+
+import functools
+from collections.abc import Callable
+
+import numpy as np
+
+__all__ = ["Path", "joint_sum", "joint_time"]
+
+_SPACING = 0.1  # radians between the points of a path
+_RETURN = 1.3  # cost of a radian beside a path, against one along it
+# Radians from points out of sight beyond which going there straight costs more, and how much more.
+_CORNER, _CUT = 0.35, 5.0
+_TIMES = np.array([0.67, 0.75, 1.0, 1.0])  # of a radian of each joint at full speed, to the wrist's
+
+
+class Path:
+    """Waypoints, and the arc length along them.
+
+    Attributes:
+      waypoints: joints at which the path bends, and its ends, (n, 4).
+      goal: the last waypoints, which belong to the goal, (m, 4).
+      via: the waypoint that leads to the goal, if a search has put one in between, (4,).
+      length: arc length, radians.
+    """
+
+    def __init__(
+        self,
+        waypoints: np.ndarray,
+        distance: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        goal: np.ndarray | None = None,
+        via: np.ndarray | None = None,
+        view: int | None = None,
+    ) -> None:
+        """Creates a path of which nothing has been covered.
+
+        Args:
+          waypoints: as the attribute.
+          distance: between joints (..., 4), radians: `joint_sum` or `joint_time`.
+          goal: as the attribute; by default the last waypoint.
+          via: as the attribute.
+          view: number of points that `remaining` searches; all by default.
+        """
+        self.waypoints, self.via = waypoints, via
+        self.goal = waypoints[-1:] if goal is None else goal
+        self._distance, self._view = distance, view
+        lengths = distance(waypoints[:-1], waypoints[1:])
+        self._ends = np.concatenate([[0.0], lengths.cumsum()])
+        self.length = float(self._ends[-1])
+        self._covered = 0  # points
+        self._sight: np.ndarray | None = None
+
+    @functools.cached_property
+    def _places(self) -> np.ndarray:
+        """Arc lengths of the points, (n,)."""
+        return np.linspace(0.0, self.length, 2 + int(self.length / _SPACING))
+
+    @functools.cached_property
+    def points(self) -> np.ndarray:
+        """Joints along the path, equally spaced, (n, 4)."""
+        return self._at(self._places)
+
+    def _at(self, places: np.ndarray) -> np.ndarray:
+        """Joints at arc lengths, (n,) -> (n, 4)."""
+        return np.stack([np.interp(places, self._ends, j) for j in self.waypoints.T], axis=-1)
+
+    @property
+    def is_straight(self) -> bool:
+        """Whether the path leads straight to its end."""
+        return len(self.waypoints) == 2
+
+    def see(self, sight: np.ndarray) -> None:
+        """Sets, for each point, the last one to which the arm can go straight, (n,).
+
+        By default these are the points up to the first bend.
+        """
+        self._sight = sight
+
+    def advance(self, joints: np.ndarray) -> None:
+        """Marks as covered the points before the one nearest to the current joints, (4,)."""
+        self._covered += int(self._aside(joints[None])[0].argmin())
+
+    def remaining(self, joints: np.ndarray) -> np.ndarray:
+        """Arc length from joints to the end, by the nearest point, (N, 4) -> (N,), radians."""
+        aside = self._aside(joints)
+        places = self._places[self._window]
+        if self._sight is None:
+            is_behind = places > self._ends[1]
+        else:
+            is_behind = np.arange(len(places)) > self._sight[self._covered] - self._covered
+        cut = is_behind * np.maximum(aside - _CORNER, 0.0)
+        return (_RETURN * aside + _CUT * cut + (self.length - places)).min(axis=-1)
+
+    def astray(self, joints: np.ndarray) -> np.ndarray:
+        """Distance of joints from the path, (N, 4) -> (N,), radians."""
+        return self._aside(joints).min(axis=-1)
+
+    def ahead(self, stride: float, count: int) -> np.ndarray:
+        """Joints at multiples of an arc length from the beginning, (count, 4)."""
+        return self._at(stride * np.arange(1, count + 1))
+
+    def next_points(self, stride: int) -> list[np.ndarray]:
+        """One in `stride` of the points that are not covered yet, and the last point."""
+        return [*self.points[self._covered + stride :: stride], self.points[-1]]
+
+    @property
+    def _window(self) -> slice:
+        # Not all points: the end may be near, but behind an obstacle.
+        return slice(self._covered, None if self._view is None else self._covered + self._view)
+
+    def _aside(self, joints: np.ndarray) -> np.ndarray:
+        """Distances of joints (N, 4) from the next points, (N, points)."""
+        return self._distance(joints[:, None], self.points[self._window])
+
+
+def joint_sum(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The angle by which all joints turn together, (..., 4) -> (...), radians."""
+    turns = np.abs(end[..., 0] - start[..., 0])
+    for joint in range(1, 4):  # quicker than a sum over so short an axis
+        turns = turns + np.abs(end[..., joint] - start[..., joint])
+    return turns
+
+
+def joint_time(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The time of the slowest joint, (..., 4) -> (...), as radians of the wrist."""
+    turns = _TIMES * np.abs(end - start)
+    # Quicker than `max` over so short an axis.
+    first, last = np.maximum(turns[..., 0], turns[..., 1]), np.maximum(turns[..., 2], turns[..., 3])
+    return np.maximum(first, last)

@@ -1,0 +1,256 @@
+"""Shortest paths of the arm around an obstacle, in a roadmap of random poses.
+
+    path = find_path(now, goals, held=0.085, obstacle=Obstacle(ends, radii))  # or None
+    path.advance(now)
+    path.remaining(joints)  # (n, 4) -> (n,), radians
+
+The roadmap's poses are the same in every process. A search keeps those that are clear of the
+obstacle, and looks for the shortest path through them with A*, checking edges only when they are
+needed. A budget bounds the number of poses that it expands. Forces are not considered: an arm that
+follows a path may cut its corners.
+
+A library of planners would be no help here: OMPL is a heavy dependency, and its planners stop after
+a time, so that their results differ from run to run. Plans must repeat to the bit.
+"""
+
+import dataclasses
+import functools
+import heapq
+
+import numpy as np
+
+from limberjack.planner.arm.collision import Obstacle, clearance
+from limberjack.planner.arm.geometry import GEOMETRY
+from limberjack.planner.arm.path import Path, joint_sum
+
+__all__ = ["BUDGET", "draw_roadmap", "find_path"]
+
+BUDGET = 3000  # poses and edges that a search may check; each takes about 0.1 ms
+_MARGIN = 0.008  # metres that the arm keeps from everything
+_TOUCHING = -0.004  # metres; the same at the goals if they may be close
+_NODES, _NEIGHBOURS = 2000, 14
+_AT_ENDS = 80  # neighbours of a path's ends, which may be in a corner
+_LOCAL, _AROUND = 64, 0.8  # poses around the start, within radians
+_STEP = 0.12  # radians between the poses that are checked along an edge
+_FINER, _NEAR = 4, 0.05  # times as many of them at an obstacle nearer than this, metres
+_HAND_TO_FLOOR = 3  # index in the distances of `clearance`
+_LEAVES = 0.03  # metres per radian at which a path leaves something that it starts too close to
+_VIEW = 40  # points of a path; no more are covered within a plan
+_LIMITS = np.array(GEOMETRY.limits) - 0.05  # radians
+
+
+def find_path(
+    now: np.ndarray,
+    goals: np.ndarray,
+    held: float,
+    obstacle: Obstacle,
+    close: bool = False,
+    budget: int = BUDGET,
+) -> Path | None:
+    """A path from now to one of the goals, or None; straight to the nearest if that is clear.
+
+    Args:
+      now: the arm's joints, (4,).
+      goals: joints, (m, 4).
+      held: distance from the wrist to the far end of a held object, metres.
+      obstacle: the obstacle to keep clear of.
+      close: whether to keep less clear if all goals are close to something.
+      budget: number of poses that the search may expand before it gives up.
+    """
+    if not len(goals):
+        return None
+    # Parts that are within the margin at the start may be so close there, and have to get away.
+    least = clearance(now[None], held, obstacle)[0] - 0.001
+    most = np.full(len(least), _MARGIN)
+    # Fingers may be near the floor all along, on which the object may lie.
+    floor = np.median(clearance(goals, held, obstacle)[:, _HAND_TO_FLOOR])
+    most[_HAND_TO_FLOOR] = min(least[_HAND_TO_FLOOR], floor - 0.001, _MARGIN)
+    scene = _Scene(held, obstacle, now, least, most)
+    is_free = scene.is_free(goals)
+    if close and not is_free.any():
+        usual = np.quantile(clearance(goals, held, obstacle), 0.75, axis=0) - 0.001
+        scene = dataclasses.replace(scene, most=np.minimum(most, np.maximum(usual, _TOUCHING)))
+        is_free = scene.is_free(goals)
+    goals = goals[is_free]
+    if not len(goals):
+        return None
+    goals = now + _between(now, goals)
+    nearest = np.argsort(np.abs(goals - now).sum(axis=-1), kind="stable")
+    for goal in goals[nearest[:6]]:
+        if scene.is_edge_free(now, goal - now):
+            return Path(np.stack([now, goal]), joint_sum, view=_VIEW)
+    chain = _Search(now, goals, scene).run(budget)
+    if chain is None:
+        return None
+    path = Path(_shortened(_unwrapped(chain), scene), joint_sum, view=_VIEW)
+    path.see(_sights(path.points, scene))
+    return path
+
+
+class _Search:
+    """A* from the start over the roadmap to the goals."""
+
+    def __init__(self, now: np.ndarray, goals: np.ndarray, scene: "_Scene") -> None:
+        """Connects start and goals (m, 4) with the roadmap."""
+        self._scene = scene
+        self._nodes, self._neighbours = _roadmap()
+        # Poses nearby too: an arm that is in a corner first has to get out of it.
+        around = np.random.default_rng(0).uniform(-_AROUND, _AROUND, (_LOCAL, 4))
+        around = now + np.linspace(0.1, 1.0, _LOCAL)[:, None] * around
+        self._poses = np.concatenate([self._nodes, now[None], goals, around])
+        self._usable = scene.is_free(self._poses)
+        self._start = len(self._nodes)
+        self._goals = range(self._start + 1, self._start + 1 + len(goals))
+        self._ends_near: dict[int, list[int]] = {}  # goals and poses nearby, by node
+        for end in range(self._start + 1, len(self._poses)):
+            near = _distance(self._nodes, self._poses[end]).argpartition(_AT_ENDS)[:_AT_ENDS]
+            for node in near[self._usable[near]].tolist():
+                self._ends_near.setdefault(node, []).append(end)
+        self._ahead = np.min([_distance(self._poses, goal) for goal in goals], axis=0)
+
+    def run(self, budget: int) -> np.ndarray | None:
+        """Poses from start to goal, both included, (n, 4); None if there are none in budget."""
+        poses, came = self._poses, dict[int, int]()
+        queue = [(float(self._ahead[self._start]), 0.0, self._start, -1)]
+        while queue and budget > 0:
+            _, passed, node, before = heapq.heappop(queue)
+            if node in came:
+                continue
+            budget -= 1
+            # Only edges that a shortest path may use are checked.
+            if before >= 0 and not self._scene.is_edge_free(
+                poses[before], _between(poses[before], poses[node])
+            ):
+                continue
+            came[node] = before
+            if node in self._goals:
+                chain = [node]
+                while came[chain[-1]] >= 0:
+                    chain.append(came[chain[-1]])
+                return poses[chain[::-1]]
+            others = [n for n in self._beside(node) if self._usable[n] and n not in came]
+            lengths = passed + _distance(poses[others], poses[node])
+            for other, length in zip(others, lengths.tolist(), strict=True):
+                heapq.heappush(queue, (length + float(self._ahead[other]), length, other, node))
+        return None
+
+    def _beside(self, node: int) -> list[int]:
+        """The poses that are connected with one."""
+        if node < self._start:
+            return [*self._neighbours[node], *self._ends_near.get(node, [])]
+        local = range(self._goals.stop, len(self._poses))
+        return [*_nearest(self._poses[node], self._nodes, _AT_ENDS), *local]
+
+
+@functools.cache
+def _roadmap() -> tuple[np.ndarray, list[list[int]]]:
+    """Poses (n, 4) and the nearest others of each."""
+    random = np.random.default_rng(0)
+    widest = np.array([np.pi, *_LIMITS])
+    poses = random.uniform(-widest, widest, (_NODES, 4))
+    return poses, [_nearest(pose, poses, 1 + _NEIGHBOURS)[1:] for pose in poses]
+
+
+def draw_roadmap() -> None:
+    """Draws the roadmap, if it has not been drawn yet, which takes a part of a second."""
+    _roadmap()
+
+
+def _nearest(pose: np.ndarray, others: np.ndarray, count: int) -> list[int]:
+    """Indices of the poses (n, 4) nearest to one, nearest first."""
+    far = _distance(others, pose)
+    near = far.argpartition(count)[:count]
+    return near[far[near].argsort(kind="stable")].tolist()
+
+
+def _distance(poses: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Distances of poses (n, 4) from another one, (n,), radians of all joints together."""
+    return np.abs(_between(other, poses)).sum(axis=-1)
+
+
+def _between(pose: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Turns from one pose to others, (..., 4), the root in the shorter direction."""
+    turn = others - pose
+    turn[..., 0] = (turn[..., 0] + np.pi) % (2 * np.pi) - np.pi
+    return turn
+
+
+def _unwrapped(poses: np.ndarray) -> np.ndarray:
+    """The same poses with the root turning without jumps, (n, 4)."""
+    turns = _between(poses[:-1], poses[1:])
+    return np.concatenate([poses[:1], poses[0] + np.cumsum(turns, axis=0)])
+
+
+def _shortened(waypoints: np.ndarray, scene: "_Scene") -> np.ndarray:
+    """The same path without the waypoints that are not needed, (n, 4)."""
+    kept, last = [0], len(waypoints) - 1
+    while kept[-1] < last:
+        here, there = kept[-1], last
+        while there > here + 1 and not scene.is_edge_free(
+            waypoints[here], waypoints[there] - waypoints[here]
+        ):
+            there -= 1
+        kept.append(there)
+    return waypoints[kept]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Scene:
+    """Distances that an arm with a held object must keep: see `clearance`.
+
+    Attributes:
+      held: distance from the wrist to the far end of a held object, metres.
+      obstacle: the obstacle to keep clear of.
+      begin: the path's start, (4,).
+      least: smallest distances at the start, (4,), metres.
+      most: smallest distances elsewhere, (4,).
+    """
+
+    held: float
+    obstacle: Obstacle
+    begin: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+
+    def is_free(self, poses: np.ndarray) -> np.ndarray:
+        """Whether poses (n, 4) are within limits and clear of everything, (n,)."""
+        return self._is_free(poses, self._clearance(poses))
+
+    def _is_free(self, poses: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+        within = np.all(np.abs(poses[:, 1:]) <= _LIMITS + 0.05, axis=-1)
+        return within & np.all(gaps > self._allowed(poses), axis=-1)
+
+    def is_edge_free(self, begin: np.ndarray, turn: np.ndarray) -> bool:
+        """Whether an arm can turn straight on from a pose, (4,) each."""
+        count = int(np.ceil(np.abs(turn).max() / _STEP))
+        poses = begin + np.linspace(0.0, 1.0, 1 + count)[1:, None] * turn
+        gaps = self._clearance(poses)
+        if not self._is_free(poses, gaps).all():
+            return False
+        # From one pose to the next a hand far from the base could jump over a wall.
+        near = gaps[:, 0] < _NEAR
+        if not near.any():
+            return True
+        back = np.arange(1, _FINER)[:, None, None] / (_FINER * count) * turn
+        between = (poses[near] - back).reshape(-1, 4)
+        touched = self._allowed(between)[:, 0] - _MARGIN
+        return bool((self._clearance(between)[:, 0] > touched).all())
+
+    def _clearance(self, poses: np.ndarray) -> np.ndarray:
+        return clearance(poses, self.held, self.obstacle)
+
+    def _allowed(self, poses: np.ndarray) -> np.ndarray:
+        """Smallest distances at poses (n, 4), (n, 4), metres."""
+        away = _LEAVES * _distance(poses, self.begin)[:, None]
+        return np.minimum(self.least + away, self.most)
+
+
+def _sights(poses: np.ndarray, scene: _Scene) -> np.ndarray:
+    """For each point of a path the last one to which the arm can go straight, (n,)."""
+    last, sights = 0, []
+    for here, pose in enumerate(poses):
+        last = max(last, min(here + 1, len(poses) - 1))
+        while last + 1 < len(poses) and scene.is_edge_free(pose, poses[last + 1] - pose):
+            last += 1
+        sights.append(last)
+    return np.array(sights)

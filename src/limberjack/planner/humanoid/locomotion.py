@@ -1,0 +1,217 @@
+"""`Locomotion`: the cost of the humanoid's tasks, to stand, walk or run.
+
+Beside the true reward, which is flat for a body on the ground, there are terms that lead there: a
+high head, an upright torso, and feet below the capture point, where the body would come to rest
+(its centre of mass plus its velocity times the time constant of falling). A body that is down
+stands up first, as for standing, and moves only then.
+
+A run has a target speed beyond reach, and repeats its own gait: each step continues with the
+mirrored motion of the step before (`gait.py`). Other plans are tried too (`strides.py`).
+"""
+
+import dataclasses
+import enum
+from typing import Any, ClassVar
+
+import numpy as np
+
+from limberjack.planner.cost import Cost
+from limberjack.planner.humanoid.gait import Gait
+from limberjack.planner.humanoid.strides import postures, strides
+from limberjack.planner.settings import Settings
+from limberjack.planner.spline import targets_at
+from limberjack.utils import arrays
+
+__all__ = ["Locomotion", "Stage", "actuators"]
+
+_FEET = ["left_foot", "right_foot"]
+_HEAD_HEIGHT = 1.55  # metres; a little above the height that is fully rewarded
+_FALLING = 0.3  # seconds; time constant of an inverted pendulum as high as the hips
+_CONTROL_STEP = 0.025  # seconds; the task's
+_WALKING = 2.0  # metres per second; tasks up to this speed are walked, faster ones run
+_STEP = 14  # control steps from one foot's strike to the other's: 0.35 s, as a human runs
+_REPEATS = 12  # repetitions of the gait that are proposed
+_QUICKER, _LARGER = (0.95, 1.1), (0.95, 1.2)  # factors of their rates and of their amplitudes
+
+# To stand, few wide samples do. Moving takes many samples, and a damped control law: without it,
+# light limbs oscillate at the rate of control, which costs effort.
+_STAND = Settings(
+    samples=64,
+    horizon=0.6,
+    knots=4,
+    interval=1,
+    timestep=0.0125,
+    gain=2.5,
+    noise=0.5,
+    finest=0.1,
+)
+_WALK = dataclasses.replace(
+    _STAND, samples=96, horizon=0.5, knots=6, gain=3.0, damping=0.03, noise=0.8
+)
+# Longer time steps predict a foot's strike so badly that the body falls.
+_RUN = dataclasses.replace(
+    _WALK, knots=7, anchored=True, timestep=_CONTROL_STEP / 3, temperature=0.15
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Pace:
+    """Target speed and how much it counts.
+
+    Attributes:
+      settings: the planner's.
+      aim: metres per second; 0 to stand.
+      haste: cost of the whole lack of speed.
+      fall: cost of the square of a metre's imbalance, besides half a metre's.
+    """
+
+    settings: Settings
+    aim: float
+    haste: float = 1.0
+    fall: float = 0.0
+
+    @classmethod
+    def of(cls, speed: float) -> "_Pace":
+        """The pace for a task's speed, metres per second."""
+        if not speed:
+            return cls(_STAND, 0.0)
+        if speed <= _WALKING:
+            return cls(_WALK, 1.2 * speed)  # the speed must hold throughout a stride
+        # A faster body gains little, and falls; a tenth of a metre of imbalance is normal.
+        return cls(_RUN, 4.0, haste=6.0, fall=5.0)
+
+
+class Stage(enum.Enum):
+    """Stages of a humanoid's task."""
+
+    STAND = "stand up, and stand"
+    MOVE = "move at the task's speed"
+
+
+def _has_fallen(physics: Any) -> bool:
+    return physics.head_height().item() < 1.0  # metres
+
+
+def _is_steady(physics: Any) -> bool:
+    """Whether the head is up, the torso upright, and the body slower than one that falls."""
+    speed = np.linalg.norm(physics.center_of_mass_velocity())  # metres per second
+    is_up = physics.head_height().item() > 1.35 and physics.torso_upright().item() > 0.9
+    return bool(is_up and speed < 1.5)
+
+
+_TRANSITIONS = {Stage.STAND: (_is_steady, Stage.MOVE), Stage.MOVE: (_has_fallen, Stage.STAND)}
+
+
+class Locomotion(Cost):
+    """Cost of standing up, and of moving at the task's speed."""
+
+    weights: ClassVar = {"height": 2.0, "tilt": 0.5, "effort": 0.05, "motion": 1.0, "reward": 2.0}
+
+    def __init__(self, task: Any) -> None:
+        """Takes a `humanoid.Humanoid` task."""
+        super().__init__(task)
+        self._pace = _Pace.of(task.move_speed)
+        self.settings = self._pace.settings
+        self._per_knot = self.settings.spacing / _CONTROL_STEP  # control steps
+        self._stage = Stage.STAND
+        self._gait: Gait | None = None  # while it runs
+        self._names: list[str] = []  # of the actuators
+
+    def reset(self) -> None:
+        """Stands up first."""
+        self._stage, self._gait = Stage.STAND, None
+
+    def stage(self) -> Stage:
+        """The current stage."""
+        return self._stage
+
+    def update(self, physics: Any) -> None:
+        """Moves once the body is steady, until it falls."""
+        self._names = self._names or actuators(physics)
+        is_due, following = _TRANSITIONS[self._stage]
+        if self._pace.aim and is_due(physics):
+            self._stage, self._gait = following, None
+            if self.settings.anchored and following is Stage.MOVE:
+                self._gait = Gait(self._names)
+
+    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+        """Terms of being up, of moving, and the missing reward."""
+        height = physics.head_height()
+        is_up = np.clip((height - 0.9) / 0.4, 0.0, 1.0)
+        return {
+            "height": np.maximum(_HEAD_HEIGHT - height, 0.0),
+            "tilt": is_up * (1.0 - physics.torso_upright()),
+            "effort": (physics.control() ** 2).mean(axis=-1),
+            "motion": self._motion(physics, is_up),
+            "reward": 1.0 - self._reward(physics),
+        }
+
+    def _reward(self, physics: Any) -> np.ndarray:
+        """The task's reward, (N,); without its speed while standing up."""
+        terms = self.task.reward_terms(physics)
+        if self._pace.aim and self._stage is Stage.STAND:
+            terms["movement"] = 1.0
+        return self.task.reward_of(terms)
+
+    def _motion(self, physics: Any, is_up: np.ndarray) -> np.ndarray:
+        """Imbalance, and the lack or excess of speed, (N,)."""
+        velocity = physics.center_of_mass_velocity()
+        imbalance = _imbalance(physics, velocity)
+        if self._stage is Stage.STAND:
+            return arrays.norm(imbalance) + 0.3 * is_up * arrays.norm(velocity[..., :2])
+        pace = self._pace
+        heading = physics.named.data.xmat["torso", ["xx", "yx"]]
+        length = np.maximum(arrays.norm(heading), 1e-6)
+        ahead = _along(velocity, heading) / length
+        short = np.maximum(pace.aim - ahead, 0.0) / pace.aim
+        forward = _along(imbalance, heading) / length - _FALLING * np.minimum(ahead, pace.aim)
+        sideways = imbalance[..., 0] * heading[..., 1] - imbalance[..., 1] * heading[..., 0]
+        forward, sideways = np.abs(forward), np.abs(sideways) / length
+        fall = 0.5 * (sideways + forward) + pace.fall * (forward**2 + sideways**2)
+        # More than standing still would cost: otherwise staying down would pay.
+        down = pace.haste + 0.5 + arrays.norm(imbalance)
+        return is_up * (pace.haste * short + fall) + (1.0 - is_up) * down
+
+    def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+        """Postures to stand up; strides, and then the body's own gait, to move."""
+        if self._stage is Stage.STAND:
+            return postures(self._names, self.settings.knots, random)
+        if self._gait is None or len(self._gait) < 2 * _STEP:
+            return strides(self._names, self.settings, random)
+        times = self._per_knot * (np.arange(self.settings.knots) - self.phase)
+        middle = self._gait.middle(_STEP)
+        found = [self._gait.repeated(times, _STEP)]
+        for _ in range(_REPEATS - 1):
+            step = _STEP + int(random.integers(-1, 2))
+            again = self._gait.repeated(times * random.uniform(*_QUICKER), step)
+            found.append(middle + random.uniform(*_LARGER) * (again - middle))
+        return np.array(found)
+
+    def followed(self, targets: np.ndarray) -> None:
+        """Stores the targets in the gait."""
+        if self._gait is not None:
+            self._gait.add(targets)
+
+    def continued(self, plan: np.ndarray) -> np.ndarray:
+        """The mirrored targets of a step before, (nu,)."""
+        if self._gait is None:
+            return super().continued(plan)
+        return self._gait.mirrored(targets_at(plan, len(plan) - _STEP / self._per_knot))
+
+
+def actuators(physics: Any) -> list[str]:
+    """The actuators' names, in their order; they are those of the joints that they turn."""
+    return [physics.model.id2name(i, "actuator") for i in range(physics.model.nu)]
+
+
+def _imbalance(physics: Any, velocity: np.ndarray) -> np.ndarray:
+    """From the middle of the feet to the capture point, (N, 2), metres."""
+    left, right = (physics.named.data.xpos[foot] for foot in _FEET)
+    feet = (left[..., :2] + right[..., :2]) / 2
+    centre = physics.center_of_mass_position()
+    return centre[..., :2] + _FALLING * velocity[..., :2] - feet
+
+
+def _along(vectors: np.ndarray, heading: np.ndarray) -> np.ndarray:
+    """Component of vectors (..., 2 or more) along a heading (..., 2) times its length, (...)."""
+    return vectors[..., 0] * heading[..., 0] + vectors[..., 1] * heading[..., 1]

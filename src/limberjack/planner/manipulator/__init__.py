@@ -1,0 +1,1 @@
+"""The manipulator's costs: bringing and inserting a ball or a peg."""

@@ -1,0 +1,128 @@
+"""Grips of the manipulator's ball and peg, and poses of such objects.
+
+ready = HANDLE.ready  # the fingers' angle with which the hand comes to a peg, radians
+place, frame = pose_of(physics.named.data, "peg")
+grasp = place + in_world(frame, HANDLE.place)
+"""
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.arm.hand import SETTINGS, finger_angle
+
+__all__ = [
+    "BACK",
+    "BALL",
+    "BALL_SETTINGS",
+    "HANDLE",
+    "PEG_SETTINGS",
+    "Grip",
+    "Pose",
+    "against_hand",
+    "downwards",
+    "height_above_ground",
+    "in_world",
+    "pose_of",
+]
+
+BACK = 0.06  # metres; how far the hand stands off before it closes in
+
+BALL_SETTINGS = dataclasses.replace(
+    SETTINGS,
+    samples=40,
+    # Lighter fingers are pressed through what they should grasp.
+    armature=0.001,
+    # A good plan among many bad ones is rare, and must not be lost in their mean.
+    temperature=0.1,
+    # Fingers that come with the right opening close soon: at most at 2 radians per second.
+    tendons=True,
+    cost_interval=3,
+    proposal_interval=3,
+    servos=True,
+)
+# A peg is taken between floor and fingers, where only true weights and short time steps tell. With
+# no armature at all light fingers shake: what they hold is 13 mm off after 0.2 seconds, else 2.5.
+PEG_SETTINGS = dataclasses.replace(
+    BALL_SETTINGS,
+    samples=36,
+    horizon=0.4,
+    proposal_interval=2,
+    armature=0.0002,
+    timestep=0.01 / 3,
+    flowing=True,
+)
+
+Pose = tuple[np.ndarray, np.ndarray]  # place (3,) and frame (9,) of a site
+
+
+@dataclasses.dataclass(frozen=True)
+class Grip:
+    """A way to hold an object. Vectors are (x, z) in the frame of the object's site.
+
+    Attributes:
+      place: where the grasp site is to be, metres.
+      forward: where the hand is to point; None for a ball, which may be held from any side.
+      width: from the hand's middle line to a fingertip that touches it, metres.
+      room: how much further from it the fingertips are while the hand comes, metres.
+      slack: how much nearer to the fingertips the object may be, metres.
+      pressed: the target of that width that holds it, metres: a narrow one squeezes a peg out.
+    """
+
+    place: tuple[float, float]
+    forward: tuple[float, float] | None
+    width: float
+    room: float
+    slack: float
+    pressed: float
+
+    @functools.cached_property
+    def ready(self) -> float:
+        """The fingers' angle with which the hand comes, radians."""
+        return finger_angle(self.width + self.room)
+
+    @functools.cached_property
+    def firm(self) -> float:
+        """The fingers' angle around the object, radians."""
+        return finger_angle(self.width)
+
+    @functools.cached_property
+    def shut(self) -> float:
+        """The target of the fingers' angle that holds, radians."""
+        return finger_angle(self.pressed)
+
+
+BALL = Grip((0.0, 0.0), None, 0.03, 0.008, 0.015, 0.011)
+# By the handle, the fingertips between pommel and guard: anywhere else they slip off.
+HANDLE = Grip((0.0, 0.063), (0.0, -1.0), 0.013, 0.007, 0.0, 0.010)
+
+
+def in_world(frame: np.ndarray, vector: tuple[float, float]) -> np.ndarray:
+    """A vector (x, z) of a frame (..., 9), in the world, (..., 3)."""
+    x, z = vector
+    return x * frame[..., 0::3] + z * frame[..., 2::3]
+
+
+def against_hand(data: Any, forward: np.ndarray) -> Any:
+    """One less the cosine between the hand and a direction, (..., 3) -> (...)."""
+    hand = data.site_xmat["grasp"]
+    return 1.0 - forward[..., 0] * hand[..., 2] - forward[..., 2] * hand[..., 8]
+
+
+def pose_of(data: Any, site: str) -> Pose:
+    """Position and frame of a site."""
+    return data.site_xpos[site].copy(), data.site_xmat[site].copy()
+
+
+def height_above_ground(place: np.ndarray) -> np.ndarray:
+    """Height of a position above the floor or a wall, (..., 3) -> (...), metres."""
+    return place[..., 2] - np.maximum(np.abs(place[..., 0]) - 0.4, 0.0)
+
+
+def downwards(place: np.ndarray) -> np.ndarray:
+    """The direction to the floor or, beside it, the wall, (..., 3) -> (..., 3)."""
+    part = np.clip((np.abs(place[..., 0]) - 0.38) / 0.05, 0.0, 1.0) * np.sign(place[..., 0])
+    turned = part * np.pi / 4
+    return np.stack([np.sin(turned), 0.0 * turned, -np.cos(turned)], axis=-1)

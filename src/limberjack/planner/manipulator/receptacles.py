@@ -1,0 +1,129 @@
+"""`Receptacle`: the manipulator's cup and slot, and how far an object is from being inside.
+
+    slot = Receptacle.for_object("peg")
+    up, beside = slot.offset(data, "peg_tip")  # (N,) each, metres
+
+Places are measured in the frame of the target, which the receptacle surrounds: how far up along
+the axis, how far beside it. The mouth is at the upper end. Quantities are those of a batch, (N,),
+or of one simulation.
+"""
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+
+from limberjack.planner.arm.collision import Obstacle
+from limberjack.planner.arm.hand import PLANE, PLAY, near
+
+__all__ = ["Receptacle"]
+
+_RIM = 0.04  # metres; so far below the mouth the path around the walls counts fully
+
+
+@dataclasses.dataclass(frozen=True)
+class Receptacle:
+    """A receptacle that an object enters along an axis; lengths in metres.
+
+    Attributes:
+      body: its name.
+      target: the site of the target inside it.
+      sites: of the object, that are to be at those of the target; the first goes in first.
+      before: how far up the first site is before it goes in.
+      width: how far beside the axis it may be then.
+      side: how far beside the axis object and hand are clear of the walls.
+      falls: how far up and beside the axis the object falls into its place by itself.
+    """
+
+    body: str
+    target: str
+    sites: tuple[str, ...]
+    before: float
+    width: float
+    side: float
+    falls: tuple[float, float]
+
+    @classmethod
+    def for_object(cls, name: str) -> "Receptacle":
+        """The one for 'ball' or 'peg'."""
+        return {"ball": _CUP, "peg": _SLOT}[name]
+
+    def axes(self, data: Any) -> np.ndarray:
+        """The directions up and beside in the plane, (2, 2), of a single simulation."""
+        frame = data.site_xmat[self.target]
+        return np.stack([frame[[2, 8]], frame[[0, 6]]])
+
+    def offset(self, data: Any, site: str) -> tuple[np.ndarray, np.ndarray]:
+        """Distances of a site above its place along the axis, and beside it, (N,) each."""
+        away = data.site_xpos[site] - data.site_xpos[f"target_{site}"]
+        frame = data.site_xmat[self.target]
+        up = away[..., 0] * frame[..., 2] + away[..., 2] * frame[..., 8]
+        beside = away[..., 0] * frame[..., 0] + away[..., 2] * frame[..., 6]
+        return up, beside
+
+    def offsets(self, data: Any) -> list[tuple[np.ndarray, np.ndarray]]:
+        """The same for each of the object's sites."""
+        return [self.offset(data, site) for site in self.sites]
+
+    def facing(self, data: Any) -> np.ndarray:
+        """The cosine between the hand and the path in, (N,)."""
+        frame, hand = data.site_xmat[self.target], data.site_xmat["grasp"]
+        return -frame[..., 2] * hand[..., 2] - frame[..., 8] * hand[..., 8]
+
+    def distance(self, offsets: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """Distance that remains, around the walls and in along the axis, (N,), metres.
+
+        Args:
+          offsets: of each of its sites.
+        """
+        up, beside = offsets[0]
+        aside = functools.reduce(np.maximum, [np.abs(b) for _, b in offsets])
+        on_axis = np.clip(2.0 - aside / self.width, 0.0, 1.0) * (up > -self.width)
+        each = [np.hypot(u - self.before, b) for u, b in offsets]
+        before = functools.reduce(np.add, each) / len(each)
+        below = np.clip((self.before - up) / _RIM - 0.2, 0.0, 1.0)
+        around = below * np.maximum(self.side - np.abs(beside), 0.0)
+        outside = self.before + before + 1.5 * around
+        return on_axis * (np.abs(up) + aside) + (1.0 - on_axis) * outside
+
+    def from_mouth(self, data: Any) -> float:
+        """Distance of the object of a single simulation from before the mouth, metres."""
+        offsets = self.offsets(data)
+        away = max(float(np.hypot(max(u - self.before, 0.0), b)) for u, b in offsets)
+        up, beside = offsets[0]
+        entering = up > 0 and abs(beside) < self.width
+        return away if entering else away + max(self.before - 0.02 - float(up), 0.0)
+
+    def holds(self, offset: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
+        """Certainty that the object falls or stays in place by itself, 0 to 1, (N,).
+
+        Args:
+          offset: of the first of its sites.
+        """
+        up, beside = offset
+        above = np.where(up > 0, up, 6.0 * up)  # below it is outside again
+        height, width = self.falls
+        return np.minimum(PLAY * near(above, height) * near(beside, width), 1.0)
+
+    def walls(self, physics: Any) -> Obstacle:
+        """Its capsules and boxes as thick lines."""
+        model, data = physics.model, physics.data
+        ends, radii = [], []
+        for geom in np.flatnonzero(model.geom_bodyid == model.name2id(self.body, "body")):
+            size = model.geom_size[geom]
+            frame = data.geom_xmat[geom].reshape(3, 3)
+            is_capsule = size[2] == 0.0
+            sizes = (size[0], size[0] + size[1]) if is_capsule else (size[0], size[2])
+            axis = frame[:, 0] if sizes[0] > sizes[1] else frame[:, 2]
+            half = abs(sizes[0] - sizes[1]) * axis[PLANE]
+            middle = data.geom_xpos[geom][PLANE]
+            ends.append([middle - half, middle + half])
+            radii.append(min(sizes))
+        return Obstacle(np.array(ends), np.array(radii))
+
+
+# The fingers reach beyond the ball, so that it is released above the cup's rim.
+_CUP = Receptacle("cup", "target_ball", ("ball",), 0.112, 0.012, 0.09, (0.16, 0.018))
+# The slot is 0.8 mm wider than the peg, whose tip is round.
+_SLOT = Receptacle("slot", "target_peg", ("peg_tip", "peg"), 0.08, 0.004, 0.08, (0.02, 0.02))

@@ -1,0 +1,80 @@
+"""The planning model: the environment's own physics with the constants of `Settings`.
+
+planning = planning_model_of(env.physics, settings)
+enable_sleep(planning.model.ptr)  # bodies at rest sleep
+"""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from limberjack.planner.settings import Settings
+
+__all__ = ["enable_sleep", "planning_model_of"]
+
+_OF_TENDONS = mujoco.mjtEq.mjEQ_TENDON.value
+_OF_JOINTS = mujoco.mjtEq.mjEQ_JOINT.value
+_JOINT = mujoco.mjtWrap.mjWRAP_JOINT.value
+_ONE_AXIS = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
+
+
+def planning_model_of(physics: Any, settings: Settings) -> Any:
+    """A copy of an environment's physics, in its present state, with the settings' constants."""
+    planning = physics.copy()
+    model = planning.model.ptr  # its own from here on
+    if settings.timestep is not None:
+        planning.model.opt.timestep = settings.timestep
+    if settings.armature:
+        model.dof_armature[_actuated_hinges(model)] += settings.armature
+    # At the end of a control step all quantities then belong to the state that it led to.
+    planning.legacy_step = True
+    return planning
+
+
+def enable_sleep(model: Any) -> None:
+    """Lets MuJoCo skip bodies at rest until they are touched, in a raw `mujoco.MjModel`.
+
+    Nothing sleeps beside an equality of tendons: one that couples two joints is rewritten as an
+    equality of these joints.
+
+    Raises:
+      ValueError: an equality of tendons couples anything else.
+    """
+    for equality in np.flatnonzero(model.eq_type == _OF_TENDONS).tolist():
+        tendon = int(model.eq_obj1id[equality])
+        wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
+        joints, parts = model.wrap_objid[wraps], model.wrap_prm[wraps]
+        is_plain = len(joints) == 2 and model.eq_obj2id[equality] < 0
+        is_plain &= bool((model.wrap_type[wraps] == _JOINT).all())
+        if not is_plain or not np.isin(model.jnt_type[joints], _ONE_AXIS).all():
+            raise ValueError(
+                f"equality {equality} is one of tendons that do not just couple two joints: plan "
+                "without Settings(sleep=True)"
+            )
+        dofs = model.jnt_dofadr[joints]
+        # MuJoCo estimates the stiffness of joints in another way: this corrects for it.
+        estimates = (
+            model.tendon_invweight0[tendon] / parts[0] ** 2,
+            model.dof_invweight0[dofs].sum(),
+        )
+        stiff = model.eq_solimp[equality, :2]
+        stiff[:] = stiff / (stiff + (1.0 - stiff) * estimates[0] / estimates[1])
+        model.eq_type[equality] = _OF_JOINTS
+        model.eq_objtype[equality] = mujoco.mjtObj.mjOBJ_JOINT.value
+        model.eq_obj1id[equality], model.eq_obj2id[equality] = joints
+        # The first joint is a polynomial of the second one, where the tendon's length is constant.
+        length = model.eq_data[equality, 0]
+        model.eq_data[equality, :5] = length / parts[0], -parts[1] / parts[0], 0.0, 0.0, 0.0
+    model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP.value
+
+
+def _actuated_hinges(model: Any) -> np.ndarray:
+    """Whether a degree of freedom is a hinge of a body that actuators move, (nv,)."""
+    joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE.value)
+    hinges = model.jnt_dofadr[joints]
+    moved = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT.value
+    trees = model.dof_treeid[model.jnt_dofadr[model.actuator_trnid[moved, 0]]]
+    found = np.zeros(model.nv, bool)
+    found[hinges[np.isin(model.dof_treeid[hinges], trees)]] = True
+    return found

@@ -1,0 +1,1 @@
+"""The stacker's cost: building a tower of boxes."""

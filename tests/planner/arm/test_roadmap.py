@@ -1,0 +1,113 @@
+"""Ways of the planar arm around obstacles."""
+
+import numpy as np
+import pytest
+
+from limberjack.planner.arm import roadmap
+from limberjack.planner.arm.collision import Obstacle, clearance
+from limberjack.planner.arm.kinematics import GRASP, hand_places, hand_poses
+from limberjack.planner.arm.roadmap import find_path
+
+_HELD = GRASP + 0.022  # metres
+_START = np.array([1.2, 0.8, 0.6, 0.4])
+_BEAM = Obstacle(np.array([[[0.0, 0.6], [0.0, 0.8]]]), np.array([0.01]))  # above the arm
+
+
+def _goals() -> np.ndarray:
+    """Poses of the hand on the other side of the beam."""
+    random = np.random.default_rng(0)
+    return hand_poses(random, np.array([0.3, 0.4]), GRASP, -_START, 24)
+
+
+def test_a_way_leads_to_a_goal_around_the_obstacle() -> None:
+    goals = _goals()
+    way = find_path(_START, goals, _HELD, _BEAM)
+    assert way is not None
+    assert not way.is_straight
+    poses = np.array([_START, *way.next_points(1)])
+    assert (clearance(poses, _HELD, _BEAM) > 0.0).all()
+    gaps = (poses[-1] - goals + np.pi) % (2 * np.pi) - np.pi
+    assert np.abs(gaps).sum(axis=-1).min() < 1e-9
+
+
+def test_what_is_left_of_a_way_falls_as_it_is_gone() -> None:
+    way = find_path(_START, _goals(), _HELD, _BEAM)
+    assert way is not None
+    left = []
+    for pose in way.next_points(1):
+        way.advance(pose)
+        left.append(float(way.remaining(pose[None])[0]))
+    assert (np.diff(left) <= 1e-9).all()
+    assert left[-1] == 0.0
+
+
+def test_there_is_no_way_to_a_goal_within_the_obstacle() -> None:
+    around = Obstacle(np.array([[[0.3, 0.35], [0.3, 0.45]]]), np.array([0.2]))
+    assert find_path(_START, _goals(), _HELD, around) is None
+
+
+def test_a_way_that_begins_within_the_obstacle_leaves_it_and_does_not_go_through_it() -> None:
+    hand = hand_places(_START, GRASP)
+    ends = hand + np.array([[0.0, -0.02], [0.0, 0.02]])
+    walls = np.concatenate([_BEAM.ends, ends[None]])
+    both = Obstacle(walls, np.array([0.01, 0.01]))
+    assert clearance(_START[None], _HELD, both)[0, 0] < -0.01
+    way = find_path(_START, _goals(), _HELD, both)
+    assert way is not None
+    poses = np.array(way.next_points(1))
+    away = np.abs(poses - _START).sum(axis=-1)
+    assert (clearance(poses[away > 1.5], _HELD, both)[:, 0] > 0.0).all()
+
+
+def test_the_short_cut_to_the_end_of_a_way_counts_no_less_than_the_way() -> None:
+    beside = np.array([0.35, 0.2, 0.2, 0.2])  # the beam, which is between the hand and the goal
+    way = find_path(beside, -beside[None], _HELD, _BEAM)
+    assert way is not None
+    poses = np.array([beside, *way.next_points(1)])
+    length = np.abs(np.diff(poses, axis=0)).sum()
+    assert length > 3.0 * np.abs(2.0 * beside).sum()
+    assert way.remaining(beside[None])[0] > 0.8 * length
+
+
+def test_a_goal_that_is_too_near_to_something_is_gone_to_on_request() -> None:
+    goal = _goals()[0]
+    tip = hand_places(goal, _HELD)
+    ahead = (tip - hand_places(goal, GRASP)) / (_HELD - GRASP)
+    place = tip + (0.005 + 0.01 + 0.005) * ahead  # radii of what is held and of the wall, a gap
+    both = Obstacle(
+        np.concatenate([_BEAM.ends, [[place, place + 0.001 * ahead]]]), np.array([0.01, 0.01])
+    )
+    assert 0.0 < clearance(goal[None], _HELD, both)[0, 0] < 0.008
+    assert find_path(_START, goal[None], _HELD, both) is None
+    assert find_path(_START, goal[None], _HELD, both, close=True) is not None
+
+
+def test_a_way_does_not_jump_over_a_thin_wall() -> None:
+    wall = Obstacle(np.array([[[0.3, 0.3], [0.42, 0.3]]]), np.array([0.004]))
+    random = np.random.default_rng(0)
+    above = hand_poses(random, np.array([0.36, 0.45]), GRASP, -_START, 1)[0]
+    below = hand_poses(random, np.array([0.36, 0.15]), GRASP, above, 24)
+    for held in (above, above + np.array([0.0, 0.0, 0.0, 0.3])):
+        way = find_path(held, below, _HELD, wall)
+        if way is None:
+            continue
+        poses = np.array([held, *way.next_points(1)])
+        parts = np.linspace(0.0, 1.0, 10)[:, None, None]
+        between = (poses[:-1] + parts * (poses[1:] - poses[:-1])).reshape(-1, 4)
+        assert clearance(between, _HELD, wall)[:, 0].min() > 0.0
+
+
+def test_a_search_stops_at_its_budget() -> None:
+    edges = []
+    is_edge_free = roadmap._Scene.is_edge_free
+
+    def counted(self: roadmap._Scene, begin: np.ndarray, turn: np.ndarray) -> bool:
+        edges.append(turn)
+        return is_edge_free(self, begin, turn)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(roadmap._Scene, "is_edge_free", counted)
+        assert find_path(_START, _goals(), _HELD, _BEAM, budget=5) is None
+    straight = 6  # paths that are tried before the search
+    assert len(edges) <= straight + 5
+    assert find_path(_START, _goals(), _HELD, _BEAM, budget=roadmap.BUDGET) is not None

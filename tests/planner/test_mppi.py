@@ -1,0 +1,353 @@
+"""The planner: properties for all tasks, and rejected arguments."""
+
+import dataclasses
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import limberjack.gym  # noqa: F401 (registers the environments)
+from limberjack import policies, rollout, suite
+from limberjack.planner import Cost, Planner, Settings, cost_for
+from limberjack.rl import control
+from limberjack.suite import base
+
+from .planned import PLANNED
+
+every_task = pytest.mark.parametrize(("domain", "task"), PLANNED)
+
+
+def _load(domain: str, task: str, seed: int = 5, time_limit: float = 10.0) -> Any:
+    return suite.load(domain, task, task_kwargs={"random": seed, "time_limit": time_limit})
+
+
+def _small(env: Any, **changes: Any) -> Settings:
+    """The task's settings, for plans that are quick to make."""
+    return dataclasses.replace(cost_for(env.task).settings, samples=12, horizon=0.1, **changes)
+
+
+def _actions(env: Any, planner: Planner, steps: int) -> np.ndarray:
+    actions = []
+    for _ in range(steps):
+        actions.append(planner.act())
+        env.step(actions[-1])
+    return np.array(actions)
+
+
+@every_task
+def test_the_same_seed_gives_the_same_actions_at_any_number_of_threads(
+    domain: str, task: str
+) -> None:
+    found = []
+    for threads in (1, 3):
+        env = _load(domain, task)
+        planner = Planner(env, num_threads=threads, seed=1, settings=_small(env))
+        env.reset()
+        found.append(_actions(env, planner, 8))
+    np.testing.assert_array_equal(found[0], found[1])
+
+
+@every_task
+def test_planning_leaves_the_environment_as_it_is(domain: str, task: str) -> None:
+    env, twin = _load(domain, task), _load(domain, task)
+    env.reset()
+    twin.reset()
+    planner = Planner(env, num_threads=1, settings=_small(env))
+    for _ in range(4):
+        before = env.snapshot()
+        action = planner.act()
+        after = env.snapshot()
+        for name, value in before.physics.items():
+            np.testing.assert_array_equal(value, after.physics[name])
+        # What no snapshot holds would show in what follows.
+        ours, theirs = env.step(action), twin.step(action)
+        assert ours.reward == theirs.reward
+        for name, value in theirs.observation.items():
+            np.testing.assert_array_equal(ours.observation[name], value)
+
+
+@every_task
+def test_actions_are_within_the_bounds_and_differ_with_the_seed(domain: str, task: str) -> None:
+    found = []
+    for seed in (0, 1):
+        env = _load(domain, task)
+        env.reset()
+        planner = Planner(env, num_threads=1, seed=seed, settings=_small(env, interval=1))
+        found.append(_actions(env, planner, 4))
+        spec = env.action_spec()
+        assert (found[-1] >= spec.minimum).all()
+        assert (found[-1] <= spec.maximum).all()
+    assert not np.array_equal(found[0], found[1])
+
+
+class _Towards(Cost):
+    """Wants the humanoid's abdomen bent as far as it goes."""
+
+    settings = Settings(samples=32, horizon=0.15, knots=2, timestep=0.0125)
+
+    def step_cost(self, physics: Any) -> np.ndarray:
+        return -physics.named.data.qpos["abdomen_y"][..., 0]
+
+
+def test_the_plan_lowers_the_cost() -> None:
+    bent = {}
+    for policy in ("planner", "zero"):
+        env = _load("humanoid", "stand")
+        env.reset()
+        planner = Planner(env, num_threads=1, cost=_Towards(env.task))
+        for _ in range(8):
+            env.step(planner.act() if policy == "planner" else np.zeros(21))
+        bent[policy] = float(env.physics.named.data.qpos["abdomen_y"][0])
+    assert bent["planner"] > bent["zero"] + 0.3
+
+
+def test_a_plan_reaches_the_last_of_its_intervals() -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    looks = []
+
+    class Looking(_Towards):
+        def update(self, physics: Any) -> None:
+            looks.append(physics.time())
+
+    settings = dataclasses.replace(_Towards.settings, interval=3)
+    planner = Planner(env, num_threads=1, cost=Looking(env.task), settings=settings)
+    _actions(env, planner, 7)
+    # Simulated time is a sum of time steps, which rounds.
+    np.testing.assert_allclose(looks, [0.0, 0.075, 0.15], rtol=0, atol=1e-12)
+
+
+def test_proposals_are_tried_again_until_it_is_time_for_others_or_the_stage_changes() -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    asked, tried = [], []
+
+    class Proposing(_Towards):
+        settings = Settings(
+            samples=4, horizon=0.2, knots=5, timestep=0.0125, proposal_interval=3, noise=1e-9
+        )
+
+        def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+            asked.append(len(tried))
+            return np.linspace(0.0, 0.4, 5)[None, :, None] * np.ones(21)
+
+        def stage(self) -> int:
+            return len(tried) // 5
+
+    planner = Planner(env, num_threads=1, cost=Proposing(env.task))
+    samples = planner._samples
+
+    def noting(now: Any) -> np.ndarray:
+        found = samples(now)
+        tried.append(found[1, :, 0])
+        return found
+
+    planner._samples = noting
+    _actions(env, planner, 8)
+    assert asked == [0, 3, 5]
+    # From one to the next half of the time between two knots has passed. Their last targets hold.
+    for number, passed in enumerate([0, 1, 2, 0, 1, 0, 1, 2]):
+        expected = 0.1 * np.arange(3) + 0.05 * passed
+        # Splines of splines: they round.
+        np.testing.assert_allclose(tried[number][:3], expected, rtol=0, atol=1e-12)
+
+
+def test_anchored_knots_keep_their_moments_until_they_have_passed() -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    found = []
+
+    class Looking(_Towards):
+        settings = Settings(samples=2, horizon=0.15, knots=5, anchored=True, timestep=0.0125)
+
+        def continued(self, plan: np.ndarray) -> np.ndarray:
+            found.append((env.physics.time(), len(plan)))
+            return super().continued(plan)
+
+    planner = Planner(env, num_threads=1, cost=Looking(env.task))
+    assert planner.settings.spacing == pytest.approx(0.05)  # two control steps
+    _actions(env, planner, 6)
+    assert [count for _, count in found] == [5, 5]
+    # Simulated time is a sum of time steps, which rounds.
+    np.testing.assert_allclose([time for time, _ in found], [0.05, 0.1], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("interval", "expected"), [(1, 6), (2, 3), (4, 2), (6, 1)])
+def test_a_plans_cost_is_looked_at_as_often_as_is_asked(interval: int, expected: int) -> None:
+    env = _load("humanoid", "stand")
+    env.reset()
+    seen = []
+
+    class Looking(_Towards):
+        def step_cost(self, physics: Any) -> np.ndarray:
+            seen.append(physics.data.time.copy())
+            return super().step_cost(physics)
+
+    settings = dataclasses.replace(_Towards.settings, cost_interval=interval)
+    Planner(env, num_threads=1, cost=Looking(env.task), settings=settings).act()
+    moments = np.unique(seen[-1])
+    assert len(moments) == expected
+    assert len(seen[-1]) == expected * settings.samples
+    assert moments[-1] == pytest.approx(settings.horizon)  # the last state counts
+
+
+def test_an_episode_that_has_begun_is_planned_anew() -> None:
+    env = _load("manipulator", "bring_ball")
+    planner = Planner(env, num_threads=1, settings=_small(env))
+    found = []
+    for _ in range(2):
+        env.reseed(5)
+        env.reset()  # and no planner.reset()
+        found.append(_actions(env, planner, 5))
+    np.testing.assert_array_equal(found[0], found[1])
+
+
+def test_an_episode_that_has_begun_after_a_single_step_is_planned_anew() -> None:
+    env = _load("manipulator", "bring_ball")
+    planner = Planner(env, num_threads=1, settings=_small(env))
+    found = []
+    for _ in range(3):
+        env.reseed(5)
+        env.reset()
+        env.step(np.zeros(5))
+        env.reset()  # another start at the same time
+        assert env.physics.time() == 0
+        found += [planner.act(), planner.act()]  # asked again, it says the same
+        env.reseed(6)
+        env.reset()
+        assert (planner.act() != found[0]).any()
+    for action in found:
+        np.testing.assert_array_equal(action, found[0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"num_threads": 0}, "num_threads is 0; expected a whole number of at least 1"),
+        ({"cost": _Towards}, "cost is _Towards itself; expected an instance of a subclass"),
+        ({"settings": {"samples": 3}}, r"settings is dict; expected Settings\(...\)"),
+    ],
+)
+def test_what_cannot_be_planned_with_is_named(arguments: Any, message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=message):
+        Planner(_load("humanoid", "stand"), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("proposals", "message"),
+    [
+        (np.zeros((2, 3, 21)), r"proposals of Proposing returned shape \(2, 3, 21\); expected"),
+        (
+            np.full((2, 2, 21), np.nan),
+            "proposals of Proposing returned numbers that are not finite",
+        ),
+    ],
+)
+def test_proposals_that_are_no_plans_are_named(proposals: np.ndarray, message: str) -> None:
+    class Proposing(_Towards):
+        def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+            return proposals
+
+    env = _load("humanoid", "stand")
+    env.reset()
+    with pytest.raises(ValueError, match=message):
+        Planner(env, num_threads=1, cost=Proposing(env.task)).act()
+
+
+def test_without_an_episode_there_is_nothing_to_plan_for() -> None:
+    env = _load("humanoid", "stand", time_limit=0.05)
+    planner = Planner(env, num_threads=1, settings=_small(env))
+    with pytest.raises(RuntimeError, match=r"call env.reset\(\) before planner.act\(\)"):
+        planner.act()
+    env.reset()
+    _actions(env, planner, 2)
+    with pytest.raises(RuntimeError, match="no episode is running"):
+        planner.act()
+
+
+class _Own(base.Task):
+    """A task that the planner does not know."""
+
+    def initialize_episode(self, physics: Any) -> None:
+        """Nothing."""
+
+    def get_observation(self, physics: Any) -> dict[str, np.ndarray]:
+        """The positions."""
+        return {"position": physics.position()}
+
+    def get_reward(self, physics: Any) -> float:
+        """Nothing."""
+        return 0.0
+
+
+def _own_environment() -> control.Environment:
+    return control.Environment(_load("humanoid", "stand").physics, _Own(), n_sub_steps=5)
+
+
+def test_a_task_without_a_cost_is_told_what_to_write() -> None:
+    with pytest.raises(ValueError, match="knows no cost for tasks of type _Own: write a subclass"):
+        Planner(_own_environment())
+    env = _own_environment()
+    with pytest.raises(policies.PolicyError, match="policy 'planner': the planner knows no cost"):
+        rollout.run_episode(env, policies.find("planner"), 0)
+
+
+def test_a_cost_of_the_wrong_shape_is_named() -> None:
+    class Wrong(Cost):
+        def step_cost(self, physics: Any) -> np.ndarray:
+            return physics.named.data.qpos["abdomen_y"]
+
+    env = _own_environment()
+    env.reset()
+    planner = Planner(env, num_threads=1, cost=Wrong(env.task))
+    with pytest.raises(ValueError, match=r"step_cost of Wrong returned shape \(\d+, 1\) and dtype"):
+        planner.act()
+
+
+def test_samples_that_diverge_or_cost_no_number_do_not_count() -> None:
+    class Broken(_Towards):
+        def step_cost(self, physics: Any) -> np.ndarray:
+            cost = super().step_cost(physics)
+            cost[1::2] = np.nan
+            return cost
+
+    env = _load("humanoid", "stand")
+    env.reset()
+    planner = Planner(env, num_threads=1, cost=Broken(env.task))
+    assert np.isfinite(_actions(env, planner, 2)).all()
+
+
+def test_what_is_no_environment_of_ours_is_refused() -> None:
+    with pytest.raises(TypeError, match=r"env is of type .*; expected a limberjack\.rl"):
+        Planner(gymnasium.make("limberjack/humanoid-stand-v0"))
+
+
+def test_run_finds_the_planner_by_name() -> None:
+    env = _load("humanoid", "stand", time_limit=0.1)
+    episode = rollout.run_episode(env, policies.find("planner"), 5)
+    again = _load("humanoid", "stand", time_limit=0.1)
+    again.reset()
+    planner = Planner(again, num_threads=1, seed=5)
+    rewards = [again.step(planner.act()).reward for _ in range(4)]
+    np.testing.assert_array_equal(episode.rewards, rewards)
+
+
+def test_the_planner_needs_the_environment_itself() -> None:
+    policy = policies.find("planner")
+    with pytest.raises(policies.PolicyError, match="needs the environment"):
+        policy(_load("humanoid", "stand").action_spec(), 0)
+
+
+def test_armature_is_that_of_the_plan_and_of_hinges_that_actuators_move() -> None:
+    env = _load("stacker", "stack_2")
+    before = env.physics.named.model.dof_armature[["arm_root", "thumbtip", "box0_y"]].copy()
+    planner = Planner(env, num_threads=1, settings=_small(env))
+    added = planner.settings.armature
+    joints = planner._batch.single.named.model.dof_armature
+    np.testing.assert_array_equal(joints[["arm_root", "thumbtip"]], before[:2] + added)
+    np.testing.assert_array_equal(joints[["box0_x", "box0_z", "box0_y"]], before[2])
+    unchanged = env.physics.named.model.dof_armature[["arm_root", "thumbtip", "box0_y"]]
+    np.testing.assert_array_equal(unchanged, before)
+    with pytest.raises(ValueError, match="armature is -1; expected a number from 0 up"):
+        Settings(armature=-1)

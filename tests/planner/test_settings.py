@@ -1,0 +1,34 @@
+"""The planner's options, and those that are refused."""
+
+from typing import Any
+
+import pytest
+
+from limberjack import suite
+from limberjack.planner import Planner, Settings
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ({"samples": 1}, "samples is 1; expected a whole number from 2 up"),
+        ({"knots": 2, "anchored": True}, "knots is 2; expected a whole number from 3 up"),
+        ({"knots": 2.5}, "knots is 2.5; expected a whole number"),
+        ({"horizon": float("nan")}, "horizon is nan; expected a positive number"),
+        ({"gain": "much"}, "gain is 'much'; expected a positive number"),
+        ({"timestep": 0}, "timestep is 0; expected a positive number"),
+        ({"armature": -1e-3}, "armature is -0.001; expected a number from 0 up"),
+        ({"damping": float("nan")}, "damping is nan; expected a number from 0 up"),
+        ({"proposal_interval": 0}, "proposal_interval is 0; expected a whole number from 1 up"),
+        (
+            {"proposal_interval": 2, "anchored": True},
+            "proposal_interval is 2; expected 1, as plans are anchored",
+        ),
+        ({"finest": 2.0}, "finest is 2.0; expected a fraction of `noise`, at most 1"),
+        ({"timestep": 0.004}, "must be an integer multiple"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_named(setting: dict[str, Any], message: str) -> None:
+    env = suite.load("humanoid", "stand", {"random": 5})
+    with pytest.raises(ValueError, match=message):
+        Planner(env, settings=Settings(**setting))
