@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from limberjack import policies, rollout, suite
-from limberjack.evaluation import actors
 from limberjack.evaluation.episodes import play, play_alone
 from limberjack.evaluation.statistics import Score
-from limberjack.policies import Policy
+from limberjack.policies import Policy, actors
 from limberjack.policies.batched import Batched, EachRow
 
 _SEEDS = [5, 0, 3, *range(100, 165)]  # more than there are rows

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from limberjack import policies, rollout, suite
-from limberjack.evaluation import actors, evaluate
-from limberjack.evaluation.actors import Found
-from limberjack.policies import PolicyError
+from limberjack.evaluation import evaluate
+from limberjack.policies import PolicyError, actors
+from limberjack.policies.actors import Found
 
 _REASON = "needs the extra 'sb3'"
 torch: Any = pytest.importorskip("torch", reason=_REASON)

@@ -4,11 +4,13 @@ import dataclasses
 import errno
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from limberjack.evaluation import Score
 from limberjack.evaluation.store import Store
+from limberjack.utils import files
 
 _VERSIONS = {"mujoco": "4.0.0", "python": "3.12.3"}
 _OURS = {"task": "stand", "versions": _VERSIONS}
@@ -157,3 +159,96 @@ def test_without_a_folder_episodes_are_kept_in_memory_only(tmp_path: Path) -> No
     assert store.scores["zero"] == {3: _SCORE}
     store.close()
     assert not list(tmp_path.iterdir())
+
+
+# Shards, and file systems without locks.
+
+
+def test_shards_have_files_of_their_own_that_are_joined_in_the_plain_one(tmp_path: Path) -> None:
+    for number in (1, 2):
+        shard = Store(tmp_path, _OURS, shard=(number, 2))
+        assert shard.path == tmp_path / f"episodes-{number}-of-2.jsonl"
+        shard.add("zero", [dataclasses.replace(_SCORE, seed=number)])
+        shard.close()
+    with (tmp_path / "episodes-2-of-2.jsonl").open("a") as file:
+        file.write('{"policy": "zero"')  # as a kill leaves it
+    before = (tmp_path / "episodes-2-of-2.jsonl").read_bytes()
+    for _ in range(2):
+        store = Store(tmp_path, _OURS)
+        assert sorted(store.scores["zero"]) == [1, 2]
+        store.close()
+        assert (tmp_path / "episodes.jsonl").read_text().count("\n") == 3
+    assert (tmp_path / "episodes-2-of-2.jsonl").read_bytes() == before
+
+
+def test_a_shard_continues_and_excludes_a_second_writer_of_the_same_one(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl", reason="no locks on this system")
+    first = Store(tmp_path, _OURS, shard=(1, 2))
+    with pytest.raises(ValueError, match=r"another process writes to .*episodes-1-of-2.jsonl"):
+        Store(tmp_path, _OURS, shard=(1, 2))
+    Store(tmp_path, _OURS, shard=(2, 2)).close()
+    first.add("zero", [_SCORE])
+    first.close()
+    again = Store(tmp_path, _OURS, shard=(1, 2))
+    assert again.scores["zero"] == {3: _SCORE}
+    again.close()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "episodes-1-of-2.jsonl",
+        "episodes-2-of-2.jsonl",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("theirs", "field"),
+    [({"canary": "b"}, "canary"), ({"identity": _THEIRS, "canary": "a"}, "task")],
+)
+def test_a_shard_of_another_processor_or_task_is_refused_by_name(
+    theirs: dict[str, Any], field: str, tmp_path: Path
+) -> None:
+    shard = Store(tmp_path, **{"identity": _OURS, **theirs}, shard=(1, 2))
+    shard.add("zero", [_SCORE])
+    shard.close()
+    with pytest.raises(ValueError, match=f"holds an evaluation with {field} '"):
+        Store(tmp_path, _OURS, canary="a")
+    if field == "canary":
+        store = Store(tmp_path, _OURS, canary="a", any_processor=True)
+        assert store.scores["zero"] == {3: _SCORE}
+        store.close()
+
+
+def test_episodes_of_shards_keep_the_versions_that_played_them(tmp_path: Path) -> None:
+    patched = {**_VERSIONS, "mujoco": "4.0.9"}
+    shard = Store(tmp_path, {**_OURS, "versions": patched}, shard=(1, 1))
+    shard.add("zero", [_SCORE])
+    shard.close()
+    store = Store(tmp_path, _OURS)
+    assert store.versions == [_VERSIONS, patched]
+    store.close()
+
+
+def test_without_locks_a_second_writer_is_noticed_before_anything_is_mixed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "fcntl", None)
+    first, second = Store(tmp_path, _OURS), Store(tmp_path, _OURS)
+    first.add("zero", [_SCORE])
+    with pytest.raises(OSError, match=r"another process writes to .*episodes.jsonl: end one of"):
+        second.add("zero", [dataclasses.replace(_SCORE, seed=4)])
+    first.add("zero", [dataclasses.replace(_SCORE, seed=5)])
+    for store in (first, second):
+        store.close()
+    again = Store(tmp_path, _OURS)
+    assert sorted(again.scores["zero"]) == [3, 5]
+    again.close()
+
+
+def test_a_processor_is_kept_with_its_episode(tmp_path: Path) -> None:
+    score = dataclasses.replace(_SCORE, processor="one")
+    store = Store(tmp_path, _OURS)
+    store.add("zero", [_SCORE, dataclasses.replace(score, seed=4)])
+    store.close()
+    lines = (tmp_path / "episodes.jsonl").read_text().splitlines()
+    assert "processor" not in lines[1]
+    again = Store(tmp_path, _OURS)
+    assert again.scores["zero"][4].processor == "one"
+    again.close()

@@ -1,93 +1,30 @@
 """`evaluate`: scores of a policy, of zero actions and of random actions, on the same seeds.
 
-evaluation = evaluate("manipulator", "bring_ball", "my_policies:still", range(1000))
+evaluation = evaluate("manipulator", "bring_ball", "my_policies:still", range(1000), workers=4)
 print(evaluation.summary().mean, evaluation.summary("zero").mean)
 """
 
-import dataclasses
-import json
-import re
+import concurrent.futures
+import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from limberjack import report
-from limberjack.evaluation import actors, statistics
+from limberjack.evaluation import results, statistics
+from limberjack.evaluation.distributed import play_with
+from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.runner import OnProgress, Runner, check_seeding
-from limberjack.evaluation.statistics import Score, Summary
-from limberjack.evaluation.store import RESULT, Store
+from limberjack.evaluation.store import Store
 from limberjack.factories import Factory, Make, factory_of
+from limberjack.policies import actors
 from limberjack.report import Facts
 from limberjack.rl.control import Environment
-from limberjack.rl.guards import at_least_one
-from limberjack.utils.files import replacing
 from limberjack.utils.seeds import checked_seed
+from limberjack.workers import OnState, Scale, Setup, shard_of
+from limberjack.workers.identity import canary_of, identity_of
 
-__all__ = ["FLOORS", "PAGE", "PICTURE", "Evaluation", "evaluate"]
+__all__ = ["FLOORS", "evaluate"]
 
 FLOORS = ("zero", "random")  # baselines, always played on the same seeds as the policy
-PAGE = "report.html"
-PICTURE = "returns.png"
-
-_PLACEHOLDER = "line-"  # followed by a number, it stands for a line of result.json
-
-
-@dataclasses.dataclass(frozen=True)
-class Evaluation:
-    """Scores of a policy and of the two baselines on the same seeds."""
-
-    facts: Facts  # the request, and everything that the numbers depend on
-    scores: dict[str, list[Score]]  # by policy, in the order of the seeds; the evaluated one first
-    files: tuple[Path, ...] = ()  # files that were written
-    left_out: str | None = None  # the reason why the picture was not written
-
-    @property
-    def policy(self) -> str:
-        """The name of the policy that was evaluated."""
-        return next(iter(self.scores))
-
-    def summary(self, policy: str | None = None) -> Summary:
-        """Statistics of all episodes of the policy, or of 'zero' or 'random'."""
-        return statistics.summarise(self.scores[policy or self.policy])
-
-    def strata(self, policy: str | None = None) -> dict[str, Summary]:
-        """The same for each kind of start, by name; empty where the task has no kinds."""
-        return statistics.strata(self.scores[policy or self.policy])
-
-    def as_json(self) -> Facts:
-        """The content of result.json."""
-        rows = {
-            policy: {
-                **self.summary(policy).as_json(),
-                "strata": {name: part.as_json() for name, part in self.strata(policy).items()},
-            }
-            for policy in self.scores
-        }
-        floors = {
-            policy: {
-                "returns": [score.total for score in scores],
-                "final_rewards": [score.final_reward for score in scores],
-            }
-            for policy, scores in self.scores.items()
-            if policy != self.policy
-        }
-        episodes = [_entry(score) for score in self.scores[self.policy]]
-        return {**self.facts, "summary": rows, "episodes": episodes, "floors": floors}
-
-    def draw(self, path: Path) -> None:
-        """Draws the returns of all rows, and those of the policy by kind of start.
-
-        Raises:
-          OSError: the file cannot be written.
-          ImportError: matplotlib is not installed.
-        """
-        facts = self.facts
-        name = facts.get("environment") or f"{facts['domain']} {facts['task']}"
-        title = f"{name}, policy {self.policy}"
-        by_policy = {name: [score.total for score in self.scores[name]] for name in self.scores}
-        by_start: dict[str, list[float]] = {}
-        for score in sorted(self.scores[self.policy], key=lambda score: score.start or ""):
-            by_start.setdefault(score.start or "all", []).append(score.total)
-        report.write_distribution_plot(path, title, by_policy, by_start)
 
 
 def evaluate(
@@ -99,12 +36,19 @@ def evaluate(
     out: Path | str | None = None,
     num_threads: int | None = None,
     time_limit: float | None = None,
+    workers: int | None = None,
+    executor: concurrent.futures.Executor | None = None,
+    ray: str | None = None,
+    shard: tuple[int, int] | None = None,
+    any_processor: bool = False,
     on_progress: OnProgress | None = None,
+    on_state: OnState | None = None,
     command: str = "",
 ) -> Evaluation:
     """The scores of a policy, of zero actions and of random ones, on the same seeds.
 
-    Episode k is the first episode of the environment seeded with the k-th seed.
+    Episode k is the first episode of the environment seeded with the k-th seed. Neither threads nor
+    workers nor shards change a bit of an episode.
 
     Args:
       domain: such as 'humanoid', or a function `make(seed) -> control.Environment`; see
@@ -114,110 +58,111 @@ def evaluate(
       seeds: distinct, from 0 to 2**32 - 1.
       out: a folder for the results. Episodes that finished there in an earlier call, which may have
         been killed, are not played again.
-      num_threads: number of threads that step the batch; by default one per usable core.
+      num_threads: number of threads that step the batch, or of each worker; by default the usable
+        cores, or each worker's share of them.
       time_limit: seconds per episode; the task's own by default, as with a function.
+      workers: number of processes that play; by default one per usable core for the planner, and
+        none but this process for other policies. See `limberjack.workers.open_workers`.
+      executor: plays the episodes in place of processes made here.
+      ray: address of a Ray cluster that plays the episodes, or 'local' to start one.
+      shard: (K, N) plays only the K-th of N parts of the seeds, and writes its episodes to a file
+        of its own in `out`. A call without it joins the files of all shards.
+      any_processor: accept workers, and episodes in the folder, of processors that round
+        differently. The result then names the processor of each episode.
       on_progress: called before a policy's first step, and after each step and episode, with the
         name of the policy, the number of finished episodes of all policies, and how many episodes'
-        worth of steps the running ones have played.
+        worth of steps the running ones have played. With workers, called after each unit of up to
+        64 episodes.
+      on_state: called with the state of the workers as units begin and end.
       command: the command line as it was typed, for the page; empty if there was none.
 
     Raises:
-      ValueError, TypeError: there is no such task, policy or seed, a number is out of range, the
-        episodes have no time limit, the task cannot run in batches, or the folder holds other
-        results. Nothing was played.
+      ValueError, TypeError: there is no such task, policy, shard or seed, a number is out of range,
+        the episodes have no time limit, the task cannot run in batches, the folder holds other
+        results, or workers cannot import what they need. Nothing was played.
       PolicyError: the policy returned no valid action; finished episodes stay in the folder.
+      WorkError: a policy failed in a worker, or workers were lost or refused; the same.
       OSError: a file cannot be written.
     """
-    checked = _checked_seeds(seeds)
-    if num_threads is not None:
-        at_least_one("num_threads", num_threads)
+    asked, directory = _checked_seeds(seeds), None if out is None else Path(out)
+    mine = asked if shard is None else _of_shard(asked, shard, directory)
+    scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
     factory = factory_of(domain, task, time_limit)
-    directory = None if out is None else Path(out)
-    if directory is not None:
-        _check_known(factory)
-    environment = factory.make(checked[0])
-    _check_ends(factory, environment)
+    environment = _checked_environment(factory, asked, directory)
     found = actors.find(policy, environment, num_threads)
-    identity = _identity(factory, found, environment)
-    if callable(domain):
-        check_seeding(factory, environment, checked[:2])
-    full_length = factory if callable(domain) else factory_of(domain, task)
-    store = _store(directory, identity, found)
-    everyone = [found, *(actors.find(n, environment) for n in FLOORS if n != found.name)]
-    runner = Runner(environment, full_length.make(0), store, checked, num_threads)
-    try:
-        for one in everyone:
+    setup = scale.setup(domain, task, policy, time_limit, len(mine))
+    identity = identity_of(factory, found, environment)
+    canary = setup.canary if setup is not None else canary_of(factory) if directory else None
+    store = Store(directory, identity, canary=canary, shard=shard, any_processor=any_processor)
+    with contextlib.closing(store), contextlib.closing(environment):
+        store.check_source(found)
+        if setup is None:
+            full_length = factory if callable(domain) else factory_of(domain, task)
+            runner = Runner(environment, full_length.make(0), store, mine, num_threads)
+            _play_here(runner, found, environment, on_progress)
+        else:
+            with scale.open(len(mine)) as opened:
+                play_with(opened, store, _setups(setup), mine, on_progress)
+    played = _evaluation(identity, found.name, store, mine)
+    return played if directory is None or shard else results.write(played, directory, command)
+
+
+def _play_here(
+    runner: Runner,
+    found: actors.Found,
+    environment: Environment,
+    on_progress: OnProgress | None,
+) -> None:
+    """Plays the episodes of the policy and of the baselines in this process."""
+    with contextlib.closing(runner):
+        names = [name for name in FLOORS if name != found.name]
+        for one in (found, *(actors.find(name, environment) for name in names)):
             runner.run(one, on_progress)
-    finally:
-        store.close()
-        runner.close()
-    facts = {**identity, **_asked_for(checked), **_played_with(store, identity)}
-    scores = {one.name: [store.scores[one.name][seed] for seed in checked] for one in everyone}
-    evaluation = Evaluation(facts, scores)
-    return evaluation if directory is None else _written(evaluation, directory, command)
 
 
-def _check_known(factory: Factory) -> None:
-    """Raises ValueError if results in a folder could belong to another environment."""
-    if not factory.is_known:
+def _evaluation(identity: Facts, policy: str, store: Store, seeds: list[int]) -> Evaluation:
+    """The evaluation whose episodes are all in the store."""
+    facts = {**identity, **_asked_for(seeds), **_played_with(store, identity)}
+    names = dict.fromkeys((policy, *FLOORS))
+    return Evaluation(facts, {n: [store.scores[n][seed] for seed in seeds] for n in names})
+
+
+def _setups(setup: Setup) -> list[Setup]:
+    """The setup, and those of the baselines."""
+    names = [name for name in FLOORS if name != setup.identity["policy"]]
+    return [setup, *map(setup.with_policy, names)]
+
+
+def _of_shard(seeds: list[int], shard: tuple[int, int], directory: Path | None) -> list[int]:
+    """The seeds of a shard; raises ValueError without a folder, or without such a shard."""
+    if directory is None:
+        raise ValueError(
+            "a shard needs a folder that all shards write to: give one as out (--out DIR)"
+        )
+    return shard_of(seeds, *shard)
+
+
+def _checked_environment(factory: Factory, seeds: list[int], directory: Path | None) -> Environment:
+    """An environment of the factory, whose episodes end and can be kept.
+
+    Raises:
+      ValueError: they never end, or could belong to another environment.
+    """
+    if directory is not None and not factory.is_known:
         raise ValueError(
             f"{factory.title} cannot be distinguished from other functions of that name, so its "
             "results cannot be kept: define make(seed) at the top level of a module, or pass no "
             "folder"
         )
-
-
-def _check_ends(factory: Factory, environment: Environment) -> None:
-    """Raises ValueError if episodes have no time limit."""
+    environment = factory.make(seeds[0])
     if environment.step_limit is None:
         raise ValueError(
             f"{factory.title} has no time limit, so an episode might never end: give it a "
             "time_limit (--time-limit SECONDS)"
         )
-
-
-def _store(directory: Path | None, identity: Facts, found: actors.Found) -> Store:
-    """The store in a folder; raises if its episodes may be those of another policy."""
-    store = Store(directory, identity)
-    if found.sha256 is None and store.scores[found.name]:
-        store.close()
-        raise ValueError(
-            f"{directory} holds episodes of {found.name!r}, whose source is unknown here, so "
-            "another policy of that name may have played them: choose another folder, or define "
-            "the policy in a file"
-        )
-    return store
-
-
-def _written(evaluation: Evaluation, directory: Path, command: str) -> Evaluation:
-    """Writes result.json, report.html and returns.png; returns the evaluation with their names."""
-    result, page, picture = (directory / name for name in (RESULT, PAGE, PICTURE))
-    content = evaluation.as_json()
-    with replacing(result) as partial:
-        partial.write_text(_text(content), encoding="utf-8")
-    report.write_evaluation_page(page, content, command)
-    files = (result, page)
-    try:
-        evaluation.draw(picture)
-    except ImportError as error:
-        picture.unlink(missing_ok=True)  # of an earlier call
-        return dataclasses.replace(evaluation, files=files, left_out=f"no {PICTURE}: {error}")
-    return dataclasses.replace(evaluation, files=(*files, picture))
-
-
-def _identity(factory: Factory, found: actors.Found, environment: Environment) -> Facts:
-    """Everything that an episode depends on except its seed."""
-    limit, control_timestep = environment.step_limit, environment.control_timestep()
-    return {
-        **factory.facts,
-        "policy": found.name,
-        "policy_sha256": found.sha256,
-        "time_limit": None if limit is None else limit * control_timestep,
-        "control_timestep": control_timestep,
-        "action_repeat": 1,  # the policy acts at every control step
-        "versions": report.versions(),
-        "fingerprint": report.fingerprint(environment.physics.model._model),
-    }
+    if "environment" in factory.facts:  # a function
+        check_seeding(factory, environment, seeds[:2])
+    return environment
 
 
 def _played_with(store: Store, identity: Facts) -> Facts:
@@ -228,7 +173,7 @@ def _played_with(store: Store, identity: Facts) -> Facts:
 
 def _asked_for(seeds: list[int]) -> Facts:
     """The seeds, and the definitions of success and of the interval."""
-    first, end = seeds[0], seeds[-1] + 1
+    first, end = (seeds[0], seeds[-1] + 1) if seeds else (0, 0)
     is_range = seeds == list(range(first, end))
     return {
         "seeds": f"{first}:{end}" if is_range else seeds,
@@ -258,30 +203,3 @@ def _checked_seeds(seeds: Iterable[int]) -> list[int]:
     if len(set(checked)) < len(checked):
         raise ValueError("a seed occurs twice; expected each once, so that no episode counts twice")
     return checked
-
-
-def _entry(score: Score) -> Facts:
-    """An episode as `limberjack run` writes it, with its final reward and success."""
-    entry: Facts = {"seed": score.seed, "return": score.total, "length": score.length}
-    if score.start is not None:
-        entry["start"] = score.start
-    entry |= {"final_reward": score.final_reward, "success": score.success}
-    return {**entry, "diverged": True} if score.diverged else entry
-
-
-def _text(content: Facts) -> str:
-    """JSON with one line per episode, so that a file of a thousand episodes stays readable."""
-    lines: list[str] = []
-
-    def on_one_line(value: object) -> str:
-        lines.append(json.dumps(value, allow_nan=False))
-        return f"{_PLACEHOLDER}{len(lines) - 1}"
-
-    episodes = [on_one_line(episode) for episode in content["episodes"]]
-    floors = {
-        policy: {name: on_one_line(values) for name, values in of_policy.items()}
-        for policy, of_policy in content["floors"].items()
-    }
-    shown = {**content, "episodes": episodes, "floors": floors}
-    text = json.dumps(shown, indent=2, allow_nan=False)
-    return re.sub(f'"{_PLACEHOLDER}(\\d+)"', lambda found: lines[int(found[1])], text) + "\n"

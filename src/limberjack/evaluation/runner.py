@@ -11,12 +11,12 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from limberjack import report
-from limberjack.evaluation import actors
 from limberjack.evaluation.episodes import play, play_alone
 from limberjack.evaluation.starts import kind_of_start
 from limberjack.evaluation.statistics import Score
 from limberjack.evaluation.store import Store
 from limberjack.factories import Factory
+from limberjack.policies import actors
 from limberjack.rl.control import Environment
 
 __all__ = ["OnProgress", "Runner", "check_seeding"]
@@ -37,7 +37,7 @@ class Runner:
         seeds: list[int],
         threads: int | None,
     ) -> None:
-        """Takes over two environments of the task.
+        """Takes two environments of the task.
 
         Args:
           environment: plays the episodes.
@@ -84,8 +84,7 @@ class Runner:
                 report_progress()
 
     def close(self) -> None:
-        """Frees the environments."""
-        self._environment.close()
+        """Frees the environment of full length."""
         self._full_length.close()
 
     def _scores(
@@ -100,7 +99,8 @@ class Runner:
         """The score with its kind of start, which is determined once per seed."""
         if score.seed not in self._starts:
             self._starts[score.seed] = kind_of_start(self._full_length, score.seed)
-        return dataclasses.replace(score, start=self._starts[score.seed])
+        start = self._starts[score.seed]
+        return dataclasses.replace(score, start=start, processor=self._store.processor)
 
 
 def check_seeding(factory: Factory, environment: Environment, seeds: Sequence[int]) -> None:

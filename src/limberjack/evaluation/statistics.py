@@ -45,6 +45,7 @@ class Score:
     final_reward: float  # the mean of the last 100 steps' rewards; 0 if the simulation diverged
     diverged: bool = False
     start: str | None = None  # the kind of start; None if the task has no kinds
+    processor: str | None = None  # that played it; None unless processors may differ
 
     @classmethod
     def of_rewards(cls, seed: int, rewards: np.ndarray) -> "Score":

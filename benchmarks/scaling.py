@@ -1,0 +1,189 @@
+"""The time of episodes on several processes, against one process with as many threads.
+
+    python benchmarks/scaling.py [--quick] [--only SECTION]... [--repetitions N] [--json FILE]
+
+All scores are compared: both sides must play the same bits. The exit status is 1 if a bar is
+missed. Run it on idle cores: a busy one counts against the side that is playing.
+"""
+
+import dataclasses
+import enum
+import importlib.util
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from report import Row, all_met, at_most, print_table, spread, summary, write_json
+
+from limberjack.evaluation import evaluate
+from limberjack.evaluation.distributed import play_unit
+from limberjack.planner.solving import solve
+from limberjack.utils.cores import usable_cores
+from limberjack.workers import Unit, Workers, open_workers, prepare, units_of
+
+__all__ = ["Effort", "Section", "main"]
+
+_TASK = ("manipulator", "bring_ball")
+_MANY_CORES = 4  # from which one episode per core must be faster than one on all cores
+
+
+class Section(enum.StrEnum):
+    """A part of the table."""
+
+    PLANNER = "planner"
+    RANDOM = "random"
+    RAY = "ray"
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+    """The amount of work."""
+
+    planned: int  # episodes of the planner
+    episodes: int  # of random actions
+    time_limit: float | None  # seconds of each
+    repetitions: int  # of both sides, in turns
+
+
+_FULL = Effort(planned=16, episodes=1_000, time_limit=None, repetitions=3)
+# Only checks that the benchmark works; its figures are meaningless.
+_QUICK = Effort(planned=2, episodes=70, time_limit=0.05, repetitions=1)
+
+_Scores = dict[int, float]  # returns by seed
+
+
+def _planned(effort: Effort, workers: int) -> _Scores:
+    seeds = range(effort.planned)
+    played = solve(*_TASK, seeds, time_limit=effort.time_limit, workers=workers)
+    return {seed: float(recording.rewards.sum()) for seed, recording in played}
+
+
+def _evaluated(effort: Effort, workers: int | None) -> _Scores:
+    seeds, cores = range(effort.episodes), usable_cores()
+    threads = cores if workers is None else None
+    found = evaluate(
+        *_TASK,
+        "random",
+        seeds,
+        time_limit=effort.time_limit,
+        num_threads=threads,
+        workers=workers,
+    )
+    return {score.seed: score.total for score in found.scores["random"]}
+
+
+def _played(effort: Effort, workers: Workers) -> _Scores:
+    setup = prepare(*_TASK, "random", time_limit=effort.time_limit, num_threads=1)
+    units = [Unit(setup, seeds) for seeds in units_of(range(effort.episodes))]
+    results = workers.results(play_unit, units)
+    return {score.seed: score.total for _, scores in results for score in scores}
+
+
+def _compared(
+    measure: str,
+    effort: Effort,
+    limit: float,
+    ours: Callable[[], _Scores],
+    theirs: Callable[[], _Scores],
+) -> Row:
+    """The time of ours over that of theirs; raises RuntimeError if the scores differ."""
+    ratios: list[float] = []
+    times: tuple[list[float], list[float]] = ([], [])
+    scores: dict[int, _Scores] = {}
+    for repetition in range(effort.repetitions):
+        sides = [(0, ours), (1, theirs)]
+        for side, play in sides if repetition % 2 else reversed(sides):
+            begun = time.perf_counter()
+            scores[side] = play()
+            times[side].append(time.perf_counter() - begun)
+        if scores[0] != scores[1]:
+            raise RuntimeError(f"{measure}: the two sides have different scores")
+        ratios.append(times[0][-1] / times[1][-1])
+    return Row(
+        measure,
+        ":".join(_TASK),
+        statistics.median(times[0]),
+        statistics.median(times[1]),
+        "s",
+        statistics.median(ratios),
+        bar=at_most(limit),
+        details={"ratio": spread(ratios), "cores": usable_cores(), "episodes": len(scores[0])},
+    )
+
+
+def _measure(section: Section, effort: Effort) -> list[Row]:
+    cores = usable_cores()
+    match section:
+        case Section.PLANNER:
+            return [
+                _compared(
+                    f"planner, {cores} workers / 1 worker",
+                    effort,
+                    0.85 if cores >= _MANY_CORES else 1.0,
+                    lambda: _planned(effort, cores),
+                    lambda: _planned(effort, 1),
+                )
+            ]
+        case Section.RANDOM:
+            return [
+                _compared(
+                    f"random, {cores} workers / one process",
+                    effort,
+                    1.15,
+                    lambda: _evaluated(effort, cores),
+                    lambda: _evaluated(effort, None),
+                )
+            ]
+        case Section.RAY:
+            return _measure_ray(effort, cores)
+
+
+def _measure_ray(effort: Effort, cores: int) -> list[Row]:
+    """Without the start of Ray and of the workers."""
+    if importlib.util.find_spec("ray") is None:
+        typer.echo("ray is not installed: it is not measured", err=True)
+        return []
+    first = dataclasses.replace(effort, episodes=64 * cores, time_limit=0.05)
+    with open_workers(cores, ray="local") as ray, open_workers(cores) as workers:
+        for opened in (ray, workers):
+            _played(first, opened)
+        return [
+            _compared(
+                f"random, Ray / {cores} workers",
+                effort,
+                1.15,
+                lambda: _played(effort, ray),
+                lambda: _played(effort, workers),
+            )
+        ]
+
+
+def main(
+    only: Annotated[
+        list[Section] | None, typer.Option(help="Measure this section; may be given repeatedly.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
+    ] = False,
+    repetitions: Annotated[int, typer.Option(min=1, help="Of both sides.")] = _FULL.repetitions,
+    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+) -> None:
+    """Measure episodes on several processes and print each bar and whether it is met."""
+    effort = _QUICK if quick else dataclasses.replace(_FULL, repetitions=repetitions)
+    rows = []
+    for section in only or list(Section):
+        typer.echo(f"measuring: {section}", err=True)
+        rows += _measure(section, effort)
+    print_table(rows, "compared with")
+    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
+    if json is not None:
+        write_json(json, rows, {"quick": quick, **dataclasses.asdict(effort)})
+    sys.exit(not quick and not all_met(rows))
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,34 @@
+"""Work on many processes and machines: the same bits as in one process, in any order.
+
+    setup = prepare("manipulator", "bring_ball", "planner")
+    units = [Unit(setup, seeds) for seeds in units_of(range(100), setup.unit_size)]
+    with open_workers(workers=4) as workers:
+        for unit, result in workers.results(function, units):     # function(setup, seeds)
+            ...
+
+An episode depends on its setup (task, versions, policy) and its seed alone, so any worker can play
+any unit, twice if need be. The process that reads the results is the only one that writes files.
+Each worker first proves that it has the same identity and plays a few steps to the same bits.
+"""
+
+from limberjack.workers.attempt import WorkError
+from limberjack.workers.opening import Workers, open_workers
+from limberjack.workers.scale import Scale
+from limberjack.workers.setup import Opened, Setup, prepare
+from limberjack.workers.state import OnState, State
+from limberjack.workers.units import Unit, shard_of, units_of
+
+__all__ = [
+    "OnState",
+    "Opened",
+    "Scale",
+    "Setup",
+    "State",
+    "Unit",
+    "WorkError",
+    "Workers",
+    "open_workers",
+    "prepare",
+    "shard_of",
+    "units_of",
+]

@@ -1,0 +1,70 @@
+"""A unit of work where it is played: errors come back as values, so that none is retried.
+
+answer = attempt(function, setup, seeds)     # a module-level function: pools and Ray pickle it
+"""
+
+import dataclasses
+import socket
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from limberjack.policies import PolicyError
+from limberjack.workers.setup import Refused, Setup
+
+__all__ = ["Answer", "Failed", "Function", "WorkError", "attempt", "described"]
+
+_Result = TypeVar("_Result")
+_Other = TypeVar("_Other")
+
+# Pure: its result depends on the setup and the seeds alone.
+Function = Callable[[Setup, tuple[int, ...]], _Result]
+
+
+class WorkError(RuntimeError):
+    """Units could not be played: a policy failed, or workers were lost or refused.
+
+    The message is one line that names the cause, and the node where there is one. Results that
+    arrived before it are complete, and the other units can be played later.
+    """
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer(Generic[_Result]):
+    """The result of a unit."""
+
+    value: _Result
+
+
+@dataclasses.dataclass(frozen=True)
+class Failed:
+    """The reason why a unit cannot be played here, on one line."""
+
+    message: str
+
+
+def attempt(
+    function: Function[_Other], setup: Setup, seeds: tuple[int, ...]
+) -> "Answer[_Other] | Failed":
+    """The function's result, or the reason why there is none.
+
+    Raises:
+      MemoryError: another attempt, with fewer neighbours, may succeed.
+    """
+    try:
+        setup.opened()
+        return Answer(function(setup, seeds))
+    except MemoryError:
+        raise
+    except Refused as refusal:
+        return Failed(str(refusal))
+    except Exception as error:
+        return Failed(described(error))
+
+
+def described(error: Exception) -> str:
+    """An error on one line: the policy, its step and seed from its notes, and the node."""
+    text = " ".join(str(error).split())
+    if not isinstance(error, PolicyError):  # whose message has them
+        name = type(error).__name__
+        text = ": ".join([*getattr(error, "__notes__", []), name, *([text] if text else [])])
+    return f"{text}; on node {socket.gethostname()}"

@@ -1,0 +1,121 @@
+"""Units in any `concurrent.futures.Executor`: a process pool, Dask's, mpi4py's; and submitit's.
+
+    with concurrent.futures.ProcessPoolExecutor(4, mp_context=get_context("spawn")) as executor:
+        for unit, result in ExecutorWorkers(executor, 4).results(function, units):
+            ...
+
+The executor belongs to the caller, and is not shut down here.
+"""
+
+import concurrent.futures
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+from limberjack.workers.attempt import Answer, Failed, Function, WorkError, attempt
+from limberjack.workers.state import OnState, State
+from limberjack.workers.units import Unit
+
+__all__ = ["ExecutorWorkers"]
+
+_LOOK = 0.2  # seconds between two looks at jobs that cannot be waited for
+_IN_FLIGHT = 2  # units per worker: one is played, one waits for it
+
+_Result = TypeVar("_Result")
+
+
+class ExecutorWorkers:
+    """Units submitted to an executor."""
+
+    def __init__(
+        self,
+        executor: concurrent.futures.Executor,
+        workers: int,
+        on_state: OnState | None = None,
+    ) -> None:
+        """Takes an executor and the number of units that it runs at a time.
+
+        Raises:
+          TypeError: it is something else.
+          ValueError: it forks.
+        """
+        if not callable(getattr(executor, "submit", None)):
+            raise TypeError(
+                f"executor is of type {type(executor).__name__}; expected a "
+                "concurrent.futures.Executor, such as a ProcessPoolExecutor"
+            )
+        context = getattr(executor, "_mp_context", None)
+        if context is not None and context.get_start_method() == "fork":
+            raise ValueError(
+                "executor forks this process, in which MuJoCo's batches cannot be used: pass "
+                "mp_context=multiprocessing.get_context('spawn') to it"
+            )
+        self._executor = executor
+        self._workers = workers
+        self._on_state = on_state
+        self._running: dict[concurrent.futures.Future[object], Unit] = {}
+
+    def results(
+        self, function: Function[_Result], units: Iterable[Unit]
+    ) -> Iterator[tuple[Unit, _Result]]:
+        """The units with their results, in the order in which they end.
+
+        Raises:
+          WorkError: a unit failed, or the executor broke.
+        """
+        waiting, running = deque(units), self._running
+        try:
+            while waiting or running:
+                while waiting and len(running) < _IN_FLIGHT * self._workers:
+                    unit = waiting.popleft()
+                    running[self._submitted(function, unit)] = unit
+                if self._on_state is not None:
+                    self._on_state(State(self._workers, min(self._workers, len(running))))
+                for future in _ended(running):
+                    answer = _answer(future)
+                    yield running.pop(future), answer  # pyright: ignore[reportReturnType]
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Cancels the units that have not begun."""
+        for future in self._running:
+            future.cancel()
+        self._running.clear()
+
+    def _submitted(
+        self, function: Function[_Result], unit: Unit
+    ) -> "concurrent.futures.Future[object]":
+        try:
+            return self._executor.submit(attempt, function, unit.setup, unit.seeds)
+        except RuntimeError as error:  # it has broken or is shut down
+            raise _broken(error) from error
+
+
+def _ended(
+    running: "Iterable[concurrent.futures.Future[object]]",
+) -> "list[concurrent.futures.Future[object]]":
+    """Those that have ended; waits until there is one."""
+    if all(isinstance(future, concurrent.futures.Future) for future in running):
+        first = concurrent.futures.FIRST_COMPLETED
+        return list(concurrent.futures.wait(running, return_when=first).done)
+    while not (ended := [job for job in running if job.done()]):  # submitit's jobs
+        time.sleep(_LOOK)
+    return ended
+
+
+def _answer(future: "concurrent.futures.Future[object]") -> object:
+    try:
+        answer = future.result()
+    except (Exception, concurrent.futures.CancelledError) as error:
+        raise _broken(error) from error
+    if isinstance(answer, Failed):
+        raise WorkError(answer.message)
+    assert isinstance(answer, Answer)
+    return answer.value
+
+
+def _broken(error: BaseException) -> WorkError:
+    text = " ".join(str(error).split())
+    return WorkError(f"the executor failed ({type(error).__name__}{text and f': {text}'})")

@@ -1,0 +1,212 @@
+"""Processes of this machine that play units; one that dies is replaced, and its unit played again.
+
+    with Pool(4) as pool:
+        for unit, result in pool.results(function, units):
+            ...
+
+Workers are new Python processes, never forks: `mujoco.batch` cannot be used after a fork. They
+import from the same folders as this process, but not its main program. They hold no shared memory,
+and end with this process, however that ends.
+"""
+
+import contextlib
+import json
+import pickle
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import BinaryIO, Literal, TypeVar
+
+from limberjack.workers.attempt import Answer, Failed, Function, WorkError, described
+from limberjack.workers.process import OUT_OF_MEMORY, read_message, write_message
+from limberjack.workers.state import OnState, State
+from limberjack.workers.units import Unit
+
+__all__ = ["Pool"]
+
+_ATTEMPTS = 3  # workers that a unit may lose before it ends the run
+
+_LOOK = 1.0  # seconds between two reports of the state
+
+_PROGRAM = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv.pop()); "
+    "from limberjack.workers.process import main; main()"
+)
+
+_Result = TypeVar("_Result")
+
+
+class _Lost:
+    """The end of a worker that was playing."""
+
+    def __init__(self, returncode: int) -> None:
+        if returncode < 0:
+            self.how = f"signal {signal.Signals(-returncode).name}"
+        elif returncode == OUT_OF_MEMORY:
+            self.how = "out of memory"
+        else:
+            self.how = f"exit status {returncode}"
+
+
+class _Worker(threading.Thread):
+    """Starts a process when there is a unit for it, and replaces one that has ended."""
+
+    def __init__(self, answers: "queue.SimpleQueue[tuple[_Worker, object]]") -> None:
+        super().__init__(daemon=True)
+        self.state: Literal["idle", "starting", "playing"] = "idle"
+        self.unit: Unit | None = None
+        self._answers = answers
+        self._given: queue.SimpleQueue[tuple[object, Unit] | None] = queue.SimpleQueue()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._sent: set[str] = set()  # keys of the setups that the process knows
+        self._guard = threading.Lock()
+        self._closing = False
+        self.start()
+
+    def give(self, function: object, unit: Unit) -> None:
+        """Plays a unit next; the answer goes to the queue."""
+        self.unit = unit
+        self._given.put((function, unit))
+
+    def stop(self) -> None:
+        """Ends the process and the thread, in the middle of a unit too."""
+        with self._guard:
+            self._closing = True
+            if self._process is not None:
+                self._process.kill()
+        self._given.put(None)
+
+    def run(self) -> None:
+        """The thread's loop."""
+        while (given := self._given.get()) is not None:
+            answer = self._played(*given)
+            self.state = "idle"
+            self._answers.put((self, answer))
+        if self._process is not None:
+            _ended(self._process)
+
+    def _played(self, function: object, unit: Unit) -> object:
+        process = self._living()
+        if process is None:
+            return _Lost(0)  # closing: nobody reads the answer
+        streams: tuple[BinaryIO, BinaryIO] = process.stdin, process.stdout  # pyright: ignore
+        try:
+            setup = None if unit.setup.key in self._sent else unit.setup
+            message = pickle.dumps((function, unit.setup.key, setup, unit.seeds))
+            write_message(streams[0], [message])
+            self._sent.add(unit.setup.key)
+            self.state = "playing"
+            return pickle.loads(read_message(streams[1]))
+        except (EOFError, OSError):
+            return _Lost(_ended(process))
+        except Exception as error:  # a function without a name, or a result of an unknown class
+            return Failed(described(error))
+
+    def _living(self) -> "subprocess.Popen[bytes] | None":
+        """The process, which is started if there is none; None while closing."""
+        with self._guard:
+            if self._closing:
+                return None
+            if self._process is None or self._process.poll() is not None:
+                self.state = "starting"
+                self._sent.clear()
+                if self._process is not None:
+                    _ended(self._process)
+                self._process = subprocess.Popen(
+                    [sys.executable, "-P", "-c", _PROGRAM, json.dumps(sys.path)],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                )
+            return self._process
+
+
+class Pool:
+    """See the module's docstring."""
+
+    def __init__(self, workers: int, on_state: OnState | None = None) -> None:
+        """Takes the number of processes, which are started when there are units for them."""
+        self._answers: queue.SimpleQueue[tuple[_Worker, object]] = queue.SimpleQueue()
+        self._workers = [_Worker(self._answers) for _ in range(workers)]
+        self._lost = 0
+        self._on_state = on_state
+
+    def results(
+        self, function: Function[_Result], units: Iterable[Unit]
+    ) -> Iterator[tuple[Unit, _Result]]:
+        """The units with their results, in the order in which they end.
+
+        Raises:
+          WorkError: a unit failed, or lost its worker three times.
+        """
+        waiting, attempts = deque(units), dict[Unit, int]()
+        idle, playing = deque(self._workers), 0
+        while waiting or playing:
+            while idle and waiting:
+                idle.popleft().give(function, waiting.popleft())
+                playing += 1
+            worker, answer = self._next_answer()
+            unit = worker.unit
+            assert unit is not None
+            playing -= 1
+            idle.append(worker)
+            if isinstance(answer, _Lost):
+                self._lost += 1
+                attempts[unit] = attempts.get(unit, 0) + 1
+                if attempts[unit] == _ATTEMPTS:
+                    raise WorkError(_too_often(unit, answer))
+                waiting.appendleft(unit)
+                continue
+            if isinstance(answer, Failed):
+                raise WorkError(answer.message)
+            assert isinstance(answer, Answer)
+            if waiting:  # so that the worker plays on while the caller writes
+                idle.pop().give(function, waiting.popleft())
+                playing += 1
+            yield unit, answer.value
+
+    def close(self) -> None:
+        """Ends all processes at once; may be called twice."""
+        for worker in self._workers:
+            worker.stop()
+        for worker in self._workers:
+            worker.join()
+
+    def __enter__(self) -> "Pool":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _next_answer(self) -> tuple[_Worker, object]:
+        """Waits for an answer, and reports the workers' state meanwhile."""
+        while True:
+            if self._on_state is not None:
+                states = [worker.state for worker in self._workers]
+                counts = states.count("playing"), states.count("starting")
+                self._on_state(State(len(states), *counts, self._lost))
+            try:
+                return self._answers.get(timeout=_LOOK)
+            except queue.Empty:
+                pass
+
+
+def _too_often(unit: Unit, lost: _Lost) -> str:
+    return (
+        f"{unit} lost {_ATTEMPTS} workers on node {socket.gethostname()}, the last one by "
+        f"{lost.how}"
+    )
+
+
+def _ended(process: "subprocess.Popen[bytes]") -> int:
+    """The return code of a process, which is killed unless it has ended."""
+    process.kill()
+    for stream in (process.stdin, process.stdout):
+        if stream is not None:
+            with contextlib.suppress(OSError):  # what was buffered for a process that has ended
+                stream.close()
+    return process.wait()

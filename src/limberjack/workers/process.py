@@ -1,0 +1,108 @@
+"""A worker process: plays the units that arrive on its standard input until that is closed.
+
+    python -P -c 'from limberjack.workers.process import main; main()'
+
+Each message is its length in 8 bytes and then a pickle. What a policy prints goes to standard
+error, so that it does not mix with the answers on standard output. The process ends at once when
+the driver does, also in the middle of a unit: a thread waits for the end of the input.
+"""
+
+import contextlib
+import os
+import pickle
+import queue
+import signal
+import struct
+import sys
+import threading
+from collections.abc import Iterable
+from typing import BinaryIO
+
+from limberjack.workers.attempt import Failed, attempt, described
+from limberjack.workers.setup import Setup
+
+__all__ = ["LENGTH", "OUT_OF_MEMORY", "main", "read_message", "write_message"]
+
+LENGTH = struct.Struct("<Q")  # of the message that follows, in bytes
+OUT_OF_MEMORY = 71  # exit status
+
+# Where memory runs out, Linux ends a worker, whose unit is played again, and not the driver.
+_OOM_SCORE = "500"
+
+
+def main() -> None:
+    """Plays units until the input ends."""
+    answers, units = _private_streams()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the driver's business
+    _offer_to_be_killed_first()
+    messages: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+    threading.Thread(target=_receive, args=(units, messages), daemon=True).start()
+    setups: dict[str, Setup] = {}
+    while True:
+        try:
+            answer = _answer(messages.get(), setups)
+        except MemoryError:
+            os._exit(OUT_OF_MEMORY)
+        write_message(answers, [answer])
+
+
+def _answer(message: bytes, setups: dict[str, Setup]) -> bytes:
+    """The answer to a message, which may bring a setup for later ones too."""
+    try:
+        function, key, setup, seeds = pickle.loads(message)
+        if setup is not None:
+            setups[key] = setup
+        return pickle.dumps(attempt(function, setups[key], seeds))
+    except MemoryError:
+        raise
+    except Exception as error:  # a module that is missing here, or a result that has no pickle
+        return pickle.dumps(Failed(described(error)))
+
+
+def read_message(stream: BinaryIO) -> bytes:
+    """The next message.
+
+    Raises:
+      EOFError: the stream ended.
+    """
+    (length,) = LENGTH.unpack(_read(stream, LENGTH.size))
+    return _read(stream, length)
+
+
+def write_message(stream: BinaryIO, parts: Iterable[bytes]) -> None:
+    """Writes messages, and flushes the stream."""
+    for part in parts:
+        stream.write(LENGTH.pack(len(part)))
+        stream.write(part)
+    stream.flush()
+
+
+def _read(stream: BinaryIO, count: int) -> bytes:
+    content = stream.read(count)
+    if len(content) < count:
+        raise EOFError
+    return content
+
+
+def _private_streams() -> tuple[BinaryIO, BinaryIO]:
+    """Output and input under numbers of their own; what is printed goes to standard error."""
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    units = os.fdopen(os.dup(sys.stdin.fileno()), "rb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    with open(os.devnull, "rb") as nothing:
+        os.dup2(nothing.fileno(), sys.stdin.fileno())
+    return answers, units
+
+
+def _offer_to_be_killed_first() -> None:
+    with contextlib.suppress(OSError), open("/proc/self/oom_score_adj", "w") as file:
+        file.write(_OOM_SCORE)
+
+
+def _receive(units: BinaryIO, messages: "queue.SimpleQueue[bytes]") -> None:
+    """Passes messages on, and ends the process with the input."""
+    while True:
+        try:
+            messages.put(read_message(units))
+        except (EOFError, OSError):
+            os._exit(0)

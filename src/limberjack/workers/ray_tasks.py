@@ -1,0 +1,156 @@
+"""Units as tasks of Ray Core; needs the extra `ray`.
+
+    tasks = RayTasks("local", workers=4)           # or the address of a cluster
+    for unit, result in tasks.results(function, units):
+        ...
+
+A task whose worker or node dies is played again, up to twice. Results come back by value, and only
+twice as many units as there are workers are in Ray's hands at a time. Ray started here listens on
+this machine only and shows no dashboard.
+
+No other file imports ray.
+"""
+
+import logging
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator
+from typing import TypeVar
+
+from limberjack.utils.requirements import missing_extra
+from limberjack.workers.attempt import Answer, Failed, Function, WorkError, attempt
+from limberjack.workers.setup import Setup
+from limberjack.workers.state import OnState, State
+from limberjack.workers.units import Unit
+
+try:
+    import ray  # pyright: ignore[reportMissingImports]
+    import ray.exceptions  # pyright: ignore[reportMissingImports]
+except ImportError as error:
+    raise missing_extra("ray") from error
+
+__all__ = ["LOCAL", "RayTasks"]
+
+LOCAL = "local"  # in place of an address: Ray on this machine
+
+_RETRIES = 2  # of a unit that has lost its worker: three attempts in all
+_IN_FLIGHT = 2  # units per worker: one is played, one waits for it
+_LOOK = 1.0  # seconds between two looks at the nodes
+
+_Result = TypeVar("_Result")
+
+
+class RayTasks:
+    """See the module's docstring."""
+
+    def __init__(self, address: str, workers: int | None, on_state: OnState | None = None) -> None:
+        """Connects to a cluster, or starts one on this machine.
+
+        Args:
+          address: of a cluster, such as 'auto' or 'host:6379'; 'local' to start one.
+          workers: units at a time; by default one per processor core of the cluster.
+          on_state: called as units begin and end.
+
+        Raises:
+          WorkError: there is no cluster at that address.
+        """
+        self._is_ours = not ray.is_initialized()
+        if self._is_ours:
+            _connect(address, workers)
+        self._workers = workers or max(1, int(ray.cluster_resources().get("CPU", 1)))
+        self._on_state = on_state
+        self._running: dict[object, Unit] = {}  # by Ray's reference to the answer
+        self._setups: dict[str, object] = {}  # Ray's references, by key
+        self._nodes = _living_nodes()
+        self._looked = 0.0
+        self._task = ray.remote(num_cpus=1, max_retries=_RETRIES, retry_exceptions=False)(_attempt)
+
+    def results(
+        self, function: Function[_Result], units: Iterable[Unit]
+    ) -> Iterator[tuple[Unit, _Result]]:
+        """The units with their results, in the order in which they end.
+
+        Raises:
+          WorkError: a unit failed, or lost its worker three times.
+        """
+        waiting, running = deque(units), self._running
+        while waiting or running:
+            while waiting and len(running) < _IN_FLIGHT * self._workers:
+                unit = waiting.popleft()
+                running[self._task.remote(function, self._shared(unit.setup), unit.seeds)] = unit
+            self._report()
+            done, _ = ray.wait(list(running), num_returns=1, timeout=_LOOK)
+            for reference in done:
+                unit = running.pop(reference)
+                yield unit, _value(unit, reference)  # pyright: ignore[reportReturnType]
+
+    def close(self) -> None:
+        """Cancels what is running, and ends the Ray that was started here."""
+        for reference in self._running:
+            ray.cancel(reference, force=True)
+        self._running.clear()
+        self._setups.clear()
+        if self._is_ours:
+            ray.shutdown()
+
+    def _shared(self, setup: Setup) -> object:
+        """The setup in Ray's store, where all tasks of a node read it."""
+        if setup.key not in self._setups:
+            self._setups[setup.key] = ray.put(setup)
+        return self._setups[setup.key]
+
+    def _report(self) -> None:
+        """Reports the number of running units, and nodes that have been lost since."""
+        if self._on_state is None:
+            return
+        state = State(self._workers, min(self._workers, len(self._running)))
+        self._on_state(state)
+        if time.monotonic() < self._looked + _LOOK:
+            return
+        self._looked, known = time.monotonic(), self._nodes
+        self._nodes = _living_nodes()
+        for node in sorted(known.keys() - self._nodes.keys()):
+            note = f"node {known[node]} was lost: its units are played again"
+            self._on_state(State(state.workers, state.playing, note=note))
+
+
+def _attempt(
+    function: Function[_Result], setup: Setup, seeds: tuple[int, ...]
+) -> "Answer[_Result] | Failed":
+    """`attempt` under a name of this module, which Ray shows."""
+    return attempt(function, setup, seeds)
+
+
+def _connect(address: str, workers: int | None) -> None:
+    quiet = {"log_to_driver": False, "logging_level": logging.ERROR}
+    try:
+        if address == LOCAL:
+            ray.init(
+                address=LOCAL,
+                num_cpus=workers,
+                include_dashboard=False,
+                _node_ip_address="127.0.0.1",
+                **quiet,
+            )
+        else:
+            ray.init(address=address, **quiet)
+    except (ConnectionError, RuntimeError, ValueError) as error:
+        text = " ".join(str(error).split())
+        raise WorkError(f"no Ray cluster at {address!r}: {text}") from error
+
+
+def _living_nodes() -> dict[str, str]:
+    """Addresses of the nodes that are alive, by id."""
+    return {node["NodeID"]: node["NodeManagerAddress"] for node in ray.nodes() if node["Alive"]}
+
+
+def _value(unit: Unit, reference: object) -> object:
+    try:
+        answer = ray.get(reference)
+    except ray.exceptions.RayError as error:
+        first = " ".join(str(error).split())
+        raise WorkError(f"{unit} lost {_RETRIES + 1} workers: {first}") from error
+    if isinstance(answer, Failed):
+        raise WorkError(answer.message)
+    assert isinstance(answer, Answer)
+    return answer.value

@@ -1,0 +1,120 @@
+"""`Scale`: the number and kind of workers that a caller asked for, and what is used by default.
+
+    scale = Scale(workers=4)
+    setup = scale.setup("humanoid", "walk", "planner", None, episodes=100)
+    if setup is not None:                   # None: this process plays
+        with scale.open(episodes=100) as workers: ...
+
+By default the planner plays one episode per core, each with one thread; other policies play in
+batches, in this process, on all cores.
+"""
+
+import concurrent.futures
+import contextlib
+import dataclasses
+
+from limberjack.factories import Make
+from limberjack.rl.guards import at_least_one
+from limberjack.utils.cores import usable_cores
+from limberjack.workers.opening import Workers, open_workers
+from limberjack.workers.setup import Setup, prepare
+from limberjack.workers.state import OnState
+
+__all__ = ["Scale"]
+
+_PLANNER = "planner"
+
+
+@dataclasses.dataclass(frozen=True)
+class Scale:
+    """Arguments of `limberjack.workers.open_workers`, as a caller gave them.
+
+    Attributes:
+      workers: number of processes, or of units that an executor or Ray plays at a time.
+      executor: plays the units instead.
+      ray: address of a Ray cluster, or 'local'.
+      num_threads: of this process, or of each worker.
+      any_processor: accept workers whose processors round differently.
+      on_state: called with the state of the workers.
+    """
+
+    workers: int | None = None
+    executor: concurrent.futures.Executor | None = None
+    ray: str | None = None
+    num_threads: int | None = None
+    any_processor: bool = False
+    on_state: OnState | None = None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError or TypeError unless the numbers are whole and at least 1."""
+        for name in ("workers", "num_threads"):
+            value = getattr(self, name)
+            if value is not None:
+                at_least_one(name, value)
+
+    def setup(
+        self,
+        domain: str | Make,
+        task: str | None,
+        policy: object,
+        time_limit: float | None,
+        episodes: int,
+    ) -> Setup | None:
+        """The setup for workers; None if this process is to play.
+
+        Args:
+          domain, task, policy, time_limit: as `limberjack.workers.prepare` takes them.
+          episodes: their number.
+
+        Raises:
+          ValueError, TypeError: as `prepare`, unless workers are used only by default.
+        """
+        is_planner = isinstance(policy, str) and policy == _PLANNER
+        suggests_itself = is_planner and self.num_threads is None and self._processes(episodes) > 1
+        if not self._is_asked_for and not suggests_itself:
+            return None
+        try:
+            return self.prepared(domain, task, policy, time_limit, episodes)
+        except ValueError:
+            if self._is_asked_for:
+                raise
+            return None
+
+    def prepared(
+        self,
+        domain: str | Make,
+        task: str | None,
+        policy: object,
+        time_limit: float | None,
+        episodes: int,
+    ) -> Setup:
+        """The setup, whoever plays."""
+        return prepare(
+            domain,
+            task,
+            policy,
+            time_limit=time_limit,
+            num_threads=self._threads_each(episodes),
+            any_processor=self.any_processor,
+        )
+
+    def open(self, episodes: int) -> contextlib.AbstractContextManager[Workers]:
+        """The workers, for so many episodes; see `open_workers` for the errors."""
+        workers = self.workers
+        if not self._is_asked_for and self._processes(episodes) > 1:
+            workers = self._processes(episodes)
+        return open_workers(workers, executor=self.executor, ray=self.ray, on_state=self.on_state)
+
+    @property
+    def _is_asked_for(self) -> bool:
+        return any(given is not None for given in (self.workers, self.executor, self.ray))
+
+    def _processes(self, episodes: int) -> int:
+        return self.workers or max(1, min(usable_cores(), episodes))
+
+    def _threads_each(self, episodes: int) -> int:
+        if self.num_threads is not None:
+            return self.num_threads
+        if self.executor is not None or self.ray is not None:
+            return 1  # their workers' cores are not known here
+        return max(1, usable_cores() // self._processes(episodes))

@@ -1,0 +1,252 @@
+"""`Setup`: everything that a worker needs to play seeds, and the proof that it plays the same bits.
+
+    setup = prepare("manipulator", "bring_ball", "planner")     # in the driver
+    here = setup.opened()                                       # in a worker; proves itself first
+    here.environment.reseed(seed)
+
+A setup is small and can be pickled: it holds names, the policy's source or the bytes of its model,
+and the driver's identity and canary, which every worker must reproduce before it plays.
+"""
+
+import collections
+import dataclasses
+import functools
+import hashlib
+import pickle
+import socket
+import sys
+import threading
+from collections.abc import Callable
+
+from limberjack.factories import Factory, Make, factory_of
+from limberjack.policies import PolicyError, actors
+from limberjack.policies.batched import ROWS
+from limberjack.report import Facts
+from limberjack.rl.control import Environment
+from limberjack.workers.identity import (
+    advice_on,
+    canary_of,
+    first_difference,
+    identity_of,
+    processor,
+)
+from limberjack.workers.shipping import Shipped, ship, unpack
+
+__all__ = ["Opened", "Refused", "Setup", "prepare"]
+
+_KEPT_OPEN = 4  # setups per thread: a policy, the two baselines and one more
+
+
+class Refused(ValueError):  # noqa: N818 (an answer, not a fault of the code)
+    """A worker does not reproduce the driver's identity or canary; the message names the field."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Made:
+    """Arguments of `factory_of`, as another process can use them."""
+
+    domain: str  # of the suite or registered; or MODULE:FUNCTION
+    task: str | None
+    time_limit: float | None
+    registration: object  # registers the domain where it is unpickled
+
+    def factory(self, with_time_limit: bool = True) -> Factory:
+        if self.task is None:
+            return factory_of(_function(self.domain))
+        return factory_of(self.domain, self.task, self.time_limit if with_time_limit else None)
+
+
+@dataclasses.dataclass(frozen=True)
+class Opened:
+    """A setup in the process and thread that plays it.
+
+    Attributes:
+      environment: of the task; reseed it before each use.
+      full_length: the same with the task's own time limit, which determines kinds of starts.
+      found: the policy, which is no one else's.
+      num_threads: that step a batch; None for as many as its work can occupy.
+      processor: the processor and the C library, in words.
+    """
+
+    environment: Environment
+    full_length: Environment
+    found: actors.Found
+    num_threads: int | None
+    processor: str
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Setup:
+    """See the module's docstring.
+
+    Attributes:
+      made: how to make the environment.
+      policy: what acts in it.
+      identity: everything that an episode depends on except its seed, as values of JSON.
+      canary: SHA-256 of a few steps, which another kind of processor may not reproduce.
+      unit_size: seeds that are played together: 64, or 1 if the policy plays alone.
+      num_threads: threads of each worker; None for as many as the work can occupy.
+      any_processor: accept workers with another fingerprint or canary.
+    """
+
+    made: _Made
+    policy: Shipped
+    identity: Facts
+    canary: str
+    unit_size: int
+    num_threads: int | None = None
+    any_processor: bool = False
+
+    @functools.cached_property
+    def key(self) -> str:
+        """SHA-256 of the setup, in hex."""
+        return hashlib.sha256(pickle.dumps(self)).hexdigest()
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "key"}
+
+    def with_threads(self, num_threads: int | None) -> "Setup":
+        """The same with another number of threads, which changes no bit of an episode."""
+        return dataclasses.replace(self, num_threads=num_threads)
+
+    def with_policy(self, policy: str) -> "Setup":
+        """The same task with another policy."""
+        factory = self.made.factory()
+        environment = factory.make(0)
+        try:
+            return dataclasses.replace(
+                self,
+                policy=ship(policy),
+                **_of_policy(policy, factory, environment),
+            )
+        finally:
+            environment.close()
+
+    def opened(self) -> Opened:
+        """Its environments and its policy, made on first use in each thread and kept.
+
+        Raises:
+          Refused: this process does not reproduce the identity or the canary.
+          PolicyError: the policy cannot be used here.
+        """
+        known = _opened_here()
+        if self.key not in known:
+            known[self.key] = self._open()
+            while len(known) > _KEPT_OPEN:
+                _, oldest = known.popitem(last=False)
+                oldest.environment.close()
+                oldest.full_length.close()
+        known.move_to_end(self.key)
+        return known[self.key]
+
+    def _open(self) -> Opened:
+        factory = self.made.factory()
+        environment = factory.make(0)
+        found = unpack(self.policy, environment, self.num_threads)
+        here = {**identity_of(factory, found, environment), "canary": canary_of(factory)}
+        expected = {**self.identity, "canary": self.canary}
+        difference = first_difference(expected, here, self.any_processor)
+        if difference is not None:
+            name, there, value = difference
+            raise Refused(
+                f"node {socket.gethostname()} is refused: its {name} is {value!r}, and the "
+                f"driver's is {there!r}: use equal versions, files and processors{advice_on(name)}"
+            )
+        full_length = self.made.factory(with_time_limit=False).make(0)
+        return Opened(environment, full_length, found, self.num_threads, processor())
+
+
+def prepare(
+    domain: str | Make,
+    task: str | None = None,
+    policy: object = "zero",
+    *,
+    time_limit: float | None = None,
+    num_threads: int | None = None,
+    any_processor: bool = False,
+) -> Setup:
+    """The setup of a task and a policy, for workers.
+
+    Args:
+      domain: such as 'humanoid', or a function `make(seed) -> control.Environment`.
+      task: such as 'walk'; None with a function.
+      policy: its name, or a function or class; see `limberjack.policies`.
+      time_limit: seconds per episode; the task's own by default.
+      num_threads: threads of each worker; None for as many as the work can occupy.
+      any_processor: accept workers whose processors round differently.
+
+    Raises:
+      ValueError, TypeError: there is no such task or policy, or other processes cannot import the
+        policy, the domain or the function.
+    """
+    factory = factory_of(domain, task, time_limit)
+    environment = factory.make(0)
+    made = _made(factory, environment, domain, task, time_limit)
+    try:
+        of_policy = _of_policy(policy, factory, environment)
+    finally:
+        environment.close()
+    setup = Setup(
+        made,
+        ship(policy),
+        canary=canary_of(factory),
+        num_threads=num_threads,
+        any_processor=any_processor,
+        **of_policy,
+    )
+    try:
+        pickle.dumps(setup)
+    except pickle.PicklingError as error:  # a domain that only this process has
+        raise ValueError(str(error)) from error
+    return setup
+
+
+def _of_policy(policy: object, factory: Factory, environment: Environment) -> Facts:
+    """The fields of a setup that depend on the policy."""
+    found = actors.find(policy, environment)
+    if found.sha256 is None:
+        raise PolicyError(
+            f"policy {found.name!r} has no source file, so other processes cannot prove that "
+            "theirs is the same: define it in a file"
+        )
+    identity = identity_of(factory, found, environment)
+    return {"identity": identity, "unit_size": 1 if found.actor is None else ROWS}
+
+
+def _made(
+    factory: Factory,
+    environment: Environment,
+    domain: str | Make,
+    task: str | None,
+    time_limit: float | None,
+) -> _Made:
+    """Raises ValueError if other processes cannot make the environment."""
+    if isinstance(domain, str):
+        return _Made(domain, task, time_limit, environment.registration)
+    if not factory.is_known or factory.title.startswith("__main__:"):
+        raise ValueError(
+            f"{factory.title} cannot be imported by other processes: define make(seed) at the top "
+            "level of a module other than the main program"
+        )
+    return _Made(factory.title, None, None, None)
+
+
+def _function(name: str) -> Callable[[int], Environment]:
+    """The function that MODULE:FUNCTION names."""
+    module, _, path = name.partition(":")
+    __import__(module)
+    return functools.reduce(getattr, path.split("."), sys.modules[module])  # pyright: ignore
+
+
+class _Local(threading.local):
+    """Setups that a thread has opened, the latest last."""
+
+    def __init__(self) -> None:
+        self.opened: collections.OrderedDict[str, Opened] = collections.OrderedDict()
+
+
+_local = _Local()
+
+
+def _opened_here() -> "collections.OrderedDict[str, Opened]":
+    return _local.opened

@@ -1,0 +1,59 @@
+"""Units of work: the seeds that one worker plays at a time, and the seeds of a shard.
+
+    units_of(range(60, 130), 64)      # [(60, ..., 63), (64, ..., 127), (128, 129)]
+    shard_of(range(1000), 2, 8)       # the second of eight parts, in whole blocks of 64
+
+Units and shards are split at seeds that are multiples of 64, because an episode has row
+`seed % 64` of a batch.
+"""
+
+import collections
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from limberjack.policies.batched import ROWS
+
+if TYPE_CHECKING:
+    from limberjack.workers.setup import Setup
+
+__all__ = ["Unit", "shard_of", "units_of"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Unit:
+    """Seeds that are played together, and everything else that their episodes depend on."""
+
+    setup: "Setup"
+    seeds: tuple[int, ...]
+
+    def __str__(self) -> str:
+        first, last = min(self.seeds), max(self.seeds)
+        which = f"seed {first}" if first == last else f"seeds {first} to {last}"
+        return f"policy {self.setup.identity['policy']!r}, {which}"
+
+
+def units_of(seeds: Iterable[int], size: int = ROWS) -> list[tuple[int, ...]]:
+    """The seeds in tuples, each within one block of `size` seeds from a multiple of it on."""
+    blocks: dict[int, list[int]] = collections.defaultdict(list)
+    for seed in seeds:
+        blocks[seed // size].append(seed)
+    return [tuple(block) for block in blocks.values()]
+
+
+def shard_of(seeds: Sequence[int], shard: int, shards: int) -> list[int]:
+    """The seeds of one of several shards; none where there are fewer blocks of 64 than shards.
+
+    Args:
+      seeds: all of them, the same for each shard.
+      shard: its number, from 1 to `shards`.
+      shards: their number.
+
+    Raises:
+      ValueError: there is no such shard.
+    """
+    if not 1 <= shard <= shards:
+        raise ValueError(f"shard is {shard}/{shards}; expected K/N with K from 1 to N")
+    blocks = units_of(seeds)
+    first, end = (len(blocks) * part // shards for part in (shard - 1, shard))
+    return [seed for block in blocks[first:end] for seed in block]

@@ -1,0 +1,28 @@
+"""`Evaluation`, and the files that show it."""
+
+import json
+from pathlib import Path
+
+from limberjack.evaluation import Evaluation, Score, results
+
+_FACTS = {"domain": "humanoid", "task": "stand", "versions": {}}
+
+
+def _evaluation(processor: str | None) -> Evaluation:
+    scores = [Score(seed, 1.0, 10, 0.1, processor=processor) for seed in range(3)]
+    return Evaluation(_FACTS, {"mine": scores, "zero": scores})
+
+
+def test_processors_are_listed_only_where_they_were_recorded() -> None:
+    plain, named = (_evaluation(name).as_json() for name in (None, "one"))
+    assert "processor" not in plain["episodes"][0]
+    assert "processors" not in plain["floors"]["zero"]
+    assert [episode["processor"] for episode in named["episodes"]] == ["one"] * 3
+    assert named["floors"]["zero"]["processors"] == ["one"] * 3
+
+
+def test_result_json_has_one_line_for_each_episode(tmp_path: Path) -> None:
+    content = _evaluation("one").as_json()
+    text = results._text(content)
+    assert json.loads(text) == json.loads(json.dumps(content))
+    assert sum('"seed"' in line for line in text.splitlines()) == 3

@@ -1,0 +1,140 @@
+"""Processes of this machine, and what happens where they die."""
+
+import concurrent.futures
+import os
+import random
+import signal
+import socket
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from limberjack.evaluation.distributed import play_unit
+from limberjack.workers import Setup, State, Unit, WorkError, prepare, units_of
+from limberjack.workers.pool import Pool
+
+from .playing import TASK, exit_status, pid, scores_slowly, seeds_of, unpicklable
+
+_KILLS = 20
+_POLICY = "tests.workers.playing:BatchedMemory"
+
+
+def _units(setup: Setup, seeds: range) -> list[Unit]:
+    return [Unit(setup, block) for block in units_of(seeds, setup.unit_size)]
+
+
+def _is_alive(number: int) -> bool:
+    try:
+        state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
+
+
+def test_units_are_spread_over_processes_that_end_with_the_pool() -> None:
+    setup = prepare(*TASK, "random")
+    states: list[State] = []
+    with Pool(2, states.append) as pool:
+        results = list(pool.results(pid, _units(setup, range(640))))
+        assert all(_is_alive(number) for _, number in results)
+        again = dict(pool.results(pid, _units(setup, range(64))))
+    numbers = {number for _, number in results}
+    assert os.getpid() not in numbers
+    assert set(again.values()) <= numbers  # a worker plays on with what it has opened
+    assert len(results) == 10
+    assert not any(_is_alive(number) for number in numbers)
+    assert {state.workers for state in states} == {2}
+    assert max(state.playing + state.starting for state in states) >= 1
+
+
+def test_results_are_held_back_until_they_are_asked_for() -> None:
+    setup = prepare(*TASK, "random")
+    units = iter(_units(setup, range(64 * 100)))
+    with Pool(1) as pool:
+        results = pool.results(seeds_of, units)
+        next(results)
+        time.sleep(0.2)
+        assert pool._answers.qsize() <= 1
+
+
+def test_a_unit_that_ends_its_worker_three_times_ends_the_run_and_nothing_else() -> None:
+    setup = prepare(*TASK, "random")
+    kept: list[Unit] = []
+    with Pool(1) as pool, pytest.raises(WorkError) as caught:
+        kept.extend(unit for unit, _ in pool.results(exit_status, _units(setup, range(60, 130))))
+    assert str(caught.value) == (
+        f"policy 'random', seeds 64 to 127 lost 3 workers on node {socket.gethostname()}, the "
+        "last one by exit status 7"
+    )
+    assert [unit.seeds[0] for unit in kept] == [60]
+
+
+def _kill_often(pool: Pool, done: threading.Event) -> int:
+    """Kills workers at random moments, also as they start; returns the number of kills."""
+    chance, lost, kills = random.Random(1), dict[int, int](), 0
+    while kills < _KILLS and not done.wait(chance.uniform(0.0, 0.3)):
+        worker = chance.choice(pool._workers)
+        with worker._guard:
+            process, unit = worker._process, worker.unit
+            # A unit may lose two workers, not three.
+            if process is None or process.poll() is not None or lost.get(id(unit), 0) == 2:
+                continue
+            lost[id(unit)] = lost.get(id(unit), 0) + 1
+            process.send_signal(signal.SIGKILL)
+            kills += 1
+    return kills
+
+
+def test_results_are_the_same_after_workers_were_killed_at_random_moments() -> None:
+    setup = prepare(*TASK, _POLICY, time_limit=0.1).with_threads(1)
+    units = _units(setup, range(64 * 30))
+    done = threading.Event()
+    with Pool(2) as pool, concurrent.futures.ThreadPoolExecutor(1) as executor:
+        kills = executor.submit(_kill_often, pool, done)
+        found = dict(pool.results(scores_slowly, units))
+        done.set()
+        assert kills.result() == _KILLS
+        assert pool._lost > _KILLS / 2  # one that is killed between two units is not missed
+    assert len(found) == len(units)
+    for unit in (units[0], units[7], units[-1]):
+        assert found[unit] == play_unit(setup, unit.seeds)
+
+
+def test_a_failure_is_not_tried_again() -> None:
+    setup = prepare(*TASK, "tests.workers.playing:Unlucky", time_limit=0.2)
+    with Pool(1) as pool, pytest.raises(WorkError) as caught:
+        list(pool.results(play_unit, _units(setup, range(60, 130))))
+    assert str(caught.value) == (
+        "policy 'tests.workers.playing:Unlucky', step 2 of the episode with seed 64: KeyError: "
+        f"'no such\\nthing'; on node {socket.gethostname()}"
+    )
+    assert pool._lost == 0
+
+
+def test_what_has_no_pickle_is_one_line() -> None:
+    setup = prepare(*TASK, "random")
+    for function in (lambda setup, seeds: seeds, unpicklable):
+        with Pool(1) as pool, pytest.raises(WorkError, match=r"(?i)pickle.*; on node ") as caught:
+            list(pool.results(function, _units(setup, range(1))))
+        assert "\n" not in str(caught.value)
+        assert pool._lost == 0
+
+
+def test_closing_a_pool_ends_units_in_the_middle() -> None:
+    setup = prepare(*TASK, "random")
+    with Pool(1) as pool:
+        (unit,) = _units(setup, range(1))
+        pool._workers[0].give(_forever, unit)
+        while pool._workers[0].state != "playing":
+            time.sleep(0.01)
+        process: Any = pool._workers[0]._process
+        begun = time.monotonic()
+    assert not _is_alive(process.pid)
+    assert time.monotonic() - begun < 5
+
+
+def _forever(setup: Setup, seeds: tuple[int, ...]) -> None:
+    time.sleep(1000)

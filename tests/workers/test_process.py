@@ -1,0 +1,73 @@
+"""Messages between the driver and a worker, and the end of a worker."""
+
+import io
+import os
+import pickle
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import IO
+
+import pytest
+
+from limberjack.workers import prepare
+from limberjack.workers.attempt import Answer
+from limberjack.workers.process import LENGTH, read_message, write_message
+
+from .playing import TASK, print_and_seeds, scores_slowly
+
+
+@pytest.fixture
+def worker() -> Iterator["subprocess.Popen[bytes]"]:
+    """A process that waits for units."""
+    program = "from limberjack.workers.process import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", program],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+    with process:
+        yield process
+        process.kill()
+
+
+def _streams(process: "subprocess.Popen[bytes]") -> tuple[IO[bytes], IO[bytes]]:
+    assert process.stdin is not None
+    assert process.stdout is not None
+    return process.stdin, process.stdout
+
+
+def test_messages_are_read_as_they_were_written() -> None:
+    stream = io.BytesIO()
+    write_message(stream, [b"one", b"", b"three"])
+    stream.seek(0)
+    assert [read_message(stream) for _ in range(3)] == [b"one", b"", b"three"]
+
+
+@pytest.mark.parametrize("content", [b"", b"\x01", LENGTH.pack(5) + b"four"])
+def test_the_end_of_a_stream_is_an_error_also_within_a_message(content: bytes) -> None:
+    with pytest.raises(EOFError):
+        read_message(io.BytesIO(content))
+
+
+def test_a_worker_answers_prints_to_standard_error_and_ends_with_its_input(
+    worker: "subprocess.Popen[bytes]",
+) -> None:
+    units, answers = _streams(worker)
+    setup = prepare(*TASK, "random")
+    worker.send_signal(0)
+    write_message(units, [pickle.dumps((print_and_seeds, setup.key, setup, (3, 4)))])  # pyright: ignore[reportArgumentType]
+    assert pickle.loads(read_message(answers)) == Answer((3, 4))  # pyright: ignore[reportArgumentType]
+    worker.send_signal(signal.SIGINT)  # the driver's business
+    write_message(units, [pickle.dumps((print_and_seeds, setup.key, None, (5,)))])  # pyright: ignore[reportArgumentType]
+    assert pickle.loads(read_message(answers)) == Answer((5,))  # pyright: ignore[reportArgumentType]
+    # In the middle of a unit, and without a word.
+    write_message(units, [pickle.dumps((scores_slowly, setup.key, None, (6,)))])  # pyright: ignore[reportArgumentType]
+    _, printed = worker.communicate(timeout=20)
+    assert worker.returncode == 0
+    assert b"printed by a policy" in printed
+    assert b"written by a library" in printed
+    assert b"Traceback" not in printed

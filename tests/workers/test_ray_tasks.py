@@ -1,0 +1,146 @@
+"""Units as tasks of Ray: on this machine, in a cluster, and where workers and nodes die."""
+
+import functools
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from limberjack.evaluation import evaluate
+from limberjack.workers import State, Unit, WorkError, open_workers, prepare, units_of
+
+from .playing import TASK, pid
+
+pytestmark = pytest.mark.ray
+
+ray: Any = pytest.importorskip("ray", reason="needs the extra 'ray'")
+cluster_utils: Any = pytest.importorskip("ray.cluster_utils")
+
+_SEEDS = range(60, 200)  # four units for each of three policies
+_POLICIES = "tests.workers.playing"
+_evaluate = functools.partial(evaluate, *TASK, seeds=_SEEDS, time_limit=0.1)
+
+
+def _files(directory: Path) -> tuple[list[bytes], bytes]:
+    """The lines of episodes.jsonl in order, and result.json."""
+    lines = (directory / "episodes.jsonl").read_bytes().splitlines()
+    return [lines[0], *sorted(lines[1:])], (directory / "result.json").read_bytes()
+
+
+@pytest.fixture(autouse=True)
+def _ray(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Workers import from the folders of this process; Ray ends with the test."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(folder for folder in sys.path if folder))
+    yield
+    ray.shutdown()
+
+
+@pytest.fixture
+def cluster() -> Iterator[Any]:
+    """A cluster of three nodes, each with one core."""
+    made = cluster_utils.Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    made.add_node(num_cpus=1)
+    made.add_node(num_cpus=1)
+    yield made
+    ray.shutdown()
+    made.shutdown()
+
+
+@pytest.mark.parametrize("policy", ["zero", f"{_POLICIES}:Memory", f"{_POLICIES}:BatchedMemory"])
+def test_local_ray_writes_the_same_files(policy: str, tmp_path: Path) -> None:
+    _evaluate(policy=policy, out=tmp_path / "one", num_threads=1)
+    _evaluate(policy=policy, out=tmp_path / "ray", ray="local", workers=2)
+    assert _files(tmp_path / "ray") == _files(tmp_path / "one")
+
+
+def test_the_planner_is_the_same_on_ray(tmp_path: Path) -> None:
+    play = functools.partial(
+        evaluate, "manipulator", "bring_ball", "planner", range(3), time_limit=0.05
+    )
+    play(out=tmp_path / "one", num_threads=1)
+    play(out=tmp_path / "ray", ray="local", workers=2)
+    assert _files(tmp_path / "ray") == _files(tmp_path / "one")
+
+
+def test_a_worker_that_dies_twice_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deaths, policy = tmp_path / "deaths", f"{_POLICIES}:Deadly"
+    deaths.write_text("")
+    monkeypatch.setenv("DEADLY", str(deaths))
+    _evaluate(policy=policy, out=tmp_path / "one", num_threads=1)
+    deaths.write_text("xx")
+    _evaluate(policy=policy, out=tmp_path / "ray", ray="local", workers=2)
+    assert deaths.read_text() == ""
+    assert _files(tmp_path / "ray") == _files(tmp_path / "one")
+
+
+def test_a_unit_that_loses_three_workers_ends_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deaths, policy = tmp_path / "deaths", f"{_POLICIES}:Deadly"
+    deaths.write_text("xxxxx")
+    monkeypatch.setenv("DEADLY", str(deaths))
+    with pytest.raises(WorkError) as caught:
+        _evaluate(policy=policy, out=tmp_path / "ray", ray="local", workers=1)
+    assert deaths.read_text() == "xx"
+    assert str(caught.value).startswith(f"policy '{policy}', seeds 64 to 127 lost 3 workers")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_policys_error_is_not_tried_again(tmp_path: Path) -> None:
+    with pytest.raises(WorkError, match="step 2 of the episode with seed 64: KeyError: 'no such"):
+        _evaluate(policy=f"{_POLICIES}:Unlucky", ray="local", workers=2)
+
+
+def test_a_cluster_writes_the_same_files_though_a_node_is_lost(
+    cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    policy, seeds = f"{_POLICIES}:Deadly", range(64 * 12)
+    _evaluate(policy=policy, out=tmp_path / "one", num_threads=1, seeds=seeds)
+    node = list(cluster.worker_nodes)[-1]
+    notes: list[str] = []
+    finished = threading.Event()
+
+    def remove() -> None:
+        if finished.wait(60):
+            cluster.remove_node(node, allow_graceful=False)
+
+    def on_progress(policy: str, episodes: int, part: float) -> None:
+        if episodes:
+            finished.set()
+
+    def on_state(state: State) -> None:
+        if state.note:
+            notes.append(state.note)
+
+    remover = threading.Thread(target=remove)
+    remover.start()
+    _evaluate(
+        policy=policy, out=tmp_path / "ray", ray=cluster.address, seeds=seeds,
+        on_progress=on_progress, on_state=on_state,
+    )  # fmt: skip
+    remover.join()
+    assert _files(tmp_path / "ray") == _files(tmp_path / "one")
+    assert len(notes) <= 1
+    assert all(note.endswith("was lost: its units are played again") for note in notes)
+
+
+def test_units_run_in_several_processes() -> None:
+    setup = prepare(*TASK, "random")
+    units = [Unit(setup, block) for block in units_of(range(640))]
+    with open_workers(2, ray="local") as workers:
+        numbers = {number for _, number in workers.results(pid, units)}
+    assert os.getpid() not in numbers
+
+
+def test_an_address_without_a_cluster_is_one_line() -> None:
+    with (
+        pytest.raises(WorkError, match=r"no Ray cluster at '127.0.0.1:1'"),
+        open_workers(ray="127.0.0.1:1"),
+    ):
+        pass

@@ -1,0 +1,91 @@
+"""Policies on their way to a worker."""
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from limberjack import suite
+from limberjack.policies import PolicyError, actors
+from limberjack.workers.shipping import ship, unpack
+from tests.policies import saved_models
+
+from . import playing
+from .playing import TASK
+
+
+def _unpacked(shipped: Any) -> actors.Found:
+    return unpack(pickle.loads(pickle.dumps(shipped)), suite.load(*TASK), None)
+
+
+@pytest.mark.parametrize("name", ["zero", "random", "tests.workers.playing:BatchedMemory"])
+def test_a_policy_has_the_same_hash_on_both_sides(name: str) -> None:
+    expected = actors.find(name, suite.load(*TASK))
+    found = _unpacked(ship(name))
+    assert (found.name, found.sha256) == (name, expected.sha256)
+
+
+def test_a_function_or_a_class_is_shipped_by_its_name() -> None:
+    assert ship(playing.damped).name == "tests.workers.playing:damped"
+    assert ship(playing.Memory).name == "tests.workers.playing:Memory"
+
+
+def test_objects_and_the_main_program_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(PolicyError, match="is an object that other processes"):
+        ship(playing.Memory())
+    monkeypatch.setattr(sys.modules["__main__"], "act", playing.damped, raising=False)
+    with pytest.raises(PolicyError, match="main program or a notebook"):
+        ship("__main__:act")
+    with pytest.raises(PolicyError, match="there is no module 'nowhere'"):
+        ship("nowhere:act")
+
+
+def test_a_process_without_the_module_imports_what_was_shipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "shipped_policies"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "weights.py").write_text("GAIN = 0.25\n")
+    (package / "acting.py").write_text(
+        "from shipped_policies.weights import GAIN\n\n\ndef act(observation):\n"
+        "    return GAIN * observation['velocity']\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    name = "shipped_policies.acting:act"
+    sha256 = actors.find(name, suite.load(*TASK)).sha256
+    (tmp_path / "shipped.pickle").write_bytes(pickle.dumps(ship(name)))
+    program = """
+import pickle, sys
+from limberjack import suite
+from limberjack.workers.shipping import unpack
+shipped = pickle.loads(open(sys.argv[1], "rb").read())
+print(unpack(shipped, suite.load("pendulum", "swingup"), None).sha256)
+import shipped_policies.acting
+print(shipped_policies.acting.act({"velocity": 2.0}), shipped_policies.acting.__spec__.origin)
+"""
+    folders = os.pathsep.join(folder for folder in sys.path if folder != str(tmp_path))
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program, str(tmp_path / "shipped.pickle")],
+        env={**os.environ, "PYTHONPATH": folders},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stdout.splitlines() == [sha256, "0.5 shipped"], done.stderr
+
+
+def test_a_saved_model_is_shipped_as_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    name = saved_models.install(monkeypatch, tmp_path)
+    humanoid = suite.load("humanoid", "stand")
+    expected = actors.find(name, humanoid)
+    shipped = ship(name)
+    Path(name.removeprefix("sb3:")).unlink()
+    found = unpack(shipped, humanoid, None)
+    assert (found.name, found.sha256) == (name, expected.sha256)
+    with pytest.raises(PolicyError, match="No such file"):
+        ship(name)
