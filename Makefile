@@ -9,6 +9,7 @@ PYTHON ?= python3
 VENV ?= .venv
 
 BIN := $(VENV)/bin
+SCALE := $(VENV)/scale
 OLDEST := 3.11
 VERSION := $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
 # A stamp per Python version: another PYTHON creates a new environment.
@@ -23,7 +24,8 @@ IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --memory
 export PYTHONUNBUFFERED = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo docs test test-slow test-exactness test-training lint format clean check-python
+.PHONY: help demo docs test test-slow test-exactness test-training test-minari test-scale test-gpu \
+	lint format clean check-python
 .DELETE_ON_ERROR:
 
 help:  ## Show this list
@@ -52,6 +54,18 @@ test-training: $(VENV)/installed-training  ## Run the tests of Stable-Baselines3
 	$(BIN)/python -m pytest tests/test_sb3.py tests/evaluation/test_saved_models.py \
 		tests/examples
 
+test-minari: $(VENV)/installed-minari  ## Run the tests of datasets in Minari's format
+	$(BIN)/python -m pytest -m 'slow or not slow' tests/data/test_to_minari.py \
+		tests/cli/test_convert.py tests/cli/test_collect.py
+
+test-scale: $(VENV)/installed-scale  ## Run the tests of Ray: on this machine, and a cluster of three nodes
+	$(SCALE)/bin/python -m pytest -m ray tests/workers/test_ray_tasks.py
+
+test-gpu:  ## Run tasks on MuJoCo Warp, on the processor; installs PyTorch into an environment of its own
+	$(MAKE) VENV=$(VENV)-gpu $(VENV)-gpu/installed-gpu
+	$(VENV)-gpu/bin/python -m pytest -m gpu tests/gpu tests/examples tests/benchmarks
+	$(VENV)-gpu/bin/python -m pytest tests/docs/test_pages.py -k gpu.md
+
 lint: $(VENV)/installed-test  ## Check style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -62,7 +76,7 @@ format: $(VENV)/installed-test  ## Rewrite files in the project's style
 	$(BIN)/ruff format .
 
 clean:  ## Remove what make, the tests and the demo have written
-	rm -rf $(VENV) demo site build dist .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-gpu demo site build dist .pytest_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 check-python:
@@ -93,8 +107,24 @@ $(VENV)/installed-test: $(MADE) pyproject.toml constraints.txt
 	$(INSTALL) '.[test]'
 	@touch $@ $(VENV)/installed-demo $(VENV)/installed-docs
 
+$(VENV)/installed-minari: $(VENV)/installed-test
+	$(INSTALL) '.[test,minari]'
+	@touch $@
+
 # PyTorch for the CPU is enough. Where pip's index has only the CUDA build, which is several GB, name
 # one that has it: make PIP_EXTRA_INDEX_URL=... test-training
 $(VENV)/installed-training: $(VENV)/installed-test
 	$(INSTALL) '.[test,sb3]'
+	@touch $@
+
+# In an environment of its own: no other test may depend on the packages that Ray brings.
+$(VENV)/installed-scale: $(MADE) pyproject.toml constraints.txt
+	$(PYTHON) -m venv --clear $(SCALE)
+	$(SCALE)/bin/python -m pip install --quiet --disable-pip-version-check \
+		--constraint constraints.txt --editable '.[ray]' pytest
+	@touch $@
+
+# The first test compiles MuJoCo Warp's kernels, which takes minutes; they are kept.
+$(VENV)/installed-gpu: $(VENV)/installed-test
+	$(INSTALL) '.[test,rsl-rl]'
 	@touch $@

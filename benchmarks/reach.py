@@ -20,8 +20,8 @@ import numpy as np
 import typer
 
 from limberjack import suite
-from limberjack.planner.arm import PLANE, TIP_ASIDE, TIP_REACH
-from limberjack.planner.planar_ik import GRASP, PINCH, angle_of, hand_poses
+from limberjack.planner.arm.hand import PLANE, TIP_ASIDE, TIP_REACH
+from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses
 
 __all__ = ["main", "measure"]
 

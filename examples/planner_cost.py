@@ -8,7 +8,7 @@ ordinary domain. With the zero action the pole hangs and the return is 0.
 
 import argparse
 from collections import OrderedDict
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -61,19 +61,24 @@ class SwingUp(base.Task):
 
 
 class Upright(Cost):
-    """What the planner is to avoid: a low pole, a fast one that is up, a cart far from the middle.
+    """Cost of a low pole, of a fast one that is up, and of a cart far from the middle.
 
     Each line works for one simulation and for a batch: quantities have the shape (N,).
     """
 
     settings = Settings(horizon=1.0, knots=6, samples=64, gain=3.0, damping=0.5, noise=1.0)
 
-    def step_cost(self, physics: Any) -> np.ndarray:
-        """About 2 for a hanging pole, 0 for one that stands still in the middle."""
+    weights: ClassVar = {"low pole": 1.0, "swing": 0.02, "cart off the middle": 0.1}
+
+    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+        """In all about 2 for a hanging pole, 0 for one that stands still in the middle."""
         data = physics.named.data
         low = 1.0 - data.xmat["pole", "zz"]
-        swing = 0.02 * np.exp(-5.0 * low) * data.qvel["hinge"][..., 0] ** 2
-        return low + swing + 0.1 * data.qpos["slide"][..., 0] ** 2
+        return {
+            "low pole": low,
+            "swing": np.exp(-5.0 * low) * data.qvel["hinge"][..., 0] ** 2,
+            "cart off the middle": data.qpos["slide"][..., 0] ** 2,
+        }
 
 
 def main() -> None:

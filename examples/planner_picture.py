@@ -36,9 +36,9 @@ class Watched(Cost):
         self.ways, self.total = np.zeros((0, 0, 3)), np.zeros(0)
         self.reset, self.proposals, self.stage = cost.reset, cost.proposals, cost.stage
 
-    def look(self, physics: Any) -> None:
+    def update(self, physics: Any) -> None:
         """As the other cost."""
-        self._cost.look(physics)
+        self._cost.update(physics)
 
     def step_cost(self, physics: Any) -> np.ndarray:
         """The other cost, noted with the site's ways."""

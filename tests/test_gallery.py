@@ -17,7 +17,7 @@ _MOST_BYTES = 1_000_000  # so that a page with the sheet loads quickly
 
 @pytest.fixture(scope="module")
 def directory(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the command draws."""
+    """The pictures drawn by the command."""
     try:
         suite.load("humanoid", "stand").physics.render(height=8, width=8)
     except RenderingError as error:

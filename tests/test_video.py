@@ -35,7 +35,7 @@ def _film(path: Path, environment: Any) -> Film:
 
 
 def _read(path: Path) -> tuple[str, np.ndarray]:
-    """What ffmpeg says of a video's stream, and the frames."""
+    """ffmpeg's description of a video, and its frames."""
     ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
     raw = ["-fps_mode", "passthrough", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     done = subprocess.run(

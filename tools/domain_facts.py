@@ -193,7 +193,7 @@ def _action(model: mujoco.MjModel, number: int) -> Action:
 
 
 def _kind_of_actuator(model: mujoco.MjModel, number: int) -> str:
-    """What a control means: a force, or a position or velocity to be reached."""
+    """The meaning of a control: a force, or a target position or velocity."""
     bias = int(model.actuator_biastype[number])
     if int(model.actuator_dyntype[number]) != _WITHOUT_DYNAMICS:
         return "general"

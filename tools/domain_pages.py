@@ -93,7 +93,7 @@ def _code(text: str) -> str:
 def _by_task(
     facts: Sequence[Facts], key: Callable[[Facts], object], show: Callable[[Facts], str]
 ) -> str:
-    """What `show` says, once for the tasks that have the same `key`; with their names if needed."""
+    """The text of `show`, once for all tasks with the same `key`; with their names if needed."""
     groups: dict[object, list[Facts]] = {}
     for each in facts:
         groups.setdefault(key(each), []).append(each)
@@ -123,7 +123,7 @@ def _all_tasks() -> str:
 
 
 def _partly_size(facts: Facts) -> str:
-    """How many numbers are left with `fully_observable=False`; empty without that option."""
+    """The size of observations with `fully_observable=False`; empty without that option."""
     ends = [o.flat.split(":")[1] for o in facts.observations if o.key in facts.partly]
     return ends[-1] if ends else ""
 
@@ -152,7 +152,7 @@ def _picture(facts: Facts) -> str:
 
 
 def _observations(facts: Sequence[Facts]) -> str:
-    """What is observed, by name, place and unit."""
+    """The observations, by name, place and unit."""
     return _by_task(facts, lambda f: (f.observations, f.partly), _observations_of)
 
 
@@ -206,7 +206,7 @@ def _reward(facts: Sequence[Facts]) -> str:
 
 
 def _starts(facts: Sequence[Facts]) -> str:
-    """How episodes start, and the kinds of starts that scores are reported for."""
+    """The starts of episodes, and the kinds of starts that scores are reported for."""
 
     def text(each: Facts) -> str:
         parts = [_document(each.kind, "initialize_episode")]

@@ -157,7 +157,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if not mask.any():", "if not mask.all():"),
     ],
     "utils/arrays.py": [
-        ("np.sqrt(np.vecdot(x, x))", "np.sqrt((x * x).sum(axis=-1))"),
+        ("else np.vecdot(x, x)", "else (x * x).sum(axis=-1)"),
         (
             "np.matmul(vectors[..., None, :], frames)[..., 0, :]",
             'np.einsum("...i,...ij->...j", vectors, frames)',
@@ -209,6 +209,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if not any(self.scores.values()):", "if True:"),
         ("left = left[self._file.write(left) :]", 'left = b"" if self._file.write(left) else left'),
         ("start=2):", "start=1):"),
+    ],
+    "workers/identity.py": [
         ('str(version).split(".")[:2]', 'str(version).split(".")[:1]'),
     ],
     "doctor/packages.py": [
@@ -512,7 +514,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("_free_port(number, _FIRST_PORT), is_fixed=False)", "_free_port(number, _FIRST_PORT))"),
         ("        made.listen()\n", "        pass\n"),
     ],
-    "planner/record.py": [
+    "recording/episodes.py": [
         (
             "np.array_equal(recorded, found, equal_nan=True)",
             "np.allclose(recorded, found, rtol=0, atol=1e-9, equal_nan=True)",

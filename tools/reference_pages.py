@@ -38,7 +38,7 @@ def modules() -> dict[str, Path]:
 
 
 def _public_names(path: Path) -> list[str]:
-    """What a module lists in `__all__`."""
+    """The names in a module's `__all__`."""
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
             return ast.literal_eval(node.value)
@@ -74,17 +74,22 @@ def _not_defined_here(path: Path) -> list[str]:
 
 def _home(module: str, name: str, found: dict[str, Path]) -> str:
     """The module that another one takes a public name from, or the kind of value that it is."""
-    value = getattr(importlib.import_module(module), name)
+    try:
+        value = getattr(importlib.import_module(module), name)
+    except ImportError:  # of an extra that is not installed here
+        return _source(name, found[module]) or name
     if inspect.ismodule(value):
         return value.__name__
     home = getattr(value, "__module__", "")
-    if home in found:
-        return home
-    tree = ast.parse(found[module].read_text(encoding="utf-8"))
-    for node in tree.body:
+    return home if home in found else _source(name, found[module]) or type(value).__name__
+
+
+def _source(name: str, path: Path) -> str | None:
+    """The module that a file imports a name from."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and name in {alias.name for alias in node.names}:
-            return node.module or module
-    return type(value).__name__
+            return node.module
+    return None
 
 
 def _table(others: list[tuple[str, str]]) -> str:

@@ -16,6 +16,7 @@ No other file imports stable_baselines3.
 """
 
 import contextlib
+import io
 import operator
 import pickle
 import zipfile
@@ -283,31 +284,27 @@ class SavedPolicy:
     normalised here too. Both files contain pickled Python: load only files that you trust.
     """
 
-    def __init__(self, path: Path, environment: Environment) -> None:
+    def __init__(self, files: Mapping[Path, bytes], environment: Environment) -> None:
         """Loads the model, on the CPU.
 
         Args:
-          path: of the file that `model.save` wrote, with or without '.zip'.
+          files: contents by path: of the file that `model.save` wrote, then of the normalisation
+            beside it, if there is one; see `policies.saved.read_model`.
           environment: the `control.Environment` to act in.
 
         Raises:
-          OSError: the file cannot be read.
           ValueError: it is not a model, or one of other observations or actions.
         """
-        if path.is_dir():  # 'sb3:' without a path, too
-            raise ValueError(f"{path} is a folder; expected the file that model.save wrote")
-        if not path.exists() and path.suffix != ".zip":
-            path = path.with_name(f"{path.name}.zip")
-        beside = path.with_suffix(".vecnormalize.pkl")
-        self.files = [path, *([beside] if beside.exists() else [])]
-        data, parameters = _saved_model(path)
+        self.files = files
+        (path, content), *beside = files.items()
+        data, parameters = _saved_model(path, content)
         space = data["observation_space"]
         is_dict = hasattr(space, "spaces")
         dtype = np.float32 if is_dict else space.dtype
         self._observations = Observations(environment.observation_spec(), not is_dict, dtype)
         _check_space("observations", space, self._observations.space)
         _check_space("actions", data["action_space"], environment.action_spec())
-        self._normalise = _saved_normalisation(beside, space) if beside.exists() else None
+        self._normalise = _saved_normalisation(*beside[0], space) if beside else None
         kwargs = dict(data["policy_kwargs"])
         if data.get("use_sde"):
             kwargs["use_sde"] = True
@@ -325,26 +322,28 @@ class SavedPolicy:
         return actions
 
 
-def _saved_model(path: Path) -> tuple[_ByName, _ByName]:
+def _saved_model(path: Path, content: bytes) -> tuple[_ByName, _ByName]:
     """The settings and the networks' parameters in a file of `model.save`."""
-    with path.open("rb") as file:
-        if not zipfile.is_zipfile(file):
-            raise ValueError(
-                f"{path} is not a model of Stable-Baselines3; expected a file that model.save wrote"
-            )
-        file.seek(0)
-        with _damage_named(path, "a file that model.save wrote"):
-            data, parameters, _ = save_util.load_from_zip_file(file, device="cpu")
+    file = io.BytesIO(content)
+    if not zipfile.is_zipfile(file):
+        raise ValueError(
+            f"{path} is not a model of Stable-Baselines3; expected a file that model.save wrote"
+        )
+    file.seek(0)
+    with _damage_named(path, "a file that model.save wrote"):
+        data, parameters, _ = save_util.load_from_zip_file(file, device="cpu")
     needed = {"action_space", "observation_space", "policy_class", "policy_kwargs"}
     if not (data and parameters and needed <= data.keys() and "policy" in parameters):
         raise ValueError(f"{path} holds no policy; expected a file that model.save wrote")
     return data, parameters
 
 
-def _saved_normalisation(path: Path, space: object) -> Callable[[_Observations], _Observations]:
+def _saved_normalisation(
+    path: Path, content: bytes, space: object
+) -> Callable[[_Observations], _Observations]:
     """The normalisation that `VecNormalize.save` wrote, as a function of observations."""
     with _damage_named(path, "a file that VecNormalize.save wrote"):
-        saved = pickle.loads(path.read_bytes())
+        saved = pickle.loads(content)
         normalise, of_saved = saved.normalize_obs, saved.observation_space
     if _shape(of_saved) != _shape(space):
         raise ValueError(

@@ -102,3 +102,27 @@ def test_help_imports_nothing_heavy() -> None:
         "assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, timeout=120)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "address"),
+    [
+        (["--ray"], "local"),
+        (["--ray", "--workers", "2"], "local"),
+        (["--ray", "head:6379"], "head:6379"),
+        (["--ray=head:6379"], "head:6379"),
+        ([], None),
+    ],
+)
+def test_ray_takes_an_address_or_none(
+    arguments: list[str], address: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[object] = []
+
+    def evaluate(*args: object, **kwargs: object) -> None:
+        asked.append(kwargs["ray"])
+        raise ValueError("that will do")
+
+    monkeypatch.setattr("limberjack.evaluation.evaluate", evaluate)
+    assert invoke("evaluate", "humanoid", "walk", *arguments).stderr.endswith("that will do\n")
+    assert asked == [address]

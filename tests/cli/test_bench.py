@@ -33,3 +33,10 @@ def test_an_unknown_task_is_status_2_with_a_suggestion() -> None:
     done = invoke("bench", "stacker", "stak_2")
     assert done.exit_code == 2
     assert "Did you mean 'stack_2'?" in done.stderr
+
+
+def test_a_device_that_cannot_be_used_is_one_line_that_says_what_to_install() -> None:
+    done = invoke("bench", "cartpole", "balance", "--device", "cuda:99")
+    assert done.exit_code == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "pip install mujoco-warp torch warp-lang" in done.stderr or "'cuda:99'" in done.stderr

@@ -29,6 +29,7 @@ _WORKS: dict[str, Any] = {
     "ffmpeg": "7.0.2",
     "domains": {"found": {"swing": "my_package.swing"}, "problems": {}},
     "dm_control": "loads",
+    "gpu": ["NVIDIA H200, 141 GB"],
 }
 
 
@@ -54,10 +55,10 @@ def test_each_probe_is_named_as_it_begins(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("limberjack.cli.doctor.show_parts", show_parts)
     monkeypatch.setattr("limberjack.doctor.child.ask", _ask({}))
     assert typer.testing.CliRunner().invoke(app, ["doctor"]).exit_code == 0
-    assert shown[:2] == [("checking domains", 0, 8), ("checking core", 1, 8)]
+    assert shown[:2] == [("checking domains", 0, 9), ("checking core", 1, 9)]
     assert {part for part, _, _ in shown} == {f"checking {probe}" for probe in _WORKS}
-    assert [asked for _, asked, _ in shown] == list(range(10))
-    assert shown[-1][2] == 10  # a picture with each of two backends is asked for, too
+    assert [asked for _, asked, _ in shown] == list(range(11))
+    assert shown[-1][2] == 11  # a picture with each of two backends is asked for, too
 
 
 def test_doctor_reports_a_machine_on_which_everything_works(

@@ -189,3 +189,39 @@ def test_without_the_extra_a_saved_model_is_one_line_that_names_it(
     result = _invoke(*_COMMAND, "--policy", "sb3:model.zip")
     assert result.exit_code == 2
     assert "needs the extra 'sb3': pip install stable-baselines3" in result.stderr
+
+
+def test_shards_are_reported_and_joined_by_the_same_command(tmp_path: Path) -> None:
+    few = ["--seeds", "60:70", "--out", str(tmp_path)]
+    for shard in ("1/3", "2/3", "3/3"):
+        result = _invoke(*_COMMAND, *few, "--shard", shard)
+        assert result.exit_code == 0, result.output
+    assert result.stdout == (
+        f"shard 3/3: 12 episodes are kept in {tmp_path}; the same command without --shard joins "
+        "all shards\n"
+    )
+    joined = _invoke(*_COMMAND, *few)
+    assert re.search(r"^ zero +10 ", joined.stdout, re.MULTILINE)
+    run = _invoke("run", *_COMMAND[1:3], "--time-limit", "0.1", "--out", str(tmp_path))
+    assert (run.exit_code, "holds an evaluation" in run.stderr) == (2, True)
+
+
+def test_a_policy_that_fails_in_a_worker_is_one_line_and_status_1(tmp_path: Path) -> None:
+    few = ["--seeds", "0:2", "--out", str(tmp_path), "--workers", "1"]
+    result = _invoke(*_STAND, "--policy", "evaluated:Raising", *few)
+    assert result.exit_code == 1
+    assert result.stderr.count("\n") == 1
+    assert result.stderr.startswith(
+        "limberjack: policy 'evaluated:Raising', step 0 of the episode with seed 0: ValueError: a "
+        "mistake of the policy's own; on node "
+    )
+    assert result.stderr.endswith(
+        f"; 0 of 6 episodes finished, and are kept in {tmp_path}: the same command continues from "
+        "there\n"
+    )
+
+
+def test_a_shard_without_a_folder_is_status_2() -> None:
+    result = _invoke(*_COMMAND, "--shard", "1/3", "--policy", "zero")
+    assert result.exit_code == 2
+    assert "--shard 1/3 needs --out DIR" in result.stderr

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from limberjack.cli.options import named_task
+from limberjack.cli.options import named_task, shard_named
 from tests.cli.conftest import invoke
 
 
@@ -32,6 +32,22 @@ def test_a_task_named_by_none_or_both_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         named_task(*arguments)
+
+
+def test_a_shard_is_named_by_its_number_and_that_of_all() -> None:
+    assert shard_named("3/8", "out") == (3, 8)
+    assert shard_named(None, None) is None
+
+
+@pytest.mark.parametrize("shard", ["0/8", "9/8", "3", "3/", "a/b", "3/8/9", "-1/8"])
+def test_a_shard_that_does_not_exist_is_refused(shard: str) -> None:
+    with pytest.raises(ValueError, match="expected K/N with K from 1 to N, such as 3/8"):
+        shard_named(shard, "out")
+
+
+def test_a_shard_needs_a_folder() -> None:
+    with pytest.raises(ValueError, match="--shard 3/8 needs --out DIR"):
+        shard_named("3/8", None)
 
 
 @pytest.mark.parametrize("name", ["humanoid/wlak", "humanoid/", "/walk"])

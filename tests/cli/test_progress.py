@@ -6,6 +6,7 @@ import time
 import pytest
 
 from limberjack.cli import progress
+from limberjack.workers import State
 
 
 @pytest.fixture
@@ -79,3 +80,37 @@ def test_a_bar_over_parts_names_each_part_and_its_share(
     assert shown[0].startswith("starting")
     assert any(line.startswith("the first part") and line.endswith("0 %") for line in shown)
     assert any(line.startswith("the last part") and line.endswith("75 %") for line in shown)
+
+
+@pytest.mark.usefixtures("_terminal")
+def test_units_are_shown_with_their_throughput_and_the_workers(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = 100.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    with progress.show_units() as units:
+        assert units.finished is None
+        units.begin(300)
+        units.show("random", 100)
+        units.show_state(State(2, 1, starting=1))
+        now += 10
+        units.show("random", 164)
+        time.sleep(0.25)
+        now += 118
+        units.show("zero", 200)
+        time.sleep(0.25)
+        units.show_state(State(2, 1, note="node b was lost: its units are played again"))
+    shown = _shown(capsys)
+    assert (units.finished, units.episodes) == (200, 300)
+    assert any("164/300 6.4 episodes/s" in line for line in shown)
+    assert any("1 of 2 workers playing, 1 starting" in line for line in shown)
+    assert any("46.9 episodes/min" in line for line in shown)
+    assert "limberjack: node b was lost: its units are played again" in shown
+
+
+def test_an_event_is_a_line_without_a_terminal_too(capsys: pytest.CaptureFixture[str]) -> None:
+    with progress.show_units() as units:
+        units.show("random", 1, 0.5)
+        units.show_state(State(2, 2))
+        units.show_state(State(2, 1, note="node b was lost"))
+    assert capsys.readouterr() == ("", "limberjack: node b was lost\n")

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 import typer.testing
 
-from limberjack import suite
+from limberjack import data, suite
 from limberjack.cli import app
 from limberjack.factories import factory_of
 from limberjack.mujoco.camera import RenderingError
-from limberjack.recording import _Stage
+from limberjack.recording.films import _Stage
 from limberjack.utils.files import Hold
 from tests.policies import saved_models
 
@@ -37,7 +37,7 @@ def _drawing() -> None:
 
 
 def _frames(path: Path) -> tuple[str, np.ndarray]:
-    """What ffmpeg says of a film, and its frames, (n, height, width, 3)."""
+    """ffmpeg's description of a video, and its frames, (n, height, width, 3)."""
     raw = ["-fps_mode", "passthrough", "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
     done = subprocess.run(
         [imageio_ffmpeg.get_ffmpeg_exe(), "-i", path, *raw],
@@ -314,3 +314,31 @@ def test_a_film_that_is_cut_short_leaves_nothing_of_itself(
     assert message in done.stderr
     assert "Traceback" not in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["policies_of_mine.py"]
+
+
+@pytest.mark.usefixtures("_drawing")
+def test_an_episode_of_a_dataset_is_filmed(tmp_path: Path) -> None:
+    data.collect("pendulum", "swingup", "random", range(2), out=tmp_path, time_limit=0.1)
+    film = tmp_path / "film.gif"
+    result = _invoke("record", "--from", tmp_path, "--seed", "1", *_SIZE, "--out", film)
+    assert (result.exit_code, result.stdout) == (0, f"{film}\n")
+    assert film.read_bytes().startswith(b"GIF89a")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "got no task; expected DOMAIN TASK, or --from DIR of a dataset"),
+        (["pendulum", "--from", "data"], "leave out DOMAIN TASK, --policy, --seconds and --rows"),
+        (["--from", "data", "--rows", "2"], "leave out DOMAIN TASK"),
+        (["--from", "data"], "data is no folder"),
+    ],
+)
+def test_a_film_is_of_a_task_or_of_a_dataset(
+    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = _invoke("record", "--out", "film.gif", *arguments)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1

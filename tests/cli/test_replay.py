@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 import typer.testing
 
-from limberjack import report, suite
+from limberjack import data, report, suite
 from limberjack.cli import app
+from limberjack.data.parquet import encode
 from limberjack.mujoco.camera import RenderingError
-from limberjack.planner.record import Recording, record_episode
+from limberjack.recording.episodes import Recording, record_episode
 
 _SOLVE = ["solve", "manipulator", "bring_ball", "--time-limit", "0.1", "--threads", "1"]
 
@@ -220,3 +221,26 @@ def test_the_first_frame_of_a_replayed_film_shows_the_start(tmp_path: Path) -> N
     )
     frame = np.frombuffer(done.stdout, np.uint8).reshape(480, 640, 3)
     assert np.abs(frame.astype(int) - picture.astype(int)).mean() < 8  # H.264 loses detail
+
+
+def test_the_episodes_of_a_dataset_are_replayed(tmp_path: Path) -> None:
+    data.collect("pendulum", "swingup", "random", range(2), out=tmp_path, time_limit=0.1)
+    result = _invoke("replay", str(tmp_path))
+    expected = f"{tmp_path}: 2 episodes, 10 steps, every bit the same\n"
+    assert (result.exit_code, result.stdout) == (0, expected)
+    refused = _invoke("replay", str(tmp_path), "--out", str(tmp_path / "again"))
+    assert refused.exit_code == 2
+    assert "`limberjack record --from" in refused.stderr
+
+
+def test_a_changed_bit_of_a_dataset_is_one_line_and_status_1(tmp_path: Path) -> None:
+    data.collect("pendulum", "swingup", "random", [0], out=tmp_path, time_limit=0.1)
+    (shard,) = data.load(tmp_path).shards
+    (episode,) = shard.episodes()
+    rewards = episode.rewards.copy()
+    rewards[3] = np.nextafter(rewards[3], 1)
+    shard.path.write_bytes(encode(shard.recipe, [dataclasses.replace(episode, rewards=rewards)]))
+    result = _invoke("replay", str(tmp_path))
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert f"{shard.path}, seed 0: reward of row 3 differs" in result.stderr
+    assert result.stderr.count("\n") == 1

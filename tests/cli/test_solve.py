@@ -6,7 +6,7 @@ from typing import Any
 import typer.testing
 
 from limberjack.cli import app
-from limberjack.planner.record import Recording
+from limberjack.recording.episodes import Recording
 
 _SOLVE = ["solve", "manipulator", "bring_ball", "--time-limit", "0.1", "--threads", "1"]
 

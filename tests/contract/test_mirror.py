@@ -12,6 +12,7 @@ _OTHERWISE = ("planner",)
 # Modules without tests under their name, and why.
 _EXCEPTIONS = {
     "__main__.py": "one line, which every command that is called as a program runs",
+    "gpu/backend.py": "imports packages; test_layers.py tests what it raises without them",
     "cli/gallery.py": "prints the paths that test_gallery.py looks for",
     "mujoco/rendering/egl.py": "a backend, which rendering/test_backends.py chooses",
     "mujoco/wrapper/mjbindings/constants.py": "tested in wrapper/test_mjbindings.py",
@@ -26,6 +27,7 @@ _BESIDES = {
 # Modules in a mirroring folder that test more than one module.
 _ACROSS = {
     "evaluation/test_saved_models.py",
+    "gpu/test_exactness.py",
     "gym/test_registration.py",
     "mujoco/test_camera_beside_dm_control.py",
     "rl/test_batch_rendering.py",

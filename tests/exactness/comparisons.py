@@ -46,7 +46,7 @@ _RANDOMIZE = {
 
 @dataclasses.dataclass
 class Tally:
-    """How many environments or batches were compared, and how many of their time steps."""
+    """Numbers of compared environments or batches, and of their time steps."""
 
     comparisons: int = 0
     steps: int = 0

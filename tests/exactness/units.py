@@ -30,7 +30,7 @@ class Unit(NamedTuple):
 
 
 class Result(NamedTuple):
-    """What a unit compared; `difference` is "" if both packages agree."""
+    """The result of a unit; `difference` is "" if both packages agree."""
 
     unit: Unit
     comparisons: int

@@ -24,14 +24,16 @@ _NEEDS = {
     "gymnasium_vector": ((), ""),
     "planner_cost": ((), ""),
     "planner_picture": ((), ""),
+    "dataset_pytorch": (("pyarrow", "torch"), "data"),
     "sb3_ppo": (("stable_baselines3",), "sb3"),
     "torchrl_collect": (("torchrl",), "torchrl"),
+    "rsl_rl_ppo": (("mujoco_warp", "torch", "rsl_rl"), "rsl-rl"),
     "rllib_ppo": (("ray", "torch"), "rllib"),
 }
 
 
 def _output(name: str, *arguments: str) -> str:
-    """What an example prints in a Python of its own; skips where its extra is not installed."""
+    """The output of an example in its own process; skips if the example's extra is missing."""
     packages, extra = _NEEDS[name]
     missing = [package for package in packages if importlib.util.find_spec(package) is None]
     if missing:
@@ -87,6 +89,16 @@ def test_planner_picture(tmp_path: Path) -> None:
     assert out.read_bytes().startswith(b"\x89PNG")
 
 
+def test_dataset_pytorch() -> None:
+    printed = _output("dataset_pytorch", "--steps", "100")
+    assert printed.startswith("64 episodes, 6400 transitions\n")
+    found = re.search(
+        r"^error (\d\.\d+) at first, (\d\.\d+) after 100 steps$", printed, re.MULTILINE
+    )
+    assert found is not None
+    assert float(found[2]) < 0.8 * float(found[1])
+
+
 def test_sb3_ppo() -> None:
     printed = _output("sb3_ppo", "--steps", "512", "--envs", "4", "--seconds", "0.5")
     assert re.search(r"^512 steps; return \d+\.\d \+- \d+\.\d over 4$", printed, re.MULTILINE)
@@ -102,3 +114,11 @@ def test_torchrl_collect() -> None:
 def test_rllib_ppo() -> None:
     printed = _output("rllib_ppo", "--steps", "512", "--envs", "4", "--seconds", "0.5")
     assert re.search(r"^512 steps, mean return \d+\.\d$", printed, re.MULTILINE)
+
+
+@pytest.mark.gpu
+def test_rsl_rl_ppo() -> None:
+    printed = _output("rsl_rl_ppo", "--steps", "384", "--envs", "8", "--device", "cpu")
+    assert re.search(
+        r"^mean reward of a step: 0\.\d+, after learning 0\.\d+$", printed, re.MULTILINE
+    )

@@ -6,7 +6,6 @@ specific to a task are read from the task, or from `expectations` in the folder 
 tests.
 """
 
-import functools
 import inspect
 import itertools
 import os
@@ -76,13 +75,12 @@ _OF_EVERY_FACTORY = ("time_limit", "random", "environment_kwargs")
 
 def load(task: Task, seed: int = 0, **environment_kwargs: Any) -> control.Environment:
     """An environment of the task."""
-    _compiled(task)
     return suite.load(*task, {"random": seed}, environment_kwargs)
 
 
 def short(task: Task, steps: int) -> dict[str, float]:
     """Arguments of the task for episodes of so many steps."""
-    return {"time_limit": steps * _compiled(task).control_timestep()}
+    return {"time_limit": steps * suite.load(*task).control_timestep()}
 
 
 def variant(task: Task) -> dict[str, bool]:
@@ -98,12 +96,6 @@ def variant(task: Task) -> dict[str, bool]:
 def kinds(task: Any) -> set[str | None]:
     """The kinds of starts that a task may have."""
     return set(task.STARTS) or {None}
-
-
-@functools.cache
-def _compiled(task: Task) -> Any:
-    """An environment that keeps the task's compiled model in use, so that it is compiled once."""
-    return suite.load(*task)
 
 
 def actions(env: control.Environment, count: int, seed: int = 0) -> np.ndarray:

@@ -160,7 +160,7 @@ def test_a_history_knows_readings_that_were_not_computed() -> None:
         for moment in range(2):
             for one in (physics, other):
                 one.step(5)
-            history.note(moment)
+            history.record(moment)
         return seen.named.data.sensordata["torso_accel"]
 
     seen.named.data.sensordata[_READ_BY_ITS_TASK]

@@ -106,7 +106,7 @@ def first_difference(found: Rows, expected: Rows) -> str:
 
 
 def _position(stream: np.random.RandomState) -> int:
-    """How much of its current block of numbers a stream has used."""
+    """The position of a stream in its current block of numbers."""
     _, _, position, *_ = stream.get_state(legacy=True)
     return int(position)
 
@@ -309,11 +309,11 @@ class _Recorder:
         self.position[chosen] = self._steps
 
     def add_step(self, result: Any, begun: np.ndarray, mode: AutoresetMode) -> np.ndarray:
-        """Adds the result of a step; returns the mask of rows that the next step begins anew.
+        """Adds the result of a step; returns the mask of rows that the next step resets.
 
         Args:
           result: of `VectorEnv.step`.
-          begun: mask of rows that the step began anew.
+          begun: mask of rows that the step reset.
           mode: the autoreset mode.
         """
         observation, reward, terminated, truncated, info = result

@@ -17,9 +17,9 @@ NAME = "limberjack.sb3"
 class _SavedPolicy:
     """Acts with the number in the file, for humanoids only."""
 
-    def __init__(self, path: Path, environment: Any) -> None:
-        self.files = [path]
-        self._number = float(path.read_text())
+    def __init__(self, files: Mapping[Path, bytes], environment: Any) -> None:
+        self.files = files
+        self._number = float(next(iter(files.values())))
         if environment.action_spec().shape != (21,):
             raise ValueError("the model's actions have shape (21,); the task's have another")
 

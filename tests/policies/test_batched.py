@@ -7,10 +7,9 @@ import pytest
 from dm_env import specs
 
 from limberjack import policies, rollout
-from limberjack.evaluation import actors
 from limberjack.evaluation.episodes import play
 from limberjack.evaluation.statistics import Score
-from limberjack.policies import batched
+from limberjack.policies import actors, batched
 from tests.evaluation import evaluated
 
 _SPEC = specs.BoundedArray((2,), float, -1.0, 1.0)

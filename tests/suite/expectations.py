@@ -17,6 +17,7 @@ _PEGS = [("manipulator", task) for task in ("bring_peg", "insert_peg")]
 _CARTPOLE = [("cartpole", task) for task in ("balance", "swingup", "two_poles", "three_poles")]
 _SWIMMER = [("swimmer", task) for task in ("swimmer6", "swimmer15")]
 _STACKS = [("stacker", task) for task in ("stack_2", "stack_4")]
+_LQR = [("lqr", task) for task in ("lqr_2_1", "lqr_6_2")]
 _HOPS = [("hopper", task) for task in ("stand", "hop")]
 _OF_ONE_TERM = [("cheetah", "run"), ("fish", "upright")]
 _OF_ONE_TERM += [("finger", task) for task in ("spin", "turn_easy", "turn_hard")]
@@ -139,12 +140,16 @@ def _of_fetch(terms: Mapping[str, float]) -> float:
     return terms["upright"] * (terms["reach"] * (0.5 + 0.5 * terms["fetch"]))
 
 
+def _of_costs(terms: Mapping[str, float]) -> float:
+    return 1 - sum(terms.values())
+
+
 def _product(terms: Mapping[str, float]) -> float:
     return math.prod(terms.values())
 
 
 # Tasks whose reward is 1 less a cost that has no upper bound.
-UNBOUNDED = {("lqr", "lqr_2_1"), ("lqr", "lqr_6_2")}
+UNBOUNDED = set(_LQR)
 
 # By domain: puts things where the reward is positive; by default where an episode may start.
 REWARDING: dict[str, Callable[[Any], None]] = {
@@ -166,16 +171,13 @@ REWARDING: dict[str, Callable[[Any], None]] = {
 # By task: the reward that the documents make of the terms.
 COMBINED: dict[tuple[str, str], Callable[[Mapping[str, float]], float]] = {
     **dict.fromkeys(_PEGS, _of_peg),
-    **dict.fromkeys([*_DOG, *_HUMANOID, *_HUMANOID_CMU, *_BALLS, *_STACKS], _product),
-    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, ("cheetah", "run")], _product),
-    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_HOPS, *_OF_ONE_TERM], _product),
-    **dict.fromkeys(_QUADRUPED, _product),
+    **dict.fromkeys([*_DOG, *_HUMANOID, *_HUMANOID_CMU, *_BALLS, *_STACKS, *_CARTPOLE], _product),
+    **dict.fromkeys([*_QUADRUPED, *_HOPS, *_OF_ONE_TERM, *_TOYS], _product),
     ("quadruped", "fetch"): _of_fetch,
     ("fish", "swim"): _of_swim,
     ("walker", "stand"): _of_stance,
     **dict.fromkeys(_WALKS, _of_walk),
-    **dict.fromkeys([*_CARTPOLE, *_HUMANOID, *_BALLS, *_STACKS], _product),
-    **dict.fromkeys([*_HUMANOID, *_BALLS, *_STACKS, *_TOYS], _product),
+    **dict.fromkeys(_LQR, _of_costs),
 }
 
 # By task: the kinds of starts.

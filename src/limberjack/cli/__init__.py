@@ -14,9 +14,12 @@ that `--help` answers at once.
 
 from limberjack.cli import (  # noqa: F401 (they add their commands)
     bench,
+    collect,
+    convert,
     doctor,
     evaluate,
     gallery,
+    info,
     listing,
     record,
     replay,

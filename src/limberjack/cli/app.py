@@ -5,6 +5,7 @@ def _list() -> None: ...
 """
 
 import importlib
+import itertools
 import os
 import signal
 import sys
@@ -21,6 +22,9 @@ from limberjack.cli.output import INTERRUPTED, TERMINATED, misuse_reported
 __all__ = ["app", "command", "main"]
 
 _Function = TypeVar("_Function", bound=Callable[..., None])
+
+# Values of options that may be given without one, which Typer cannot express.
+_VALUES = {"--ray": "local"}
 
 
 class _FlagsWithoutType:
@@ -39,9 +43,23 @@ class _FlagsWithoutType:
 class _Command(_FlagsWithoutType, typer.core.TyperCommand):
     """One command."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parses the command line."""
+        return super().parse_args(ctx, _with_values(args))
+
 
 class _Group(_FlagsWithoutType, typer.core.TyperGroup):
     """The program."""
+
+
+def _with_values(arguments: list[str]) -> list[str]:
+    """The arguments, with the values that were left out of options that need none."""
+    complete = []
+    for argument, following in itertools.pairwise([*arguments, "-"]):
+        complete.append(argument)
+        if argument in _VALUES and following.startswith("-"):
+            complete.append(_VALUES[argument])
+    return complete
 
 
 def _examples(*lines: str) -> str:

@@ -6,7 +6,7 @@ import typer
 
 from limberjack.cli.app import command
 from limberjack.cli.options import Domain, TaskName, named_task
-from limberjack.cli.output import console, misuse_reported, table
+from limberjack.cli.output import MISUSED, complain, console, misuse_reported, table
 from limberjack.cli.progress import show_parts
 
 if TYPE_CHECKING:
@@ -22,7 +22,10 @@ _LABELS = {
 
 
 @command(
-    "bench", "limberjack bench humanoid walk", "limberjack bench stacker/stack_2 --num-envs 1024"
+    "bench",
+    "limberjack bench humanoid walk",
+    "limberjack bench stacker/stack_2 --num-envs 1024",
+    "limberjack bench humanoid walk --num-envs 4096 --device cuda:0",
 )
 def _bench(
     domain: Domain,
@@ -34,6 +37,9 @@ def _bench(
     seconds: Annotated[
         float, typer.Option(help="Approximate time for each of the two comparisons.")
     ] = 3.0,
+    device: Annotated[
+        str | None, typer.Option(help="Measure MuJoCo Warp on it instead, such as cuda:0.")
+    ] = None,
 ) -> None:
     """Measure how fast a batch of a task steps on this machine, and with how many threads.
 
@@ -41,6 +47,9 @@ def _bench(
     BatchEnvironment and to a Gymnasium VectorEnv, so it shows what the environments add to the
     simulation. The second one steps the VectorEnv with 1, 2, 4 ... threads.
     """
+    if device is not None:
+        _bench_on_device(*named_task(domain, task), num_envs, device, seconds)
+        return
     with misuse_reported(), show_parts() as show:
         from limberjack import bench
 
@@ -52,6 +61,31 @@ def _bench(
             on_progress=lambda part, share: show(part, share, 1.0),
         )
     _print(result, num_envs)
+
+
+def _bench_on_device(
+    domain: str, task: str | None, num_envs: int, device: str, seconds: float
+) -> None:
+    try:
+        from limberjack.gpu import speed
+    except ImportError as error:
+        complain(error)
+        raise typer.Exit(MISUSED) from None
+    with misuse_reported(), show_parts() as show:
+        result = speed.measure(
+            *(domain, task or "", num_envs, device, seconds),
+            on_progress=lambda part, share: show(part, share, 1.0),
+        )
+    typer.echo(
+        f"{result.task} on {result.device}: {num_envs} environments, random actions. A step is one "
+        "action of one environment; steps/s counts all environments.\n"
+    )
+    rows = table("stepped", "steps/s>", "speed>")
+    rows.add_row("MuJoCo Warp alone", f"{result.bare_steps_per_second:,.0f}", "1.00 x")
+    rows.add_row("VectorEnv", f"{result.steps_per_second:,.0f}", f"{result.ratio:.2f} x")
+    console().print(rows)
+    typer.echo(f"\nMemory: {result.bytes_per_row / 1e3:.0f} kB for each environment")
+    typer.echo(f"Contacts or constraints without room: {result.overflows} steps of environments")
 
 
 def _print(result: "Result", num_envs: int) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 _LABEL_WIDTH = 16  # characters
-_PROBES = 8  # that are asked once
+_PROBES = 9  # that are asked once
 
 
 @command("doctor", "limberjack doctor", "limberjack doctor --json")
@@ -80,6 +80,8 @@ def _lines(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
     yield "ffmpeg", diagnosis.ffmpeg.version or f"none: {diagnosis.ffmpeg.why}"
     yield from (("domain " + name, module) for name, module in diagnosis.domains.items())
     yield "dm_control", _worded(diagnosis.dm_control)
+    gpu = diagnosis.gpu
+    yield "gpu", gpu.version if gpu.works and gpu.version else f"none: {gpu.why}"
     if diagnosis.problems:
         yield "", ""
     yield from (("PROBLEM", problem) for problem in diagnosis.problems)

@@ -1,17 +1,26 @@
 """`limberjack evaluate`: scores of a policy, beside zero and random actions on the same seeds."""
 
 import contextlib
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import rich.progress
-import rich.table
 import typer
 
 from limberjack.cli.app import command
-from limberjack.cli.options import Domain, PolicyName, TaskName, TimeLimit, named_task
+from limberjack.cli.options import (
+    AnyProcessor,
+    Domain,
+    PolicyName,
+    Ray,
+    Shard,
+    TaskName,
+    TimeLimit,
+    Workers,
+    named_task,
+    seeds_of,
+    shard_named,
+)
 from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
@@ -21,13 +30,13 @@ from limberjack.cli.output import (
     console,
     misuse_reported,
     search_working_directory,
-    table,
 )
-from limberjack.cli.progress import progress_bar
+from limberjack.cli.progress import Units, show_units
+from limberjack.cli.summaries import add_summaries, summaries_table
 from limberjack.cli.typed import command_line
 
 if TYPE_CHECKING:
-    from limberjack.evaluation import Evaluation, Summary
+    from limberjack.evaluation import Evaluation
 
 __all__: list[str] = []
 
@@ -40,6 +49,16 @@ _Seeds = Annotated[
 _Episodes = Annotated[
     int | None,
     typer.Option(min=1, max=SEEDS, help="The first seeds only; without --seeds, those from 0 on."),
+]
+_Out = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Keep results here, and continue those that are there."),
+]
+_Threads = Annotated[
+    int | None,
+    typer.Option(
+        min=1, help="Threads that step the batch, or of each worker; by default all cores."
+    ),
 ]
 
 
@@ -54,15 +73,13 @@ def _evaluate(
     policy: PolicyName = "zero",
     seeds: _Seeds = None,
     episodes: _Episodes = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Keep results here, and continue those that are there."),
-    ] = None,
-    threads: Annotated[
-        int | None,
-        typer.Option(min=1, help="Threads that step the batch; all usable cores by default."),
-    ] = None,
+    out: _Out = None,
+    threads: _Threads = None,
     time_limit: TimeLimit = None,
+    workers: Workers = None,
+    ray: Ray = None,
+    shard: Shard = None,
+    any_processor: AnyProcessor = False,
 ) -> None:
     """Measure the returns of a policy: mean with its interval, median and success rate.
 
@@ -70,15 +87,17 @@ def _evaluate(
     are measured on the same seeds, and all of it for each kind of start.
 
     With --out every episode is written as it ends, and the same command continues an evaluation
-    that was killed.
+    that was killed. The planner plays one episode per core, unless --threads is given.
     """
     with misuse_reported():
         domain, task = named_task(domain, task)
         chosen = _chosen_seeds(seeds, episodes)
+        part = shard_named(shard, out)
     search_working_directory(policy)
-    with _progress(len(chosen), policy) as progress, _failures_reported(progress, out):
+    with show_units() as progress, _failures_reported(progress, out):
         from limberjack.evaluation import evaluate
 
+        progress.begin(_count(chosen, part, policy))
         evaluation = evaluate(
             domain,
             task,
@@ -87,33 +106,24 @@ def _evaluate(
             out=out,
             num_threads=threads,
             time_limit=time_limit,
+            workers=workers,
+            ray=ray,
+            shard=part,
+            any_processor=any_processor,
             on_progress=progress.show,
+            on_state=progress.show_state,
             command=command_line(),
         )
-    _print(evaluation)
+    _print(evaluation) if shard is None else _print_shard(shard, progress.episodes, out)
 
 
-class _Progress:
-    """A bar over the episodes of all policies, which counts those that have finished."""
-
-    def __init__(self, bar: rich.progress.Progress, episodes: int) -> None:
-        self.episodes = episodes
-        self.finished: int | None = None  # None: no episode has begun
-        self._bar = bar
-        self._task = bar.add_task("loading", total=episodes)
-
-    def show(self, policy: str, finished: int, part: float) -> None:
-        self.finished = finished
-        self._bar.update(self._task, completed=finished + part, description=policy)
-
-
-@contextlib.contextmanager
-def _progress(episodes: int, policy: str) -> Iterator[_Progress]:
+def _count(seeds: range, shard: tuple[int, int] | None, policy: str) -> int:
+    """The number of episodes to play, those of the baselines included."""
     from limberjack.evaluation import FLOORS
+    from limberjack.workers import shard_of
 
-    columns = rich.progress.MofNCompleteColumn(), rich.progress.TimeRemainingColumn()
-    with progress_bar(*columns) as bar:
-        yield _Progress(bar, episodes * len({policy, *FLOORS}))
+    mine = seeds if shard is None else shard_of(seeds, *shard)
+    return len(mine) * len({policy, *FLOORS})
 
 
 def _chosen_seeds(seeds: str | None, episodes: int | None) -> range:
@@ -124,14 +134,7 @@ def _chosen_seeds(seeds: str | None, episodes: int | None) -> range:
     """
     if seeds is None:
         return range(_EPISODES if episodes is None else episodes)
-    found = re.fullmatch(r"(\d+):(\d+)", seeds)
-    if found is None:
-        raise ValueError(f"--seeds is {seeds!r}; expected A:B, such as 0:100 for the first hundred")
-    chosen = range(int(found[1]), int(found[2]))
-    if not chosen:
-        raise ValueError(f"--seeds is {seeds}, which holds no seed; expected A:B with A below B")
-    if chosen[-1] >= SEEDS:
-        raise ValueError(f"--seeds is {seeds}; expected numbers up to {SEEDS}")
+    chosen = seeds_of(seeds)
     if episodes is not None and episodes > len(chosen):
         raise ValueError(
             f"--episodes is {episodes}, but --seeds {seeds} holds {len(chosen)}: give more seeds"
@@ -140,17 +143,18 @@ def _chosen_seeds(seeds: str | None, episodes: int | None) -> range:
 
 
 @contextlib.contextmanager
-def _failures_reported(progress: _Progress, out: Path | None) -> Iterator[None]:
+def _failures_reported(progress: Units, out: Path | None) -> Iterator[None]:
     """Turns an error or interrupt into one line and an exit status."""
     from limberjack.policies import PolicyError
     from limberjack.rl.control import PhysicsError
+    from limberjack.workers import WorkError
 
     try:
         yield
     except KeyboardInterrupt:
         complain(f"interrupted: {_done(progress, out)}")
         raise typer.Exit(INTERRUPTED) from None
-    except (PolicyError, PhysicsError, OSError) as error:
+    except (PolicyError, PhysicsError, WorkError, OSError) as error:
         if progress.finished is None:
             complain(error)
             raise typer.Exit(MISUSED) from None
@@ -165,7 +169,7 @@ def _failures_reported(progress: _Progress, out: Path | None) -> Iterator[None]:
         raise
 
 
-def _done(progress: _Progress, out: Path | None) -> str:
+def _done(progress: Units, out: Path | None) -> str:
     """The number of episodes that finished, and how to continue."""
     done = f"{progress.finished or 0} of {progress.episodes} episodes finished"
     if out is None:
@@ -174,12 +178,9 @@ def _done(progress: _Progress, out: Path | None) -> str:
 
 
 def _print(evaluation: "Evaluation") -> None:
-    rows = table("policy", "start", "episodes>", "mean>", "95 % interval>", "median>", "success>")
+    rows = summaries_table("policy")
     for policy in evaluation.scores:
-        _add_row(rows, policy, "", evaluation.summary(policy))
-        for start, summary in evaluation.strata(policy).items():
-            _add_row(rows, "", start, summary)
-        rows.add_section()
+        add_summaries(rows, policy, evaluation.summary(policy), evaluation.strata(policy))
     console().print(rows)
     success = evaluation.facts["success"]
     typer.echo(
@@ -192,16 +193,8 @@ def _print(evaluation: "Evaluation") -> None:
         typer.echo(path)
 
 
-def _add_row(rows: rich.table.Table, policy: str, start: str, summary: "Summary") -> None:
-    interval = ""
-    if summary.interval is not None:
-        interval = "{:.1f} to {:.1f}".format(*summary.interval)
-    rows.add_row(
-        policy,
-        start,
-        str(summary.episodes),
-        f"{summary.mean:.1f}",
-        interval,
-        f"{summary.median:.1f}",
-        f"{100 * summary.success_rate:.1f} %",
+def _print_shard(shard: str, episodes: int, out: Path | None) -> None:
+    typer.echo(
+        f"shard {shard}: {episodes} episodes are kept in {out}; the same command without --shard "
+        "joins all shards"
     )

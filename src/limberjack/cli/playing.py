@@ -5,6 +5,7 @@ It plays the episodes, prints their returns and writes their files.
 
 import contextlib
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,7 +43,7 @@ class Playing:
         self,
         domain: str,
         task: str,
-        seeds: range,
+        seeds: Sequence[int],
         policy: str,
         time_limit: float | None,
         out: Path | None,
@@ -160,19 +161,24 @@ class Playing:
         recorder = self._recorder if seed == self._seeds[0] else None
         if recorder is not None:
             recorder.begin(environment)
-        limit = self._step_limit
+        with contextlib.closing(environment):
+            episode = self._play_in(environment, seed, self._shown(seed, progress))
+            if recorder is not None:
+                recorder.finish_film()
+        return episode
+
+    def _shown(self, seed: int, progress: Episodes) -> "OnStep":
+        """A function that shows the steps of an episode, and films them if it is the first."""
+        finished, limit = self._seeds.index(seed), self._step_limit
+        recorder = self._recorder if finished == 0 else None
 
         def on_step(step: "Step") -> None:
-            progress.show(seed - self._seeds[0], step.number, limit, step.total)
+            progress.show(finished, step.number, limit, step.total)
             if recorder is not None:
                 with progress.drawing():
                     recorder.add_step(step)
 
-        with contextlib.closing(environment):
-            episode = self._play_in(environment, seed, on_step)
-            if recorder is not None:
-                recorder.finish_film()
-        return episode
+        return on_step
 
     def _write_files(self) -> OSError | None:
         """Writes the files, if any; returns the error if that failed."""

@@ -5,6 +5,10 @@ with show_episodes(3, filmed=True) as progress:
     with progress.drawing():
         recorder.add_step(step)
 
+with show_units() as progress:
+    progress.begin(300)
+    evaluate(..., on_progress=progress.show, on_state=progress.show_state)
+
 with show_parts() as show:
     show("drawing humanoid walk", finished, pictures)
 """
@@ -14,11 +18,15 @@ import datetime
 import sys
 import time
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import rich.console
 import rich.progress
 
-__all__ = ["Episodes", "progress_bar", "show_episodes", "show_parts"]
+if TYPE_CHECKING:
+    from limberjack.workers import State
+
+__all__ = ["Episodes", "Units", "progress_bar", "show_episodes", "show_parts", "show_units"]
 
 _UPDATE = 0.1  # seconds from one update to the next; a step may take microseconds
 
@@ -119,6 +127,72 @@ def show_episodes(episodes: int, filmed: bool = False) -> Iterator[Episodes]:
     """
     with progress_bar("return {task.fields[total_return]:.1f}", "{task.fields[left]}") as bar:
         yield Episodes(bar, episodes, filmed)
+
+
+class Units:
+    """A bar over all episodes of a command, with their throughput and the state of the workers.
+
+    Attributes:
+      episodes: their number.
+      finished: those that have ended, in earlier calls too; None before the first one has begun.
+    """
+
+    def __init__(self, bar: rich.progress.Progress) -> None:
+        """Adds the episodes to a bar that is shown."""
+        self.episodes = 0
+        self.finished: int | None = None
+        self._bar = bar
+        self._began: tuple[float, float] | None = None  # time, and the episodes that had ended
+        self._task = bar.add_task("loading", total=None, speed="", workers="")
+
+    def begin(self, episodes: int) -> None:
+        """Sets the number of episodes."""
+        self.episodes = episodes
+        self._bar.update(self._task, total=episodes)
+
+    def show(self, what: str, finished: int, part: float = 0.0) -> None:
+        """Shows progress.
+
+        Args:
+          what: is being played, such as the policy.
+          finished: number of episodes that have ended, in earlier calls too.
+          part: episodes' worth of steps that the running ones have played.
+        """
+        self.finished = finished
+        now, done = time.monotonic(), finished + part
+        if self._began is None:
+            self._began = now, done
+        seconds, played = now - self._began[0], done - self._began[1]
+        speed = _speed(played / seconds) if played > 0 and seconds > 0 else ""
+        self._bar.update(self._task, completed=done, description=what, speed=speed)
+
+    def show_state(self, state: "State") -> None:
+        """Shows the workers' state; an event such as a lost node is printed as a line."""
+        if state.note:  # above the bar, or by itself where there is none
+            self._bar.console.print(
+                f"limberjack: {state.note}", markup=False, highlight=False, soft_wrap=True
+            )
+        self._bar.update(self._task, workers=str(state))
+
+
+def _speed(per_second: float) -> str:
+    """Episodes per second, or per minute if they are few."""
+    if per_second >= 1:
+        return f"{per_second:.1f} episodes/s"
+    return f"{60 * per_second:.1f} episodes/min"
+
+
+@contextlib.contextmanager
+def show_units() -> Iterator[Units]:
+    """A bar over the episodes that workers play while the context lasts."""
+    columns = (
+        rich.progress.MofNCompleteColumn(),
+        "{task.fields[speed]}",
+        rich.progress.TimeRemainingColumn(),
+        "{task.fields[workers]}",
+    )
+    with progress_bar(*columns) as bar:
+        yield Units(bar)
 
 
 @contextlib.contextmanager

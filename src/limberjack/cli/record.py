@@ -1,14 +1,14 @@
-"""`limberjack record`: a film of an episode, or of several side by side."""
+"""`limberjack record`: a film of an episode, of several side by side, or of a recorded one."""
 
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from limberjack.cli.app import command
-from limberjack.cli.options import Domain, PolicyName, TaskName, named_task
+from limberjack.cli.options import OptionalDomain, PolicyName, TaskName, named_task
 from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
@@ -21,6 +21,8 @@ from limberjack.cli.progress import show_episodes
 
 __all__: list[str] = []
 
+_Argument = Any  # of `recording.record`, which checks it
+_Arguments = dict[str, _Argument]
 _Seed = Annotated[int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode; row i has seed+i.")]
 _Pixels = Annotated[int, typer.Option(min=2, help="Of the film, pixels.")]
 _Overlay = Annotated[
@@ -29,27 +31,41 @@ _Overlay = Annotated[
 _Colours = Annotated[
     bool, typer.Option("--visualize-reward", help="Colour the bodies by the reward.")
 ]
+_Out = Annotated[Path, typer.Option(metavar="FILE", help="The film; ends in .mp4 or .gif.")]
+_From = Annotated[
+    Path | None,
+    typer.Option(
+        "--from",
+        metavar="DIR",
+        help="Film the episode of --seed of a dataset that `limberjack collect` wrote.",
+    ),
+]
+_Camera = Annotated[str, typer.Option(help="Its name or number; -1 is the free camera.")]
+_Seconds = Annotated[
+    float | None, typer.Option(help="Of simulated time; the task's time limit by default.")
+]
+_Rows = Annotated[int, typer.Option(min=1, help="Episodes of a batch, side by side.")]
 
 
 @command(
     "record",
     "limberjack record humanoid walk --policy random --out walk.mp4",
     "limberjack record stacker/stack_2 --rows 4 --seconds 5 --out stack.gif",
+    "limberjack record --from walk --seed 3 --out walk-3.mp4",
 )
 def _record(
-    domain: Domain,
+    domain: OptionalDomain = None,
     task: TaskName = None,
     *,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The film; ends in .mp4 or .gif.")],
+    out: _Out,
+    dataset: _From = None,
     policy: PolicyName = "zero",
     seed: _Seed = 0,
-    camera: Annotated[str, typer.Option(help="Its name or number; -1 is the free camera.")] = "0",
+    camera: _Camera = "0",
     height: _Pixels = 480,
     width: _Pixels = 640,
-    seconds: Annotated[
-        float | None, typer.Option(help="Of simulated time; the task's time limit by default.")
-    ] = None,
-    rows: Annotated[int, typer.Option(min=1, help="Episodes of a batch, side by side.")] = 1,
+    seconds: _Seconds = None,
+    rows: _Rows = 1,
     overlay: _Overlay = False,
     visualize_reward: _Colours = False,
 ) -> None:
@@ -58,24 +74,46 @@ def _record(
     With --rows it films a batch; --height and --width are then those of all pictures together. The
     file is written completely or not at all.
     """
-    search_working_directory(policy)
+    view: _Arguments = {
+        "camera": int(camera) if camera.removeprefix("-").isdecimal() else camera,
+        "height": height,
+        "width": width,
+        "overlay": overlay,
+        "visualize_reward": visualize_reward,
+    }
+    if dataset is None:
+        played = {"policy": policy, "seconds": seconds, "rows": rows}
+        _film_policy(domain, task, out, seed=seed, **played, **view)
+        return
+    is_more_given = domain is not None or policy != "zero" or seconds is not None or rows > 1
+    _film_recorded(dataset, out, seed, view, is_more_given)
+
+
+def _film_policy(domain: str | None, task: str | None, out: Path, **how: _Argument) -> None:
+    """Films episodes of a policy."""
+    search_working_directory(how["policy"])
     with _failures_reported(out) as show:
         from limberjack.recording import record
 
-        path = record(
-            *named_task(domain, task),
-            out=out,
-            policy=policy,
-            seed=seed,
-            camera=int(camera) if camera.removeprefix("-").isdecimal() else camera,
-            height=height,
-            width=width,
-            seconds=seconds,
-            rows=rows,
-            overlay=overlay,
-            visualize_reward=visualize_reward,
-            on_progress=show,
-        )
+        if domain is None:
+            raise ValueError("got no task; expected DOMAIN TASK, or --from DIR of a dataset")
+        path = record(*named_task(domain, task), out=out, on_progress=show, **how)
+    typer.echo(path)
+
+
+def _film_recorded(
+    directory: Path, out: Path, seed: int, view: _Arguments, is_more_given: bool
+) -> None:
+    """Films an episode of a dataset."""
+    with _failures_reported(out) as show:
+        from limberjack import data
+
+        if is_more_given:
+            raise ValueError(
+                f"--from {directory} has the task, the policy and the length of the episode: leave "
+                "out DOMAIN TASK, --policy, --seconds and --rows"
+            )
+        path = data.film(data.load(directory), seed, out=out, on_progress=show, **view)
     typer.echo(path)
 
 

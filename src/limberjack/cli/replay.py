@@ -1,4 +1,4 @@
-"""`limberjack replay`: a recorded episode, played again and compared bit for bit."""
+"""`limberjack replay`: recorded episodes, played again and compared bit for bit."""
 
 import contextlib
 from pathlib import Path
@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limberjack.cli.app import command
+from limberjack.cli.datasets import reading_reported
 from limberjack.cli.output import FAILED, complain, misuse_reported
-from limberjack.cli.progress import show_episodes
+from limberjack.cli.progress import show_episodes, show_units
 from limberjack.cli.typed import command_line
 
 if TYPE_CHECKING:
-    from limberjack.planner.record import Recording
+    from limberjack.recording.episodes import Recording
     from limberjack.report import Facts, Recorder
     from limberjack.rl.control import Environment
     from limberjack.rollout import Episode
@@ -36,28 +37,42 @@ _KINDS: dict[str, type | tuple[type, ...]] = {
     "replay",
     "limberjack replay solved/episode-3.npz",
     "limberjack replay solved/episode-3.npz --out again",
+    "limberjack replay walk",
 )
 def _replay(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="An episode-*.npz that `limberjack solve` wrote."),
+        typer.Argument(
+            metavar="FILE",
+            help="An episode-*.npz that `limberjack solve` wrote, or the folder of a dataset that "
+            "`limberjack collect` wrote.",
+        ),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="Write report.html, result.json, return.png and video.mp4 here."
+            metavar="DIR",
+            help="Write report.html, result.json, return.png and video.mp4 of an episode here.",
         ),
     ] = None,
 ) -> None:
-    """Play a recorded episode again, without the planner, and report whether every bit is equal.
+    """Play recorded episodes again, without their policy, and report whether every bit is equal.
 
     States, rewards and observations of all steps are compared. If they differ, as they may with
     another version of MuJoCo or on another kind of processor, the exit status is 1 and --out writes
     nothing.
     """
+    if file.is_dir():
+        _replay_dataset(file, out)
+    else:
+        _replay_recording(file, out)
+
+
+def _replay_recording(file: Path, out: Path | None) -> None:
+    """Replays a file of the planner's."""
     with misuse_reported():
         from limberjack import report
-        from limberjack.planner.record import Recording
+        from limberjack.recording.episodes import Recording
 
         recording = Recording.load(file)
         about = _checked_about(recording.about, file)
@@ -81,6 +96,25 @@ def _replay(
     typer.echo(f"{file}: {len(recording.rewards)} steps, return {total:.3f}, every bit the same")
 
 
+def _replay_dataset(directory: Path, out: Path | None) -> None:
+    with reading_reported("replay"):
+        from limberjack import data
+
+        if out is not None:
+            raise ValueError(
+                f"--out is {out}, and {directory} is a folder: `limberjack record --from "
+                f"{directory}` films an episode of a dataset"
+            )
+        dataset = data.load(directory)
+        with show_units() as progress:
+            progress.begin(len(dataset))
+            difference = data.replay(dataset, on_progress=progress.show)
+    if difference is not None:
+        complain(difference)
+        raise typer.Exit(FAILED)
+    typer.echo(f"{directory}: {len(dataset)} episodes, {dataset.steps:,} steps, every bit the same")
+
+
 def _played(
     recording: "Recording",
     about: "Facts",
@@ -89,7 +123,7 @@ def _played(
 ) -> str | None:
     """The first difference; if there is none, the recorder writes the episode."""
     from limberjack import rollout
-    from limberjack.planner.record import replay
+    from limberjack.recording.episodes import replay
 
     start: str | None = None
     steps = len(recording.rewards)

@@ -6,18 +6,49 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limberjack.cli.app import command
-from limberjack.cli.options import Domain, FirstSeed, TaskName, TimeLimit, named_task
+from limberjack.cli.options import (
+    AnyProcessor,
+    Domain,
+    FirstSeed,
+    Ray,
+    Shard,
+    TaskName,
+    TimeLimit,
+    Workers,
+    named_task,
+    shard_named,
+)
 from limberjack.cli.output import misuse_reported
-from limberjack.cli.playing import Playing
+from limberjack.cli.solving import Solving
 
 if TYPE_CHECKING:
-    from limberjack.rl.control import Environment
-    from limberjack.rollout import Episode, OnStep, Step
+    from limberjack.workers import Scale
 
 __all__: list[str] = []
 
+_Threads = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="Threads that simulate one episode, in each worker. By default one episode is played "
+        "per core, with one thread each.",
+    ),
+]
 
-@command("solve", "limberjack solve manipulator bring_ball --seed 3 --out solved")
+
+_Explain = Annotated[
+    bool,
+    typer.Option(
+        help="Print the stages of each episode, and the terms of the plans' cost; plays here."
+    ),
+]
+
+
+@command(
+    "solve",
+    "limberjack solve manipulator bring_ball --seed 3 --out solved",
+    "limberjack solve humanoid/walk --episodes 100 --workers 8 --out solved",
+)
 def _solve(
     domain: Domain,
     task: TaskName = None,
@@ -29,73 +60,48 @@ def _solve(
         typer.Option(
             metavar="DIR",
             help="Write a recording of each episode, report.html, result.json, return.png and "
-            "video.mp4 here.",
+            "video.mp4 here; recordings that are there are not played again.",
         ),
     ] = None,
-    threads: Annotated[
-        int | None,
-        typer.Option(min=1, help="Threads that simulate; all usable cores by default."),
-    ] = None,
+    threads: _Threads = None,
+    workers: Workers = None,
+    ray: Ray = None,
+    shard: Shard = None,
+    any_processor: AnyProcessor = False,
+    explain: _Explain = False,
 ) -> None:
     """Play episodes of a task with the planner, which simulates the outcomes of its actions.
 
     It plans from the simulator's full state, not from observations. The same seed gives the same
-    episode at any number of threads. With --out each episode is recorded, for `limberjack replay`.
+    episode at any number of threads and workers. With --out each episode is recorded as it ends,
+    for `limberjack replay`, and the same command continues where an earlier one was killed.
     """
     with misuse_reported():
-        seeds = range(seed, seed + episodes)
-        solving = _Solving(*named_task(domain, task), seeds, "planner", time_limit, out, threads)
+        part, seeds = shard_named(shard, out), range(seed, seed + episodes)
+        if part is not None and not _seeds_of(part, seeds):
+            typer.echo(f"shard {shard} has no episode: there are fewer blocks of 64 than shards")
+            raise typer.Exit
+        solving = Solving(
+            *named_task(domain, task),
+            seeds,
+            _scale(workers, ray, threads, any_processor),
+            out,
+            time_limit=time_limit,
+            shard=part,
+            explain=explain,
+        )
     raise typer.Exit(solving.finish())
 
 
-class _Solving(Playing):
-    """One call of `limberjack solve`."""
+def _seeds_of(shard: tuple[int, int], seeds: range) -> list[int]:
+    from limberjack.workers import shard_of
 
-    expected = (OSError,)  # a recording that cannot be written
-
-    def __init__(
-        self,
-        domain: str,
-        task: str,
-        seeds: range,
-        policy: str,
-        time_limit: float | None,
-        out: Path | None,
-        threads: int | None,
-    ) -> None:
-        """Checks all arguments; raises ValueError or OSError."""
-        self._out = out
-        self._threads = threads
-        super().__init__(domain, task, seeds, policy, time_limit, out)
-
-    def _prepare(self, environment: "Environment") -> None:
-        from limberjack.planner import cost_for
-
-        cost_for(environment.task)
-
-    def _names_of_recordings(self) -> list[str]:
-        return [_name_of_recording(seed) for seed in self._seeds]
-
-    def _play_in(self, environment: "Environment", seed: int, on_step: "OnStep") -> "Episode":
-        from limberjack import policies, report, rollout
-        from limberjack.planner.record import Transcript
-
-        transcript = Transcript(environment)
-
-        def add(step: "Step") -> None:
-            transcript.add(step)
-            on_step(step)
-
-        episode = rollout.run_episode(
-            environment, policies.planner_with(self._threads), seed, on_step=add
-        )
-        if self._out is not None:
-            versions = {"versions": report.versions(), "fingerprint": self._fingerprint}
-            path = self._out / _name_of_recording(seed)
-            transcript.recording({**self._about, "seed": seed, **versions}).save(path)
-            self._recordings.append(path)
-        return episode
+    return shard_of(seeds, *shard)
 
 
-def _name_of_recording(seed: int) -> str:
-    return f"episode-{seed}.npz"
+def _scale(
+    workers: int | None, ray: str | None, threads: int | None, any_processor: bool
+) -> "Scale":
+    from limberjack.workers import Scale
+
+    return Scale(workers, None, ray, threads, any_processor)

@@ -34,7 +34,7 @@ probes.answer({probe!r}, {file!r})
 class Answer:
     """The value that a probe returned, or the reason why it returned none."""
 
-    value: Any = None  # Any: any JSON value
+    value: Any = None  # of any JSON type
     why: str | None = None
 
 

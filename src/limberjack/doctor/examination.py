@@ -34,8 +34,8 @@ def examine(ask: Callable[..., Answer] = child.ask) -> Diagnosis:
     with ThreadPoolExecutor(max_workers=cores.usable_cores()) as pool:
         drawing = pool.submit(ask, "drawing")
         each = [pool.submit(ask, "drawing", {"MUJOCO_GL": name}) for name in names]
-        others = [pool.submit(ask, probe) for probe in ("devices", "ffmpeg", "dm_control")]
-    devices, ffmpeg, dm_control = (future.result() for future in others)
+        others = [pool.submit(ask, probe) for probe in ("devices", "ffmpeg", "dm_control", "gpu")]
+    devices, ffmpeg, dm_control, gpu = (future.result() for future in others)
     backend = _backend("", drawing.result())
     return Diagnosis(
         core=_check(core, packages.version("mujoco")),
@@ -52,6 +52,7 @@ def examine(ask: Callable[..., Answer] = child.ask) -> Diagnosis:
         ffmpeg=_check(ffmpeg, ffmpeg.value),
         domains=(domains.value or {}).get("found", {}),
         dm_control=_check_of_dm_control(dm_control),
+        gpu=_check(gpu, "; ".join(gpu.value or ()) or None),
         problems=tuple(packages.clashes() or _problems(core, backend, domains)),
     )
 

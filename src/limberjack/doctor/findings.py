@@ -73,4 +73,5 @@ class Diagnosis:
     ffmpeg: Check
     domains: Mapping[str, str]  # domains that installed packages provide: module by name
     dm_control: Check  # whether an installed dm_control loads with this MuJoCo
+    gpu: Check  # whether `limberjack.gpu` can use a CUDA device; its version is their names
     problems: tuple[str, ...]  # one sentence each, with the remedy

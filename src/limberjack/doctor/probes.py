@@ -23,6 +23,7 @@ __all__ = [
     "domains",
     "drawing",
     "ffmpeg",
+    "gpu",
     "threads",
 ]
 
@@ -179,3 +180,10 @@ def dm_control() -> str:
     suite: Any = importlib.import_module("dm_control.suite")
     suite.load(*_TASK).reset()
     return "loads"
+
+
+def gpu() -> list[str]:
+    """The CUDA devices that MuJoCo Warp can use, with their memory; raises if there are none."""
+    from limberjack.gpu import devices
+
+    return devices.described()

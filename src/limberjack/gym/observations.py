@@ -109,17 +109,18 @@ def specs_of_one_row(batched: Mapping[str, specs.Array]) -> dict[str, specs.Arra
     return {name: specs.Array(spec.shape[1:], spec.dtype) for name, spec in batched.items()}
 
 
-def action_space(spec: specs.BoundedArray) -> spaces.Box:
+def action_space(spec: specs.BoundedArray, dtype: npt.DTypeLike = "float32") -> spaces.Box:
     """The space of one simulation's actions, float32 as in Gymnasium's MuJoCo environments.
 
-    It lies within the spec: bounds that float32 cannot represent are rounded inward. Where the spec
-    is unlimited, the bounds are infinite, so that Gymnasium samples a normal distribution.
+    It lies within the spec: bounds that the type cannot represent are rounded inward. Where the
+    spec is unlimited, the bounds are infinite, so that Gymnasium samples a normal distribution.
     """
+    number = _float_type(dtype)
     low, high = open_bounds(spec)
-    least, most = low.astype(np.float32), high.astype(np.float32)
-    least = np.where(least < low, np.nextafter(least, np.inf), least)
-    most = np.where(most > high, np.nextafter(most, -np.inf), most)
-    return spaces.Box(least, most, spec.shape, np.float32)
+    least, most = low.astype(number), high.astype(number)
+    least = np.where(least < low, np.nextafter(least, np.inf, dtype=number), least)
+    most = np.where(most > high, np.nextafter(most, -np.inf, dtype=number), most)
+    return spaces.Box(least, most, spec.shape, number.type)
 
 
 def _layout(shapes: Mapping[str, tuple[int, ...]]) -> tuple[Part, ...]:

@@ -17,7 +17,7 @@ from limberjack.mujoco.wrapper.sharing import SharedModel
 
 __all__ = ["compiled", "drop_unused"]
 
-_MOST_KEPT = 256 * 2**20  # bytes; total size of the cached models
+_MOST_KEPT = 128 * 2**20  # bytes; total size of the cached models
 
 _in_use: "weakref.WeakValueDictionary[Hashable, SharedModel]" = weakref.WeakValueDictionary()
 _last_used: "collections.OrderedDict[Hashable, SharedModel]" = collections.OrderedDict()

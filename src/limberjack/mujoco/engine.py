@@ -177,7 +177,7 @@ class Physics(_control.Physics):
     def named(self) -> NamedIndexStructs:
         """`named.data` and `named.model`: fields indexed by the names of the model's objects."""
         source = self._simulation
-        return NamedIndexStructs.of(source, index.Names(source.model._model))
+        return NamedIndexStructs.of(source, index.Names(source.model.structure))
 
     # Batches.
 
@@ -311,7 +311,7 @@ class Physics(_control.Physics):
     def _physics_state_items(self) -> list[np.ndarray]:
         data = self._data._data
         items = [data.qpos, data.qvel, data.act]
-        return [*items, data.plugin_state] if self.model.nplugin else items
+        return [*items, data.plugin_state] if self.model._model.nplugin else items
 
     def copy(self, share_model: bool = False) -> Self:
         """A simulation in the same state, except for the solver's warm start, as in dm_control.

@@ -304,7 +304,7 @@ class _Sensors(FieldIndexer):
         self._lazy.enable_sensors(np.arange(array.shape[-1])[None][index])
         return array, index
 
-    def __getattr__(self, name: str) -> Any:  # Any: attributes of the array
+    def __getattr__(self, name: str) -> Any:  # attributes of the array
         self._lazy.enable_sensors(slice(None))
         return getattr(self._field, name)
 

@@ -49,7 +49,7 @@ class RowsData:
         """Scratch data for MuJoCo's functions of single simulations."""
         return mujoco.MjData(self.model._model)
 
-    def __getattr__(self, name: str) -> Any:  # Any: fields of the official struct
+    def __getattr__(self, name: str) -> Any:  # fields of the official struct
         if name == "_fields":  # not yet set, as while copying: avoids infinite recursion
             raise AttributeError(name)
         try:
@@ -112,7 +112,7 @@ class RowsModel(MjModel):
         object.__setattr__(self, "_model", fields.model._model)
         object.__setattr__(self, "_shared", fields.model._shared)
 
-    def __getattr__(self, name: str) -> Any:  # Any: fields of the official struct
+    def __getattr__(self, name: str) -> Any:  # fields of the official struct
         if name in ("_fields", "_model", "_shared"):  # not yet initialised
             raise AttributeError(name)
         field = self._fields.model_field(name)[0]

@@ -7,6 +7,7 @@ A model is shown 64 rows, as in `limberjack.evaluation`, so that an episode is t
 bit, whichever command plays it. `limberjack.sb3` reads the file.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from limberjack.rl.control import Environment
 if TYPE_CHECKING:
     from limberjack.sb3 import SavedPolicy
 
-__all__ = ["is_saved_model", "load_model", "saved_policy"]
+__all__ = ["is_saved_model", "load_model", "read_model", "saved_policy"]
 
 _PREFIX = "sb3:"
 
@@ -27,20 +28,49 @@ def is_saved_model(policy: object) -> bool:
     return isinstance(policy, str) and policy.startswith(_PREFIX)
 
 
-def load_model(name: str, environment: Environment) -> "SavedPolicy":
-    """The saved model of that name, `sb3:PATH`, for an environment.
+def read_model(name: str) -> dict[Path, bytes]:
+    """The files of the saved model of that name, `sb3:PATH`: its own first.
 
     Raises:
-      PolicyError: Stable-Baselines3 is not installed, the file cannot be read, or the model has
+      PolicyError: a file cannot be read.
+    """
+    path = Path(name.removeprefix(_PREFIX))
+    if path.is_dir():  # 'sb3:' without a path, too
+        raise PolicyError(
+            f"policy {name!r}: {path} is a folder; expected the file that model.save wrote"
+        )
+    if not path.exists() and path.suffix != ".zip":
+        path = path.with_name(f"{path.name}.zip")
+    beside = path.with_suffix(".vecnormalize.pkl")
+    try:
+        return {file: file.read_bytes() for file in (path, *([beside] if beside.exists() else []))}
+    except OSError as error:
+        raise PolicyError(f"policy {name!r}: {error}") from error
+
+
+def load_model(
+    name: str, environment: Environment, files: Mapping[Path, bytes] | None = None
+) -> "SavedPolicy":
+    """The saved model of that name, `sb3:PATH`, for an environment.
+
+    Args:
+      name: of the model.
+      environment: the one to act in.
+      files: as `read_model` returns them; None to read them.
+
+    Raises:
+      PolicyError: Stable-Baselines3 is not installed, a file cannot be read, or the model has
         other observations or actions than the environment.
     """
     try:
         from limberjack import sb3
     except ImportError as error:
         raise PolicyError(f"policy {name!r}: {error}") from None
+    if files is None:
+        files = read_model(name)
     try:
-        return sb3.SavedPolicy(Path(name.removeprefix(_PREFIX)), environment)
-    except (OSError, ValueError) as error:
+        return sb3.SavedPolicy(files, environment)
+    except ValueError as error:
         raise PolicyError(f"policy {name!r}: {error}") from error
 
 

@@ -17,7 +17,7 @@ PAGE = "report.html"
 PLOT = "return.png"
 RESULT = "result.json"
 RECORDINGS = "episode-*.npz"  # as `limberjack solve` calls them
-EVALUATION = "episodes.jsonl"  # as `limberjack.evaluation.store` calls it
+EVALUATION = "episodes*.jsonl"  # as `limberjack.evaluation.store` calls them
 
 _SAME = ("domain", "task", "policy")  # entries that are equal in all results of a folder
 
@@ -32,7 +32,7 @@ def check_folder(
       run: the run's facts; has 'domain', 'task' and 'policy'.
       recordings: names of the recordings that the run writes, as `limberjack solve` does.
     """
-    if (directory / EVALUATION).exists():
+    if any(directory.glob(EVALUATION)):
         raise ValueError(f"{directory} holds an evaluation: choose another folder")
     others = sorted({path.name for path in directory.glob(RECORDINGS)} - {*recordings})
     if others:

@@ -18,17 +18,9 @@ from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS",
-    "PICTURES",
-    "SUITE",
-    "Humanoid",
-    "Physics",
-    "get_model_and_assets",
-    "run",
-    "run_pure_state",
-    "stand",
-    "walk",
-]
+    "OBSERVATIONS", "PICTURES", "SUITE", "Humanoid", "Physics", "get_model_and_assets", "run",
+    "run_pure_state", "stand", "walk",
+]  # fmt: skip
 
 _DEFAULT_TIME_LIMIT = 25  # seconds
 _CONTROL_TIMESTEP = 0.025  # seconds
@@ -42,7 +34,6 @@ _ROOT_POSITIONS = 7  # elements of qpos for the free root: a position and a quat
 _FALL_TIME = 1.0  # seconds; without control, every humanoid is on the ground after this time
 _UP_HEIGHT = 0.7  # metres; half the head height at which standing is fully rewarded
 _FACING = 0.5  # cosine of 60 degrees
-_PLANNED_WALK = 2.0  # metres per second; the planner has a separate cost for faster tasks
 
 SUITE = containers.TaggedTasks()
 # Chosen by eye: starts in which the whole body is visible.
@@ -175,6 +166,7 @@ class Humanoid(base.Task[Physics]):
 
     GOAL = ("standing", "upright", "movement")
     STARTS = ("face_up", "face_down", "on_side", "up")
+    planner_cost: str | None = "limberjack.planner.humanoid.locomotion:Locomotion"
 
     def __init__(self, move_speed: float, pure_state: bool, random: base.Random = None) -> None:
         """Creates the task.
@@ -185,10 +177,13 @@ class Humanoid(base.Task[Physics]):
           random: a `numpy.random.RandomState`, a seed, or None.
         """
         self._move_speed = move_speed
-        cost = "costs_running:Run" if move_speed > _PLANNED_WALK else "costs_humanoid:Move"
-        self.planner_cost = f"limberjack.planner.{cost}"
         self._pure_state = pure_state
         super().__init__(random=random)
+
+    @property
+    def move_speed(self) -> float:
+        """Horizontal speed that is fully rewarded, m/s; 0 rewards standing still."""
+        return self._move_speed
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws a random pose without contacts, at rest."""
@@ -244,5 +239,4 @@ class Humanoid(base.Task[Physics]):
 
     def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
         """The product of all terms, between 0 and 1."""
-        stand_reward = terms["standing"] * terms["upright"]
-        return terms["small_control"] * stand_reward * terms["movement"]
+        return terms["small_control"] * (terms["standing"] * terms["upright"]) * terms["movement"]

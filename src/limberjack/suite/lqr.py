@@ -176,13 +176,15 @@ class LQRLevel(base.Task[Physics]):
         obs["velocity"] = physics.velocity()
         return obs
 
-    # Not made of terms between 0 and 1: the costs have no upper bound.
-    def get_reward(self, physics: Physics) -> arrays.Quantity:
-        """1 minus half the squared positions and the weighted squared controls; at most 1."""
-        position, control_signal = physics.position(), physics.control()
-        state_cost = 0.5 * np.vecdot(position, position)
-        control_cost = 0.5 * np.vecdot(control_signal, control_signal)
-        return 1 - (state_cost + control_cost * self._control_cost_coef)
+    def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
+        """Costs of positions and of controls, each half a weighted sum of squares; unbounded."""
+        state_cost = 0.5 * arrays.squared_norm(physics.position())
+        control_cost = 0.5 * arrays.squared_norm(physics.control())
+        return {"state_cost": state_cost, "control_cost": control_cost * self._control_cost_coef}
+
+    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
+        """1 minus both costs; at most 1."""
+        return 1 - (terms["state_cost"] + terms["control_cost"])
 
     def get_evaluation(self, physics: Physics) -> arrays.Quantity:
         """1 with the state near zero and 0 elsewhere, (...); not used for learning."""

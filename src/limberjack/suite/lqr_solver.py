@@ -14,6 +14,7 @@ from limberjack.rl import control
 
 __all__ = ["solve"]
 
+_ROUNDING = 1e-9  # what keeps its energy has an eigenvalue of 1, but for rounding
 _MOST_DOUBLINGS = 50  # each doubles the horizon; a dozen suffice unless hardly anything is damped
 
 
@@ -48,7 +49,7 @@ def solve(env: control.Environment) -> tuple[np.ndarray, np.ndarray, float]:
     p = _riccati(a, b, q, r)
     k = -np.linalg.solve(b.T @ p @ b + r, b.T @ p @ a)
     beta = np.abs(np.linalg.eigvals(a + b @ k)).max()
-    if not beta < 1:
+    if not beta < 1 - _ROUNDING:
         raise RuntimeError(f"the controlled system is unstable: its largest eigenvalue is {beta}")
     return p, k, beta
 

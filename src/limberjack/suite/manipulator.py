@@ -50,10 +50,10 @@ OBSERVATIONS = {
 }
 # The planner's cost for each pair of (use_peg, insert).
 _PLANNER_COSTS = {
-    (False, False): "limberjack.planner.costs_manipulator:Bring",
-    (True, False): "limberjack.planner.costs_peg:BringPeg",
-    (False, True): "limberjack.planner.costs_insertion_ball:InsertBall",
-    (True, True): "limberjack.planner.costs_insertion_peg:InsertPeg",
+    (False, False): "limberjack.planner.manipulator.bring:Bring",
+    (True, False): "limberjack.planner.manipulator.bring_peg:BringPeg",
+    (False, True): "limberjack.planner.manipulator.insert_ball:InsertBall",
+    (True, True): "limberjack.planner.manipulator.insert_peg:InsertPeg",
 }
 
 
@@ -155,6 +155,11 @@ class Bring(_planar_arm.ArmTask):
         self._receptacle = "slot" if use_peg else "cup"
         self._object_joints = [f"{self._object}_{dimension}" for dimension in "xzy"]
         super().__init__(fully_observable, random)
+
+    @property
+    def object_joints(self) -> list[str]:
+        """Names of the prop's joints: along x, along z and about y."""
+        return list(self._object_joints)
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws random poses of arm, target and prop, without contacts."""

@@ -85,7 +85,7 @@ class Stack(_planar_arm.ArmTask):
     """Put any of the boxes onto the target and remove the hand."""
 
     GOAL = ("box_is_close", "hand_is_far")
-    planner_cost = "limberjack.planner.costs_stacker:Stack"
+    planner_cost = "limberjack.planner.stacker.stack:Stack"
 
     def __init__(self, n_boxes: int, fully_observable: bool, random: Random = None) -> None:
         """Creates the task.
@@ -100,6 +100,11 @@ class Stack(_planar_arm.ArmTask):
         self._boxes = [f"box{i}" for i in range(n_boxes)]
         self._box_joints = [f"{box}_{dimension}" for box in self._boxes for dimension in "xyz"]
         super().__init__(fully_observable, random)
+
+    @property
+    def boxes(self) -> list[str]:
+        """Names of the boxes, which are bodies and sites."""
+        return list(self._boxes)
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws random poses of arm, target and boxes, without contacts, at rest."""

@@ -27,6 +27,7 @@ __all__ = [
     "norm",
     "one_value_per_row",
     "rows_of_a_batch",
+    "squared_norm",
     "to_frame",
 ]
 
@@ -84,11 +85,14 @@ def index_for(array: AnyArray, positions: np.ndarray) -> AnyArray:
 
 def norm(x: np.ndarray) -> np.ndarray:
     """Euclidean norm over the last axis, (..., k) -> (...)."""
-    if x.ndim == 1:
-        return np.sqrt(x.dot(x))
+    return np.sqrt(squared_norm(x))
+
+
+def squared_norm(x: np.ndarray) -> np.ndarray:
+    """Sum of squares over the last axis, (..., k) -> (...)."""
     # The same dot product for each row. A sum of squares, as in `np.linalg.norm(axis=-1)`, rounds
     # differently wherever the linear algebra library fuses multiplication and addition.
-    return np.sqrt(np.vecdot(x, x))
+    return x.dot(x) if x.ndim == 1 else np.vecdot(x, x)
 
 
 def to_frame(vectors: np.ndarray, xmat: np.ndarray) -> np.ndarray:
@@ -102,6 +106,8 @@ def to_frame(vectors: np.ndarray, xmat: np.ndarray) -> np.ndarray:
       An array of the shape of `vectors`.
     """
     frames = xmat.reshape(*xmat.shape[:-1], 3, 3)
+    if vectors.ndim == 1 == xmat.ndim:
+        return vectors.dot(frames)
     if vectors.ndim > xmat.ndim:
         frames = frames[..., None, :, :]
     # A stack of single rows: `vectors @ frames` would round differently from `vector.dot(frame)`.

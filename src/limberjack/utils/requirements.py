@@ -31,14 +31,20 @@ MUJOCO_REMEDY = (
     "Programs that need MuJoCo 3, as dm_control does, belong into another virtual environment"
 )
 
+_GPU = ("mujoco-warp", "torch", "warp-lang")
 _FILMS = ("imageio-ffmpeg", "matplotlib")
 PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "video": _FILMS,
         "notebook": (*_FILMS, "ipykernel"),
+        "data": ("pyarrow",),
+        "minari": ("minari", "pillow", "pyarrow"),
         "sb3": ("stable-baselines3",),
         "torchrl": ("torchrl",),
         "rllib": ("ray[rllib]", "torch"),
+        "ray": ("ray",),
+        "gpu": _GPU,
+        "rsl-rl": (*_GPU, "rsl-rl-lib"),
         "gymnasium": ("moviepy", "pygame"),
     }
 )

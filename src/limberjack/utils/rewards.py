@@ -97,16 +97,18 @@ def tolerance(
         _check_order(lower, upper, margin)
         if not _are_numbers(lower, upper, margin):
             return _of_arrays(x, lower, upper, margin, *_sigmoid(sigmoid, value_at_margin))
-    curve, scale = _sigmoid(sigmoid, value_at_margin) if margin != 0 else (_outside, 0.0)
+    if margin == 0:
+        return _indicator(x, lower, upper)
+    curve, scale = _sigmoid(sigmoid, value_at_margin)
     if isinstance(x, float):  # fast path without arrays
         if lower <= x <= upper:
             return 1.0
         distance = lower - x if x < lower else x - upper
         # A NumPy scalar overflows to infinity where a Python float would raise.
-        return float(curve(np.float64(distance / margin) if margin else distance, scale))
+        return float(curve(np.float64(distance / margin), scale))
     if isinstance(x, _NUMBERS):  # an integer, or a NumPy scalar that is not a float
         return float(_with_masks(x, lower, upper, margin, curve, scale))
-    if margin and x.ndim and _needs_no_masks(x, lower, upper):
+    if x.ndim and _needs_no_masks(x, lower, upper):
         # Every sigmoid is exactly 1 at distance 0.
         distance = _distance(x, lower, upper)
         return curve(distance if margin == 1 else distance / margin, scale)
@@ -150,13 +152,21 @@ def _are_numbers(lower: Quantity, upper: Quantity, margin: Quantity) -> bool:
     return numbers and isinstance(margin, _NUMBERS)
 
 
+def _indicator(x: Quantity, lower: float, upper: float) -> Quantity:
+    """1 where `x` is within the bounds, else 0."""
+    if isinstance(x, float):
+        return 1.0 if lower <= x <= upper else 0.0
+    values = np.where(np.logical_and(lower <= x, x <= upper), 1.0, 0.0)
+    return float(values) if isinstance(x, _NUMBERS) else values
+
+
 def _with_masks(
     x: Quantity, lower: float, upper: float, margin: float, curve: _Curve, scale: float
 ) -> np.ndarray:
     """Values at `x` for bounds and a margin that are numbers."""
     in_bounds = np.logical_and(lower <= x, x <= upper)
     distance = np.where(x < lower, lower - x, x - upper)
-    return np.where(in_bounds, 1.0, curve(distance / margin if margin else distance, scale))
+    return np.where(in_bounds, 1.0, curve(distance / margin, scale))
 
 
 def _of_arrays(
@@ -181,11 +191,6 @@ def _distance(x: np.ndarray, lower: float, upper: float) -> np.ndarray:
         return abs(x - lower if lower else x)
     below = lower - x
     return np.maximum(below if upper == np.inf else np.maximum(below, x - upper), _ZERO)
-
-
-def _outside(distance: Quantity, scale: float) -> Quantity:
-    """The value outside the bounds where there is no margin."""
-    return 0.0 if isinstance(distance, float) else np.zeros_like(distance, dtype=float)
 
 
 def _square(x: Quantity) -> Quantity:

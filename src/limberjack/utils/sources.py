@@ -2,20 +2,52 @@
 
     hash_of_module("my_package.policies")   # of all Python files of my_package
     hash_of_module("my_policies")           # of my_policies.py
+    source_of_module("my_policies").files   # {'my_policies.py': b'...'}
 
 A package is hashed as a whole, so imports between its modules are covered, whatever their form.
 Data files such as weights, and imports from other packages, are not covered.
 """
 
+import dataclasses
 import functools
 import hashlib
 import inspect
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-__all__ = ["defined_in", "hash_of_files", "hash_of_module", "hash_of_source"]
+__all__ = [
+    "Source",
+    "defined_in",
+    "hash_of_files",
+    "hash_of_module",
+    "hash_of_source",
+    "source_of_module",
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class Source:
+    """The Python files of a package, or a single module.
+
+    Attributes:
+      package: dotted name of the folder that the files' names are relative to; empty for a module
+        outside of packages.
+      files: contents by name, such as 'networks/small.py', in the order of the hash.
+    """
+
+    package: str
+    files: Mapping[str, bytes]
+
+    @property
+    def sha256(self) -> str:
+        """Hash of the names and contents, in hex."""
+        digest = hashlib.sha256()
+        for name, content in self.files.items():
+            digest.update(f"{name} {len(content)}\n".encode())
+            digest.update(content)
+        return digest.hexdigest()
 
 
 def hash_of_files(files: Iterable[Path]) -> str:
@@ -23,14 +55,7 @@ def hash_of_files(files: Iterable[Path]) -> str:
 
     Names are relative to the files' common folder, so its location does not affect the hash.
     """
-    ordered = sorted(set(files))
-    root = Path(os.path.commonpath([file.parent for file in ordered]))
-    digest = hashlib.sha256()
-    for file in ordered:
-        content = file.read_bytes()
-        digest.update(f"{file.relative_to(root).as_posix()} {len(content)}\n".encode())
-        digest.update(content)
-    return digest.hexdigest()
+    return _source("", files).sha256
 
 
 def hash_of_module(name: str) -> str | None:
@@ -39,8 +64,24 @@ def hash_of_module(name: str) -> str | None:
     The package is the outermost one with an `__init__.py`. For a module in a namespace package, all
     Python files of its folder are hashed; for a top-level module, only its own file.
     """
-    files = _files_of(name)
-    return hash_of_files(files) if files else None
+    source = source_of_module(name)
+    return None if source is None else source.sha256
+
+
+def source_of_module(name: str) -> Source | None:
+    """The files that `hash_of_module` covers; None for a module without a file."""
+    file = getattr(sys.modules.get(name), "__file__", None)
+    if file is None or not Path(file).is_file():
+        return None
+    parents = name.split(".")
+    for depth in range(1, len(parents) + 1):
+        package = ".".join(parents[:depth])
+        beginning = getattr(sys.modules.get(package), "__file__", None)
+        if beginning is not None and Path(beginning).stem == "__init__":
+            return _source(package, Path(beginning).parent.rglob("*.py"))
+    if len(parents) > 1:  # a namespace package
+        return _source(name.rpartition(".")[0], [Path(file), *Path(file).parent.rglob("*.py")])
+    return _source("", [Path(file)])
 
 
 def hash_of_source(target: object) -> str | None:
@@ -67,15 +108,7 @@ def defined_in(target: object) -> type:
     return target if hasattr(target, "__qualname__") else type(target)  # pyright: ignore[reportReturnType]
 
 
-def _files_of(name: str) -> list[Path]:
-    file = getattr(sys.modules.get(name), "__file__", None)
-    if file is None or not Path(file).is_file():
-        return []
-    parents = name.split(".")
-    for depth in range(1, len(parents) + 1):
-        package = getattr(sys.modules.get(".".join(parents[:depth])), "__file__", None)
-        if package is not None and Path(package).stem == "__init__":
-            return sorted(Path(package).parent.rglob("*.py"))
-    if len(parents) > 1:  # a namespace package
-        return sorted({Path(file), *Path(file).parent.rglob("*.py")})
-    return [Path(file)]
+def _source(package: str, files: Iterable[Path]) -> Source:
+    ordered = sorted(set(files))
+    root = Path(os.path.commonpath([file.parent for file in ordered]))
+    return Source(package, {f.relative_to(root).as_posix(): f.read_bytes() for f in ordered})

@@ -61,7 +61,7 @@ class MjData:
 
     def __init__(self, model_or_data: "MjModel | mujoco.MjData") -> None:
         if isinstance(model_or_data, MjModel):
-            model, data = model_or_data, mujoco.MjData(model_or_data._model)
+            model, data = model_or_data, mujoco.MjData(model_or_data.structure)
         elif isinstance(model_or_data, mujoco.MjData):
             model, data = MjModel(model_or_data.model), model_or_data
         else:

@@ -56,7 +56,7 @@ class MjModel(CopyOnWrite):
     again and would read out of bounds. `ptr` is MuJoCo's own struct, without this protection.
     """
 
-    def __getattr__(self, name: str) -> Any:  # Any: fields of the official struct
+    def __getattr__(self, name: str) -> Any:  # fields of the official struct
         if name in ("_model", "_shared"):  # not yet initialised, as while copying
             raise AttributeError(name)
         if is_structure(name):

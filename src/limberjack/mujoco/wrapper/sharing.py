@@ -74,6 +74,15 @@ class CopyOnWrite:
             object.__setattr__(self, "_shared", None)
         return self._model
 
+    @property
+    def structure(self) -> mujoco.MjModel:
+        """A model of the same sizes and names, for data and indices, which keep it in memory.
+
+        It has no textures if the model is shared: a wrapper that later needs its own copy would
+        otherwise keep them in memory twice.
+        """
+        return self._model if self._shared is None else self._shared.light
+
     def _field(self, name: str) -> Any:
         """A field; if it is mutable, the model is copied first."""
         value = getattr(self._model, name)

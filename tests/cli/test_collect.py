@@ -1,0 +1,175 @@
+"""`limberjack collect`."""
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from limberjack.data import collect, load
+from tests.data.collected import hashes
+
+from .conftest import call, invoke
+
+_PENDULUM = ["collect", "pendulum", "swingup", "--time-limit", "0.2", "--threads", "1"]
+
+# Interrupts the process as the second file is played.
+_INTERRUPTING = """
+import os, signal
+import numpy as np
+
+class Interrupting:
+    def reset_batch(self, rows, seeds):
+        if 70 in seeds:
+            os.kill(os.getpid(), signal.{signal})
+
+    def act_batch(self, observations):
+        return np.zeros((64, 1))
+
+class NotANumber(Interrupting):
+    def reset_batch(self, rows, seeds):
+        self.is_bad = 70 in seeds
+
+    def act_batch(self, observations):
+        return np.full((64, 1), np.nan if self.is_bad else 0.0)
+"""
+
+
+def test_the_figures_of_the_dataset_are_printed(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = invoke(*_PENDULUM, "--policy", "random", "--seeds", "3:7", "--out", str(out))
+    assert result.exit_code == 0, result.stderr
+    assert re.search(r"^ random +4 +0\.0 ", result.stdout, re.MULTILINE)
+    assert "pendulum swingup: 4 episodes of seeds 3 to 6, 40 steps of 0.02 s" in result.stdout
+    assert "in 1 files" in result.stdout
+    assert result.stderr == ""
+    collect("pendulum", "swingup", "random", range(3, 7), out=tmp_path / "py", time_limit=0.2)
+    assert hashes(out) == hashes(tmp_path / "py")
+
+
+def test_the_options_choose_what_is_kept(tmp_path: Path) -> None:
+    options = ["--seeds", "0:1", "--states", "--float32", "--flat", "--out", str(tmp_path)]
+    assert invoke(*_PENDULUM, *options).exit_code == 0
+    (episode,) = load(tmp_path)
+    assert episode.states is not None
+    assert {n: (v.dtype.name, v.shape) for n, v in episode.observations.items()} == {
+        "observations": ("float32", (11, 3))
+    }
+
+
+def test_shards_and_workers_share_a_folder(tmp_path: Path) -> None:
+    seeds = ["--seeds", "60:130", "--out", str(tmp_path)]
+    first = invoke(*_PENDULUM, *seeds, "--shard", "1/2")
+    assert first.stdout == f"shard 1/2 is complete in {tmp_path}\n"
+    assert invoke(*_PENDULUM, *seeds, "--shard", "2/2").exit_code == 0
+    before = hashes(tmp_path)
+    assert len(before) == 3
+    assert invoke(*_PENDULUM, *seeds).exit_code == 0
+    assert hashes(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--seeds", "5:5"], "--seeds is 5:5, which holds no seed"),
+        (["--policy", "radnom"], "Did you mean 'random'?"),
+        (["--time-limit", "0"], "time_limit is 0.0; expected a positive number"),
+        (["--out", "a_file"], "a_file"),
+        (["--out", "damaged"], "is damaged or no file of a dataset"),
+        (["--shard", "3/2"], "--shard is '3/2'"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_2(
+    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("a_file").write_text("")
+    Path("damaged").mkdir()
+    Path("damaged/seeds-0000000000-0000000064.parquet").write_bytes(b"PAR1")
+    result = invoke(*_PENDULUM, "--out", "out", *arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert message in result.stderr
+    assert result.stderr.startswith("limberjack: ")
+    assert result.stderr.count("\n") == 1
+
+
+def test_another_dataset_in_the_folder_is_refused_by_name(tmp_path: Path) -> None:
+    assert invoke(*_PENDULUM, "--seeds", "0:1", "--out", str(tmp_path)).exit_code == 0
+    before = hashes(tmp_path)
+    result = invoke(*_PENDULUM, "--seeds", "0:2", "--flat", "--out", str(tmp_path))
+    assert result.exit_code == 2
+    assert "flat is False and True: choose another folder" in result.stderr
+    assert hashes(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "status"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGKILL", -signal.SIGKILL)]
+)
+def test_an_interrupted_collection_keeps_its_files_and_continues(
+    name: str, status: int, tmp_path: Path
+) -> None:
+    module = tmp_path / "my_policies.py"
+    module.write_text(_INTERRUPTING.format(signal=name))
+    policy = ["--policy", "my_policies:Interrupting", "--seeds", "0:130", "--out", "out"]
+    done = call(*_PENDULUM, *policy, directory=tmp_path)
+    assert done.returncode == status
+    if status > 0:
+        expected = "64 of 130 episodes are in out: the same command continues from there"
+        assert done.stderr == f"limberjack: interrupted: {expected}\n"
+    assert set(hashes(tmp_path / "out")) <= {"seeds-0000000000-0000000064.parquet"}
+
+
+def test_a_policys_failure_is_one_line_with_what_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "my_policies.py").write_text(_INTERRUPTING.format(signal="SIGINT"))
+    policy = ["--policy", "my_policies:NotANumber", "--seeds", "0:130", "--out", "out"]
+    done = call(*_PENDULUM, *policy, directory=tmp_path)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "step 0 of the episode with seed 64: returned nan" in done.stderr
+    assert "; 64 of 130 episodes are in out: the same command continues" in done.stderr
+    assert list(hashes(tmp_path / "out")) == ["seeds-0000000000-0000000064.parquet"]
+
+
+def test_a_full_disk_is_one_line_and_nothing_is_half_written(tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource", reason="no limits of files on this system")
+    program = (
+        "import signal, sys\nsignal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "from limberjack.cli import main\nsys.argv = ['limberjack', *sys.argv[1:]]\nmain()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, *_PENDULUM, "--seeds", "0:70", "--out", "out"],
+        cwd=tmp_path,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "File too large: 'out/seeds-0000000000-0000000064.parquet'" in done.stderr
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["run.json"]
+
+
+def test_without_its_extra_the_command_names_the_packages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "minari", None)
+    monkeypatch.delitem(sys.modules, "limberjack.data.to_minari", raising=False)
+    out = tmp_path / "out"
+    result = invoke(*_PENDULUM, "--seeds", "0:1", "--out", str(out), "--format", "minari")
+    assert result.exit_code == 1
+    expected = "limberjack collect needs the extra 'minari': pip install minari pillow pyarrow"
+    assert result.stderr == f"limberjack: {expected}\n"
+    assert not out.exists()
+
+
+def test_format_minari_writes_both(tmp_path: Path) -> None:
+    pytest.importorskip("minari", reason="needs the extra 'minari'")
+    options = ["--seeds", "0:2", "--out", str(tmp_path), "--format", "minari"]
+    for _ in range(2):
+        assert invoke(*_PENDULUM, *options).exit_code == 0
+    assert (tmp_path / "minari/limberjack/pendulum-swingup/zero-v0/data/metadata.json").exists()
+    assert len(load(tmp_path)) == 2
