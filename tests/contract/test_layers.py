@@ -13,6 +13,7 @@ import pytest
 
 from limberjack.utils.requirements import missing_extra
 
+from .extras import MADE_OF, MISSING
 from .source import PACKAGE, imports, is_public, modules, tree
 
 # Imports point down, or stay level. The longest name that a module begins with counts.
@@ -71,26 +72,6 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "warp": "limberjack.gpu.backend",
     "websockets": "limberjack.viewer.guard",  # for its types only: Studio imports it
 }
-# Modules of `limberjack.gpu` that import its `backend`.
-_ON_TENSORS = tuple(
-    f"limberjack.gpu.{name}"
-    for name in (
-        *("backend", "batch", "counters", "devices", "functions", "graphs", "memory"),
-        *("model_fields", "ring", "rows", "rsl_rl", "snapshots", "speed", "tensors", "vector"),
-        "warp_simulation",
-    )
-)
-# Modules, or packages with all of theirs, that depend on a package of an extra: without it, they or
-# their names cannot be imported.
-_MADE_OF = {
-    "limberjack.data": ("pyarrow", "data"),
-    "limberjack.data.to_minari": ("minari", "minari"),
-    "limberjack.sb3": ("stable_baselines3", "sb3"),
-    "limberjack.workers.ray_tasks": ("ray", "ray"),
-    "limberjack.gpu": ("mujoco_warp", "gpu"),  # its names
-    **dict.fromkeys(_ON_TENSORS, ("mujoco_warp", "gpu")),
-}
-
 # Modules that one folder uses and that lie outside it: dm_control's paths, and what users import.
 _STANDS_ALONE = (
     "limberjack.suite.utils.randomizers",
@@ -114,13 +95,6 @@ _MAX_FUNCTION_LINES = 40  # without the docstring
 
 _ALL = sorted(modules())
 _PUBLIC = [module for module in _ALL if is_public(module)]
-_MISSING = {
-    module: (package, extra)
-    for name, (package, extra) in _MADE_OF.items()
-    if importlib.util.find_spec(package) is None
-    for module in _ALL
-    if f"{module}.".startswith(f"{name}.")
-}
 _Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
@@ -141,8 +115,8 @@ def _folder(module: str) -> str:
 
 
 def _imported(module: str) -> ModuleType:
-    if module in _MISSING:
-        pytest.skip("needs the extra {1!r}: {0} is not installed".format(*_MISSING[module]))
+    if module in MISSING:
+        pytest.skip("needs the extra {1!r}: {0} is not installed".format(*MISSING[module]))
     return importlib.import_module(module)
 
 
@@ -190,7 +164,7 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
 def test_every_module_can_be_the_first_one_imported() -> None:
     code = f"""
 import importlib, sys
-for name in {sorted(set(_PUBLIC) - set(_MISSING))!r}:
+for name in {sorted(set(_PUBLIC) - set(MISSING))!r}:
     if not name.endswith("__main__"):
         for loaded in [m for m in sys.modules if m.partition(".")[0] == {PACKAGE!r}]:
             del sys.modules[loaded]
@@ -200,9 +174,9 @@ for name in {sorted(set(_PUBLIC) - set(_MISSING))!r}:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("module", _MADE_OF)
+@pytest.mark.parametrize("module", MADE_OF)
 def test_without_its_extra_a_module_names_the_packages_to_install(module: str) -> None:
-    package, extra = _MADE_OF[module]
+    package, extra = MADE_OF[module]
     code = f"import sys; sys.modules[{package!r}] = None; from {module} import *"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300)
     assert f"ImportError: {missing_extra(extra)}" in done.stderr
@@ -244,7 +218,7 @@ def test_only_one_module_imports_studio() -> None:
 
 def test_the_lists_above_name_modules_that_exist() -> None:
     places = [(each,) if isinstance(each, str) else each for each in _ONLY_IN.values()]
-    assert {*itertools.chain(*places), *_MADE_OF} <= set(_ALL)
+    assert {*itertools.chain(*places), *MADE_OF} <= set(_ALL)
 
 
 @pytest.mark.parametrize("module", _ALL)

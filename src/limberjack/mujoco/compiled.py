@@ -37,6 +37,7 @@ def compiled(source: Hashable, compile_it: Callable[[], mujoco.MjModel]) -> Shar
     return shared
 
 
-def drop_unused() -> None:
-    """Drops cached models that no simulation uses."""
+def drop_unused() -> int:
+    """Drops cached models that no simulation uses; returns how many are still in use."""
     _last_used.clear()
+    return len(_in_use)
