@@ -37,6 +37,7 @@ class Section(enum.StrEnum):
 class Effort:
     """The amount of work."""
 
+    tasks: int  # the first so many
     episodes: int  # of each task, by each package and by MuJoCo alone
     steps: int  # of each episode
     resets: int  # of each task, by each package
@@ -49,6 +50,7 @@ class Effort:
 
 
 _FULL = Effort(
+    tasks=51,
     episodes=8,
     steps=1_000,
     resets=400,
@@ -61,6 +63,7 @@ _FULL = Effort(
 )
 # Only checks that the benchmark works; its figures are meaningless.
 _QUICK = Effort(
+    tasks=2,
     episodes=1,
     steps=10,
     resets=2,
@@ -74,17 +77,18 @@ _QUICK = Effort(
 
 
 def _measure(section: Section, effort: Effort) -> list[Row]:
+    tasks = peers.suite(peers.OURS).ALL_TASKS[: effort.tasks]
     match section:
         case Section.STEP:
-            return stepping.measure(effort.episodes, effort.steps)
+            return stepping.measure(tasks, effort.episodes, effort.steps)
         case Section.KEYS:
             return mixed_keys.measure(effort.episodes, effort.steps)
         case Section.IMPORT:
             return starting.measure_imports(effort.processes)
         case Section.LOAD:
-            return starting.measure_loads(effort.loads, effort.processes, effort.domains)
+            return starting.measure_loads(tasks, effort.loads, effort.processes, effort.domains)
         case Section.RESET:
-            return starting.measure_resets(effort.resets)
+            return starting.measure_resets(tasks, effort.resets)
         case Section.MEMORY:
             counts = effort.memory_steps, effort.memory_loads, effort.memory_cycles
             return memory.measure(*counts, effort.domains)

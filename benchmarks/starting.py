@@ -6,7 +6,7 @@ import importlib
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import fresh
@@ -110,15 +110,18 @@ def _opengl_row() -> Row:
     )
 
 
-def measure_loads(num_loads: int, num_processes: int, num_domains: int) -> list[Row]:
+def measure_loads(
+    tasks: Sequence[tuple[str, str]], num_loads: int, num_processes: int, num_domains: int
+) -> list[Row]:
     """Loading a task, compared with compiling its model.
 
     Args:
+      tasks: the tasks to load.
       num_loads: loads of each task, with no other environment alive.
       num_processes: number of processes to measure the first load, for each domain and package.
       num_domains: number of domains for which the first load is measured.
     """
-    rows = [row for task in _all_tasks() for row in _load_rows(*task, num_loads)]
+    rows = [row for task in tasks for row in _load_rows(*task, num_loads)]
     return rows + [_first_load_row(*task, num_processes) for task in _TASK_OF_DOMAIN[:num_domains]]
 
 
@@ -216,13 +219,14 @@ def seconds_of_first(what: str, domain: str, task: str) -> float:
     return min(time.perf_counter() - clock, time.process_time() - processor)
 
 
-def measure_resets(num_resets: int) -> list[Row]:
+def measure_resets(tasks: Sequence[tuple[str, str]], num_resets: int) -> list[Row]:
     """Starts of episodes with equal draws, and so equal rejected attempts.
 
     Args:
+      tasks: the tasks to reset.
       num_resets: resets of each task and package.
     """
-    return [_reset_row(domain, task, num_resets) for domain, task in _all_tasks()]
+    return [_reset_row(domain, task, num_resets) for domain, task in tasks]
 
 
 def _reset_row(domain: str, task: str, num_resets: int) -> Row:
@@ -258,10 +262,6 @@ def _check_same_start(subject: str, environments: list[Any]) -> None:
         same_stream = first.task.random.get_state()[2] == other.task.random.get_state()[2]
         if not same_stream or not np.array_equal(first.physics.data.qpos, other.physics.data.qpos):
             raise RuntimeError(f"{subject}: the packages did not draw the same start")
-
-
-def _all_tasks() -> tuple[tuple[str, str], ...]:
-    return peers.suite(peers.OURS).ALL_TASKS
 
 
 def _compiler(domain: str, task: str) -> Callable[[], Any]:

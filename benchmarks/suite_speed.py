@@ -232,7 +232,7 @@ def _measure(
     tasks = suite.ALL_TASKS[: effort.tasks]
     match section:
         case Section.SINGLE:
-            rows = stepping.measure(effort.episodes, effort.steps)
+            rows = stepping.measure(tasks, effort.episodes, effort.steps)
             return [row for row in rows if row.measure == "steps per second"]
         case Section.BATCH:
             return _measure_batch(tasks, effort, num_threads)
@@ -243,8 +243,8 @@ def _measure(
                 return []
             return _measure_peer(tasks, effort, num_threads, envpool, versions)
         case Section.LOAD:
-            rows = starting.measure_loads(effort.loads, 0, 0)
-            rows += [_dog_row(rows)] if (_DOG in suite.ALL_TASKS) else []
+            rows = starting.measure_loads(tasks, effort.loads, 0, 0)
+            rows += [_dog_row(rows)] if _DOG in tasks else []
             return sorted(rows, key=lambda row: row.measure)
         case Section.MEMORY:
             return [_memory_row()]

@@ -10,6 +10,7 @@ import pytest
 import limberjack.gym  # noqa: F401 (registers the environments)
 from limberjack import policies, rollout, suite
 from limberjack.planner import Cost, Planner, Settings, cost_for
+from limberjack.planner.rollouts import Rollouts
 from limberjack.rl import control
 from limberjack.suite import base
 
@@ -35,6 +36,14 @@ def _actions(env: Any, planner: Planner, steps: int) -> np.ndarray:
     return np.array(actions)
 
 
+def _measured(planner: Planner) -> None:
+    """Gives a planner's budget a first measurement: of almost no time."""
+    budget = planner._budget
+    assert budget is not None
+    budget.begin()
+    budget.spent(budget.size())
+
+
 @every_task
 def test_the_same_seed_gives_the_same_actions_at_any_number_of_threads(
     domain: str, task: str
@@ -45,6 +54,42 @@ def test_the_same_seed_gives_the_same_actions_at_any_number_of_threads(
         planner = Planner(env, num_threads=threads, seed=1, settings=_small(env))
         env.reset()
         found.append(_actions(env, planner, 8))
+    np.testing.assert_array_equal(found[0], found[1])
+
+
+@pytest.mark.parametrize("task", ["bring_ball", "insert_peg"])
+def test_without_time_a_planner_tries_the_fewest_samples(
+    task: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    env = _load("manipulator", task)
+    env.reset()
+    planner = Planner(env, num_threads=1, settings=_small(env), max_ms=1e-6)
+    tried = []
+    roll_out = Rollouts.roll_out
+
+    def counting(batch: Rollouts, controls: np.ndarray, *args: Any) -> Any:
+        tried.append(len(controls))
+        return roll_out(batch, controls, *args)
+
+    monkeypatch.setattr(Rollouts, "roll_out", counting)
+    actions = _actions(env, planner, 4)
+    assert set(tried) == {2}  # an eighth of 12 samples would be one
+    spec = env.action_spec()
+    assert (actions >= spec.minimum).all()
+    assert (actions <= spec.maximum).all()
+    assert planner.explain().terms
+
+
+@every_task
+def test_with_time_enough_a_planner_acts_as_without_a_budget(domain: str, task: str) -> None:
+    found = []
+    for max_ms in (None, 1e9):
+        env = _load(domain, task)
+        planner = Planner(env, num_threads=1, seed=1, settings=_small(env), max_ms=max_ms)
+        if max_ms is not None:  # else the first planning step, before which nothing was measured
+            _measured(planner)
+        env.reset()
+        found.append(_actions(env, planner, 4))
     np.testing.assert_array_equal(found[0], found[1])
 
 
@@ -344,7 +389,7 @@ def test_armature_is_that_of_the_plan_and_of_hinges_that_actuators_move() -> Non
     before = env.physics.named.model.dof_armature[["arm_root", "thumbtip", "box0_y"]].copy()
     planner = Planner(env, num_threads=1, settings=_small(env))
     added = planner.settings.armature
-    joints = planner._batch.single.named.model.dof_armature
+    joints = planner._made[planner._size].batch.single.named.model.dof_armature
     np.testing.assert_array_equal(joints[["arm_root", "thumbtip"]], before[:2] + added)
     np.testing.assert_array_equal(joints[["box0_x", "box0_z", "box0_y"]], before[2])
     unchanged = env.physics.named.model.dof_armature[["arm_root", "thumbtip", "box0_y"]]

@@ -1,10 +1,12 @@
 """Many time steps in one call are the same as one after the other."""
 
+import re
+
 import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.planner.rollouts import Rollouts, state_of
+from limberjack.planner.rollouts import Budget, Rollouts, state_of
 
 _ROWS, _STEPS = 3, 12
 _FIELDS = ("body_pos", "body_quat")
@@ -108,3 +110,65 @@ def test_rollouts_that_were_loaded_go_on_as_the_state_that_was_saved(task: str) 
     found, _ = bare.roll_out(_controls(), recorded)
     for name in recorded:
         np.testing.assert_array_equal(found[name], expected[name], name)
+
+
+class _Clock:
+    """Stands for `time.perf_counter`, in seconds."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> _Clock:
+    """The clock of budgets, set by hand."""
+    made = _Clock()
+    monkeypatch.setattr("limberjack.planner.rollouts.time.perf_counter", made)
+    return made
+
+
+def test_a_budget_takes_the_most_samples_for_which_there_is_time(clock: _Clock) -> None:
+    budget = Budget(10, [64, 8, 32, 16])
+    budget.begin()
+    assert budget.size() == 8  # nothing has been measured
+    clock.now += 0.002  # 0.25 ms per sample: 40 in all
+    budget.spent(8)
+    budget.begin()
+    assert budget.size() == 32
+    budget.begin()
+    clock.now += 0.004  # before the samples, as for a path search
+    assert budget.size() == 16
+    budget.begin()
+    clock.now += 0.02
+    assert budget.size() == 8
+
+
+def test_a_budget_follows_changes_of_the_time_that_a_sample_takes(clock: _Clock) -> None:
+    budget = Budget(10, [8, 32])
+    for _ in range(40):
+        budget.begin()
+        size = budget.size()
+        clock.now += 0.0001 * size
+        budget.spent(size)
+    assert budget.size() == 32
+    for _ in range(40):  # the machine became busy
+        budget.begin()
+        size = budget.size()
+        clock.now += 0.001 * size
+        budget.spent(size)
+    budget.begin()
+    assert budget.size() == 8
+
+
+@pytest.mark.parametrize("wrong", [0, -1.0, float("nan"), float("inf")])
+def test_a_budget_is_a_positive_time(wrong: float) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"max_ms is {wrong!r}; expected a positive")):
+        Budget(wrong, [8])
+
+
+def test_a_budget_is_a_number() -> None:
+    with pytest.raises(TypeError, match="max_ms is of type str; expected a number"):
+        Budget("10", [8])  # type: ignore[arg-type]

@@ -12,10 +12,11 @@ from the environment's full state. The new plan is their mean, weighted so that 
 plan, shifted by the elapsed time.
 
 The planner reads the environment's simulator state, not its observations, and never writes to it.
-The same seed gives the same actions for any number of threads.
+The same seed gives the same actions for any number of threads, unless a time budget is given.
 """
 
 import enum
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import mujoco
@@ -27,7 +28,7 @@ from limberjack.planner.cost import Cost
 from limberjack.planner.history import History
 from limberjack.planner.library import cost_for
 from limberjack.planner.planning_model import enable_sleep, planning_model_of
-from limberjack.planner.rollouts import Rollouts, state_of
+from limberjack.planner.rollouts import Budget, Rollouts, state_of
 from limberjack.planner.servos import Servos
 from limberjack.planner.settings import Settings
 from limberjack.planner.spline import knot_weights, targets_at
@@ -40,6 +41,7 @@ __all__ = ["Explanation", "Planner"]
 
 _GOOD_PART = 8  # one sample in so many is good
 _ROUNDING = 1e-6  # knots
+_PARTS = (1, 2, 4, 8)  # of the samples, one of which is taken within a time budget
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 
 
@@ -55,6 +57,14 @@ class Explanation(NamedTuple):
     terms: dict[str, float]
 
 
+class _Simulated(NamedTuple):
+    """The rollouts of so many samples, and the states that the cost sees."""
+
+    batch: Rollouts
+    history: History
+    seen: Any
+
+
 class Planner:
     """Chooses actions for one environment; see the module's docstring."""
 
@@ -65,6 +75,7 @@ class Planner:
         seed: int = 0,
         cost: Cost | None = None,
         settings: Settings | None = None,
+        max_ms: float | None = None,
     ) -> None:
         """Creates a planner, also before the environment's first reset.
 
@@ -74,6 +85,9 @@ class Planner:
           seed: seed of the samples; each episode draws the same stream.
           cost: the cost to minimise; by default the one that the environment's task names.
           settings: replace the cost's settings.
+          max_ms: milliseconds that a planning step should take, for live use: it tries fewer
+            samples if there is no time for all. Actions then depend on the clock and are not
+            repeatable. A path search, and a planning step with the fewest samples, may take longer.
 
         Raises:
           ValueError: the task names no cost, or a setting does not fit the environment.
@@ -94,12 +108,14 @@ class Planner:
         law = self._settings.gain, self._settings.damping, self._settings.tendons
         self._law = ControlLaw(env.physics.model._model, *law)
         self._servos: Servos | None = None
-        self._batch, self._now, self._substeps = self._make_batch(threads)
         self._spacing = self._settings.spacing
         self._steps = max(1, round(self._settings.horizon / env.control_timestep()))
-        looks = -(-self._steps // self._settings.cost_interval)
-        self._history = History(self._batch.simulation, looks)
-        self._seen = self._batch.physics.seen_through(self._history)
+        samples = self._settings.samples
+        parts = _PARTS if max_ms is not None else _PARTS[:1]
+        sizes = sorted({max(2, samples // part) for part in parts})
+        self._budget = None if max_ms is None else Budget(max_ms, sizes)
+        self._made, self._now, self._substeps = self._make_rollouts(sizes, threads)
+        self._size = samples  # of the last planning step
         self.reset()
 
     @property
@@ -160,13 +176,14 @@ class Planner:
         """
         if self._best is None:
             raise RuntimeError("nothing has been planned: call planner.act() before explain()")
-        cost, states = self._cost, self._history.num_envs or 0
+        _, history, seen = self._made[self._size]
+        cost, states = self._cost, history.num_envs or 0
         with rows_of_a_batch(states):
             if type(cost).terms is Cost.terms:
-                terms = {"cost": cost.step_cost(self._seen)}
+                terms = {"cost": cost.step_cost(seen)}
             else:
-                terms = cost.weighted_terms(self._seen)
-        best = slice(self._best, None, self._settings.samples)
+                terms = cost.weighted_terms(seen)
+        best = slice(self._best, None, self._size)
         means = {n: float(np.broadcast_to(t, states)[best].mean()) for n, t in terms.items()}
         return Explanation(_name_of(cost.stage()), means)
 
@@ -174,8 +191,10 @@ class Planner:
         """Knots since the current plan was made."""
         return self._age * self._env.control_timestep() / self._spacing
 
-    def _make_batch(self, threads: int) -> tuple[Rollouts, Any, int]:
-        """The rollouts, a simulation of the current state, and time steps per control step.
+    def _make_rollouts(
+        self, sizes: Sequence[int], threads: int
+    ) -> tuple[dict[int, _Simulated], Any, int]:
+        """Rollouts by size, a simulation of the current state, and time steps per control step.
 
         The simulation has the environment's own motors, for costs that simulate themselves.
         """
@@ -186,19 +205,30 @@ class Planner:
             self._servos = Servos(twin.model.ptr, self._law)
         if settings.sleep:
             enable_sleep(twin.model.ptr)
-        batch = Rollouts(twin, settings.samples, threads, fields)
+        looks = -(-self._steps // settings.cost_interval)
+        made = {}
+        for size in sizes:
+            batch = Rollouts(twin, size, threads, fields)
+            history = History(batch.simulation, looks)
+            made[size] = _Simulated(batch, history, batch.physics.seen_through(history))
         is_the_same = not settings.servos and not settings.sleep
-        now = batch.single if is_the_same else planning_model_of(env.physics, settings)
-        return batch, now, control.compute_n_steps(env.control_timestep(), twin.timestep())
+        single = made[settings.samples].batch.single
+        now = single if is_the_same else planning_model_of(env.physics, settings)
+        return made, now, control.compute_n_steps(env.control_timestep(), twin.timestep())
 
     def _improved(self) -> np.ndarray:
         """The plan from now on, (knots, nu)."""
+        budget = self._budget
+        if budget is not None:
+            budget.begin()
         saved = state_of(self._env.physics, self._fields)
         now = self._now
         now.simulation.load(saved)
         self._cost.update(now)
         samples = self._samples(now)
         costs = self._costs(saved, samples)
+        if budget is not None:
+            budget.spent(self._size)
         self._best = int(np.argmin(costs))
         return _weighted_mean(samples, costs, self._settings.temperature)
 
@@ -206,8 +236,11 @@ class Planner:
         """Plans to try, (samples, knots, nu): the current one, proposals, then variations."""
         settings, law = self._settings, self._law
         present = self._shifted(now)
-        samples = np.repeat(present[None], settings.samples, axis=0)
         proposals = self._proposed(now, present.shape)
+        if self._budget is not None:
+            self._size = self._budget.size()
+            proposals = proposals[: self._size // 2]
+        samples = np.repeat(present[None], self._size, axis=0)
         taken = len(proposals)
         samples[1 : 1 + taken] = proposals
         if settings.flowing:
@@ -270,7 +303,7 @@ class Planner:
 
     def _costs(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
         """The cost of following each sample, (samples,); infinite where physics diverges."""
-        count, history = len(samples), self._history
+        count, history = len(samples), self._made[self._size].history
         diverged = self._simulate(saved, samples)
         cost = self._judged(count)
         while not history.is_complete:  # it read fields that are recorded from now on
@@ -280,7 +313,7 @@ class Planner:
 
     def _simulate(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
         """Follows each sample from the saved state; returns where physics diverges, (samples,)."""
-        batch, law, history = self._batch, self._law, self._history
+        law, (batch, history, _) = self._law, self._made[self._size]
         history.begin()
         pace = self._env.control_timestep() / self._spacing
         places = self._cost.phase + pace * np.arange(self._steps)
@@ -300,9 +333,10 @@ class Planner:
 
     def _judged(self, count: int) -> np.ndarray:
         """The mean cost of each sample's rollout, (count,)."""
-        states = self._history.num_envs or 0
+        _, history, seen = self._made[self._size]
+        states = history.num_envs or 0
         with rows_of_a_batch(states):
-            cost = np.asarray(self._cost.step_cost(self._seen))
+            cost = np.asarray(self._cost.step_cost(seen))
         if cost.shape != (states,) or cost.dtype.kind not in "biuf":
             raise ValueError(
                 f"step_cost of {type(self._cost).__name__} returned shape {cost.shape} and dtype "

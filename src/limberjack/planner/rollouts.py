@@ -6,8 +6,11 @@ for controls in plans:
     rollouts.physics.set_control(controls)
     rollouts.step(2)
 diverged = rollouts.diverged()
+
+`Budget` chooses how many samples fit into a time budget.
 """
 
+import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,10 +20,11 @@ import numpy as np
 from limberjack.mujoco.simulation import NOT_FIELDS
 from limberjack.utils.arrays import any_of
 
-__all__ = ["Rollouts", "state_of"]
+__all__ = ["Budget", "Rollouts", "state_of"]
 
 _TIME = mujoco.mjtState.mjSTATE_TIME.value
 _NOT_LOADED = ("before", "call")
+_NEW = 0.2  # weight of the latest planning step in the mean time of a sample
 
 
 class Rollouts:
@@ -101,3 +105,45 @@ def state_of(physics: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
     """The current state of a single simulation, and fields of its model, for `load`."""
     saved = physics.simulation.save(None, fields)
     return {name: value for name, value in saved.items() if name not in _NOT_LOADED}
+
+
+class Budget:
+    """How many samples of a planning step fit into a time budget.
+
+    Depends on the clock, so what is planned within a budget cannot be repeated.
+    """
+
+    def __init__(self, max_ms: float, sizes: Sequence[int]) -> None:
+        """Args: max_ms: milliseconds of a planning step; sizes: numbers of samples to choose from.
+
+        Raises:
+          ValueError, TypeError: max_ms is not a positive number.
+        """
+        if isinstance(max_ms, bool) or not isinstance(max_ms, int | float | np.number):
+            raise TypeError(f"max_ms is of type {type(max_ms).__name__}; expected a number")
+        if not (np.isfinite(max_ms) and max_ms > 0):
+            raise ValueError(f"max_ms is {max_ms!r}; expected a positive number of milliseconds")
+        self._seconds, self._sizes = 1e-3 * float(max_ms), sorted(sizes)
+        self._per_sample: float | None = None  # seconds
+        self._began = self._simulated = 0.0
+
+    def begin(self) -> None:
+        """Begins a planning step."""
+        self._began = time.perf_counter()
+
+    def size(self) -> int:
+        """The number of samples for the time that is left of this planning step.
+
+        The fewest if nothing has been measured or none fit.
+        """
+        self._simulated = time.perf_counter()
+        left = self._began + self._seconds - self._simulated
+        per_sample = np.inf if self._per_sample is None else self._per_sample
+        fitting = [size for size in self._sizes if size * per_sample <= left]
+        return max(fitting, default=self._sizes[0])
+
+    def spent(self, size: int) -> None:
+        """Ends the planning step, of which `size` samples were simulated since `size()`."""
+        latest = (time.perf_counter() - self._simulated) / size
+        before = latest if self._per_sample is None else self._per_sample
+        self._per_sample = before + _NEW * (latest - before)

@@ -41,7 +41,7 @@ class Servos:
         """
         self._follows = law.follows
         self._strength = np.where(law.follows, model.actuator_gainprm[:, 0], 1.0)
-        self._records: dict[str, np.ndarray] = {}
+        self._records: dict[int, dict[str, np.ndarray]] = {}  # by number of plans
         # Of the last plans, for which these were made; see `follow`.
         self._weights, self._made_for = np.zeros((0, 0)), (0, 0, np.zeros(0))
         for motor in np.flatnonzero(law.follows).tolist():
@@ -97,13 +97,14 @@ class Servos:
         fields = history.fields
         recorded = [*fields, "actuator_force"] if "ctrl" in fields else fields
         try:
-            records, diverged = batch.roll_out(controls, recorded, self._records)
+            before = self._records.get(len(plans))
+            records, diverged = batch.roll_out(controls, recorded, before)
         except ValueError as error:
             raise ValueError(
                 f"step_cost reads what cannot be recorded along the way ({error}): plan without "
                 "Settings(servos=True)"
             ) from error
-        self._records = records
+        self._records[len(plans)] = records
 
         def values_of(field: str, columns: slice) -> np.ndarray:
             shape = records[field].shape
