@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.laws.episodes import TASKS, Task, actions, bits, load
+from tests.representatives import REPRESENTATIVES
 
 
 def arrays(value: Any) -> list[np.ndarray]:
@@ -64,7 +65,7 @@ def test_observations_are_arrays_of_their_own(task: Task) -> None:
     assert_own_memory(env, methods(env.physics))
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 @pytest.mark.parametrize("flat", [False, True])
 def test_returned_steps_never_change_later(task: Task, flat: bool) -> None:
     env = load(task, flat_observation=flat)

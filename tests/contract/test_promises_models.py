@@ -104,7 +104,7 @@ def as_bytes(physics: Any) -> bytes:
     return buffer.tobytes()
 
 
-@pytest.mark.parametrize("task", DOMAINS)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 @pytest.mark.parametrize("edit", _ROADS)
 def test_an_edited_model_is_the_environments_own(task: Task, edit: Callable[[Any], None]) -> None:
     before, env = load(task), load(task)

@@ -2,7 +2,7 @@
 
 import functools
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,11 @@ _START_FIELDS = (
 )
 
 
+def _in_turn(tasks: Sequence[tuple[str, str]], values: Sequence[Any]) -> list[tuple[Any, ...]]:
+    """Each task with one of the values, in turn."""
+    return [(*task, value) for task, value in zip(tasks, itertools.cycle(values), strict=False)]
+
+
 def _play(env: twins.Twins, kind: str = "random", steps: int = _STEPS) -> None:
     env.reset()
     env.play(itertools.islice(env.actions(kind, seed=1), steps))
@@ -73,8 +78,7 @@ def test_flat_partly_observable_observations_are_the_same(domain: str, task: str
     _play(env)
 
 
-@every_task
-@pytest.mark.parametrize("n_sub_steps", [1, 7])
+@pytest.mark.parametrize(("domain", "task", "n_sub_steps"), _in_turn(twins.MODELS, [1, 7]))
 def test_another_number_of_substeps_is_the_same(domain: str, task: str, n_sub_steps: int) -> None:
     # The factories fix the control step, and Environment refuses both: build it around their parts.
     loaded = twins.load(domain, task)
@@ -118,8 +122,7 @@ def test_a_control_step_is_accepted_where_the_factory_sets_none(
     _play(env, steps=20)
 
 
-@every_task
-@pytest.mark.parametrize("time_limit", [0.2, 0.33])
+@pytest.mark.parametrize(("domain", "task", "time_limit"), _in_turn(twins.TASKS, [0.2, 0.33]))
 def test_another_time_limit_ends_the_episode_at_the_same_step(
     domain: str, task: str, time_limit: float
 ) -> None:
