@@ -64,12 +64,23 @@ def test_progress_is_reported_before_each_picture(
     assert reported == expected
 
 
-def test_a_gallery_that_cannot_be_written_is_status_2(directory: Path) -> None:
-    out = directory / "suite.png" / "below"
+def test_a_gallery_that_cannot_be_written_is_status_2_after_one_picture(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = []
+
+    def draw(*task: object) -> list[np.ndarray]:
+        drawn.append(task)
+        return [np.zeros((2, 2, 3), np.uint8)] * 2
+
+    monkeypatch.setattr(gallery, "_draw_sizes", draw)
+    (tmp_path / "file").write_bytes(b"")
+    out = tmp_path / "file" / "below"
     done = typer.testing.CliRunner().invoke(app, ["gallery", "--out", str(out)])
     assert done.exit_code == 2
     assert done.stderr.startswith("limberjack: ")
     assert "Not a directory" in done.stderr
+    assert len(drawn) == 1
 
 
 def test_without_opengl_it_is_one_line_and_status_1(

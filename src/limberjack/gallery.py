@@ -75,9 +75,10 @@ def write(
         if on_progress is not None:
             on_progress(domain, task, len(drawn), len(tasks))
         drawn[domain, task] = _draw_sizes(domain, task, sizes)
+        # After the first picture: without OpenGL nothing is left, and a bad name costs no time.
+        directory.mkdir(parents=True, exist_ok=True)
     files = {f"{domain}-{task}.png": large for (domain, task), (large, _) in drawn.items()}
     files[_SHEET] = mosaic([small for _, small in drawn.values()], columns)
-    directory.mkdir(parents=True, exist_ok=True)
     return _write_all(directory, files)
 
 
