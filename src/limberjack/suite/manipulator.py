@@ -51,9 +51,9 @@ OBSERVATIONS = {
 # The planner's cost for each pair of (use_peg, insert).
 _PLANNER_COSTS = {
     (False, False): "limberjack.planner.manipulator.bring:Bring",
-    (True, False): "limberjack.planner.manipulator.bring_peg:BringPeg",
-    (False, True): "limberjack.planner.manipulator.insert_ball:InsertBall",
-    (True, True): "limberjack.planner.manipulator.insert_peg:InsertPeg",
+    (True, False): "limberjack.planner.manipulator.bring:Bring",
+    (False, True): "limberjack.planner.manipulator.insert:Insert",
+    (True, True): "limberjack.planner.manipulator.insert:Insert",
 }
 
 

@@ -2,7 +2,7 @@
 
 ready = HANDLE.ready  # the fingers' angle with which the hand comes to a peg, radians
 place, frame = pose_of(physics.named.data, "peg")
-grasp = place + in_world(frame, HANDLE.place)
+grasp = grasp_place(physics.named.data, "peg", HANDLE)  # place + in_world(frame, HANDLE.place)
 """
 
 import dataclasses
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm.hand import SETTINGS, finger_angle
+from limberjack.planner.arm.hand import SETTINGS, finger_angle, fingers, near
 
 __all__ = [
     "BACK",
@@ -23,6 +23,7 @@ __all__ = [
     "Pose",
     "against_hand",
     "downwards",
+    "grasp_place",
     "height_above_ground",
     "in_world",
     "pose_of",
@@ -93,6 +94,18 @@ class Grip:
         """The target of the fingers' angle that holds, radians."""
         return finger_angle(self.pressed)
 
+    def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
+        """1 where an object is right between the closed fingers, 0 far from there, (N,).
+
+        Args:
+          data: of a batch, or of one simulation.
+          offset: distances of the object ahead and aside of the point of the grasp, metres.
+        """
+        ahead, aside = offset
+        ahead = ahead - np.clip(ahead, 0.0, self.slack)
+        closed = np.clip((fingers(data) - self.ready) / (self.firm - self.ready), 0.0, 1.0)
+        return near(np.hypot(ahead, aside), 0.012) * closed
+
 
 BALL = Grip((0.0, 0.0), None, 0.03, 0.008, 0.015, 0.011)
 # By the handle, the fingertips between pommel and guard: anywhere else they slip off.
@@ -103,6 +116,11 @@ def in_world(frame: np.ndarray, vector: tuple[float, float]) -> np.ndarray:
     """A vector (x, z) of a frame (..., 9), in the world, (..., 3)."""
     x, z = vector
     return x * frame[..., 0::3] + z * frame[..., 2::3]
+
+
+def grasp_place(data: Any, site: str, grip: Grip) -> np.ndarray:
+    """Position at which the grasp site belongs for a grip on an object's site, (..., 3), metres."""
+    return data.site_xpos[site] + in_world(data.site_xmat[site], grip.place)
 
 
 def against_hand(data: Any, forward: np.ndarray) -> Any:

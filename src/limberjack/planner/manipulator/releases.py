@@ -1,8 +1,8 @@
-"""From where a ball that the hand lets go gets into the cup: found by letting it go.
+"""`Releases`: poses from which a released ball gets into the cup, found by simulation.
 
     releases = Releases("ball", ["ball_x", "ball_z"], Receptacle.for_object("ball"))
-    path = releases.path(physics, walls)  # to where it has worked; None: ask again
-    if releases.works(physics): ...  # from where the arm is now
+    path = releases.path(physics, walls)  # to such a pose; None: call again
+    if releases.works(physics): ...  # in the current pose
 
 Where nothing is above the mouth, a ball that is released there falls in. Elsewhere, such as below
 the arm's own base or where the hand cannot come from above, it may still roll in from beside, off
@@ -20,6 +20,7 @@ from limberjack.planner.arm.hand import ARM, PLANE, in_hand
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_places, hand_poses
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.roadmap import find_path
+from limberjack.planner.manipulator.ball import HELD
 from limberjack.planner.manipulator.receptacles import Receptacle
 from limberjack.rl.control import PhysicsError
 
@@ -60,7 +61,7 @@ class Releases:
                 self._poses.append(pose)
         if len(self._poses) < _ENOUGH:
             return None
-        found = find_path(now, np.array(self._poses), GRASP + 0.022, walls)
+        found = find_path(now, np.array(self._poses), HELD, walls)
         if found is None:
             self.reset()
         return found
@@ -101,5 +102,5 @@ class Releases:
             angle = angle_of(mouth - place)
             poses.extend(hand_poses(random, place, GRASP + ahead, now, _POSES, angle, _TURN))
         found = np.array(poses).reshape(-1, 4)
-        gaps = clearance(found, GRASP + 0.022, walls)
+        gaps = clearance(found, HELD, walls)
         return found[(gaps[:, 0] > _TOUCHING) & (gaps[:, 1:].min(axis=1) > 0)]

@@ -1,10 +1,11 @@
-"""`Spot`: where, and whereto, a peg is raked that leans on something or lies behind it.
+"""`Spot`: the site at which an object is raked, and the direction in which it is pulled.
 
     spot = next_spot(data, None, goal=-0.12, walls=slot.walls(physics))
     poses = spot.poses(data, goal, walls)  # (n, 4), that have a fingertip there
 
-The middle of such a peg may be where no fingertip gets, or it is only pressed against what it leans
-on; then it is pulled away from there, or pressed down, by one of its ends.
+A fingertip goes behind the site and pulls it inwards. A peg may lean on something, or lie behind
+it, so that no fingertip gets behind its middle, or only presses it against the obstacle; then it is
+pulled away from there, or pressed down, by one of its ends.
 """
 
 import dataclasses
@@ -13,32 +14,34 @@ from typing import Any
 import numpy as np
 
 from limberjack.planner.arm.collision import Obstacle, clearance
-from limberjack.planner.arm.hand import ARM, PLANE, TIP_ASIDE, TIP_REACH, TIPS
-from limberjack.planner.arm.kinematics import GRASP, hand_poses
+from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_REACH, TIPS
+from limberjack.planner.arm.kinematics import hand_poses
+from limberjack.planner.arm.proposals import Proposal
 from limberjack.planner.manipulator.grips import downwards, height_above_ground
-from limberjack.planner.manipulator.raking import behind, raking_cost
+from limberjack.planner.manipulator.peg import HAND
 from limberjack.utils import arrays
 
 __all__ = ["Spot", "Spots", "next_spot"]
 
 _FAR = 0.2  # metres; how far outwards a peg is raked that leans inwards
-_POSES, _KEPT = 400, 64  # that are looked at, few of which are clear of the walls, and kept
-# Metres; so far the fingers' middle lines may be in the walls and in the ground, which give path.
+_POSES, _KEPT = 400, 64  # that are drawn, few of which are clear of the walls, and kept
+# Metres; so far the fingers' middle lines may be in the walls and in the ground, which give way.
 _IN_WALLS, _IN_GROUND = -0.004, -0.009
-_LOW = 0.05  # metres; what is so near to the ground is not pressed down
-_OVER = np.array([0.0, 0.0, 0.03])  # metres; where a fingertip is that presses down
-# Metres; so much nearer must come a peg to where it is wanted, or a fingertip to where it rakes.
+_LOW = 0.05  # metres; an end that is so near to the ground is not pressed down
+_BEHIND = np.array([0.03, 0.0, 0.0]), np.array([0.0, 0.0, 0.02])  # metres; outwards, and up
+_OVER = np.array([0.0, 0.0, 0.03])  # metres; offset of a fingertip that presses down
+# Metres by which a peg must come nearer to the goal, or a fingertip to the spot, to count.
 _HEADWAY = 0.03
-_PULLED = 0.08  # metres; so far a peg is pulled away from what it leans on
+_PULLED = 0.08  # metres; so far a peg is pulled away from its obstacle
 _IN_VAIN = 16  # plannings; after so many without headway a peg is raked from elsewhere
 _ON_THE_WAY = 0.1  # what counts a planning for which the arm is still on its path there
 _LEANS = 0.05  # metres; a peg whose handle is so much above its tip leans on something
-_UPHILL = 0.45  # metres from the middle; who pulls an end away to there pushes the peg up a wall
+_UPHILL = 0.45  # metres from the middle; an end pulled to there pushes the peg up a wall
 
 
 @dataclasses.dataclass(frozen=True)
 class Spot:
-    """A site of the peg, and whereto it is raked: 'there' where it is wanted, 'away' or 'down'."""
+    """A site of an object, and the kind of pull: 'there' to the goal, 'away' from it, or 'down'."""
 
     site: str
     kind: str
@@ -52,9 +55,9 @@ class Spot:
 
     def cost(self, data: Any, goal: float) -> np.ndarray:
         """Cost of a fingertip's distance from its start, and of the site's from the goal, (N,)."""
-        if self.kind != "down":
-            return raking_cost(data, self.site, goal)
-        return 4.0 * self.missing(data, goal) + 10.0 * data.site_xpos[self.site][..., 2]
+        place = data.site_xpos[self.site]
+        left = place[..., 2] if self.kind == "down" else np.abs(place[..., 0] - goal)
+        return 4.0 * self.missing(data, goal) + 10.0 * left
 
     def missing(self, data: Any, goal: float) -> np.ndarray:
         """Distance of the nearer fingertip from its start, (N,), metres."""
@@ -64,7 +67,25 @@ class Spot:
     def _start(self, data: Any, goal: float) -> np.ndarray:
         """Position at which a fingertip begins to rake, (..., 3), metres."""
         place = data.site_xpos[self.site]
-        return place + _OVER if self.kind == "down" else behind(place, goal)
+        return place + _OVER if self.kind == "down" else _behind(place, goal)
+
+    def proposals(self, random: np.random.Generator, data: Any, goal: float) -> list[Proposal]:
+        """Proposals that put a fingertip behind the site, and then pull it inwards.
+
+        Args:
+          random: draws them.
+          data: of a single simulation.
+          goal: x, metres.
+        """
+        place, now = data.site_xpos[self.site], data.qpos[ARM]
+        start = _behind(place, goal)[PLANE]
+        # The root turns from x to -x over the top, and so the other way below.
+        turn = 0.3 * np.sign(goal - place[0]) * np.array([1.0, 0.0, 0.0, 0.0])
+        proposals: list[Proposal] = []
+        for pose in hand_poses(random, start, TIP_REACH, now, 12, lateral=TIP_ASIDE):
+            proposals.append(Proposal([pose], [OPEN_ANGLE], 2))
+            proposals.append(Proposal([pose, pose + turn], [OPEN_ANGLE], 2))
+        return proposals
 
     def poses(self, data: Any, goal: float, walls: Obstacle, higher: float = 0.0) -> np.ndarray:
         """Arm joints that have a fingertip where raking begins, (n, 4), if that helps.
@@ -87,7 +108,7 @@ class Spot:
         poses = np.concatenate(found)
         if not len(poses):
             return poses
-        clear = clearance(poses, GRASP + 0.02, walls)
+        clear = clearance(poses, HAND, walls)
         poses = poses[(clear[:, 0] > _IN_WALLS) & (clear[:, 3] > _IN_GROUND)]
         return poses[:: max(1, len(poses) // _KEPT)]
 
@@ -173,3 +194,9 @@ class Spots:
             self._in_vain, self._pulled_from, self._least = 0.0, place.copy(), np.inf
             self.now = next_spot(data, self.now, goal, walls)
         return self.now
+
+
+def _behind(place: np.ndarray, goal: float) -> np.ndarray:
+    """Position of a fingertip that rakes a place to a goal, (..., 3) -> (..., 3), metres."""
+    outwards = np.where(place[..., :1] < goal, -1.0, 1.0)
+    return place + outwards * _BEHIND[0] + _BEHIND[1]
