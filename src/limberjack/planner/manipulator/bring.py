@@ -12,13 +12,12 @@ import numpy as np
 from limberjack.planner.arm.hand import ARM, LONGEST, PLANE, loose, sag
 from limberjack.planner.arm.proposals import Proposal, lifts
 from limberjack.planner.cost import Cost
-from limberjack.planner.manipulator.fetch import Fetch, Stage, prop_of
-from limberjack.planner.manipulator.grips import downwards
-from limberjack.planner.manipulator.peg import Peg
+from limberjack.planner.manipulator.fetch import Fetch, Stage
+from limberjack.planner.manipulator.grips import PRESS, downwards
+from limberjack.planner.manipulator.props import Peg, prop_of
 
 __all__ = ["Bring"]
 
-_PRESS = 0.25  # control of the grasp under which an object may slip
 _GOALS = 24  # poses at the target to which paths are searched
 _FAR_OFF = 0.03  # metres; a peg that is nearer to the target stays there
 
@@ -75,7 +74,7 @@ class Bring(Cost):
             carry = prop.gap(data) / LONGEST + missing
             if paths is not None:
                 carry = paths.cost_to_target(data.qpos[ARM], carry)
-            carry = carry + loose(physics, _PRESS)
+            carry = carry + loose(physics, PRESS)
             for swing in prop.swung(data):
                 carry = carry + swing
             return held, carry

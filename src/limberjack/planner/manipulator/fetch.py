@@ -1,6 +1,6 @@
 """`Fetch`: fetching of the ball or the peg, which bringing and inserting have in common.
 
-    fetch = Fetch(Ball(task.object_joints), settings)
+    fetch = Fetch(prop_of(task), settings)
     fetch.update(physics)
     fetch.stage                              # Stage.CARRY once the hand has the object
     terms = fetch.terms(batch_data, carrying)  # (N,) each
@@ -23,16 +23,15 @@ from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, PLAY, fingers
 from limberjack.planner.arm.kinematics import direction, drawn_back, nudged
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, approaches, lifts, plans_of
-from limberjack.planner.manipulator.ball import Ball
 from limberjack.planner.manipulator.forecast import MEETS, Forecast
 from limberjack.planner.manipulator.grips import BACK, Pose, height_above_ground, pose_of
-from limberjack.planner.manipulator.peg import HAND, LIES, Peg, across, is_on_arm
 from limberjack.planner.manipulator.peg_paths import PegPaths
+from limberjack.planner.manipulator.props import HAND, LIES, Ball, Peg, across, is_on_arm
 from limberjack.planner.manipulator.raking import Rake
 from limberjack.planner.settings import Settings
 from limberjack.utils import arrays
 
-__all__ = ["PER_RADIAN", "STRETCHED", "TOUCHING", "Fetch", "Stage", "prop_of"]
+__all__ = ["PER_RADIAN", "STRETCHED", "TOUCHING", "Fetch", "Stage"]
 
 TOUCHING = -0.004  # metres; fingers may be so near to walls that they touch them
 STRETCHED = np.array([np.pi, 0.5, 0.5, 0.5])  # radians; joints of an arm on which no peg lies
@@ -52,6 +51,7 @@ _ALONG = 24  # points of a path that are checked
 
 
 _Carrying = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+_Proposing = Callable[[Any, np.random.Generator], list[Proposal]]
 
 
 class Stage(enum.Enum):
@@ -65,12 +65,6 @@ class Stage(enum.Enum):
     INSERT = "insert the object"
     CARRY = "carry the object"
     FETCH = "fetch the object"
-
-
-def prop_of(task: Any) -> Ball | Peg:
-    """The object of a `manipulator.Bring` task."""
-    joints = task.object_joints
-    return Peg(joints) if joints[0] == "peg_x" else Ball(joints)
 
 
 class Fetch:
@@ -91,14 +85,7 @@ class Fetch:
     def __init__(
         self, prop: Ball | Peg, settings: Settings, spare: int = 1, fewest: int = 1
     ) -> None:
-        """Begins an episode.
-
-        Args:
-          prop: the object.
-          settings: the planner's.
-          spare: how many times as many poses are drawn as are wanted that are clear of the walls.
-          fewest: number of poses that are drawn at least, before these are multiplied.
-        """
+        """Begins an episode; draws `spare` times as many poses as are wanted, at least `fewest`."""
         self.prop, self._knots = prop, settings.knots
         self._spare, self._fewest = spare, fewest
         self.has = self.is_blocked = False
@@ -150,11 +137,9 @@ class Fetch:
         return self._carried_for > _CARRIED
 
     def update(self, physics: Any, is_led: bool = False) -> None:
-        """Decides the stage, and searches for a path to a peg that is not held.
+        """Decides the stage, after `observe`, and searches for a path to a peg that is not held.
 
-        Args:
-          physics: a single simulation, for which `observe` has been called.
-          is_led: whether the arm is still on another path, to where it rakes.
+        The arm may be led to where it rakes on another path.
         """
         data = physics.named.data
         if self.has:
@@ -280,28 +265,17 @@ class Fetch:
     def _rake_cost(self, data: Any, goal: float, path: Path | None) -> np.ndarray:
         """Cost of raking or, before, the rest of a path to where a peg is raked, (N,)."""
         if path is None or self.rake.spot is None:
-            return self.rake.cost(data, goal)
+            return self.rake.at().cost(data, goal)
         return PER_RADIAN * path.remaining(data.qpos[ARM])
 
-    def plans(
-        self,
-        data: Any,
-        random: np.random.Generator,
-        carrying: Callable[[Any, np.random.Generator], list[Proposal]],
-    ) -> np.ndarray:
-        """Plans of the stage, those along a path first, (n, knots, 5).
-
-        Args:
-          data: of a single simulation.
-          random: draws them.
-          carrying: returns the proposals that carry the object.
-        """
+    def plans(self, data: Any, random: np.random.Generator, carrying: _Proposing) -> np.ndarray:
+        """Plans of the stage, those along a path first, (n, knots, 5)."""
         now, stage = data.qpos[ARM], self.stage
         if stage is Stage.WITHDRAW:
             place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
             proposals = lifts(random, place, angle, now, OPEN_ANGLE)
         elif self.rake.goal is not None:
-            proposals = self.rake.proposals(random, data, self.rake.goal)
+            proposals = self.rake.at().proposals(random, data, self.rake.goal)
         else:
             proposals = (carrying if stage is Stage.CARRY else self._reaching)(data, random)
         proposals.append(Proposal([now], [OPEN_ANGLE]))

@@ -44,7 +44,8 @@ class Forecast:
     def update(self, physics: Any) -> None:
         """Simulates up to the horizon; the simulation is then in the same state as before."""
         data, state = physics.named.data, physics.get_state(_STATE)
-        self.settles, self.poses = self._is_slower(data, _AT_REST), []
+        self.settles = bool(np.abs(data.qvel[self._joints]).max() < _AT_REST)
+        self.poses = []
         if self.settles:
             return
         with contextlib.suppress(PhysicsError), _still_arm(physics):
@@ -52,13 +53,9 @@ class Forecast:
             for _ in range(self._count):
                 physics.step(round(self._span / physics.timestep()))
                 self.poses.append(pose_of(data, self._site))
-        self.settles = self._is_slower(data, 10 * _AT_REST)
+        self.settles = bool(np.abs(data.qvel[self._joints]).max() < 10 * _AT_REST)
         physics.set_state(state, _STATE)
         physics.forward()
-
-    def _is_slower(self, data: Any, limit: float) -> bool:
-        """Whether no joint of the object moves faster than a limit."""
-        return bool(np.abs(data.qvel[self._joints]).max() < limit)
 
     def met(self, data: Any) -> list[Pose]:
         """The poses at the knots of `MEETS`; the current one for an object at rest."""

@@ -19,6 +19,7 @@ __all__ = [
     "BALL_SETTINGS",
     "HANDLE",
     "PEG_SETTINGS",
+    "PRESS",
     "Grip",
     "Pose",
     "against_hand",
@@ -29,6 +30,7 @@ __all__ = [
     "pose_of",
 ]
 
+PRESS = 0.25  # control of the grasp under which an object may slip
 BACK = 0.06  # metres; how far the hand stands off before it closes in
 
 BALL_SETTINGS = dataclasses.replace(
@@ -95,12 +97,7 @@ class Grip:
         return finger_angle(self.pressed)
 
     def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
-        """1 where an object is right between the closed fingers, 0 far from there, (N,).
-
-        Args:
-          data: of a batch, or of one simulation.
-          offset: distances of the object ahead and aside of the point of the grasp, metres.
-        """
+        """1 where an object at an offset in the hand is between the closed fingers, 0 far off."""
         ahead, aside = offset
         ahead = ahead - np.clip(ahead, 0.0, self.slack)
         closed = np.clip((fingers(data) - self.ready) / (self.firm - self.ready), 0.0, 1.0)

@@ -16,11 +16,12 @@ from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, lifts, plans_of
 from limberjack.planner.arm.roadmap import draw_roadmap, find_path
 from limberjack.planner.cost import Cost
-from limberjack.planner.manipulator.fetch import PER_RADIAN, Fetch, Stage, prop_of
-from limberjack.planner.manipulator.grips import BACK
+from limberjack.planner.manipulator.fetch import PER_RADIAN, Fetch, Stage
+from limberjack.planner.manipulator.grips import BACK, PRESS
 from limberjack.planner.manipulator.guide import FEW, GOALS, Guide
 from limberjack.planner.manipulator.insert_ball import BallInsertion, Release
 from limberjack.planner.manipulator.insert_peg import PegInsertion
+from limberjack.planner.manipulator.props import prop_of
 from limberjack.planner.manipulator.receptacles import Receptacle
 from limberjack.utils import arrays
 
@@ -31,7 +32,6 @@ _FACING = 0.7  # cosine between hand and axis, from which on the hand faces the 
 _FAR = 4.0  # cost of the longest path
 _FINE = 0.1  # noise scale of plans once the object is in its place
 _ARRIVED = 0.5  # radians; the arm is at the end of a path that is so near
-_PRESS = 0.25  # control of the grasp under which an object may slip
 _PATIENCE = 10  # plannings between searches for a path
 _REACHED, _LEFT = 0.07, 0.1  # metres; so near it the object is before the mouth, and no longer
 _TRIALS = 3  # to let the ball fall in; after so many it is released at a tested pose
@@ -211,15 +211,14 @@ class Insert(Cost):
 
     def _path_to_mouth(self, data: Any) -> Path | None:
         """The arm's path around the receptacle to before its mouth; another one at each trial."""
-        insertion, slot = self._insertion, self._receptacle
+        insertion, slot, walls = self._insertion, self._receptacle, self._fetch.walls
         random = np.random.default_rng(self._trials)
         for over in insertion.over:
             goals = slot.poses(data, random, slot.before + over, 0.0, GOALS)
             if self._trials:  # few: not where it has not succeeded
                 goals = goals[random.permutation(len(goals))[:FEW]]
             for held in insertion.held:
-                args = data.qpos[ARM], goals, held, self._fetch.walls
-                path = find_path(*args, close=insertion.close)
+                path = find_path(data.qpos[ARM], goals, held, walls, insertion.close)
                 if path is not None:
                     return path
         return None
@@ -233,7 +232,7 @@ class Insert(Cost):
         def carrying(held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             slot = self._receptacle
             offsets = slot.offsets(data)
-            cost = 1.0 - self.task.get_reward(physics) + held * loose(physics, _PRESS)
+            cost = 1.0 - self.task.get_reward(physics) + held * loose(physics, PRESS)
             if path is not None and self._fetch.has:
                 left = PER_RADIAN * path.remaining(data.qpos[ARM])
             else:

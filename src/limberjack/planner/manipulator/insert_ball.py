@@ -18,11 +18,10 @@ from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses, nudg
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, plans_of
 from limberjack.planner.arm.roadmap import find_path
-from limberjack.planner.manipulator.ball import HELD
 from limberjack.planner.manipulator.fetch import Fetch
 from limberjack.planner.manipulator.grips import BACK, height_above_ground, pose_of
 from limberjack.planner.manipulator.guide import FEW, GOALS, Guide
-from limberjack.planner.manipulator.peg import HAND
+from limberjack.planner.manipulator.props import HAND, Ball
 from limberjack.planner.manipulator.receptacles import Receptacle
 from limberjack.planner.manipulator.releases import Releases
 
@@ -52,7 +51,7 @@ class BallInsertion:
     """
 
     attempts, long, noise_scale = 4, 20, 1.0
-    over, held, close = (0.02,), (HELD,), False
+    over, held, close = (0.02,), (Ball.held,), False
 
     def __init__(self, fetch: Fetch, cup: Receptacle) -> None:
         """Takes the fetching of the ball, and the cup."""
@@ -75,8 +74,7 @@ class BallInsertion:
             return self._fetch.poses_around([pose_of(data, "ball")], now, random, GOALS, BACK)[0]
         places = [np.array([x, _ROLLS[1]]) for x in random.uniform(-_ROLLS[0], _ROLLS[0], 16)]
         found = [hand_poses(random, place, GRASP, now, 8, np.pi, 0.8) for place in places]
-        takes = np.concatenate(found)
-        takes = takes[self._fetch.is_clear(takes)]
+        takes = np.concatenate(found)[self._fetch.is_clear(np.concatenate(found))]
         return nudged(takes, -BACK * direction(takes.sum(axis=-1)), 0.0)
 
     def proposals_in(self, data: Any, random: np.random.Generator) -> list[Proposal]:

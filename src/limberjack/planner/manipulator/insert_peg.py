@@ -4,7 +4,8 @@ insertion = PegInsertion(fetch, slot, knots=5)
 path = insertion.path_to_object(data, attempt=0)
 
 A peg is harder to reach than a ball. The slot may be in the way; the peg may lean on the slot, or
-lie where no hand gets to its handle; then it is raked, from where a path leads to.
+lie where no hand gets to its handle; then it is raked, from where a path leads to. The peg is
+pushed into the slot by small straight steps.
 """
 
 from typing import Any
@@ -13,15 +14,14 @@ import numpy as np
 
 from limberjack.planner.arm.collision import Obstacle
 from limberjack.planner.arm.hand import ARM, PLANE
-from limberjack.planner.arm.kinematics import direction, nudged
+from limberjack.planner.arm.kinematics import GRASP, direction, nudged
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal
 from limberjack.planner.arm.roadmap import find_path
 from limberjack.planner.manipulator.fetch import STRETCHED, Fetch
 from limberjack.planner.manipulator.grips import BACK, pose_of
 from limberjack.planner.manipulator.guide import FEW, GOALS
-from limberjack.planner.manipulator.peg import BLADE, HAND, HELD
-from limberjack.planner.manipulator.pushes import pushes
+from limberjack.planner.manipulator.props import BLADE, HAND, Peg
 from limberjack.planner.manipulator.receptacles import Receptacle
 
 __all__ = ["PegInsertion"]
@@ -29,6 +29,10 @@ __all__ = ["PegInsertion"]
 _CLOSE = 0.01  # metres; distance from the peg of a path's end if there is no path to `BACK`
 # Metres above the raked spot: a fingertip reaches it from there where the hand would be in a wall.
 _HIGHER = 0.0, 0.03, 0.06
+_STEPS = 0.02, 0.04, 0.08  # metres; from one pose to the next along the axis
+_OFF, _TURN = 0.0015, 0.01  # metres, radians; how far the proposals differ, as the slot is narrow
+_ABOVE = 0.05  # metres; distance over which a leaning peg turns upright
+_DRAWS = 4  # of such proposals of each step
 
 
 class PegInsertion:
@@ -36,7 +40,7 @@ class PegInsertion:
 
     attempts, long, noise_scale = 8, 60, 0.1  # the slot is narrow
     # The lower ends are nearer to the arm, if the mouth is far away.
-    over, held, close = (0.02, -0.01), (HELD, HAND), True
+    over, held, close = (0.02, -0.01), (Peg.held, HAND), True
 
     def __init__(self, fetch: Fetch, slot: Receptacle, knots: int) -> None:
         """Takes the fetching of the peg, the slot, and the number of knots of a plan."""
@@ -80,6 +84,35 @@ class PegInsertion:
         return None
 
     def proposals_in(self, data: Any, random: np.random.Generator) -> list[Proposal]:
-        """Proposals to push the peg in."""
-        slot = self._slot
-        return pushes(random, data, slot, data.qpos[ARM], self._knots, slot.grip.shut)
+        """Proposals that bring the peg over the slot, then along the axis into it."""
+        slot, now, press = self._slot, data.qpos[ARM], self._slot.grip.shut
+        offsets = ((float(u), float(b)) for u, b in slot.offsets(data))
+        (up, beside), (middle_up, middle_beside) = offsets
+        lean = np.arctan2(middle_beside - beside, middle_up - up + _ABOVE)
+        to_world = slot.axes(data)
+        to_wrist = data.site_xpos["grasp"][PLANE] - GRASP * direction(now.sum())
+        to_wrist = to_wrist - data.site_xpos["peg_tip"][PLANE]
+        aside = max(abs(beside), abs(middle_beside))
+        top = min(up, slot.before)
+        before = [slot.before] if aside > 0.75 * slot.width and up > 0.06 else []
+        moves: list[np.ndarray] = []
+        turns: list[float] = []
+        draws = random.normal(0.0, [_OFF, _TURN], (len(_STEPS) * _DRAWS, 2))
+        for step, (off, turn) in zip(_STEPS * _DRAWS, draws, strict=True):
+            turned = _turned(to_wrist, turn + lean)
+            heights = [*before, *np.arange(top - step, -step, -step).tolist()][: self._knots - 1]
+            places = np.reshape([[height - up, off - beside] for height in heights], (-1, 2))
+            moves.append(places @ to_world + turned - to_wrist)
+            turns.extend([turn + lean] * len(heights))
+        waypoints = nudged(now, np.concatenate(moves), np.array(turns))
+        proposals: list[Proposal] = []
+        for passed in np.split(waypoints, np.cumsum([len(some) for some in moves])[:-1]):
+            proposals.append(Proposal(passed, [press]))
+            proposals.append(Proposal(passed[:1], [press], 2))
+        return proposals
+
+
+def _turned(vector: np.ndarray, angle: float) -> np.ndarray:
+    """A vector (2,) turned by an angle."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])

@@ -37,7 +37,10 @@ _Goals = Callable[[np.random.Generator], np.ndarray]  # draws joints, (n, 4)
 
 
 class PegPaths:
-    """Paths that are kept as long as they are clear, so that the arm keeps to one of them."""
+    """Paths that are kept as long as they are clear, so that the arm keeps to one of them.
+
+    Searches take a random stream, the arm's joints, (4,), and a function that draws goals.
+    """
 
     def __init__(self) -> None:
         """Knows no path yet."""
@@ -57,11 +60,7 @@ class PegPaths:
     ) -> bool:
         """Searches for better paths to the target with a held peg; returns whether one is known.
 
-        Args:
-          random: draws them.
-          now: the arm's joints, (4,).
-          up: away from the ground, (2,).
-          find: finds joints that have the peg at the target.
+        A low hand is first lifted in the direction `up`, (2,).
         """
         self._to_peg = []
         if not self._to_target:  # none yet, or all of these are blocked
@@ -69,59 +68,42 @@ class PegPaths:
         lift = _LIFTED - float(hand_height(now))
         first = nudged(now, lift * up, 0.0) if lift > 0 else None
         goals, known = self._goals[:, None], self._to_target
-        self._to_target = self._kept(now, known, _HAND_AND_PEG, None, first) or find_detours(
-            random, now, goals, _HAND_AND_PEG, known=known, first=first
-        )
+        self._to_target = self._better(random, now, goals, _HAND_AND_PEG, known, first=first)
         return len(self._to_target) > 0
 
-    def _kept(
+    def _better(
         self,
+        random: np.random.Generator,
         now: np.ndarray,
-        known: list[Path],
+        goals: np.ndarray,
         reach: float,
+        known: list[Path],
         around: np.ndarray | None = None,
         first: np.ndarray | None = None,
     ) -> list[Path]:
-        """Known paths that are clear from now on, none if a search for better ones is due."""
-        self._age += 1
-        if self._age < _INTERVAL:
-            return keep_clear(now, known, reach, around, first)
-        self._age = 0
-        return []
+        """Known paths that are clear from now on; others if none is, or if a search is due."""
+        self._age = (self._age + 1) % _INTERVAL
+        kept = keep_clear(now, known, reach, around, first) if self._age else []
+        return kept or find_detours(random, now, goals, reach, known, around, first)
 
     def search_peg(
         self, random: np.random.Generator, now: np.ndarray, peg: Pose, find: _Goals
     ) -> None:
-        """Searches for better paths to a peg that do not go across it.
-
-        Args:
-          random: draws them.
-          now: the arm's joints, (4,).
-          peg: its pose.
-          find: finds joints that have the hand around it.
-        """
+        """Searches for better paths to a peg that do not go across it."""
         self._to_target = []
         pose = np.concatenate(peg)
         if not self._to_peg or np.abs(pose - self._lay).max() > _MOVED:
             self._lay, poses = pose, find(random)
-            self._age = _INTERVAL  # the paths that are known lead elsewhere
+            self._age = _INTERVAL - 1  # the paths that are known lead elsewhere
             back = nudged(poses, -_BEFORE * direction(poses.sum(axis=-1)), 0.0)
             self._before = np.stack([back, poses], axis=1)
         place, frame = peg
         line = np.stack([place + in_world(frame, HANDLE.place), place - 0.05 * frame[2::3]])
         known, around = self._to_peg, line[:, PLANE]
-        self._to_peg = self._kept(now, known, _HAND, around) or find_detours(
-            random, now, self._before, _HAND, known=known, around=around
-        )
+        self._to_peg = self._better(random, now, self._before, _HAND, known, around=around)
 
     def search_room(self, random: np.random.Generator, now: np.ndarray, widest: np.ndarray) -> None:
-        """Searches for paths to where a peg falls that lies on the arm.
-
-        Args:
-          random: draws them.
-          now: the arm's joints, (4,).
-          widest: largest absolute values of the joints there, (4,), radians.
-        """
+        """Searches for paths to joints of at most `widest` radians, (4,), so that the peg falls."""
         self._to_target = []
         goals = np.random.default_rng(0).uniform(-widest, widest, (_GOALS, 1, 4))
         self._to_peg = find_detours(random, now, goals, _HAND, known=self._to_peg)

@@ -77,11 +77,7 @@ class Receptacle:
         return -frame[..., 2] * hand[..., 2] - frame[..., 8] * hand[..., 8]
 
     def distance(self, offsets: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Distance that remains, around the walls and in along the axis, (N,), metres.
-
-        Args:
-          offsets: of each of its sites.
-        """
+        """Distance that remains, around the walls and in along the axis, (N,), metres."""
         up, beside = offsets[0]
         aside = functools.reduce(np.maximum, [np.abs(b) for _, b in offsets])
         on_axis = np.clip(2.0 - aside / self.width, 0.0, 1.0) * (up > -self.width)
@@ -101,10 +97,9 @@ class Receptacle:
         return away if entering else away + max(self.before - 0.02 - float(up), 0.0)
 
     def holds(self, offset: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Certainty that the object falls or stays in place by itself, 0 to 1, (N,).
+        """Certainty that an object falls or stays in place by itself, 0 to 1, (N,).
 
-        Args:
-          offset: of the first of its sites.
+        The offset is that of the first of its sites.
         """
         up, beside = offset
         above = np.where(up > 0, up, 6.0 * up)  # below it is outside again
@@ -114,14 +109,7 @@ class Receptacle:
     def poses(
         self, data: Any, random: np.random.Generator, up: float, beside: float, count: int
     ) -> np.ndarray:
-        """Arm joints that have the held object at a place in the mouth's frame, (n, 4).
-
-        Args:
-          data: of a single simulation.
-          random: draws them.
-          up, beside: the place, metres.
-          count: largest number of poses.
-        """
+        """Arm joints that have the held object at a place up and beside, (n, 4), n <= count."""
         now, grip, middle = data.qpos[ARM], self.grip, self.sites[-1]
         axis, across = self.axes(data)
         goal = grasp_place(data, self.target, grip)
@@ -153,6 +141,5 @@ class Receptacle:
 # The fingers reach beyond the ball, so that it is released above the cup's rim.
 _CUP = Receptacle("cup", "target_ball", ("ball",), BALL, 0.112, 0.012, 0.09, (0.16, 0.018))
 # The slot is 0.8 mm wider than the peg, whose tip is round.
-_SLOT = Receptacle(
-    "slot", "target_peg", ("peg_tip", "peg"), HANDLE, 0.08, 0.004, 0.08, (0.02, 0.02)
-)
+_ENDS = "peg_tip", "peg"
+_SLOT = Receptacle("slot", "target_peg", _ENDS, HANDLE, 0.08, 0.004, 0.08, (0.02, 0.02))

@@ -20,7 +20,7 @@ from limberjack.planner.arm.hand import ARM, PLANE, in_hand
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_places, hand_poses
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.roadmap import find_path
-from limberjack.planner.manipulator.ball import HELD
+from limberjack.planner.manipulator.props import Ball
 from limberjack.planner.manipulator.receptacles import Receptacle
 from limberjack.rl.control import PhysicsError
 
@@ -61,7 +61,7 @@ class Releases:
                 self._poses.append(pose)
         if len(self._poses) < _ENOUGH:
             return None
-        found = find_path(now, np.array(self._poses), HELD, walls)
+        found = find_path(now, np.array(self._poses), Ball.held, walls)
         if found is None:
             self.reset()
         return found
@@ -102,5 +102,5 @@ class Releases:
             angle = angle_of(mouth - place)
             poses.extend(hand_poses(random, place, GRASP + ahead, now, _POSES, angle, _TURN))
         found = np.array(poses).reshape(-1, 4)
-        gaps = clearance(found, HELD, walls)
+        gaps = clearance(found, Ball.held, walls)
         return found[(gaps[:, 0] > _TOUCHING) & (gaps[:, 1:].min(axis=1) > 0)]

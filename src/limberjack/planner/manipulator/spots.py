@@ -18,10 +18,10 @@ from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_R
 from limberjack.planner.arm.kinematics import hand_poses
 from limberjack.planner.arm.proposals import Proposal
 from limberjack.planner.manipulator.grips import downwards, height_above_ground
-from limberjack.planner.manipulator.peg import HAND
+from limberjack.planner.manipulator.props import HAND
 from limberjack.utils import arrays
 
-__all__ = ["Spot", "Spots", "next_spot"]
+__all__ = ["Spot", "next_spot"]
 
 _FAR = 0.2  # metres; how far outwards a peg is raked that leans inwards
 _POSES, _KEPT = 400, 64  # that are drawn, few of which are clear of the walls, and kept
@@ -30,11 +30,6 @@ _IN_WALLS, _IN_GROUND = -0.004, -0.009
 _LOW = 0.05  # metres; an end that is so near to the ground is not pressed down
 _BEHIND = np.array([0.03, 0.0, 0.0]), np.array([0.0, 0.0, 0.02])  # metres; outwards, and up
 _OVER = np.array([0.0, 0.0, 0.03])  # metres; offset of a fingertip that presses down
-# Metres by which a peg must come nearer to the goal, or a fingertip to the spot, to count.
-_HEADWAY = 0.03
-_PULLED = 0.08  # metres; so far a peg is pulled away from its obstacle
-_IN_VAIN = 16  # plannings; after so many without headway a peg is raked from elsewhere
-_ON_THE_WAY = 0.1  # what counts a planning for which the arm is still on its path there
 _LEANS = 0.05  # metres; a peg whose handle is so much above its tip leans on something
 _UPHILL = 0.45  # metres from the middle; an end pulled to there pushes the peg up a wall
 
@@ -136,64 +131,11 @@ def next_spot(data: Any, spot: Spot | None, goal: float, walls: Obstacle) -> Spo
         return _BY_THE_HANDLE if leans else _SPOTS[0]
     first = 1 + _SPOTS.index(spot)
     order = [_SPOTS[(first + place) % len(_SPOTS)] for place in range(len(_SPOTS))]
-    sensible = [
-        candidate
-        for candidate in order
-        if candidate.kind != "away" or abs(candidate.goal(data, goal)) < _UPHILL
-    ]
+    sensible = [s for s in order if s.kind != "away" or abs(s.goal(data, goal)) < _UPHILL]
     for candidate in sensible:
         if len(candidate.poses(data, candidate.goal(data, goal), walls)):
             return candidate
     return sensible[0]
-
-
-class Spots:
-    """The spot at which a peg is raked: another one when that has failed.
-
-    Attributes:
-      now: that spot; None while none is raked.
-    """
-
-    def __init__(self) -> None:
-        """Rakes nothing yet."""
-        self.forget()
-
-    def forget(self) -> None:
-        """Discards all progress, as for a peg that is not raked."""
-        self.now: Spot | None = None
-        self._pulled_from = np.zeros(3)  # where the peg was when that spot was chosen
-        self._nearest = np.inf  # metres; how near it has come to where it is wanted
-        self._least = np.inf  # metres; how near a fingertip has come to where it rakes
-        self._in_vain = 0.0  # plannings without any headway
-
-    def choose(
-        self, data: Any, goal: float, walls: Obstacle, is_led: bool, moves: bool
-    ) -> Spot | None:
-        """The spot to rake now, or None while that must be seen.
-
-        Args:
-          data: of a single simulation.
-          goal: where the peg is wanted in the end: x, metres.
-          walls: of what a fingertip is not to get into.
-          is_led: whether the arm is still on a path to where it rakes.
-          moves: whether the peg does not lie still yet.
-        """
-        place = data.site_xpos["peg"]
-        is_pulled = arrays.norm(place - self._pulled_from) > _PULLED
-        if self.now is not None and self.now.kind != "there" and is_pulled:
-            self.forget()
-        off = abs(float(place[0]) - goal)
-        spot = self.now
-        missing = np.inf if spot is None else float(spot.missing(data, spot.goal(data, goal)))
-        if off < self._nearest - _HEADWAY:
-            self._nearest, self._in_vain = off, 0.0
-        if missing < self._least - _HEADWAY:
-            self._least, self._in_vain = missing, 0.0
-        self._in_vain += _ON_THE_WAY if is_led else 1.0
-        if (self.now is None and not moves) or self._in_vain > _IN_VAIN:
-            self._in_vain, self._pulled_from, self._least = 0.0, place.copy(), np.inf
-            self.now = next_spot(data, self.now, goal, walls)
-        return self.now
 
 
 def _behind(place: np.ndarray, goal: float) -> np.ndarray:

@@ -1,10 +1,10 @@
-"""`Peg`: the manipulator's peg as an object to grasp, by its handle.
+"""`Ball` and `Peg`: the manipulator's props as objects to grasp.
 
-peg = Peg(task.object_joints)
-ahead, aside = peg.offset(data)  # metres, from the point of the grasp
-poses = peg.poses_around([pose_of(data, "peg")], now, random, count=4, tilt=0.1)
+    prop = prop_of(env.task)         # Ball or Peg, which have the same methods
+    ahead, aside = prop.offset(data) # metres, from the point of the grasp
+    poses = prop.poses_around([pose_of(data, prop.name)], now, random, 4, back=0.0, tilt=0.5)
 
-The methods are those of `ball.Ball`. Quantities are those of a batch, (N,), or of one simulation.
+Quantities are those of a batch, (N,), or of one simulation.
 """
 
 from typing import Any
@@ -13,34 +13,31 @@ import numpy as np
 
 from limberjack.planner.arm.collision import Obstacle, clearance
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, TIPS, in_hand, near, outward_speed
-from limberjack.planner.arm.kinematics import (
-    GRASP,
-    PINCH,
-    angle_of,
-    hand_poses,
-    hand_poses_each,
-)
+from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses, hand_poses_each
 from limberjack.planner.manipulator.grips import (
     BACK,
+    BALL,
+    BALL_SETTINGS,
     HANDLE,
     PEG_SETTINGS,
     Pose,
     against_hand,
     downwards,
+    grasp_place,
     height_above_ground,
     in_world,
     pose_of,
 )
 from limberjack.utils import arrays
 
-__all__ = ["BLADE", "HAND", "HELD", "LIES", "Peg", "across", "grasp_of", "is_on_arm"]
+__all__ = ["BLADE", "HAND", "LIES", "Ball", "Peg", "across", "grasp_of", "is_on_arm", "prop_of"]
 
+_LENIENT = 0.06  # one less the cosine; how far from upright a hand that takes a ball may be
 HAND = GRASP + 0.02  # metres; from the wrist to the end of a hand on which a peg may lie
 LIES = 0.08  # metres above the ground; a peg that is higher does not lie on it
 BLADE = np.array([0.005])  # metres; its radius
 _ALOFT, _ON_ARM = 0.12, 0.015  # metres above the ground and from the arm; a peg there lies on it
 _LENGTH = 0.113  # metres
-HELD = GRASP + _LENGTH  # metres; from the wrist to the tip of a held peg
 _STEEP, _SUNK = 0.25, 0.003  # radians, metres; how the hand comes to a peg that lies flat
 _PINCHED = 0.0, 0.034  # metres in the frame of a peg; where the hand pinches it
 _TURNED = 0.3  # radians; a peg slips from a hand that is turned more
@@ -57,10 +54,78 @@ _SPEED, _SPIN = 3.0, 10.0
 _RAKED = 0.12  # metres; how far beyond the middle a peg is raked
 
 
+class Ball:
+    """The ball, which the hand may take from any side, but best from above."""
+
+    name, grip, settings = "ball", BALL, BALL_SETTINGS
+    held = GRASP + 0.022  # metres; from the wrist to the far end of a held ball
+
+    def __init__(self, joints: list[str]) -> None:
+        """Takes the names of the ball's joints: along x, along z and about y."""
+        self.joints = joints
+
+    def offset(self, data: Any) -> tuple[Any, Any]:
+        """Distances of the ball ahead and aside of the point of the grasp, (N,) each, metres."""
+        return in_hand(data, grasp_place(data, self.name, self.grip))
+
+    def misalignment(self, data: Any) -> Any:
+        """One less the cosine between the hand and straight down, 0 near enough, (...)."""
+        return np.maximum(against_hand(data, downwards(data.site_xpos["ball"])) - _LENIENT, 0.0)
+
+    def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
+        """1 where the ball is right between the closed fingers, 0 far from there, (N,)."""
+        return self.grip.firmness(data, offset)
+
+    def opening(self, offset: tuple[Any, Any]) -> float:
+        """The fingers' angle with which the hand comes, radians."""
+        return self.grip.ready
+
+    def chased(self, data: Any) -> Any:
+        """Cost of the motion of the ball while it is not held, (N,)."""
+        return outward_speed(data, self.joints[0], self.name)
+
+    def swung(self, data: Any) -> list[np.ndarray]:
+        """Costs of the motion of the ball while it is held: none."""
+        return []
+
+    def gap(self, data: Any) -> Any:
+        """Distance of the ball from the target, (N,), metres."""
+        return arrays.norm(data.site_xpos["ball"] - data.site_xpos["target_ball"])
+
+    def rake_goal(self, data: Any) -> float:
+        """Position in reach to which the ball is raked: x, metres."""
+        return 0.0
+
+    def poses_at_target(self, data: Any, random: np.random.Generator, count: int) -> np.ndarray:
+        """Arm joints that have the ball at the target, (n, 4), n <= count."""
+        place, now = data.site_xpos["target_ball"][PLANE], data.qpos[ARM]
+        return hand_poses(random, place, GRASP, now, count)
+
+    def poses_around(
+        self,
+        objects: list[Pose],
+        now: np.ndarray,
+        random: np.random.Generator,
+        count: int,
+        back: float,
+        tilt: float,
+    ) -> list[np.ndarray]:
+        """Arm joints that have the hand around the ball, (n, 4) for each of its poses, n <= count.
+
+        The hand keeps `back` metres away; `tilt` is for objects with a direction.
+        """
+        places = np.array([place for place, _ in objects])
+        down = angle_of(downwards(places)[:, PLANE])
+        clear = {"width": self.grip.width, "slack": 1.5 * self.grip.slack}
+        each = places[:, PLANE], GRASP + back, now, count
+        return hand_poses_each(random, *each, down, 0.8, **clear)
+
+
 class Peg:
     """The peg, which the hand takes by its handle, from straight on."""
 
     name, grip, settings = "peg", HANDLE, PEG_SETTINGS
+    held = GRASP + _LENGTH  # metres; from the wrist to the tip of a held peg
 
     def __init__(self, joints: list[str]) -> None:
         """Takes the names of the peg's joints: along x, along z and about y."""
@@ -128,15 +193,21 @@ class Peg:
         now: np.ndarray,
         random: np.random.Generator,
         count: int,
-        back: float = 0.0,
-        tilt: float = 0.5,
+        back: float,
+        tilt: float,
     ) -> list[np.ndarray]:
-        """Arm joints that have the hand around the peg, straight on to within `tilt`, as a ball."""
+        """Arm joints that have the hand around the peg, straight on to within `tilt` radians."""
         grasps = [grasp_of(peg) for peg in objects]
         places, angles = np.array([g[0] for g in grasps]), np.array([g[1] for g in grasps])
         wanted = angles, min(tilt, _TURNED)
         each = places, PINCH + back, now, count
         return hand_poses_each(random, *each, *wanted, width=self.grip.width)
+
+
+def prop_of(task: Any) -> Ball | Peg:
+    """The prop of a `manipulator.Bring` task."""
+    joints = task.object_joints
+    return Peg(joints) if joints[0] == "peg_x" else Ball(joints)
 
 
 def grasp_of(peg: Pose) -> tuple[np.ndarray, float]:
@@ -158,11 +229,9 @@ def is_on_arm(data: Any) -> bool:
 
 
 def across(data: Any, turn: Any) -> np.ndarray:
-    """Cost of fingertips near a peg that is not between them, (N,): they would pin it.
+    """Cost of fingertips near a peg that a turned hand is not around, (N,): they would pin it.
 
-    Args:
-      data: of a batch.
-      turn: one less the cosine between hand and peg, (N,).
+    The turn is one less the cosine between hand and peg, (N,).
     """
     start, end = data.site_xpos["peg_grasp"], data.site_xpos["peg_tip"]
     along, offset = (end - start)[..., None, :], data.geom_xpos[TIPS] - start[..., None, :]
