@@ -3,7 +3,7 @@
     found = find_detours(random, now=qpos[:4], goals=poses[:, None], reach=0.178)  # shortest first
     kept = keep_clear(now, found, reach=0.178)  # at the next planning step
 
-Other than in the roadmap, nothing but the ground and a line is in the way, and a path is needed at
+Unlike in the roadmap, nothing but the ground and a line is in the way, and a path is needed at
 every planning step: waypoints are drawn, and the shortest clear pair of straight paths wins.
 """
 

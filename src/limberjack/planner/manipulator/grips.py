@@ -36,7 +36,7 @@ BACK = 0.06  # metres; how far the hand stands off before it closes in
 BALL_SETTINGS = dataclasses.replace(
     SETTINGS,
     samples=40,
-    # Lighter fingers are pressed through what they should grasp.
+    # Lighter fingers are pressed through the object that they should grasp.
     armature=0.001,
     # A good plan among many bad ones is rare, and must not be lost in their mean.
     temperature=0.1,
@@ -47,7 +47,7 @@ BALL_SETTINGS = dataclasses.replace(
     servos=True,
 )
 # A peg is taken between floor and fingers, where only true weights and short time steps tell. With
-# no armature at all light fingers shake: what they hold is 13 mm off after 0.2 seconds, else 2.5.
+# no armature at all light fingers shake: a held object is 13 mm off after 0.2 seconds, else 2.5.
 PEG_SETTINGS = dataclasses.replace(
     BALL_SETTINGS,
     samples=36,

@@ -22,8 +22,8 @@ _STIRRED = 0.03  # metres; paths to a peg are searched again once it has moved s
 # Metres by which a peg must come nearer to the goal, or a fingertip to the spot, to count.
 _HEADWAY = 0.03
 _PULLED = 0.08  # metres; so far a peg is pulled away from its obstacle
-_IN_VAIN = 16  # plannings; after so many without headway a peg is raked from elsewhere
-_ON_THE_WAY = 0.1  # what counts a planning for which the arm is still on its path there
+_PATIENCE = 16  # plannings; after so many without headway a peg is raked from elsewhere
+_LED = 0.1  # of a planning; share that counts while the arm is still on a path to the spot
 _MISSES = 2  # failed searches for a path after which a peg is raked
 
 
@@ -51,7 +51,7 @@ class Rake:
         self._pulled_from = np.zeros(3)  # place of the peg when that spot was chosen
         self._nearest = np.inf  # metres; least distance of the peg from the goal
         self._least = np.inf  # metres; least distance of a fingertip from the spot
-        self._in_vain = 0.0  # plannings without any headway
+        self._stalled = 0.0  # plannings without any headway
 
     def judge(self, data: Any, is_within: bool) -> bool:
         """Begins or ends raking when the object's reach has changed a few times in a row.
@@ -70,8 +70,8 @@ class Rake:
     ) -> None:
         """Decides at which spot a peg is raked, and rakes one to which no path leads.
 
-        It is not raked while the arm makes it fall. An arm that is led to the spot on a path, and a
-        peg that moves, are given more time.
+        It is not raked while the arm makes it fall. The first spot is chosen once the peg is at
+        rest, another one without headway for long; an arm that is led to the spot has more time.
         """
         place = data.site_xpos[self._prop.name]
         if arrays.norm(place - self._stayed_at) > _STIRRED:
@@ -86,9 +86,9 @@ class Rake:
         is_pulled = arrays.norm(place - self._pulled_from) > _PULLED
         if self.spot is not None and self.spot.kind != "there" and is_pulled:
             self._forget()
-        self._count_headway(data, self.goal, _ON_THE_WAY if is_led else 1.0)
-        if (self.spot is None and not moves) or self._in_vain > _IN_VAIN:
-            self._in_vain, self._pulled_from, self._least = 0.0, place.copy(), np.inf
+        self._count_headway(data, self.goal, _LED if is_led else 1.0)
+        if (self.spot is None and not moves) or self._stalled > _PATIENCE:
+            self._stalled, self._pulled_from, self._least = 0.0, place.copy(), np.inf
             self.spot = next_spot(data, self.spot, self.goal, walls)
         if self.spot is not None:
             self.goal = self.spot.goal(data, self.goal)
@@ -99,10 +99,10 @@ class Rake:
         if self.spot is not None:
             missing = float(self.spot.missing(data, self.spot.goal(data, goal)))
         if off < self._nearest - _HEADWAY:
-            self._nearest, self._in_vain = off, 0.0
+            self._nearest, self._stalled = off, 0.0
         if missing < self._least - _HEADWAY:
-            self._least, self._in_vain = missing, 0.0
-        self._in_vain += share
+            self._least, self._stalled = missing, 0.0
+        self._stalled += share
 
     def at(self) -> Spot:
         """The spot, or else the object's middle."""

@@ -6,8 +6,8 @@
 
 Where nothing is above the mouth, a ball that is released there falls in. Elsewhere, such as below
 the arm's own base or where the hand cannot come from above, it may still roll in from beside, off
-the open fingers and over the rim. Which poses do that is more than geometry tells, so it is tried:
-the arm is put there in the planner's own simulation, and the fingers open.
+the open fingers and over the rim. Geometry does not tell which poses achieve that, so they are
+tried: the arm is put there in the planner's own simulation, and the fingers open.
 """
 
 import contextlib
@@ -26,10 +26,10 @@ from limberjack.rl.control import PhysicsError
 
 __all__ = ["Releases"]
 
-_UP, _BESIDE = (0.09, 0.2), 0.14  # metres; where in the mouth's frame the ball is let go
+_UP, _BESIDE = (0.09, 0.2), 0.14  # metres; release points in the mouth's frame
 _TURN = 0.6  # radians; how far from the direction to the mouth the hand may point
 _PLACES, _POSES = 16, 4  # that are drawn at a time, and poses at each
-_SHAKEN, _SHAKES = 0.02, 2  # radians; a pose must do as well so far beside, and how often
+_SHAKEN, _SHAKES = 0.02, 2  # radians; a pose must also work so far beside, and how often
 _ENOUGH = 3  # poses; a path leads to the nearest of them
 _FALL, _HOLDS = 0.6, 15  # seconds until the ball must be in; how often the arm is put back then
 _TOUCHING = -0.001  # metres; so near to walls a pose may be
@@ -37,7 +37,7 @@ _IN = 0.02  # metres
 
 
 class Releases:
-    """Poses from which the object gets into the receptacle when it is let go."""
+    """Poses from which a released object gets into the receptacle."""
 
     def __init__(self, site: str, joints: list[str], receptacle: Receptacle) -> None:
         """Takes the object's site and its joints along x and z."""
@@ -45,11 +45,11 @@ class Releases:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the poses."""
+        """Discards the poses."""
         self._poses: list[np.ndarray] = []
 
     def path(self, physics: Any, walls: Obstacle) -> Path | None:
-        """A path to a pose that does; a few are tried at each call, None until there is one."""
+        """A path to a pose that works; a few are tried at each call, None until one is found."""
         data = physics.named.data
         now = data.qpos[ARM].copy()
         random = np.random.default_rng(round(1000 * physics.time()))
@@ -67,7 +67,7 @@ class Releases:
         return found
 
     def works(self, physics: Any, pose: np.ndarray | None = None) -> bool:
-        """Whether the object gets in if the hand lets it go at a pose (4,), by default here."""
+        """Whether the object gets in if released at a pose (4,), by default the current one."""
         data = physics.named.data
         state, control = physics.get_state(), physics.control().copy()
         ahead, aside = (float(d) for d in in_hand(data, data.site_xpos[self._object]))

@@ -87,9 +87,9 @@ class Spot:
 
         Args:
           data: of a single simulation.
-          goal: where the peg is raked to: x, metres.
-          walls: of what the hand is not to be in.
-          higher: how far above there the fingertip is to be, metres.
+          goal: x to which the peg is raked, metres.
+          walls: obstacles for the hand.
+          higher: distance of the fingertip above there, metres.
         """
         place = data.site_xpos[self.site]
         if self.kind == "down" and height_above_ground(place) < _LOW:
