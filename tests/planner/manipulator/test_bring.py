@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.planner import cost_for
 from limberjack.planner.arm.hand import ARM, PLANE
 from limberjack.planner.arm.kinematics import GRASP, hand_places
+from limberjack.planner.manipulator.bring import Bring
 from limberjack.planner.manipulator.fetch import Stage
 from limberjack.utils.arrays import rows_of_a_batch
 
@@ -36,23 +36,14 @@ def test_a_ball_that_starts_in_the_hand_is_carried_and_its_distance_costs() -> N
     env = suite.load("manipulator", "bring_ball", task_kwargs={"random": 1001})
     env.reset()
     assert env.task.start(env.physics) == "in_hand"
-    cost, physics = cost_for(env.task), env.physics
+    cost, physics = Bring(env.task), env.physics
     physics.named.data.qpos[["thumb", "finger"]] = cost._fetch.prop.grip.firm
     physics.forward()
     cost.update(physics)
     assert cost.stage()[0] is Stage.CARRY
     batch = physics.replicate(2, 1, ["body_pos", "body_quat"]).physics
     saved = {name: np.repeat(v, 2, axis=0) for name, v in env.snapshot().physics.items()}
-    target = physics.named.model.body_pos["target_ball"]
-    arm = physics.named.data.site_xpos["grasp"]
-    saved["body_pos"][1] += (
-        0.3
-        * (target - arm)
-        / np.linalg.norm(target - arm)
-        * (
-            np.arange(len(saved["body_pos"][1])) == physics.model.name2id("target_ball", "body")
-        ).reshape(-1, 1)
-    )
+    saved["body_pos"][1, physics.model.name2id("target_ball", "body")] = 2.0, 0.0, 2.0  # far away
     batch.simulation.load(saved)
     with rows_of_a_batch(2):
         near_by, far = cost.terms(batch)["carry"]
