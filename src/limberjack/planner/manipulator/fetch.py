@@ -49,7 +49,6 @@ _BEST = 12  # poses at a peg to which paths are searched
 _CARRIED = 15  # plannings; a peg that touches the arm for longer, high above the ground, lies on it
 _ALONG = 24  # points of a path that are checked
 
-
 _Carrying = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 _Proposing = Callable[[Any, np.random.Generator], list[Proposal]]
 
@@ -125,7 +124,7 @@ class Fetch:
         return bool(np.abs(data.qvel[self.prop.joints[:2]]).max() > _FAST)
 
     def watch_arm(self, data: Any) -> bool:
-        """Whether a peg has just come to lie on the arm, or has just left it."""
+        """Counts plannings with a peg on the arm; returns whether `lies_on_arm` has changed."""
         before = self.lies_on_arm
         is_carried = self.paths is not None and not self.has and is_on_arm(data)
         self._carried_for = self._carried_for + 1 if is_carried else 0
