@@ -1,12 +1,13 @@
 """The costs of the suite's tasks."""
 
+import enum
 from typing import Any
 
 import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.planner import Planner, cost_for
+from limberjack.planner import Cost, Planner, cost_for
 from limberjack.utils.arrays import rows_of_a_batch
 
 from .planned import PLANNED
@@ -50,6 +51,14 @@ def test_a_cost_is_one_number_for_each_state_whatever_the_others_are(
     with rows_of_a_batch(_ROWS):
         alone = cost.step_cost(batch)
     np.testing.assert_array_equal(alone, together[-1])
+
+
+@every_task
+def test_a_cost_inherits_from_no_other_one_and_names_its_stage(domain: str, task: str) -> None:
+    cost = cost_for(suite.load(domain, task, task_kwargs={"random": 0}).task)
+    assert type(cost).__bases__ == (Cost,)
+    stage = cost.stage()
+    assert isinstance(stage[0] if isinstance(stage, tuple) else stage, enum.Enum)
 
 
 @every_task
