@@ -1,15 +1,13 @@
 """The costs of the suite's tasks."""
 
+import enum
 from typing import Any
 
 import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.planner import Planner, cost_for
-from limberjack.planner.arm.hand import ARM
-from limberjack.planner.manipulator.bring import Bring
-from limberjack.rl.control import PhysicsError
+from limberjack.planner import Cost, Planner, cost_for
 from limberjack.utils.arrays import rows_of_a_batch
 
 from .planned import PLANNED
@@ -56,6 +54,14 @@ def test_a_cost_is_one_number_for_each_state_whatever_the_others_are(
 
 
 @every_task
+def test_a_cost_inherits_from_no_other_one_and_names_its_stage(domain: str, task: str) -> None:
+    cost = cost_for(suite.load(domain, task, task_kwargs={"random": 0}).task)
+    assert type(cost).__bases__ == (Cost,)
+    stage = cost.stage()
+    assert isinstance(stage[0] if isinstance(stage, tuple) else stage, enum.Enum)
+
+
+@every_task
 def test_proposals_are_plans_of_the_right_shape(domain: str, task: str) -> None:
     env, _ = _in_many_states(domain, task)
     cost = cost_for(env.task)
@@ -65,54 +71,6 @@ def test_proposals_are_plans_of_the_right_shape(domain: str, task: str) -> None:
     assert found is not None
     assert found.shape[1:] == (cost.settings.knots, env.physics.model.nu)
     assert np.isfinite(found).all()
-
-
-def test_a_ball_is_foreseen_as_it_goes_while_the_arm_stays() -> None:
-    for seed in (1000, 1002, 1012):
-        env = suite.load("manipulator", "bring_ball", task_kwargs={"random": seed})
-        env.reset()
-        physics, cost = env.physics.copy(), Bring(env.task)
-        data, kept = physics.named.data, env.physics.named.data.qpos[ARM].copy()
-        data.qvel["ball_x"] = 0.5
-        cost.update(physics)
-        places = [place for place, _ in cost._coming]
-        assert len(places) == cost.settings.knots - 1
-        for expected in places:
-            for _ in range(round(0.125 / physics.timestep())):
-                physics.step()
-                data.qpos[ARM], data.qvel[ARM] = kept, 0.0
-            physics.forward()
-            # The same, unless the ball touches the arm: one that is put back after each time step
-            # gives way a little, by 2 mm here.
-            np.testing.assert_allclose(data.site_xpos["ball"], expected, rtol=0, atol=0.005)
-
-
-@pytest.mark.parametrize("allowed", [0, 2])
-def test_where_foresight_fails_the_ball_is_fetched_from_as_far_as_it_was_seen(
-    monkeypatch: pytest.MonkeyPatch, allowed: int
-) -> None:
-    env = suite.load("manipulator", "bring_ball", task_kwargs={"random": 1000})
-    env.reset()
-    physics = env.physics.copy()
-    physics.named.data.qvel["ball_x"] = 0.5
-    state, step, calls = physics.get_state(), physics.step, []
-    armature = physics.model.dof_armature.copy()
-
-    def fails_later(nstep: int = 1) -> None:
-        calls.append(nstep)
-        if len(calls) > allowed:
-            raise PhysicsError("diverged")
-        step(nstep)
-
-    monkeypatch.setattr(physics, "step", fails_later)
-    cost = cost_for(env.task)
-    cost.update(physics)
-    found = cost.proposals(physics, np.random.default_rng(0))
-    assert len(calls) == allowed + 1
-    assert found is not None
-    assert np.isfinite(found).all()
-    np.testing.assert_array_equal(physics.get_state(), state)
-    np.testing.assert_array_equal(physics.model.dof_armature, armature)
 
 
 def _play(domain: str, task: str, seed: int, seconds: float) -> np.ndarray:

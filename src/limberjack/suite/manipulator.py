@@ -48,12 +48,10 @@ OBSERVATIONS = {
     "object_vel": base.Observed("velocities of the ball or peg: x; z; about y", "m/s; m/s; rad/s"),
     "target_pos": base.Observed("planar pose of the target", "m; 1"),
 }
-# The planner's cost for each pair of (use_peg, insert).
+# The planner's cost to bring, and to insert.
 _PLANNER_COSTS = {
-    (False, False): "limberjack.planner.manipulator.bring:Bring",
-    (True, False): "limberjack.planner.manipulator.bring_peg:BringPeg",
-    (False, True): "limberjack.planner.manipulator.insert_ball:InsertBall",
-    (True, True): "limberjack.planner.manipulator.insert_peg:InsertPeg",
+    False: "limberjack.planner.manipulator.bring:Bring",
+    True: "limberjack.planner.manipulator.insert:Insert",
 }
 
 
@@ -149,7 +147,7 @@ class Bring(_planar_arm.ArmTask):
         """
         self._use_peg = use_peg
         self._insert = insert
-        self.planner_cost = _PLANNER_COSTS[use_peg, insert]
+        self.planner_cost = _PLANNER_COSTS[insert]
         self._object = "peg" if use_peg else "ball"
         self._target = f"target_{self._object}"
         self._receptacle = "slot" if use_peg else "cup"

@@ -3,7 +3,7 @@
     found = find_detours(random, now=qpos[:4], goals=poses[:, None], reach=0.178)  # shortest first
     kept = keep_clear(now, found, reach=0.178)  # at the next planning step
 
-Other than in the roadmap, nothing but the ground and a line is in the way, and a path is needed at
+Unlike in the roadmap, nothing but the ground and a line is in the way, and a path is needed at
 every planning step: waypoints are drawn, and the shortest clear pair of straight paths wins.
 """
 
@@ -16,6 +16,7 @@ from limberjack.planner.arm.path import Path, joint_time
 
 __all__ = ["find_detours", "keep_clear"]
 
+_COUNT = 6  # paths that are kept
 _WAYPOINTS = 80  # that are drawn
 _POINTS = np.arange(1, 7) / 6  # of a straight path, at which it is checked
 _ENDS = 24  # least number of goals that are tried, counting those with the root a turn off
@@ -29,12 +30,11 @@ def find_detours(
     now: np.ndarray,
     goals: np.ndarray,
     reach: float,
-    count: int = 6,
     known: Sequence[Path] = (),
     around: np.ndarray | None = None,
     first: np.ndarray | None = None,
 ) -> list[Path]:
-    """The shortest clear paths, at most `count`; none if nothing is clear.
+    """The shortest clear paths, at most `_COUNT`; none if nothing is clear.
 
     Args:
       random: draws the waypoints.
@@ -42,7 +42,6 @@ def find_detours(
       goals: joints to reach, and others to pass from there on in any case, (n, m, 4); the root may
         turn either way.
       reach: from the wrist to the far end of a held object, metres.
-      count: largest number of paths.
       known: earlier paths, whose waypoints are tried again, so that the arm keeps to one of them.
       around: a line that the hand keeps clear of up to the goal, (2, 2) of its ends, metres.
       first: joints to pass first, (4,), to get away from where nothing is clear.
@@ -61,10 +60,10 @@ def find_detours(
     drawn = np.concatenate([*(path.via[None] for path in known if path.via is not None), drawn])
     drawn = drawn[is_clear(drawn, reach) & _is_straight_clear(now, drawn, reach, around)]
     direct = _is_straight_clear(now, ends, reach, around)
-    found = [_path(begin, goal) for goal in goals[direct][:count]]
-    for via, end in _onwards(now, drawn, ends, count, reach, around):
+    found = [_path(begin, goal) for goal in goals[direct][:_COUNT]]
+    for via, end in _onwards(now, drawn, ends, reach, around):
         found.append(_path(begin, goals[end], drawn[via]))
-    return sorted(found, key=lambda path: path.length)[:count]
+    return sorted(found, key=lambda path: path.length)[:_COUNT]
 
 
 def keep_clear(
@@ -102,7 +101,6 @@ def _onwards(
     now: np.ndarray,
     drawn: np.ndarray,
     ends: np.ndarray,
-    count: int,
     reach: float,
     around: np.ndarray | None,
 ) -> list[tuple[int, int]]:
@@ -118,9 +116,9 @@ def _onwards(
         clear = _is_straight_clear(drawn[via], ends[end], reach, around)
         for one, other in zip(via[clear].tolist(), end[clear].tolist(), strict=True):
             found.setdefault(one, other)
-        if len(found) >= count:
+        if len(found) >= _COUNT:
             break
-    return list(found.items())[:count]
+    return list(found.items())[:_COUNT]
 
 
 def _is_straight_clear(

@@ -2,7 +2,7 @@
 
 ready = HANDLE.ready  # the fingers' angle with which the hand comes to a peg, radians
 place, frame = pose_of(physics.named.data, "peg")
-grasp = place + in_world(frame, HANDLE.place)
+grasp = grasp_place(physics.named.data, "peg", HANDLE)  # place + in_world(frame, HANDLE.place)
 """
 
 import dataclasses
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm.hand import SETTINGS, finger_angle
+from limberjack.planner.arm.hand import SETTINGS, finger_angle, fingers, near
 
 __all__ = [
     "BACK",
@@ -19,21 +19,24 @@ __all__ = [
     "BALL_SETTINGS",
     "HANDLE",
     "PEG_SETTINGS",
+    "PRESS",
     "Grip",
     "Pose",
     "against_hand",
     "downwards",
+    "grasp_place",
     "height_above_ground",
     "in_world",
     "pose_of",
 ]
 
+PRESS = 0.25  # control of the grasp under which an object may slip
 BACK = 0.06  # metres; how far the hand stands off before it closes in
 
 BALL_SETTINGS = dataclasses.replace(
     SETTINGS,
     samples=40,
-    # Lighter fingers are pressed through what they should grasp.
+    # Lighter fingers are pressed through the object that they should grasp.
     armature=0.001,
     # A good plan among many bad ones is rare, and must not be lost in their mean.
     temperature=0.1,
@@ -44,7 +47,7 @@ BALL_SETTINGS = dataclasses.replace(
     servos=True,
 )
 # A peg is taken between floor and fingers, where only true weights and short time steps tell. With
-# no armature at all light fingers shake: what they hold is 13 mm off after 0.2 seconds, else 2.5.
+# no armature at all light fingers shake: a held object is 13 mm off after 0.2 seconds, else 2.5.
 PEG_SETTINGS = dataclasses.replace(
     BALL_SETTINGS,
     samples=36,
@@ -93,6 +96,13 @@ class Grip:
         """The target of the fingers' angle that holds, radians."""
         return finger_angle(self.pressed)
 
+    def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
+        """1 where an object at an offset in the hand is between the closed fingers, 0 far off."""
+        ahead, aside = offset
+        ahead = ahead - np.clip(ahead, 0.0, self.slack)
+        closed = np.clip((fingers(data) - self.ready) / (self.firm - self.ready), 0.0, 1.0)
+        return near(np.hypot(ahead, aside), 0.012) * closed
+
 
 BALL = Grip((0.0, 0.0), None, 0.03, 0.008, 0.015, 0.011)
 # By the handle, the fingertips between pommel and guard: anywhere else they slip off.
@@ -103,6 +113,11 @@ def in_world(frame: np.ndarray, vector: tuple[float, float]) -> np.ndarray:
     """A vector (x, z) of a frame (..., 9), in the world, (..., 3)."""
     x, z = vector
     return x * frame[..., 0::3] + z * frame[..., 2::3]
+
+
+def grasp_place(data: Any, site: str, grip: Grip) -> np.ndarray:
+    """Position at which the grasp site belongs for a grip on an object's site, (..., 3), metres."""
+    return data.site_xpos[site] + in_world(data.site_xmat[site], grip.place)
 
 
 def against_hand(data: Any, forward: np.ndarray) -> Any:

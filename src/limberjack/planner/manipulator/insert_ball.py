@@ -1,159 +1,170 @@
-"""Cost of insert_ball: release the ball into the cup.
+"""`BallInsertion` and `Release`: how the ball gets into the cup.
 
-Beside the cost of inserting: a ball that does not just fall in is released at a pose that was
-tested in the planner's simulation (`releases.py`); while a ball still rolls, the arm
-comes around the cup to where it can be taken; and a ball that lies on the arm is shaken off.
+insertion, release = BallInsertion(fetch, cup), Release(task, fetch, cup)
+path = insertion.path_to_object(data, attempt=0)
+release.update(physics)  # whether the arm waits for the ball, or shakes it off
+
+While a ball still rolls, the arm comes around the cup to where it can be taken. A ball that does
+not just fall in is released at a pose that was tested in the planner's simulation (`releases.py`).
+A ball that lies on the arm is shaken off.
 """
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, fingers
 from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses, nudged
+from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, plans_of
-from limberjack.planner.manipulator.grips import height_above_ground
-from limberjack.planner.manipulator.insert import Insert
+from limberjack.planner.arm.roadmap import find_path
+from limberjack.planner.manipulator.fetch import Fetch
+from limberjack.planner.manipulator.grips import BACK, height_above_ground, pose_of
+from limberjack.planner.manipulator.guide import FEW, GOALS, Guide
+from limberjack.planner.manipulator.props import HAND, Ball
+from limberjack.planner.manipulator.receptacles import Receptacle
 from limberjack.planner.manipulator.releases import Releases
-from limberjack.utils import arrays
 
-__all__ = ["InsertBall"]
+__all__ = ["BallInsertion", "Release"]
 
 _NEAR = 0.5  # radians; so near the end of its path the arm may let go
-_ASTRAY = 0.8  # radians; so far off its path the arm looks for another
 _STILL = 0.5  # radians per second; an arm that moves faster does not let go
-_LETS_GO = 25  # plannings; how long the arm keeps still for a ball that rolls in
+_WAITS = 25  # plannings; how long the arm keeps still for a ball that rolls in
 _WIDE = OPEN_ANGLE - 0.2  # radians; beyond the limit, so that the hand opens with all its force
 _MISSED = 0.3  # metres; so far from its place the ball has not rolled in
-_TRIALS = 3  # to let the ball fall in; after so many it does not
-_STAND_OFF = 0.06  # metres; how far from where the ball may be taken a path ends
 _ROLLS = 0.3, 0.04  # metres; how far to both sides and how high a rolling ball may be taken
 _LIES = 0.05  # metres above the ground; a ball that rests higher lies on the arm
 _RESTS = 0.1  # metres per second
-_STIRRED = 0.03  # metres; so far a ball that is raked must move
-_IN_VAIN = 30  # plannings; one that has not moved for so long is raked the other way
 _SHAKES = 10  # plannings; how long it lies there before it is shaken off, and how long that lasts
 
 
-class InsertBall(Insert):
-    """Fetches the ball and puts it into the cup."""
+class BallInsertion:
+    """Paths and proposals for the ball.
 
-    weights: ClassVar = {**Insert.weights, "ball on the arm": 20.0}
-    attempts = 4
-    long = 20
+    Attributes:
+      attempts: searches for a path after which the ball is approached in another pose.
+      long: plannings before the mouth after which insertion is tried from elsewhere.
+      noise_scale: of plans before the mouth.
+      over: heights above the place before the mouth at which a path ends, metres.
+      held: distances from the wrist to be kept clear of the walls, metres.
+      close: whether a path may end close to the walls.
+    """
 
-    def __init__(self, task: Any) -> None:
-        """Takes a `manipulator.Bring` task that inserts a ball."""
-        super().__init__(task)
-        self._releases = Releases(self._object, task.object_joints[:2], self._receptacle)
+    attempts, long, noise_scale = 4, 20, 1.0
+    over, held, close = (0.02,), (Ball.held,), False
 
-    def reset(self) -> None:
-        """Forgets what was being done about the ball."""
-        super().reset()
-        self._is_hard = False  # the ball does not just fall in
-        self._lets_go = 0  # plannings in which the arm still keeps a pose and the hand is open
-        self._kept = np.zeros(4)  # that pose
-        self._lies_for = 0  # plannings in which the ball has been lying on something
-        self._shakes = 0  # plannings in which it is still shaken off
-        self._raked_from, self._in_vain = np.zeros(3), 0  # since when it has not moved
+    def __init__(self, fetch: Fetch, cup: Receptacle) -> None:
+        """Takes the fetching of the ball, and the cup."""
+        self._fetch, self._cup = fetch, cup
 
-    def _decide(self, physics: Any) -> None:
-        """Decides the stage, unless the ball is being released or shaken off."""
-        away = np.hypot(*self._receptacle.offset(physics.named.data, self._object))
-        self._lets_go = max(self._lets_go - 1, 0) if away < _MISSED else 0
-        if not self._lets_go and not self._is_shaken_off(physics):
-            super()._decide(physics)
+    def path_to_object(self, data: Any, attempt: int) -> Path | None:
+        """The arm's path around the cup to before the ball; the shortest for attempt 0."""
+        fetch = self._fetch
+        if fetch.rake.goal is not None:
+            return None
+        goals = self._goals(data)
+        if attempt:
+            goals = goals[fetch.draws.permutation(len(goals))[:FEW]]
+        return find_path(data.qpos[ARM], goals, HAND, fetch.walls)
 
-    def stage(self) -> Any:
-        """The stage, released and shaken off included."""
-        return super().stage(), self._lets_go > 0, self._shakes > 0
+    def _goals(self, data: Any) -> np.ndarray:
+        """Arm joints before the ball, or where a rolling ball can be taken, (n, 4)."""
+        now, random = data.qpos[ARM], self._fetch.draws
+        if not self._fetch.is_fast(data):
+            return self._fetch.poses_around([pose_of(data, "ball")], now, random, GOALS, BACK)[0]
+        places = [np.array([x, _ROLLS[1]]) for x in random.uniform(-_ROLLS[0], _ROLLS[0], 16)]
+        found = [hand_poses(random, place, GRASP, now, 8, np.pi, 0.8) for place in places]
+        takes = np.concatenate(found)[self._fetch.is_clear(np.concatenate(found))]
+        return nudged(takes, -BACK * direction(takes.sum(axis=-1)), 0.0)
 
-    def _is_shaken_off(self, physics: Any) -> bool:
-        """Whether the ball has come to rest on the folded arm."""
+    def proposals_in(self, data: Any, random: np.random.Generator) -> list[Proposal]:
+        """Proposals to let the ball fall."""
+        now, grip = data.qpos[ARM], self._cup.grip
+        proposals: list[Proposal] = []
+        for let_go in (OPEN_ANGLE, grip.ready):
+            proposals.append(Proposal([now], [let_go]))
+            proposals.append(Proposal([now], [grip.shut, let_go]))
+            for _ in range(8):
+                up, beside = random.uniform([-0.05, -0.016], [0.03, 0.016])
+                for pose in self._cup.poses(data, random, self._cup.before + up, beside, 1):
+                    proposals.append(Proposal([pose], [grip.shut, let_go]))
+                    proposals.append(Proposal([pose], [let_go], 2))
+        return proposals
+
+
+class Release:
+    """Release of a ball that does not just fall in, and recovery of one that lies on the arm.
+
+    Attributes:
+      is_due: whether the ball is released at a tested pose.
+      waits: plannings in which the arm still keeps a pose with an open hand.
+      shakes: plannings in which the ball is still shaken off.
+    """
+
+    def __init__(self, task: Any, fetch: Fetch, cup: Receptacle) -> None:
+        """Takes the task, the fetching of the ball, and the cup."""
+        self._task, self._fetch, self._cup = task, fetch, cup
+        self._releases = Releases("ball", fetch.prop.joints[:2], cup)
+        self.is_due = False
+        self.waits = self.shakes = 0
+        self._kept = np.zeros(4)  # the arm's joints while it waits
+        self._lies_for = 0  # plannings in which the ball has been lying on the arm
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether the arm waits for the ball to roll in, or shakes it off."""
+        return self.waits > 0 or self.shakes > 0
+
+    def update(self, physics: Any) -> bool:
+        """Counts the plannings; returns `is_busy`."""
+        away = np.hypot(*self._cup.offset(physics.named.data, "ball"))
+        self.waits = max(self.waits - 1, 0) if away < _MISSED else 0
+        if not self.waits:
+            self._watch_arm(physics)
+        return self.is_busy
+
+    def _watch_arm(self, physics: Any) -> None:
+        """Begins to shake the arm if the ball has come to rest on it."""
         data = physics.named.data
-        is_in = self.task.get_reward(physics) > 0.5
-        lies = height_above_ground(data.site_xpos[self._object]) > _LIES
-        speed = np.abs(data.qvel[self.task.object_joints[:2]]).max()
-        rests = bool(lies and speed < _RESTS) and not self._has and not is_in
+        is_in = self._task.get_reward(physics) > 0.5
+        lies = height_above_ground(data.site_xpos["ball"]) > _LIES
+        speed = np.abs(data.qvel[self._fetch.prop.joints[:2]]).max()
+        rests = bool(lies and speed < _RESTS) and not self._fetch.has and not is_in
         self._lies_for = self._lies_for + 1 if rests else 0
-        self._shakes = max(self._shakes - 1, 0)
+        self.shakes = max(self.shakes - 1, 0)
         if self._lies_for > _SHAKES:
-            self._lies_for, self._shakes = 0, _SHAKES
-        return self._shakes > 0
+            self._lies_for, self.shakes = 0, _SHAKES
 
-    def _turn_rake(self, data: Any) -> None:
-        """Rakes the other way if the ball has not moved: it may lean on the cup."""
-        place = data.site_xpos[self._object]
-        if self._rake_to is None or arrays.norm(place - self._raked_from) > _STIRRED:
-            self._raked_from, self._in_vain = place.copy(), 0
-        self._in_vain += 1
-        if self._rake_to is not None and self._in_vain // _IN_VAIN % 2:
-            self._rake_to = -self._rake_to
+    def seek(self, physics: Any, guide: Guide) -> None:
+        """Leads the arm to a pose from which the ball rolls in, and opens the hand there."""
+        data = physics.named.data
+        now = data.qpos[ARM]
+        if guide.path is None:
+            guide.follow(self._releases.path(physics, self._fetch.walls))
+            return
+        left = guide.left(now)
+        is_still = np.abs(data.qvel[ARM]).max() < _STILL
+        if left < _NEAR and is_still and self._releases.works(physics):
+            guide.path, self.waits, self._kept = None, _WAITS, now.copy()
+        elif not guide.advances(left):
+            self._releases.reset()
+            guide.path = None
+        elif guide.is_astray(now):
+            guide.path = None
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
-        """Terms of inserting; during a release, motion of the arm and of the fingers."""
+        """Terms of shaking, or of an arm that keeps still with an open hand, (N,) each."""
         data = physics.named.data
-        if self._shakes:
-            return {"ball on the arm": height_above_ground(data.site_xpos[self._object])}
-        if not self._lets_go:
-            return super().terms(physics)
+        if self.shakes:
+            return {"ball on the arm": height_above_ground(data.site_xpos["ball"])}
         return {
-            "reward": 1.0 - self.task.get_reward(physics),
+            "reward": 1.0 - self._task.get_reward(physics),
             "arm astray": np.abs(data.qpos[ARM] - self._kept).sum(axis=-1),
             "closed fingers": np.abs(fingers(data) - OPEN_ANGLE),
         }
 
-    def _tried(self, physics: Any, random: np.random.Generator) -> np.ndarray:
-        """Plans of the stage; random ones to shake the ball off, none during a release."""
-        if not self._lets_go and not self._shakes:
-            return super()._tried(physics, random)
-        now = physics.named.data.qpos[ARM]
-        poses = now + random.normal(0.0, 1.0, (16, 4)) if self._shakes else [self._kept]
-        return plans_of(now, [Proposal([pose], [_WIDE]) for pose in poses], self.settings.knots)
-
-    def _carry_on(self, physics: Any) -> None:
-        """Carries the ball to the mouth or, after a failure, to where it rolls in."""
-        if self._is_hard:
-            self._seek_release(physics)
-            return
-        looks = self._path is None and self._patience <= 0
-        waited = self._at_mouth and self._patience < 0
-        super()._carry_on(physics)
-        finds_none = looks and self._path is None
-        if not self._at_mouth and (finds_none or waited or self._trials > _TRIALS):
-            self._is_hard, self._path = True, None
-            self._releases.reset()
-
-    def _seek_release(self, physics: Any) -> None:
-        """Brings the ball to where it rolls in when it is let go, and lets it go there."""
-        data = physics.named.data
+    def plans(self, data: Any, random: np.random.Generator, knots: int) -> np.ndarray:
+        """Random plans that shake the ball off; one that keeps still, to wait, (n, knots, 5)."""
         now = data.qpos[ARM]
-        self._at_mouth = False
-        if self._path is None:
-            self._path = self._releases.path(physics, self._walls)
-            self._least, self._idle = np.inf, 0
-            return
-        left = float(self._path.remaining(now[None])[0])
-        is_still = np.abs(data.qvel[ARM]).max() < _STILL
-        if left < _NEAR and is_still and self._releases.works(physics):
-            self._path, self._lets_go, self._kept = None, _LETS_GO, now.copy()
-        elif not self._gets_on(left):
-            self._releases.reset()
-            self._path = None
-        elif self._path.astray(now[None])[0] > _ASTRAY:
-            self._path = None
-
-    def _has_moved(self, data: Any) -> bool:
-        """Whether the path leads elsewhere; the pose to wait for a rolling ball does not move."""
-        return super()._has_moved(data) and not self._is_fast(data)
-
-    def _before_it(self, data: Any, random: np.random.Generator) -> np.ndarray:
-        """Arm joints before the ball, or where a rolling ball can be taken, (n, 4)."""
-        if not self._is_fast(data):
-            return super()._before_it(data, random)
-        places = [np.array([x, _ROLLS[1]]) for x in random.uniform(-_ROLLS[0], _ROLLS[0], 16)]
-        now = data.qpos[ARM]
-        found = [hand_poses(random, place, GRASP, now, 8, np.pi, 0.8) for place in places]
-        takes = np.concatenate(found)
-        takes = takes[self._is_clear(takes)]
-        return nudged(takes, -_STAND_OFF * direction(takes.sum(axis=-1)), 0.0)
+        poses = now + random.normal(0.0, 1.0, (16, 4)) if self.shakes else [self._kept]
+        return plans_of(now, [Proposal([pose], [_WIDE]) for pose in poses], knots)

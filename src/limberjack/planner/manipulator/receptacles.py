@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 
 from limberjack.planner.arm.collision import Obstacle
-from limberjack.planner.arm.hand import PLANE, PLAY, near
+from limberjack.planner.arm.hand import ARM, PLANE, PLAY, in_hand, near
+from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_poses
+from limberjack.planner.manipulator.grips import BALL, HANDLE, Grip, grasp_place, in_world
 
 __all__ = ["Receptacle"]
 
@@ -29,7 +31,9 @@ class Receptacle:
     Attributes:
       body: its name.
       target: the site of the target inside it.
-      sites: of the object, that are to be at those of the target; the first goes in first.
+      sites: of the object, that are to be at those of the target; the first goes in first, and
+        the last is its middle.
+      grip: of the hand that holds the object.
       before: how far up the first site is before it goes in.
       width: how far beside the axis it may be then.
       side: how far beside the axis object and hand are clear of the walls.
@@ -39,6 +43,7 @@ class Receptacle:
     body: str
     target: str
     sites: tuple[str, ...]
+    grip: Grip
     before: float
     width: float
     side: float
@@ -72,11 +77,7 @@ class Receptacle:
         return -frame[..., 2] * hand[..., 2] - frame[..., 8] * hand[..., 8]
 
     def distance(self, offsets: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-        """Distance that remains, around the walls and in along the axis, (N,), metres.
-
-        Args:
-          offsets: of each of its sites.
-        """
+        """Distance that remains, around the walls and in along the axis, (N,), metres."""
         up, beside = offsets[0]
         aside = functools.reduce(np.maximum, [np.abs(b) for _, b in offsets])
         on_axis = np.clip(2.0 - aside / self.width, 0.0, 1.0) * (up > -self.width)
@@ -96,15 +97,29 @@ class Receptacle:
         return away if entering else away + max(self.before - 0.02 - float(up), 0.0)
 
     def holds(self, offset: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """Certainty that the object falls or stays in place by itself, 0 to 1, (N,).
+        """Certainty that an object falls or stays in place by itself, 0 to 1, (N,).
 
-        Args:
-          offset: of the first of its sites.
+        The offset is that of the first of its sites.
         """
         up, beside = offset
         above = np.where(up > 0, up, 6.0 * up)  # below it is outside again
         height, width = self.falls
         return np.minimum(PLAY * near(above, height) * near(beside, width), 1.0)
+
+    def poses(
+        self, data: Any, random: np.random.Generator, up: float, beside: float, count: int
+    ) -> np.ndarray:
+        """Arm joints that have the held object at a place up and beside, (n, 4), n <= count."""
+        now, grip, middle = data.qpos[ARM], self.grip, self.sites[-1]
+        axis, across = self.axes(data)
+        goal = grasp_place(data, self.target, grip)
+        point = goal[PLANE] + up * axis + beside * across
+        ahead, aside = in_hand(data, grasp_place(data, middle, grip))
+        angle, tilt = angle_of(-axis), 0.6
+        if grip.forward is not None:
+            held = angle_of(in_world(data.site_xmat[middle], grip.forward)[PLANE])
+            angle, tilt = angle + float(now.sum()) - held, 0.01
+        return hand_poses(random, point, GRASP + ahead, now, count, angle, tilt, aside)
 
     def walls(self, physics: Any) -> Obstacle:
         """Its capsules and boxes as thick lines."""
@@ -124,6 +139,7 @@ class Receptacle:
 
 
 # The fingers reach beyond the ball, so that it is released above the cup's rim.
-_CUP = Receptacle("cup", "target_ball", ("ball",), 0.112, 0.012, 0.09, (0.16, 0.018))
+_CUP = Receptacle("cup", "target_ball", ("ball",), BALL, 0.112, 0.012, 0.09, (0.16, 0.018))
 # The slot is 0.8 mm wider than the peg, whose tip is round.
-_SLOT = Receptacle("slot", "target_peg", ("peg_tip", "peg"), 0.08, 0.004, 0.08, (0.02, 0.02))
+_ENDS = "peg_tip", "peg"
+_SLOT = Receptacle("slot", "target_peg", _ENDS, HANDLE, 0.08, 0.004, 0.08, (0.02, 0.02))

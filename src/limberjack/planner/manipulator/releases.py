@@ -1,13 +1,13 @@
-"""From where a ball that the hand lets go gets into the cup: found by letting it go.
+"""`Releases`: poses from which a released ball gets into the cup, found by simulation.
 
     releases = Releases("ball", ["ball_x", "ball_z"], Receptacle.for_object("ball"))
-    path = releases.path(physics, walls)  # to where it has worked; None: ask again
-    if releases.works(physics): ...  # from where the arm is now
+    path = releases.path(physics, walls)  # to such a pose; None: call again
+    if releases.works(physics): ...  # in the current pose
 
 Where nothing is above the mouth, a ball that is released there falls in. Elsewhere, such as below
 the arm's own base or where the hand cannot come from above, it may still roll in from beside, off
-the open fingers and over the rim. Which poses do that is more than geometry tells, so it is tried:
-the arm is put there in the planner's own simulation, and the fingers open.
+the open fingers and over the rim. Geometry does not tell which poses achieve that, so they are
+tried: the arm is put there in the planner's own simulation, and the fingers open.
 """
 
 import contextlib
@@ -20,15 +20,16 @@ from limberjack.planner.arm.hand import ARM, PLANE, in_hand
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_places, hand_poses
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.roadmap import find_path
+from limberjack.planner.manipulator.props import Ball
 from limberjack.planner.manipulator.receptacles import Receptacle
 from limberjack.rl.control import PhysicsError
 
 __all__ = ["Releases"]
 
-_UP, _BESIDE = (0.09, 0.2), 0.14  # metres; where in the mouth's frame the ball is let go
+_UP, _BESIDE = (0.09, 0.2), 0.14  # metres; release points in the mouth's frame
 _TURN = 0.6  # radians; how far from the direction to the mouth the hand may point
 _PLACES, _POSES = 16, 4  # that are drawn at a time, and poses at each
-_SHAKEN, _SHAKES = 0.02, 2  # radians; a pose must do as well so far beside, and how often
+_SHAKEN, _SHAKES = 0.02, 2  # radians; a pose must also work so far beside, and how often
 _ENOUGH = 3  # poses; a path leads to the nearest of them
 _FALL, _HOLDS = 0.6, 15  # seconds until the ball must be in; how often the arm is put back then
 _TOUCHING = -0.001  # metres; so near to walls a pose may be
@@ -36,7 +37,7 @@ _IN = 0.02  # metres
 
 
 class Releases:
-    """Poses from which the object gets into the receptacle when it is let go."""
+    """Poses from which a released object gets into the receptacle."""
 
     def __init__(self, site: str, joints: list[str], receptacle: Receptacle) -> None:
         """Takes the object's site and its joints along x and z."""
@@ -44,11 +45,11 @@ class Releases:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the poses."""
+        """Discards the poses."""
         self._poses: list[np.ndarray] = []
 
     def path(self, physics: Any, walls: Obstacle) -> Path | None:
-        """A path to a pose that does; a few are tried at each call, None until there is one."""
+        """A path to a pose that works; a few are tried at each call, None until one is found."""
         data = physics.named.data
         now = data.qpos[ARM].copy()
         random = np.random.default_rng(round(1000 * physics.time()))
@@ -60,13 +61,13 @@ class Releases:
                 self._poses.append(pose)
         if len(self._poses) < _ENOUGH:
             return None
-        found = find_path(now, np.array(self._poses), GRASP + 0.022, walls)
+        found = find_path(now, np.array(self._poses), Ball.held, walls)
         if found is None:
             self.reset()
         return found
 
     def works(self, physics: Any, pose: np.ndarray | None = None) -> bool:
-        """Whether the object gets in if the hand lets it go at a pose (4,), by default here."""
+        """Whether the object gets in if released at a pose (4,), by default the current one."""
         data = physics.named.data
         state, control = physics.get_state(), physics.control().copy()
         ahead, aside = (float(d) for d in in_hand(data, data.site_xpos[self._object]))
@@ -101,5 +102,5 @@ class Releases:
             angle = angle_of(mouth - place)
             poses.extend(hand_poses(random, place, GRASP + ahead, now, _POSES, angle, _TURN))
         found = np.array(poses).reshape(-1, 4)
-        gaps = clearance(found, GRASP + 0.022, walls)
+        gaps = clearance(found, Ball.held, walls)
         return found[(gaps[:, 0] > _TOUCHING) & (gaps[:, 1:].min(axis=1) > 0)]

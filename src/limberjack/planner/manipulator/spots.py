@@ -1,10 +1,11 @@
-"""`Spot`: where, and whereto, a peg is raked that leans on something or lies behind it.
+"""`Spot`: the site at which an object is raked, and the direction in which it is pulled.
 
     spot = next_spot(data, None, goal=-0.12, walls=slot.walls(physics))
     poses = spot.poses(data, goal, walls)  # (n, 4), that have a fingertip there
 
-The middle of such a peg may be where no fingertip gets, or it is only pressed against what it leans
-on; then it is pulled away from there, or pressed down, by one of its ends.
+A fingertip goes behind the site and pulls it inwards. A peg may lean on something, or lie behind
+it, so that no fingertip gets behind its middle, or only presses it against the obstacle; then it is
+pulled away from there, or pressed down, by one of its ends.
 """
 
 import dataclasses
@@ -13,32 +14,29 @@ from typing import Any
 import numpy as np
 
 from limberjack.planner.arm.collision import Obstacle, clearance
-from limberjack.planner.arm.hand import ARM, PLANE, TIP_ASIDE, TIP_REACH, TIPS
-from limberjack.planner.arm.kinematics import GRASP, hand_poses
+from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_REACH, TIPS
+from limberjack.planner.arm.kinematics import hand_poses
+from limberjack.planner.arm.proposals import Proposal
 from limberjack.planner.manipulator.grips import downwards, height_above_ground
-from limberjack.planner.manipulator.raking import behind, raking_cost
+from limberjack.planner.manipulator.props import HAND
 from limberjack.utils import arrays
 
-__all__ = ["Spot", "Spots", "next_spot"]
+__all__ = ["Spot", "next_spot"]
 
 _FAR = 0.2  # metres; how far outwards a peg is raked that leans inwards
-_POSES, _KEPT = 400, 64  # that are looked at, few of which are clear of the walls, and kept
-# Metres; so far the fingers' middle lines may be in the walls and in the ground, which give path.
+_POSES, _KEPT = 400, 64  # that are drawn, few of which are clear of the walls, and kept
+# Metres; so far the fingers' middle lines may be in the walls and in the ground, which give way.
 _IN_WALLS, _IN_GROUND = -0.004, -0.009
-_LOW = 0.05  # metres; what is so near to the ground is not pressed down
-_OVER = np.array([0.0, 0.0, 0.03])  # metres; where a fingertip is that presses down
-# Metres; so much nearer must come a peg to where it is wanted, or a fingertip to where it rakes.
-_HEADWAY = 0.03
-_PULLED = 0.08  # metres; so far a peg is pulled away from what it leans on
-_IN_VAIN = 16  # plannings; after so many without headway a peg is raked from elsewhere
-_ON_THE_WAY = 0.1  # what counts a planning for which the arm is still on its path there
+_LOW = 0.05  # metres; an end that is so near to the ground is not pressed down
+_BEHIND = np.array([0.03, 0.0, 0.0]), np.array([0.0, 0.0, 0.02])  # metres; outwards, and up
+_OVER = np.array([0.0, 0.0, 0.03])  # metres; offset of a fingertip that presses down
 _LEANS = 0.05  # metres; a peg whose handle is so much above its tip leans on something
-_UPHILL = 0.45  # metres from the middle; who pulls an end away to there pushes the peg up a wall
+_UPHILL = 0.45  # metres from the middle; an end pulled to there pushes the peg up a wall
 
 
 @dataclasses.dataclass(frozen=True)
 class Spot:
-    """A site of the peg, and whereto it is raked: 'there' where it is wanted, 'away' or 'down'."""
+    """A site of an object, and the kind of pull: 'there' to the goal, 'away' from it, or 'down'."""
 
     site: str
     kind: str
@@ -52,9 +50,9 @@ class Spot:
 
     def cost(self, data: Any, goal: float) -> np.ndarray:
         """Cost of a fingertip's distance from its start, and of the site's from the goal, (N,)."""
-        if self.kind != "down":
-            return raking_cost(data, self.site, goal)
-        return 4.0 * self.missing(data, goal) + 10.0 * data.site_xpos[self.site][..., 2]
+        place = data.site_xpos[self.site]
+        left = place[..., 2] if self.kind == "down" else np.abs(place[..., 0] - goal)
+        return 4.0 * self.missing(data, goal) + 10.0 * left
 
     def missing(self, data: Any, goal: float) -> np.ndarray:
         """Distance of the nearer fingertip from its start, (N,), metres."""
@@ -64,16 +62,34 @@ class Spot:
     def _start(self, data: Any, goal: float) -> np.ndarray:
         """Position at which a fingertip begins to rake, (..., 3), metres."""
         place = data.site_xpos[self.site]
-        return place + _OVER if self.kind == "down" else behind(place, goal)
+        return place + _OVER if self.kind == "down" else _behind(place, goal)
+
+    def proposals(self, random: np.random.Generator, data: Any, goal: float) -> list[Proposal]:
+        """Proposals that put a fingertip behind the site, and then pull it inwards.
+
+        Args:
+          random: draws them.
+          data: of a single simulation.
+          goal: x, metres.
+        """
+        place, now = data.site_xpos[self.site], data.qpos[ARM]
+        start = _behind(place, goal)[PLANE]
+        # The root turns from x to -x over the top, and so the other way below.
+        turn = 0.3 * np.sign(goal - place[0]) * np.array([1.0, 0.0, 0.0, 0.0])
+        proposals: list[Proposal] = []
+        for pose in hand_poses(random, start, TIP_REACH, now, 12, lateral=TIP_ASIDE):
+            proposals.append(Proposal([pose], [OPEN_ANGLE], 2))
+            proposals.append(Proposal([pose, pose + turn], [OPEN_ANGLE], 2))
+        return proposals
 
     def poses(self, data: Any, goal: float, walls: Obstacle, higher: float = 0.0) -> np.ndarray:
         """Arm joints that have a fingertip where raking begins, (n, 4), if that helps.
 
         Args:
           data: of a single simulation.
-          goal: where the peg is raked to: x, metres.
-          walls: of what the hand is not to be in.
-          higher: how far above there the fingertip is to be, metres.
+          goal: x to which the peg is raked, metres.
+          walls: obstacles for the hand.
+          higher: distance of the fingertip above there, metres.
         """
         place = data.site_xpos[self.site]
         if self.kind == "down" and height_above_ground(place) < _LOW:
@@ -87,7 +103,7 @@ class Spot:
         poses = np.concatenate(found)
         if not len(poses):
             return poses
-        clear = clearance(poses, GRASP + 0.02, walls)
+        clear = clearance(poses, HAND, walls)
         poses = poses[(clear[:, 0] > _IN_WALLS) & (clear[:, 3] > _IN_GROUND)]
         return poses[:: max(1, len(poses) // _KEPT)]
 
@@ -115,61 +131,14 @@ def next_spot(data: Any, spot: Spot | None, goal: float, walls: Obstacle) -> Spo
         return _BY_THE_HANDLE if leans else _SPOTS[0]
     first = 1 + _SPOTS.index(spot)
     order = [_SPOTS[(first + place) % len(_SPOTS)] for place in range(len(_SPOTS))]
-    sensible = [
-        candidate
-        for candidate in order
-        if candidate.kind != "away" or abs(candidate.goal(data, goal)) < _UPHILL
-    ]
+    sensible = [s for s in order if s.kind != "away" or abs(s.goal(data, goal)) < _UPHILL]
     for candidate in sensible:
         if len(candidate.poses(data, candidate.goal(data, goal), walls)):
             return candidate
     return sensible[0]
 
 
-class Spots:
-    """The spot at which a peg is raked: another one when that has failed.
-
-    Attributes:
-      now: that spot; None while none is raked.
-    """
-
-    def __init__(self) -> None:
-        """Rakes nothing yet."""
-        self.forget()
-
-    def forget(self) -> None:
-        """Discards all progress, as for a peg that is not raked."""
-        self.now: Spot | None = None
-        self._pulled_from = np.zeros(3)  # where the peg was when that spot was chosen
-        self._nearest = np.inf  # metres; how near it has come to where it is wanted
-        self._least = np.inf  # metres; how near a fingertip has come to where it rakes
-        self._in_vain = 0.0  # plannings without any headway
-
-    def choose(
-        self, data: Any, goal: float, walls: Obstacle, is_led: bool, moves: bool
-    ) -> Spot | None:
-        """The spot to rake now, or None while that must be seen.
-
-        Args:
-          data: of a single simulation.
-          goal: where the peg is wanted in the end: x, metres.
-          walls: of what a fingertip is not to get into.
-          is_led: whether the arm is still on a path to where it rakes.
-          moves: whether the peg does not lie still yet.
-        """
-        place = data.site_xpos["peg"]
-        is_pulled = arrays.norm(place - self._pulled_from) > _PULLED
-        if self.now is not None and self.now.kind != "there" and is_pulled:
-            self.forget()
-        off = abs(float(place[0]) - goal)
-        spot = self.now
-        missing = np.inf if spot is None else float(spot.missing(data, spot.goal(data, goal)))
-        if off < self._nearest - _HEADWAY:
-            self._nearest, self._in_vain = off, 0.0
-        if missing < self._least - _HEADWAY:
-            self._least, self._in_vain = missing, 0.0
-        self._in_vain += _ON_THE_WAY if is_led else 1.0
-        if (self.now is None and not moves) or self._in_vain > _IN_VAIN:
-            self._in_vain, self._pulled_from, self._least = 0.0, place.copy(), np.inf
-            self.now = next_spot(data, self.now, goal, walls)
-        return self.now
+def _behind(place: np.ndarray, goal: float) -> np.ndarray:
+    """Position of a fingertip that rakes a place to a goal, (..., 3) -> (..., 3), metres."""
+    outwards = np.where(place[..., :1] < goal, -1.0, 1.0)
+    return place + outwards * _BEHIND[0] + _BEHIND[1]

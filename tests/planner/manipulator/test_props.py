@@ -1,0 +1,117 @@
+"""The ball and the peg as objects to grasp."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, TIPS, in_hand
+from limberjack.planner.arm.kinematics import GRASP, PINCH, direction, hand_places, hand_poses
+from limberjack.planner.arm.proposals import approaches, plans_of
+from limberjack.planner.manipulator.grips import HANDLE, pose_of
+from limberjack.planner.manipulator.props import Ball, Peg, across, grasp_of, is_on_arm, prop_of
+
+from .scenes import lying_peg, scene
+
+_ARM = [0.0, 0.7, 0.7, 0.7]
+
+
+def _prop(task: str, ahead: float = 0.0) -> tuple[Any, Any]:
+    """The prop and the physics of a hand around it, or so far before it."""
+    place = hand_places(np.array(_ARM), GRASP + ahead)
+    cost, physics = scene(task, 1000, _ARM, [*place, np.pi - sum(_ARM)])
+    return prop_of(cost.task), physics
+
+
+def test_a_hand_comes_to_a_lying_peg_from_above_whichever_way_it_lies() -> None:
+    for tip_to in (-1.0, 1.0):
+        place, frame = lying_peg(tip_to)
+        point, angle = grasp_of((place, frame))
+        blade = -frame[[2, 8]]
+        assert np.sign(blade[0]) == tip_to
+        assert direction(angle)[1] < blade[1] - 0.2
+        assert direction(angle) @ blade > 0.95
+        assert np.abs(point - (place + 0.034 * frame[2::3])[[0, 2]]).max() < 0.003
+
+
+def test_a_peg_too_deep_in_the_hand_is_given_back() -> None:
+    offset = np.array([0.0, -0.03, -0.03, -0.2]), np.array([0.0, 0.0, 0.1, 0.0])
+    expected = [HANDLE.ready, OPEN_ANGLE, HANDLE.ready, HANDLE.ready]
+    assert Peg([]).opening(offset).tolist() == expected
+    assert Ball([]).opening(offset) == Ball.grip.ready
+
+
+def test_approaches_come_straight_on_and_close_at_the_peg() -> None:
+    _, physics = _prop("bring_peg")
+    point, angle = grasp_of(lying_peg(1.0))
+    pose = hand_poses(np.random.default_rng(0), point, PINCH, np.zeros(4), 8, angle, 0.05)[0]
+    first = plans_of(np.zeros(4), approaches(pose[None], HANDLE.ready, HANDLE.shut), 5)[0]
+    np.testing.assert_array_equal(first[3, :4], pose)
+    assert first[:, 4].tolist() == [HANDLE.ready] * 4 + [HANDLE.shut]
+    for joints, back in zip(first[1:4, :4], (0.06, 0.03, 0.0), strict=True):
+        with physics.reset_context():
+            physics.named.data.qpos[ARM] = joints
+        ahead, aside = in_hand(physics.named.data, np.array([point[0], 0.0, point[1]]))
+        # The arm's Jacobian is followed in a few steps.
+        np.testing.assert_allclose([ahead, aside], [back + PINCH - GRASP, 0.0], atol=1e-4)
+
+
+@pytest.mark.parametrize("task", ["bring_ball", "bring_peg"])
+def test_a_prop_is_firm_only_between_closed_fingers(task: str) -> None:
+    for ahead, angle, least, most in (
+        (0.0, "firm", 0.5, 1.0),
+        (0.0, "ready", 0.0, 0.01),
+        (0.2, "firm", 0.0, 0.01),
+    ):
+        prop, physics = _prop(task, ahead)
+        data = physics.named.data
+        data.qpos[["thumb", "finger"]] = getattr(prop.grip, angle)
+        physics.forward()
+        assert least <= prop.firmness(data, prop.offset(data)) <= most
+
+
+@pytest.mark.parametrize("task", ["bring_ball", "bring_peg"])
+def test_poses_around_a_prop_have_it_ahead_of_the_hand(task: str) -> None:
+    prop, physics = _prop(task)
+    data = physics.named.data
+    data.qpos[prop.joints] = 0.1, 0.1, 0.0
+    physics.forward()
+    poses = [pose_of(data, prop.name)]
+    (found,) = prop.poses_around(poses, data.qpos[ARM], np.random.default_rng(0), 6, 0.06, 0.5)
+    assert 0 < len(found) <= 6
+    for pose in found:
+        data.qpos[ARM] = pose
+        physics.forward()
+        ahead, aside = prop.offset(data)
+        slack = 1.5 * prop.grip.slack
+        assert 0.06 - 0.006 <= ahead <= 0.06 + slack + 0.006
+        assert abs(aside) < 0.006
+
+
+def test_a_swung_peg_costs_and_a_swung_ball_does_not() -> None:
+    peg, physics = _prop("bring_peg")
+    physics.named.data.qvel[peg.joints] = 4.0, 0.0, 12.0
+    assert [float(cost) for cost in peg.swung(physics.named.data)] == [0.5, 0.1]
+    assert Ball([]).swung(physics.named.data) == []
+
+
+def test_fingertips_across_a_turned_peg_cost() -> None:
+    _, physics = _prop("bring_peg")
+    data = physics.named.data
+    data.geom_xpos[TIPS] = data.site_xpos["peg"]
+    assert across(data, 0.0) == 0.0
+    assert across(data, 1.0) > 0.0
+
+
+def test_a_peg_is_on_the_arm_only_where_it_touches_it_on_high() -> None:
+    for peg, expected in (([-0.177, 0.336, -0.90], True), ([0.3, 0.02, 1.3], False)):
+        _, physics = scene("bring_peg", 1000, [2.72, -1.57, 0.34, 2.17], peg)
+        assert is_on_arm(physics.named.data) == expected
+
+
+def test_a_peg_is_raked_towards_the_side_of_its_handle() -> None:
+    goals = []
+    for angle in (1.3, -1.3):
+        cost, physics = scene("bring_peg", 1000, _ARM, [0.45, 0.1, angle])
+        goals.append(prop_of(cost.task).rake_goal(physics.named.data))
+    assert goals[0] == -goals[1] != 0.0
