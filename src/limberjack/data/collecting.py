@@ -12,6 +12,7 @@ one was killed, and a call with other seeds adds to the folder. While one batch 
 episodes of the one before are compressed and written.
 """
 
+import contextlib
 import dataclasses
 import datetime
 import functools
@@ -138,11 +139,12 @@ class _Saving:
         on_progress: OnProgress | None,
     ) -> None:
         self._folder, self._recipe = folder, recipe
-        self._finished = asked - len(missing)
+        self._saved = asked - len(missing)
         self._steps = 0  # of the running episodes
         self._on_progress = on_progress
         self._beside = ThreadPoolExecutor(1)
-        self._pending: Future[None] | None = None
+        self._pending: Future[int] | None = None  # the number of episodes that are being saved
+        self._waiting = 0  # the same before its end
 
     def __enter__(self) -> "_Saving":
         self._report()
@@ -152,13 +154,16 @@ class _Saving:
         self._beside.shutdown()  # what was played is saved, whatever follows
         if kind is None:
             self._wait()
+        else:
+            with contextlib.suppress(Exception):  # the error of the body is reported instead
+                self._wait()
+        self._report()
 
     def save(self, seeds: Sequence[int], made: "bytes | list[Episode]") -> None:
         """Saves episodes, once those before them are saved."""
         self._wait()
+        self._waiting, self._steps = len(seeds), 0
         self._pending = self._beside.submit(self._save, seeds, made)
-        self._steps = 0
-        self._finished += len(seeds)
         self._report()
 
     def on_steps(self, count: int) -> None:
@@ -167,18 +172,21 @@ class _Saving:
         self._report()
 
     def _wait(self) -> None:
-        """Raises the error of the last saving, if any."""
-        if self._pending is not None:
-            self._pending.result()
+        """Counts what was saved last; raises its error, if any."""
+        pending, self._pending = self._pending, None
+        if pending is not None:
+            self._waiting = 0
+            self._saved += pending.result()
 
-    def _save(self, seeds: Sequence[int], made: "bytes | list[Episode]") -> None:
+    def _save(self, seeds: Sequence[int], made: "bytes | list[Episode]") -> int:
         content = made if isinstance(made, bytes) else encode(self._recipe, made)
         self._folder.add(range(seeds[0], seeds[-1] + 1), content)
+        return len(seeds)
 
     def _report(self) -> None:
         if self._on_progress is not None:
-            part = self._steps / self._recipe.step_limit
-            self._on_progress(self._recipe.facts["policy"], self._finished, part)
+            part = self._waiting + self._steps / self._recipe.step_limit
+            self._on_progress(self._recipe.facts["policy"], self._saved, part)
 
 
 def _content(recipe: Recipe, setup: Setup, seeds: Sequence[int]) -> bytes:
