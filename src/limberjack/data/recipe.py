@@ -22,6 +22,7 @@ from limberjack.report import Facts
 from limberjack.rl.control import Environment
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.utils.seeds import SEEDS
+from limberjack.workers.identity import first_difference
 
 __all__ = ["FIELD", "OBSERVATION", "SHARD", "Column", "Kept", "Recipe", "columns_here", "recipe_of"]
 
@@ -143,14 +144,18 @@ class Recipe:
         return cls(_checked_facts(content), kept, columns), seeds
 
     def difference(self, other: "Recipe") -> str | None:
-        """The first entry that differs, as 'policy is 'zero' and 'random''; None if none does."""
+        """The first entry that differs, as 'policy is 'zero' and 'random''; None if none does.
+
+        Versions are compared one by one: 'versions.mujoco is '4.0.0' and '4.1.0''.
+        """
         ours, theirs = (
             {**r.facts, **dataclasses.asdict(r.kept), "columns": r.columns} for r in (self, other)
         )
-        for name in {**ours, **theirs}:
-            if ours.get(name) != theirs.get(name):
-                return f"{name} is {ours.get(name)!r} and {theirs.get(name)!r}"
-        return None
+        difference = first_difference(ours, theirs)
+        if difference is None:
+            return None
+        name, one, another = difference
+        return f"{name} is {one!r} and {another!r}"
 
     @property
     def step_limit(self) -> int:
