@@ -21,7 +21,7 @@ from limberjack.data import Kept, collect, load
 from limberjack.data.collecting import _episodes
 from limberjack.policies import PolicyError
 from limberjack.utils import files
-from limberjack.workers import WorkError
+from limberjack.workers import WorkError, prepare
 from tests.policies import saved_models
 from tests.workers.killing import kill_workers_of
 
@@ -154,9 +154,10 @@ def test_bytes_are_equal_for_each_kind_of_policy_on_two_and_four_workers(
 
 def test_a_planners_episodes_have_equal_bytes_on_four_workers(tmp_path: Path) -> None:
     domain, task, seconds = ARM
-    for name, how in (("one", {"num_threads": 2}), ("four", {"workers": 4})):
-        collect(domain, task, "planner", range(62, 66), out=tmp_path / name,
-                time_limit=seconds, **how)  # fmt: skip
+    ways: dict[str, dict[str, Any]] = {"one": {"num_threads": 2}, "four": {"workers": 4}}
+    for name, how in ways.items():
+        out = tmp_path / name
+        collect(domain, task, "planner", range(62, 66), out=out, time_limit=seconds, **how)
     assert hashes(tmp_path / "four") == hashes(tmp_path / "one")
 
 
@@ -196,13 +197,10 @@ def test_a_worker_out_of_memory_is_replaced_twice_and_named_the_third_time(
 def test_workers_of_another_identity_write_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from limberjack.data import collecting
-
-    actual = collecting.prepare
     for field in ("canary", "versions"):
 
         def other(*given: Any, field: str = field, **how: Any) -> Any:
-            setup = actual(*given, **how)
+            setup = prepare(*given, **how)
             if field == "canary":
                 return dataclasses.replace(setup, canary="0")
             versions = {**setup.identity["versions"], "mujoco": "4.7.0"}

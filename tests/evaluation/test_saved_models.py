@@ -127,7 +127,11 @@ def test_a_saved_model_plays_the_same_episodes_alone(tmp_path: Path) -> None:
 def test_workers_and_shards_play_a_saved_model_to_the_same_files(tmp_path: Path) -> None:
     _saved(tmp_path / "model.zip")
     played = ("humanoid", "stand", f"sb3:{tmp_path / 'model.zip'}", range(62, 130))
-    how = {"workers-2": {"workers": 2}, "workers-4": {"workers": 4}, "shards": {"num_threads": 1}}
+    how: dict[str, dict[str, Any]] = {
+        "workers-2": {"workers": 2},
+        "workers-4": {"workers": 4},
+        "shards": {"num_threads": 1},
+    }
     for number in (1, 2, 3):
         evaluate(*played, out=tmp_path / "shards", time_limit=0.1, shard=(number, 3))
         collect(*played, out=tmp_path / "data-shards", time_limit=0.1, shard=(number, 3))

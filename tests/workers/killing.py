@@ -118,5 +118,9 @@ class _Killed(Pool):
 def kill_workers_of(monkeypatch: pytest.MonkeyPatch, most: int) -> list[int]:
     """Kills so many workers of each pool that is opened from now on; their number is appended."""
     kills: list[int] = []
-    monkeypatch.setattr(opening, "Pool", lambda *given: _Killed(*given, most, kills))
+
+    def opened(workers: int, on_state: OnState | None) -> Pool:
+        return _Killed(workers, on_state, most, kills)
+
+    monkeypatch.setattr(opening, "Pool", opened)
     return kills
