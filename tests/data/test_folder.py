@@ -85,7 +85,7 @@ def test_a_dataset_that_may_not_fit_is_refused_before_the_start(
     class Usage(NamedTuple):
         free: int
 
-    needed = 3 * _RECIPE.episode_nbytes
+    needed = _RECIPE.most_nbytes(episodes=3, files=1)
     with Folder(tmp_path, _RECIPE) as folder:
         monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(needed - 1))
         with pytest.raises(ValueError, match=r"3 episodes may take .* MB, and .* has .* MB left: "):

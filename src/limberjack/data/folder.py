@@ -120,7 +120,7 @@ class Folder:
         there = {seed for shard in self._shards for seed in shard.seeds}
         self._targets = list(blocks(seed for seed in seeds if seed not in there))
         missing = [s for target in self._targets for s in target if s not in self._parts]
-        needed = self._recipe.episode_nbytes * len(missing)
+        needed = self._recipe.most_nbytes(len(missing), len(self._targets))
         free = shutil.disk_usage(self.directory).free
         if needed > free:
             raise ValueError(

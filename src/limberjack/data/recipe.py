@@ -34,6 +34,9 @@ _DTYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
 _LARGEST = 2**28  # numbers in a row; beyond it a forged file would only exhaust the memory
 _LONGEST = 1e9  # seconds of an episode
 _MOST_STEPS = 2**31  # of an episode
+# Bytes of a file besides its numbers: about 100 for each column of an episode, in its page and in
+# the footer, and up to 6,000 for the schema and the recipe.
+_COLUMN_NBYTES, _FILE_NBYTES = 256, 16_384
 _FACTS: dict[str, type | tuple[type, ...]] = {
     "domain": str,
     "task": str,
@@ -168,6 +171,11 @@ class Recipe:
         once = sum(c.nbytes for c in self.columns if c.name.startswith(FIELD))
         row = sum(column.nbytes for column in self.columns) - once
         return once + row * (self.step_limit + 1)
+
+    def most_nbytes(self, episodes: int, files: int) -> int:
+        """Bytes that files with so many of the longest episodes do not exceed."""
+        per_episode = self.episode_nbytes + _COLUMN_NBYTES * len(self.columns)
+        return per_episode * episodes + _FILE_NBYTES * files
 
 
 def recipe_of(facts: Facts, environment: Environment, kept: Kept) -> Recipe:
