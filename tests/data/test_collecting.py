@@ -288,6 +288,21 @@ def test_episodes_of_other_versions_are_not_continued(
     assert hashes(tmp_path) == before
 
 
+@pytest.mark.parametrize("log", ["run.json", "run-1-of-2.json"])
+def test_episodes_of_a_processor_that_rounds_differently_are_not_continued(
+    log: str, whole: dict[str, str], tmp_path: Path
+) -> None:
+    _collect(tmp_path, range(130), shard=None if log == "run.json" else (1, 2))
+    content = json.loads((tmp_path / log).read_text())
+    content["calls"][0]["canary"] = "0"
+    (tmp_path / log).write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"with canary '0', and this call has '.*--any-processor"):
+        _collect(tmp_path, range(128, 192))
+    for path in tmp_path.glob("seeds-0000000064-*"):
+        path.unlink()
+    assert _collect(tmp_path, range(130), any_processor=True) == whole
+
+
 def test_what_a_failing_policy_has_finished_is_kept(tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match="episode with seed 70: returned an action of shape"):
         _collect(tmp_path, range(128), "tests.data.policies:Failing")

@@ -32,6 +32,7 @@ from limberjack.evaluation.starts import kind_of_start
 from limberjack.report import Facts
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnState, Setup, Unit, open_workers, prepare, shard_of
+from limberjack.workers.identity import advice_on
 from limberjack.workers.scale import Scale
 
 __all__ = ["collect"]
@@ -71,7 +72,8 @@ def collect(
       time_limit: seconds per episode; the task's own by default.
       num_threads, workers, executor, ray: who plays, as for `limberjack.evaluation.evaluate`.
       shard: (K, N) plays only the K-th of N parts of the seeds; they share the folder.
-      any_processor: accept workers of processors that round differently.
+      any_processor: accept workers, and episodes that are here, of processors that round
+        differently.
       on_progress: called as episodes are played and saved, as by `evaluate`.
       on_state: called with the state of the workers.
       command: the command line as it was typed, for run.json; empty if there was none.
@@ -93,7 +95,10 @@ def collect(
         missing = folder.plan(asked)
         if not missing:
             return
-        call = {**_call(missing, command, processor), "workers": workers, "threads": num_threads}
+        if not any_processor:
+            _check_canary(folder, setup.canary)
+        call = {**_call(missing, command, processor), "canary": setup.canary}
+        call = {**call, "workers": workers, "threads": num_threads}
         folder.log(call)
         saving = _Saving(folder, recipe, len(asked), missing, on_progress)
         with open_workers() if scaled is None else scale.open(len(missing)) as opened, saving:
@@ -125,6 +130,17 @@ def _call(missing: Sequence[int], command: str, processor: str) -> Facts:
         "host": platform.node(),
         "processor": processor,
     }
+
+
+def _check_canary(folder: Folder, canary: str) -> None:
+    """Raises ValueError if a processor that rounds differently has collected episodes here."""
+    for call in folder.calls():
+        kept = call.get("canary", canary)
+        if kept != canary:
+            raise ValueError(
+                f"{folder.directory} has episodes that were collected with canary {kept!r}, and "
+                f"this call has {canary!r}: choose another folder{advice_on('canary')}"
+            )
 
 
 class _Saving:

@@ -26,6 +26,7 @@ __all__ = ["Folder", "blocks", "shards_in"]
 
 _PARTS = "parts"
 _PATTERN = "seeds-*.parquet"
+_RUNS = "run*.json"
 _PARTIAL = f".{_PATTERN}"  # unfinished files: see `partial_path`
 _TRIES = 10  # writes of a part, whose folder another shard may remove in between
 
@@ -98,7 +99,7 @@ class Folder:
             self._shards = self._checked(shards_in(directory))
             parts = self._checked(_present(sorted(self._parts_folder.glob(_PATTERN))))
             self._parts = {part.seeds.start: part for part in parts}
-            self._earlier_calls()
+            self.calls()
         except BaseException:
             self._hold.release()
             raise
@@ -180,7 +181,7 @@ class Folder:
 
     def log(self, call: Facts) -> None:
         """Writes a call to run.json, in the place of an entry that began at the same time."""
-        earlier = [one for one in self._earlier_calls() if one.get("began") != call["began"]]
+        earlier = [one for one in _calls(self._run) if one.get("began") != call["began"]]
         with replacing(self._run) as partial:
             text = json.dumps({"calls": [*earlier, call]}, indent=2)
             partial.write_text(f"{text}\n", "utf-8")
@@ -197,16 +198,13 @@ class Folder:
             "folder"
         )
 
-    def _earlier_calls(self) -> list[Facts]:
-        try:
-            calls = json.loads(self._run.read_bytes())["calls"]
-            return [dict(call) for call in calls]
-        except FileNotFoundError:
-            return []
-        except (KeyError, TypeError, ValueError):
-            raise ValueError(
-                f"{self._run} is damaged: remove it, or choose another folder"
-            ) from None
+    def calls(self) -> list[Facts]:
+        """The calls that were logged here, those of shards too.
+
+        Raises:
+          ValueError: a log is damaged.
+        """
+        return [call for path in sorted(self.directory.glob(_RUNS)) for call in _calls(path)]
 
     def _checked(self, shards: list[Shard]) -> list[Shard]:
         for shard in shards:
@@ -217,6 +215,16 @@ class Folder:
                     f"{difference}: choose another folder"
                 )
         return shards
+
+
+def _calls(path: Path) -> list[Facts]:
+    """The calls in a log; none where there is no file."""
+    try:
+        return [dict(call) for call in json.loads(path.read_bytes())["calls"]]
+    except FileNotFoundError:
+        return []
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"{path} is damaged: remove it, or choose another folder") from None
 
 
 def _present(paths: Iterable[Path]) -> list[Shard]:
