@@ -95,10 +95,8 @@ def collect(
         missing = folder.plan(asked)
         if not missing:
             return
-        if not any_processor:
-            _check_canary(folder, setup.canary)
-        call = {**_call(missing, command, processor), "canary": setup.canary}
-        call = {**call, "workers": workers, "threads": num_threads}
+        _check_canary(folder, setup.canary, any_processor)
+        call = _call(missing, command, processor, setup.canary, scale)
         folder.log(call)
         saving = _Saving(folder, recipe, len(asked), missing, on_progress)
         with open_workers() if scaled is None else scale.open(len(missing)) as opened, saving:
@@ -119,7 +117,7 @@ def _recipe(setup: Setup, kept: Kept) -> tuple[Recipe, str]:
     return recipe_of(facts, here.environment, kept), here.processor
 
 
-def _call(missing: Sequence[int], command: str, processor: str) -> Facts:
+def _call(missing: Sequence[int], command: str, processor: str, canary: str, scale: Scale) -> Facts:
     """An entry of run.json, for everything that the files do not depend on."""
     return {
         "began": _now(),
@@ -129,14 +127,17 @@ def _call(missing: Sequence[int], command: str, processor: str) -> Facts:
         "first_seed": missing[0],
         "host": platform.node(),
         "processor": processor,
+        "canary": canary,
+        "workers": scale.workers,
+        "threads": scale.num_threads,
     }
 
 
-def _check_canary(folder: Folder, canary: str) -> None:
+def _check_canary(folder: Folder, canary: str, any_processor: bool) -> None:
     """Raises ValueError if a processor that rounds differently has collected episodes here."""
     for call in folder.calls():
         kept = call.get("canary", canary)
-        if kept != canary:
+        if kept != canary and not any_processor:
             raise ValueError(
                 f"{folder.directory} has episodes that were collected with canary {kept!r}, and "
                 f"this call has {canary!r}: choose another folder{advice_on('canary')}"
