@@ -121,7 +121,7 @@ $(VENV)/installed-training: $(VENV)/installed-test
 $(VENV)/installed-scale: $(MADE) pyproject.toml constraints.txt
 	$(PYTHON) -m venv --clear $(SCALE)
 	$(SCALE)/bin/python -m pip install --quiet --disable-pip-version-check \
-		--constraint constraints.txt --editable '.[ray]' pytest
+		--constraint constraints.txt --editable '.[ray,data]' pytest
 	@touch $@
 
 # The first test compiles MuJoCo Warp's kernels, which takes minutes; they are kept.

@@ -1,5 +1,6 @@
 """`limberjack collect`."""
 
+import os
 import re
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import pytest
 
 from limberjack.data import collect, load
 from tests.data.collected import hashes
+from tests.workers.killing import children, is_alive, shared_memory, wait_for
 
 from .conftest import call, invoke
 
@@ -150,7 +152,56 @@ def test_a_full_disk_is_one_line_and_nothing_is_half_written(tmp_path: Path) -> 
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     assert "File too large: 'out/seeds-0000000000-0000000064.parquet'" in done.stderr
+    assert done.stderr.endswith(
+        "; 0 of 70 episodes are in out: the same command continues from there\n"
+    )
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["run.json"]
+
+
+def _begin(out: Path, home: Path) -> "subprocess.Popen[str]":
+    """A slow collection with two workers."""
+    inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
+    folders = {"PYTHONPATH": os.pathsep.join(sys.path), "HOME": str(home)}
+    policy = ["--policy", "tests.workers.playing:Deadly", "--seeds", "60:200"]
+    return subprocess.Popen(
+        [sys.executable, "-m", "limberjack", *_PENDULUM, *policy, "--workers", "2", "--out", out],
+        env=inherited | folders | {"SLOW": "0.05"},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs Linux's /proc")
+def test_drivers_that_are_ended_leave_nothing_and_their_files_are_continued(
+    tmp_path: Path,
+) -> None:
+    out, home = tmp_path / "out", tmp_path / "home"
+    home.mkdir()
+    seeds = ["--policy", "tests.workers.playing:Deadly", "--seeds", "60:200", "--out"]
+    for number, status, files in ((signal.SIGTERM, 143, 1), (signal.SIGKILL, -9, 2)):
+        driver = _begin(out, home)
+        wait_for(lambda driver=driver: len(children(driver.pid)) == 2)
+        workers = children(driver.pid)
+        wait_for(lambda files=files: len(hashes(out)) >= files)
+        second = invoke(*_PENDULUM, *seeds, str(out))
+        assert (second.exit_code, second.stderr.count("\n")) == (2, 1)
+        assert f"another process writes to {out}" in second.stderr
+        assert not [line for one in (driver.pid, *workers) for line in shared_memory(one)]
+        driver.send_signal(number)
+        _, printed = driver.communicate(timeout=300)
+        assert driver.returncode == status, printed
+        wait_for(lambda workers=workers: not any(map(is_alive, workers)))
+        if number == signal.SIGTERM:
+            assert re.fullmatch(
+                r"limberjack: interrupted: \d+ of 140 episodes are in .*: the same command "
+                r"continues from there\n",
+                printed,
+            )
+    assert list(home.iterdir()) == []
+    assert invoke(*_PENDULUM, *seeds, str(out)).exit_code == 0
+    assert invoke(*_PENDULUM, *seeds, str(tmp_path / "one")).exit_code == 0
+    assert hashes(out) == hashes(tmp_path / "one")
+    assert sorted(path.name for path in out.iterdir()) == sorted([*hashes(out), "run.json"])
 
 
 def test_without_its_extra_the_command_names_the_packages(

@@ -1,23 +1,33 @@
 """Collecting: the same bytes however often it is interrupted and whoever plays."""
 
+import concurrent.futures
+import dataclasses
 import errno
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from limberjack import report
 from limberjack.data import Kept, collect, load
 from limberjack.data.collecting import _episodes
 from limberjack.policies import PolicyError
+from limberjack.utils import files
+from limberjack.workers import WorkError, prepare
+from tests.policies import saved_models
+from tests.workers.killing import kill_workers_of
 
 from .collected import ARM, PENDULUM, assert_equal, hashes, made
 
+_SAVED = "a saved model"
 _STATM = Path("/proc/self/statm")
 
 
@@ -85,6 +95,123 @@ def test_a_policy_that_plays_one_episode_at_a_time_gives_equal_bytes(tmp_path: P
     assert by_workers == alone
 
 
+# Policies of all kinds by their names, each with a task and seeds in three files.
+_KINDS = {
+    "zero": (PENDULUM, range(60, 130)),
+    "random": (PENDULUM, range(60, 130)),
+    "tests.workers.playing:Memory": (PENDULUM, [63, 64, 128]),  # with a reset
+    "tests.workers.playing:BatchedMemory": (PENDULUM, range(60, 130)),  # with act_batch
+    "tests.workers.playing:damped": (PENDULUM, range(60, 130)),  # a function
+    "planner": (ARM, [63, 64, 128]),
+    _SAVED: (("humanoid", "stand", 0.05), range(60, 130)),
+}
+
+
+@pytest.fixture(params=_KINDS)
+def of_kind(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Callable[..., dict[str, str]], dict[str, str]]:
+    """A function that collects the episodes of a policy, and their hashes in one process."""
+    name, ((domain, task, seconds), seeds) = request.param, _KINDS[request.param]
+    if name == _SAVED:
+        name = saved_models.install(monkeypatch, tmp_path)
+
+    def gather(folder: str, **how: Any) -> dict[str, str]:
+        out = tmp_path / folder
+        collect(domain, task, name, seeds, out=out, time_limit=seconds, **how)
+        return hashes(out)
+
+    expected = gather("one", num_threads=2)
+    assert len(expected) == 3
+    return gather, expected
+
+
+def test_bytes_are_equal_for_each_kind_of_policy_in_shards_and_in_an_executor(
+    of_kind: tuple[Callable[..., dict[str, str]], dict[str, str]],
+) -> None:
+    gather, expected = of_kind
+    for number in (3, 1, 2):
+        found = gather("shards", shard=(number, 3), num_threads=1)
+    assert found == expected
+    assert gather("shards", num_threads=1) == expected
+    with concurrent.futures.ThreadPoolExecutor(4) as executor:
+        assert gather("executor", executor=executor) == expected
+
+
+@pytest.mark.slow
+# In other processes Stable-Baselines3 reads saved models: see evaluation/test_saved_models.py.
+@pytest.mark.parametrize("of_kind", [kind for kind in _KINDS if kind != _SAVED], indirect=True)
+def test_bytes_are_equal_for_each_kind_of_policy_on_two_and_four_workers(
+    of_kind: tuple[Callable[..., dict[str, str]], dict[str, str]],
+) -> None:
+    gather, expected = of_kind
+    for workers in (2, 4):
+        assert gather(f"workers-{workers}", workers=workers) == expected
+    for number in (1, 2, 3):
+        gather("shards", shard=(number, 3), workers=2)
+    assert gather("shards", workers=2) == expected
+
+
+def test_a_planners_episodes_have_equal_bytes_on_four_workers(tmp_path: Path) -> None:
+    domain, task, seconds = ARM
+    ways: dict[str, dict[str, Any]] = {"one": {"num_threads": 2}, "four": {"workers": 4}}
+    for name, how in ways.items():
+        out = tmp_path / name
+        collect(domain, task, "planner", range(62, 66), out=out, time_limit=seconds, **how)
+    assert hashes(tmp_path / "four") == hashes(tmp_path / "one")
+
+
+@pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.slow)])
+def test_bytes_are_equal_after_workers_were_killed_at_random_moments(
+    kills: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    policy, seeds = "tests.workers.playing:Deadly", range(60, 60 + 64 * (4 + kills))
+    expected = _collect(tmp_path / "one", seeds, policy)
+    monkeypatch.setenv("SLOW", "0.03")  # seconds for each of the 10 steps of a unit
+    killed = kill_workers_of(monkeypatch, most=kills)
+    assert _collect(tmp_path / "killed", seeds, policy, workers=2) == expected
+    assert killed == [kills]
+    assert not list((tmp_path / "killed").glob(".*"))
+
+
+def test_a_worker_out_of_memory_is_replaced_twice_and_named_the_third_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    policy, seeds = "tests.workers.playing:Hungry", range(60, 130)
+    expected = _collect(tmp_path / "one", seeds, policy)
+    left = tmp_path / "left"
+    left.write_text("xxxxx")
+    monkeypatch.setenv("DEADLY", str(left))
+    with pytest.raises(WorkError) as caught:
+        _collect(tmp_path / "out", seeds, policy, workers=1)
+    assert str(caught.value) == (
+        f"policy '{policy}', seeds 64 to 127 lost 3 workers on node {socket.gethostname()}, the "
+        "last one by out of memory"
+    )
+    assert left.read_text() == "xx"
+    assert list(hashes(tmp_path / "out")) == ["seeds-0000000060-0000000064.parquet"]
+    assert _collect(tmp_path / "out", seeds, policy, workers=1) == expected
+    assert left.read_text() == ""
+
+
+def test_workers_of_another_identity_write_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for field in ("canary", "versions"):
+
+        def other(*given: Any, field: str = field, **how: Any) -> Any:
+            setup = prepare(*given, **how)
+            if field == "canary":
+                return dataclasses.replace(setup, canary="0")
+            versions = {**setup.identity["versions"], "mujoco": "4.7.0"}
+            return dataclasses.replace(setup, identity={**setup.identity, "versions": versions})
+
+        monkeypatch.setattr("limberjack.workers.scale.prepare", other)
+        with pytest.raises(ValueError, match=rf"is refused: its {field}.* is '"):
+            _collect(tmp_path, range(3), workers=1)
+        assert hashes(tmp_path) == {}
+
+
 # Kills the process in the reset of the 100th episode, if it has never done so before.
 _PROGRAM = """
 import sys
@@ -131,6 +258,49 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, whole: dict[str
     assert caught.value.errno == errno.EFBIG
     assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
     assert _collect(tmp_path, range(130)) == whole
+
+
+def test_two_drivers_without_locks_end_in_a_line_or_in_equal_bytes(
+    whole: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "fcntl", None)
+
+    def second(policy: str, finished: int, part: float) -> None:
+        if finished == 64:
+            assert _collect(tmp_path, range(130)) == whole
+
+    with pytest.raises(OSError, match=f"another process writes to {tmp_path}: end one of the two"):
+        _collect(tmp_path, range(130), on_progress=second)
+    assert hashes(tmp_path) == whole
+    assert _collect(tmp_path, range(130)) == whole
+
+
+def test_episodes_of_other_versions_are_not_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _collect(tmp_path, range(2))
+    before, actual = hashes(tmp_path), report.versions()
+    monkeypatch.setattr(report, "versions", lambda: {**actual, "mujoco": "4.7.0"})
+    here = actual["mujoco"]
+    message = rf"another dataset .*, whose versions.mujoco is '{here}' and '4.7.0': choose another"
+    with pytest.raises(ValueError, match=message):
+        _collect(tmp_path, range(4))
+    assert hashes(tmp_path) == before
+
+
+@pytest.mark.parametrize("log", ["run.json", "run-1-of-2.json"])
+def test_episodes_of_a_processor_that_rounds_differently_are_not_continued(
+    log: str, whole: dict[str, str], tmp_path: Path
+) -> None:
+    _collect(tmp_path, range(130), shard=None if log == "run.json" else (1, 2))
+    content = json.loads((tmp_path / log).read_text())
+    content["calls"][0]["canary"] = "0"
+    (tmp_path / log).write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"with canary '0', and this call has '.*--any-processor"):
+        _collect(tmp_path, range(128, 192))
+    for path in tmp_path.glob("seeds-0000000064-*"):
+        path.unlink()
+    assert _collect(tmp_path, range(130), any_processor=True) == whole
 
 
 def test_what_a_failing_policy_has_finished_is_kept(tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import pytest
 
 from limberjack.data.folder import Folder, blocks, shards_in
-from limberjack.data.parquet import encode
+from limberjack.data.parquet import Shard, encode
+from limberjack.utils import files
 
 from .collected import PENDULUM, hashes, made
 
@@ -84,7 +85,7 @@ def test_a_dataset_that_may_not_fit_is_refused_before_the_start(
     class Usage(NamedTuple):
         free: int
 
-    needed = 3 * _RECIPE.episode_nbytes
+    needed = _RECIPE.most_nbytes(episodes=3, files=1)
     with Folder(tmp_path, _RECIPE) as folder:
         monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(needed - 1))
         with pytest.raises(ValueError, match=r"3 episodes may take .* MB, and .* has .* MB left: "):
@@ -149,3 +150,59 @@ def test_a_damaged_log_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(text)
     with pytest.raises(ValueError, match=r"run.json is damaged: remove it"):
         Folder(tmp_path, _RECIPE)
+
+
+def test_a_part_is_written_though_another_shard_removes_their_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, removed = Folder._write, 0
+
+    def later(folder: Folder, path: Path, content: bytes) -> None:
+        nonlocal removed
+        if not removed:
+            removed += 1
+            path.parent.rmdir()  # as another shard does that has joined its parts
+        write(folder, path, content)
+
+    monkeypatch.setattr(Folder, "_write", later)
+    with Folder(tmp_path, _RECIPE, (1, 2)) as folder:
+        folder.plan(range(60, 62))
+        for seed in (60, 61):
+            folder.add(range(seed, seed + 1), _content(seed, seed + 1))
+    assert removed == 1
+    assert list(hashes(tmp_path)) == ["seeds-0000000060-0000000062.parquet"]
+
+
+def test_parts_of_another_shard_may_disappear_while_a_folder_is_opened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Folder(tmp_path, _RECIPE, (1, 2)) as folder:
+        folder.plan(range(60, 63))
+        for seed in (60, 61):
+            folder.add(range(seed, seed + 1), _content(seed, seed + 1))
+
+    def vanishing(path: Path) -> Shard:
+        if path.name.startswith("seeds-0000000060"):
+            path.unlink()
+        return Shard(path)
+
+    monkeypatch.setattr("limberjack.data.folder.Shard", vanishing)
+    with Folder(tmp_path, _RECIPE, (2, 2)) as folder:
+        assert folder.plan(range(60, 63)) == [60, 62]
+
+
+def test_without_locks_a_second_writer_is_noticed_as_it_logs_its_call(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "fcntl", None)
+    first, second = Folder(tmp_path, _RECIPE), Folder(tmp_path, _RECIPE)
+    for number, folder in enumerate((first, second)):
+        folder.plan(range(60, 70))
+        folder.log({"began": number})
+    with pytest.raises(OSError, match=f"another process writes to {tmp_path}: end one of"):
+        first.add(range(60, 64), _content(60, 64))
+    assert hashes(tmp_path) == {}
+    second.add(range(60, 64), _content(60, 64))
+    second.log({"began": 1, "ended": "later"})
+    calls = json.loads((tmp_path / "run.json").read_text())["calls"]
+    assert calls == [{"began": 0}, {"began": 1, "ended": "later"}]

@@ -53,6 +53,17 @@ def test_equal_episodes_give_equal_bytes_also_in_parts(tmp_path: Path) -> None:
     assert join([first, rest]) == whole
 
 
+@pytest.mark.parametrize("kept", [Kept(), EVERYTHING])
+@pytest.mark.parametrize("where", [PENDULUM, ARM, ("humanoid", "walk", 0.25)])
+def test_a_file_takes_no_more_bytes_than_its_recipe_says(
+    where: tuple[str, str, float], kept: Kept
+) -> None:
+    recipe, episodes = made(where, range(64), kept)
+    for count in (1, 2, 64):
+        assert len(encode(recipe, episodes[:count])) <= recipe.most_nbytes(count, files=1)
+    assert recipe.most_nbytes(64, files=1) < 4 * len(encode(recipe, episodes))
+
+
 def test_other_programs_find_a_row_per_step(pendulum: Path) -> None:
     table = pq.read_table(pendulum)
     assert table.num_rows == 3 * 11

@@ -1,5 +1,6 @@
 """Recipes as texts in footers, some of them forged."""
 
+import dataclasses
 import json
 from typing import Any
 
@@ -114,6 +115,13 @@ def test_a_difference_names_the_entry_and_both_values() -> None:
     assert _RECIPE.difference(other) == "policy is 'random' and 'zero'"
     flat = Recipe(_RECIPE.facts, Kept(flat=True), _RECIPE.columns)
     assert _RECIPE.difference(flat) == "flat is False and True"
+
+
+def test_of_versions_only_the_one_that_differs_is_named() -> None:
+    versions = {**_RECIPE.facts["versions"], "mujoco": "4.7.0"}
+    other = dataclasses.replace(_RECIPE, facts={**_RECIPE.facts, "versions": versions})
+    here = _RECIPE.facts["versions"]["mujoco"]
+    assert _RECIPE.difference(other) == f"versions.mujoco is {here!r} and '4.7.0'"
 
 
 def test_a_columns_bytes_are_those_of_its_numbers() -> None:

@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from limberjack.evaluation import Evaluation, distributed, evaluate
 from limberjack.evaluation.starts import kind_of_start
 from limberjack.evaluation.store import Store
 from limberjack.workers import WorkError, prepare
+from tests.workers.killing import children, is_alive, wait_for
 from tests.workers.playing import TASK
 
 _SEEDS = range(60, 200)  # four units
@@ -200,26 +200,6 @@ def _begin(out: Path, **variables: str) -> "subprocess.Popen[str]":
     )
 
 
-def _children(number: int) -> list[int]:
-    """Processes whose parent is this one."""
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            parent = int(path.read_text().rpartition(")")[2].split()[1])
-        except OSError:  # it has just ended
-            continue
-        if parent == number:
-            found.append(int(path.parent.name))
-    return found
-
-
-def _wait_for(condition: Any) -> None:
-    end = time.monotonic() + 300
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
 @pytest.fixture(scope="module")
 def deadly(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the evaluation of a policy that has not killed its process."""
@@ -249,13 +229,13 @@ def test_after_sigterm_and_a_kill_of_the_driver_the_same_command_finishes(
         path, before = tmp_path / "episodes.jsonl", 0
         if path.exists():
             before = path.stat().st_size
-        _wait_for(lambda path=path, before=before: path.exists() and path.stat().st_size > before)
-        _wait_for(lambda driver=driver: len(_children(driver.pid)) == 2)
-        workers = _children(driver.pid)
+        wait_for(lambda path=path, before=before: path.exists() and path.stat().st_size > before)
+        wait_for(lambda driver=driver: len(children(driver.pid)) == 2)
+        workers = children(driver.pid)
         driver.send_signal(number)
         _, printed = driver.communicate(timeout=300)
         assert driver.returncode == status, printed
-        _wait_for(lambda workers=workers: not any(Path(f"/proc/{w}").exists() for w in workers))
+        wait_for(lambda workers=workers: not any(map(is_alive, workers)))
         if number == signal.SIGTERM:
             assert printed.startswith("limberjack: interrupted: ")
             assert printed.endswith("the same command continues from there\n")

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from limberjack import policies, rollout, suite
+from limberjack.data import collect
 from limberjack.evaluation import evaluate
 from limberjack.policies import PolicyError, actors
 from limberjack.policies.actors import Found
+from tests.data.collected import hashes
 
 _REASON = "needs the extra 'sb3'"
 torch: Any = pytest.importorskip("torch", reason=_REASON)
@@ -120,6 +122,32 @@ def test_a_saved_model_plays_the_same_episodes_alone(tmp_path: Path) -> None:
         environment = suite.load("humanoid", "stand", {"random": score.seed, "time_limit": 0.1})
         policy = policies.find(name, environment)
         assert rollout.run_episode(environment, policy, score.seed).total == score.total
+
+
+def test_workers_and_shards_play_a_saved_model_to_the_same_files(tmp_path: Path) -> None:
+    _saved(tmp_path / "model.zip")
+    played = ("humanoid", "stand", f"sb3:{tmp_path / 'model.zip'}", range(62, 130))
+    how: dict[str, dict[str, Any]] = {
+        "workers-2": {"workers": 2},
+        "workers-4": {"workers": 4},
+        "shards": {"num_threads": 1},
+    }
+    for number in (1, 2, 3):
+        evaluate(*played, out=tmp_path / "shards", time_limit=0.1, shard=(number, 3))
+        collect(*played, out=tmp_path / "data-shards", time_limit=0.1, shard=(number, 3))
+    for name, options in {"one": {"num_threads": 1}, **how}.items():
+        evaluate(*played, out=tmp_path / name, time_limit=0.1, **options)
+        collect(*played, out=tmp_path / f"data-{name}", time_limit=0.1, **options)
+    for name in how:
+        assert _files(tmp_path / name) == _files(tmp_path / "one")
+        assert hashes(tmp_path / f"data-{name}") == hashes(tmp_path / "data-one")
+    assert len(hashes(tmp_path / "data-one")) == 3
+
+
+def _files(directory: Path) -> tuple[list[bytes], bytes]:
+    """The lines of episodes.jsonl in order, and result.json."""
+    lines = (directory / "episodes.jsonl").read_bytes().splitlines()
+    return [lines[0], *sorted(lines[1:])], (directory / "result.json").read_bytes()
 
 
 def test_files_that_are_not_models_of_the_task_are_refused(tmp_path: Path) -> None:

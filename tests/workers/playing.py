@@ -18,6 +18,7 @@ __all__ = [
     "TASK",
     "BatchedMemory",
     "Deadly",
+    "Hungry",
     "Memory",
     "Unlucky",
     "damped",
@@ -67,7 +68,7 @@ class BatchedMemory:
 
 
 class Deadly(BatchedMemory):
-    """Kills its process at seed 70, as many times as the file `DEADLY` has lines; as out of memory.
+    """Kills its process at seed 70, as many times as the file `DEADLY` has letters.
 
     Slow enough for tests to interrupt it where `SLOW` says how many seconds a step takes.
     """
@@ -79,11 +80,21 @@ class Deadly(BatchedMemory):
             left = Path(deaths).read_text()
             if left:
                 Path(deaths).write_text(left[1:])
-                os.kill(os.getpid(), signal.SIGKILL)
+                self._die()
+
+    def _die(self) -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
 
     def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
         time.sleep(float(os.environ.get("SLOW", "0")))
         return super().act_batch(observations)
+
+
+class Hungry(Deadly):
+    """Asks for more memory than there is, in place of killing its process."""
+
+    def _die(self) -> None:
+        np.empty(2**57)  # 2**60 bytes: an error of memory, not of the shape
 
 
 class Unlucky:

@@ -2,12 +2,9 @@
 
 import concurrent.futures
 import os
-import random
-import signal
 import socket
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,6 +13,7 @@ from limberjack.evaluation.distributed import play_unit
 from limberjack.workers import Setup, State, Unit, WorkError, prepare, units_of
 from limberjack.workers.pool import Pool
 
+from .killing import is_alive, kill_often
 from .playing import TASK, exit_status, pid, scores_slowly, seeds_of, unpicklable
 
 _KILLS = 20
@@ -26,26 +24,18 @@ def _units(setup: Setup, seeds: range) -> list[Unit]:
     return [Unit(setup, block) for block in units_of(seeds, setup.unit_size)]
 
 
-def _is_alive(number: int) -> bool:
-    try:
-        state = Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
-    except FileNotFoundError:
-        return False
-    return state != "Z"
-
-
 def test_units_are_spread_over_processes_that_end_with_the_pool() -> None:
     setup = prepare(*TASK, "random")
     states: list[State] = []
     with Pool(2, states.append) as pool:
         results = list(pool.results(pid, _units(setup, range(640))))
-        assert all(_is_alive(number) for _, number in results)
+        assert all(is_alive(number) for _, number in results)
         again = dict(pool.results(pid, _units(setup, range(64))))
     numbers = {number for _, number in results}
     assert os.getpid() not in numbers
     assert set(again.values()) <= numbers  # a worker plays on with what it has opened
     assert len(results) == 10
-    assert not any(_is_alive(number) for number in numbers)
+    assert not any(is_alive(number) for number in numbers)
     assert {state.workers for state in states} == {2}
     assert max(state.playing + state.starting for state in states) >= 1
 
@@ -72,28 +62,12 @@ def test_a_unit_that_ends_its_worker_three_times_ends_the_run_and_nothing_else()
     assert [unit.seeds[0] for unit in kept] == [60]
 
 
-def _kill_often(pool: Pool, done: threading.Event) -> int:
-    """Kills workers at random moments, also as they start; returns the number of kills."""
-    chance, lost, kills = random.Random(1), dict[int, int](), 0
-    while kills < _KILLS and not done.wait(chance.uniform(0.0, 0.3)):
-        worker = chance.choice(pool._workers)
-        with worker._guard:
-            process, unit = worker._process, worker.unit
-            # A unit may lose two workers, not three.
-            if process is None or process.poll() is not None or lost.get(id(unit), 0) == 2:
-                continue
-            lost[id(unit)] = lost.get(id(unit), 0) + 1
-            process.send_signal(signal.SIGKILL)
-            kills += 1
-    return kills
-
-
 def test_results_are_the_same_after_workers_were_killed_at_random_moments() -> None:
     setup = prepare(*TASK, _POLICY, time_limit=0.1).with_threads(1)
     units = _units(setup, range(64 * 30))
     done = threading.Event()
     with Pool(2) as pool, concurrent.futures.ThreadPoolExecutor(1) as executor:
-        kills = executor.submit(_kill_often, pool, done)
+        kills = executor.submit(kill_often, pool, done, _KILLS)
         found = dict(pool.results(scores_slowly, units))
         done.set()
         assert kills.result() == _KILLS
@@ -132,7 +106,7 @@ def test_closing_a_pool_ends_units_in_the_middle() -> None:
             time.sleep(0.01)
         process: Any = pool._workers[0]._process
         begun = time.monotonic()
-    assert not _is_alive(process.pid)
+    assert not is_alive(process.pid)
     assert time.monotonic() - begun < 5
 
 

@@ -4,18 +4,25 @@ import functools
 import os
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from limberjack.data import collect
 from limberjack.evaluation import evaluate
 from limberjack.workers import State, Unit, WorkError, open_workers, prepare, units_of
+from tests.data.collected import hashes
 
 from .playing import TASK, pid
 
-pytestmark = pytest.mark.ray
+pytestmark = [
+    pytest.mark.ray,
+    # Ray does not wait for the processes that it has ended, and Python warns of each.
+    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
+]
 
 ray: Any = pytest.importorskip("ray", reason="needs the extra 'ray'")
 cluster_utils: Any = pytest.importorskip("ray.cluster_utils")
@@ -138,9 +145,48 @@ def test_units_run_in_several_processes() -> None:
     assert os.getpid() not in numbers
 
 
-def test_an_address_without_a_cluster_is_one_line() -> None:
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "127.0.0.1:99999"])
+def test_an_address_without_a_cluster_is_one_line_at_once(address: str) -> None:
+    begun = time.monotonic()
     with (
-        pytest.raises(WorkError, match=r"no Ray cluster at '127.0.0.1:1'"),
-        open_workers(ray="127.0.0.1:1"),
+        pytest.raises(WorkError, match=f"no Ray cluster at '{address}': ") as caught,
+        open_workers(ray=address),
     ):
         pass
+    assert "\n" not in str(caught.value)
+    assert time.monotonic() - begun < 10
+
+
+def test_a_ray_that_does_not_start_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def slow(**kwargs: object) -> None:
+        raise Exception("The current node timed out\nduring startup.")  # as Ray does
+
+    monkeypatch.setattr(ray, "init", slow)
+    with (
+        pytest.raises(WorkError, match=r"^no Ray cluster at 'local': The current node timed out "),
+        open_workers(ray="local"),
+    ):
+        pass
+
+
+@pytest.mark.parametrize("policy", ["random", f"{_POLICIES}:Memory", f"{_POLICIES}:BatchedMemory"])
+def test_datasets_have_equal_bytes_on_ray(policy: str, tmp_path: Path) -> None:
+    gather = functools.partial(collect, *TASK, policy, range(60, 200), time_limit=0.1)
+    gather(out=tmp_path / "one", num_threads=1)
+    gather(out=tmp_path / "ray", ray="local", workers=2)
+    assert hashes(tmp_path / "ray") == hashes(tmp_path / "one")
+    assert len(hashes(tmp_path / "one")) == 4
+
+
+def test_a_dataset_has_equal_bytes_though_a_worker_dies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    deaths = tmp_path / "deaths"
+    deaths.write_text("")
+    monkeypatch.setenv("DEADLY", str(deaths))
+    gather = functools.partial(collect, *TASK, f"{_POLICIES}:Deadly", range(60, 200))
+    gather(out=tmp_path / "one", num_threads=1, time_limit=0.1)
+    deaths.write_text("xx")
+    gather(out=tmp_path / "ray", ray="local", workers=2, time_limit=0.1)
+    assert deaths.read_text() == ""
+    assert hashes(tmp_path / "ray") == hashes(tmp_path / "one")

@@ -12,6 +12,7 @@ one was killed, and a call with other seeds adds to the folder. While one batch 
 episodes of the one before are compressed and written.
 """
 
+import contextlib
 import dataclasses
 import datetime
 import functools
@@ -31,6 +32,7 @@ from limberjack.evaluation.starts import kind_of_start
 from limberjack.report import Facts
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnState, Setup, Unit, open_workers, prepare, shard_of
+from limberjack.workers.identity import advice_on
 from limberjack.workers.scale import Scale
 
 __all__ = ["collect"]
@@ -70,7 +72,8 @@ def collect(
       time_limit: seconds per episode; the task's own by default.
       num_threads, workers, executor, ray: who plays, as for `limberjack.evaluation.evaluate`.
       shard: (K, N) plays only the K-th of N parts of the seeds; they share the folder.
-      any_processor: accept workers of processors that round differently.
+      any_processor: accept workers, and episodes that are here, of processors that round
+        differently.
       on_progress: called as episodes are played and saved, as by `evaluate`.
       on_state: called with the state of the workers.
       command: the command line as it was typed, for run.json; empty if there was none.
@@ -92,7 +95,8 @@ def collect(
         missing = folder.plan(asked)
         if not missing:
             return
-        call = {**_call(missing, command, processor), "workers": workers, "threads": num_threads}
+        _check_canary(folder, setup.canary, any_processor)
+        call = _call(missing, command, processor, setup.canary, scale)
         folder.log(call)
         saving = _Saving(folder, recipe, len(asked), missing, on_progress)
         with open_workers() if scaled is None else scale.open(len(missing)) as opened, saving:
@@ -113,7 +117,7 @@ def _recipe(setup: Setup, kept: Kept) -> tuple[Recipe, str]:
     return recipe_of(facts, here.environment, kept), here.processor
 
 
-def _call(missing: Sequence[int], command: str, processor: str) -> Facts:
+def _call(missing: Sequence[int], command: str, processor: str, canary: str, scale: Scale) -> Facts:
     """An entry of run.json, for everything that the files do not depend on."""
     return {
         "began": _now(),
@@ -123,7 +127,21 @@ def _call(missing: Sequence[int], command: str, processor: str) -> Facts:
         "first_seed": missing[0],
         "host": platform.node(),
         "processor": processor,
+        "canary": canary,
+        "workers": scale.workers,
+        "threads": scale.num_threads,
     }
+
+
+def _check_canary(folder: Folder, canary: str, any_processor: bool) -> None:
+    """Raises ValueError if a processor that rounds differently has collected episodes here."""
+    for call in folder.calls():
+        kept = call.get("canary", canary)
+        if kept != canary and not any_processor:
+            raise ValueError(
+                f"{folder.directory} has episodes that were collected with canary {kept!r}, and "
+                f"this call has {canary!r}: choose another folder{advice_on('canary')}"
+            )
 
 
 class _Saving:
@@ -138,11 +156,12 @@ class _Saving:
         on_progress: OnProgress | None,
     ) -> None:
         self._folder, self._recipe = folder, recipe
-        self._finished = asked - len(missing)
+        self._saved = asked - len(missing)
         self._steps = 0  # of the running episodes
         self._on_progress = on_progress
         self._beside = ThreadPoolExecutor(1)
-        self._pending: Future[None] | None = None
+        self._pending: Future[int] | None = None  # the number of episodes that are being saved
+        self._waiting = 0  # the same before its end
 
     def __enter__(self) -> "_Saving":
         self._report()
@@ -152,13 +171,16 @@ class _Saving:
         self._beside.shutdown()  # what was played is saved, whatever follows
         if kind is None:
             self._wait()
+        else:
+            with contextlib.suppress(Exception):  # the error of the body is reported instead
+                self._wait()
+        self._report()
 
     def save(self, seeds: Sequence[int], made: "bytes | list[Episode]") -> None:
         """Saves episodes, once those before them are saved."""
         self._wait()
+        self._waiting, self._steps = len(seeds), 0
         self._pending = self._beside.submit(self._save, seeds, made)
-        self._steps = 0
-        self._finished += len(seeds)
         self._report()
 
     def on_steps(self, count: int) -> None:
@@ -167,18 +189,21 @@ class _Saving:
         self._report()
 
     def _wait(self) -> None:
-        """Raises the error of the last saving, if any."""
-        if self._pending is not None:
-            self._pending.result()
+        """Counts what was saved last; raises its error, if any."""
+        pending, self._pending = self._pending, None
+        if pending is not None:
+            self._waiting = 0
+            self._saved += pending.result()
 
-    def _save(self, seeds: Sequence[int], made: "bytes | list[Episode]") -> None:
+    def _save(self, seeds: Sequence[int], made: "bytes | list[Episode]") -> int:
         content = made if isinstance(made, bytes) else encode(self._recipe, made)
         self._folder.add(range(seeds[0], seeds[-1] + 1), content)
+        return len(seeds)
 
     def _report(self) -> None:
         if self._on_progress is not None:
-            part = self._steps / self._recipe.step_limit
-            self._on_progress(self._recipe.facts["policy"], self._finished, part)
+            part = self._waiting + self._steps / self._recipe.step_limit
+            self._on_progress(self._recipe.facts["policy"], self._saved, part)
 
 
 def _content(recipe: Recipe, setup: Setup, seeds: Sequence[int]) -> bytes:

@@ -10,6 +10,7 @@ time: they wait in `parts` until their file is complete. `run.json` has what the
 depend on: times, hosts, numbers of workers.
 """
 
+import contextlib
 import itertools
 import json
 import shutil
@@ -25,7 +26,9 @@ __all__ = ["Folder", "blocks", "shards_in"]
 
 _PARTS = "parts"
 _PATTERN = "seeds-*.parquet"
+_RUNS = "run*.json"
 _PARTIAL = f".{_PATTERN}"  # unfinished files: see `partial_path`
+_TRIES = 10  # writes of a part, whose folder another shard may remove in between
 
 
 def shards_in(directory: Path) -> list[Shard]:
@@ -94,13 +97,14 @@ class Folder:
         self._hold = Hold(directory if shard is None else self._run)
         try:
             self._shards = self._checked(shards_in(directory))
-            parts = [Shard(path) for path in sorted(self._parts_folder.glob(_PATTERN))]
-            self._parts = {shard.seeds.start: shard for shard in self._checked(parts)}
-            self._calls = self._earlier_calls()
+            parts = self._checked(_present(sorted(self._parts_folder.glob(_PATTERN))))
+            self._parts = {part.seeds.start: part for part in parts}
+            self.calls()
         except BaseException:
             self._hold.release()
             raise
         self._targets: list[range] = []
+        self._logged: bytes | None = None  # the content of run.json, once this process wrote it
 
     def __enter__(self) -> "Folder":
         return self
@@ -117,7 +121,7 @@ class Folder:
         there = {seed for shard in self._shards for seed in shard.seeds}
         self._targets = list(blocks(seed for seed in seeds if seed not in there))
         missing = [s for target in self._targets for s in target if s not in self._parts]
-        needed = self._recipe.episode_nbytes * len(missing)
+        needed = self._recipe.most_nbytes(len(missing), len(self._targets))
         free = shutil.disk_usage(self.directory).free
         if needed > free:
             raise ValueError(
@@ -135,15 +139,16 @@ class Folder:
         """Writes episodes that `plan` has named: a whole file, or a part of one.
 
         Raises:
-          OSError: the file cannot be written, as on a full disk; nothing is left of it.
+          OSError: the file cannot be written, as on a full disk; nothing is left of it. Or another
+            process writes to this folder, where there are no locks.
         """
+        self._check_alone()
         if seeds in self._targets:
             self._write(self.directory / _name(seeds), content)
             self._targets.remove(seeds)
             return
-        self._parts_folder.mkdir(exist_ok=True)
         path = self._parts_folder / _name(seeds)
-        self._write(path, content)
+        self._write_part(path, content)
         self._parts[seeds.start] = Shard(path)
         self._join()
 
@@ -158,8 +163,17 @@ class Folder:
             for part in parts:
                 del self._parts[part.seeds.start]
                 part.path.unlink()
-        if self._parts_folder.is_dir() and not any(self._parts_folder.iterdir()):
+        with contextlib.suppress(OSError):  # it is missing, or has parts
             self._parts_folder.rmdir()
+
+    def _write_part(self, path: Path, content: bytes) -> None:
+        """Writes a part, also while another shard removes the folder, which is empty to it."""
+        for _ in range(_TRIES):
+            self._parts_folder.mkdir(exist_ok=True)
+            with contextlib.suppress(FileNotFoundError):
+                self._write(path, content)
+                return
+        self._write(path, content)
 
     def _write(self, path: Path, content: bytes) -> None:
         with replacing(path) as partial:
@@ -167,21 +181,30 @@ class Folder:
 
     def log(self, call: Facts) -> None:
         """Writes a call to run.json, in the place of an entry that began at the same time."""
-        earlier = [entry for entry in self._calls if entry.get("began") != call["began"]]
-        self._calls = [*earlier, call]
+        earlier = [one for one in _calls(self._run) if one.get("began") != call["began"]]
         with replacing(self._run) as partial:
-            partial.write_text(json.dumps({"calls": self._calls}, indent=2) + "\n", "utf-8")
+            text = json.dumps({"calls": [*earlier, call]}, indent=2)
+            partial.write_text(f"{text}\n", "utf-8")
+            self._logged = partial.read_bytes()
 
-    def _earlier_calls(self) -> list[Facts]:
-        try:
-            calls = json.loads(self._run.read_bytes())["calls"]
-            return [dict(call) for call in calls]
-        except FileNotFoundError:
-            return []
-        except (KeyError, TypeError, ValueError):
-            raise ValueError(
-                f"{self._run} is damaged: remove it, or choose another folder"
-            ) from None
+    def _check_alone(self) -> None:
+        """Raises OSError if another process has logged a call since, for want of locks."""
+        if self._logged is None or not self._run.exists():
+            return
+        if self._run.read_bytes() == self._logged:
+            return
+        raise OSError(
+            f"another process writes to {self.directory}: end one of the two, or choose another "
+            "folder"
+        )
+
+    def calls(self) -> list[Facts]:
+        """The calls that were logged here, those of shards too.
+
+        Raises:
+          ValueError: a log is damaged.
+        """
+        return [call for path in sorted(self.directory.glob(_RUNS)) for call in _calls(path)]
 
     def _checked(self, shards: list[Shard]) -> list[Shard]:
         for shard in shards:
@@ -192,6 +215,25 @@ class Folder:
                     f"{difference}: choose another folder"
                 )
         return shards
+
+
+def _calls(path: Path) -> list[Facts]:
+    """The calls in a log; none where there is no file."""
+    try:
+        return [dict(call) for call in json.loads(path.read_bytes())["calls"]]
+    except FileNotFoundError:
+        return []
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(f"{path} is damaged: remove it, or choose another folder") from None
+
+
+def _present(paths: Iterable[Path]) -> list[Shard]:
+    """The files that are still there: another shard may join its parts and remove them."""
+    shards = []
+    for path in paths:
+        with contextlib.suppress(FileNotFoundError):
+            shards.append(Shard(path))
+    return shards
 
 
 def _name(seeds: range) -> str:

@@ -22,6 +22,7 @@ from limberjack.report import Facts
 from limberjack.rl.control import Environment
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.utils.seeds import SEEDS
+from limberjack.workers.identity import first_difference
 
 __all__ = ["FIELD", "OBSERVATION", "SHARD", "Column", "Kept", "Recipe", "columns_here", "recipe_of"]
 
@@ -33,6 +34,9 @@ _DTYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
 _LARGEST = 2**28  # numbers in a row; beyond it a forged file would only exhaust the memory
 _LONGEST = 1e9  # seconds of an episode
 _MOST_STEPS = 2**31  # of an episode
+# Bytes of a file besides its numbers: about 100 for each column of an episode, in its page and in
+# the footer, and up to 6,000 for the schema and the recipe.
+_COLUMN_NBYTES, _FILE_NBYTES = 256, 16_384
 _FACTS: dict[str, type | tuple[type, ...]] = {
     "domain": str,
     "task": str,
@@ -143,14 +147,18 @@ class Recipe:
         return cls(_checked_facts(content), kept, columns), seeds
 
     def difference(self, other: "Recipe") -> str | None:
-        """The first entry that differs, as 'policy is 'zero' and 'random''; None if none does."""
+        """The first entry that differs, as 'policy is 'zero' and 'random''; None if none does.
+
+        Versions are compared one by one: 'versions.mujoco is '4.0.0' and '4.1.0''.
+        """
         ours, theirs = (
             {**r.facts, **dataclasses.asdict(r.kept), "columns": r.columns} for r in (self, other)
         )
-        for name in {**ours, **theirs}:
-            if ours.get(name) != theirs.get(name):
-                return f"{name} is {ours.get(name)!r} and {theirs.get(name)!r}"
-        return None
+        difference = first_difference(ours, theirs)
+        if difference is None:
+            return None
+        name, one, another = difference
+        return f"{name} is {one!r} and {another!r}"
 
     @property
     def step_limit(self) -> int:
@@ -163,6 +171,11 @@ class Recipe:
         once = sum(c.nbytes for c in self.columns if c.name.startswith(FIELD))
         row = sum(column.nbytes for column in self.columns) - once
         return once + row * (self.step_limit + 1)
+
+    def most_nbytes(self, episodes: int, files: int) -> int:
+        """Bytes that files with so many of the longest episodes do not exceed."""
+        per_episode = self.episode_nbytes + _COLUMN_NBYTES * len(self.columns)
+        return per_episode * episodes + _FILE_NBYTES * files
 
 
 def recipe_of(facts: Facts, environment: Environment, kept: Kept) -> Recipe:

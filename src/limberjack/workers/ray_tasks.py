@@ -12,6 +12,7 @@ No other file imports ray.
 """
 
 import logging
+import socket
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -36,6 +37,7 @@ LOCAL = "local"  # in place of an address: Ray on this machine
 _RETRIES = 2  # of a unit that has lost its worker: three attempts in all
 _IN_FLIGHT = 2  # units per worker: one is played, one waits for it
 _LOOK = 1.0  # seconds between two looks at the nodes
+_CONNECT = 10.0  # seconds in which the head of a cluster must answer
 
 _Result = TypeVar("_Result")
 
@@ -122,6 +124,7 @@ def _attempt(
 
 
 def _connect(address: str, workers: int | None) -> None:
+    _check_reachable(address)
     quiet = {"log_to_driver": False, "logging_level": logging.ERROR}
     try:
         if address == LOCAL:
@@ -134,9 +137,21 @@ def _connect(address: str, workers: int | None) -> None:
             )
         else:
             ray.init(address=address, **quiet)
-    except (ConnectionError, RuntimeError, ValueError) as error:
+    except Exception as error:  # the class that Ray raises where a node starts too slowly
         text = " ".join(str(error).split())
         raise WorkError(f"no Ray cluster at {address!r}: {text}") from error
+
+
+def _check_reachable(address: str) -> None:
+    """Raises WorkError if nothing listens there; Ray itself would try for minutes."""
+    host, _, port = address.rpartition(":")
+    if not port.isdecimal():  # 'auto' and 'local'
+        return
+    host = host.rpartition("/")[2].strip("[]")  # without 'ray://'
+    try:
+        socket.create_connection((host, int(port)), _CONNECT).close()
+    except (OSError, OverflowError) as error:
+        raise WorkError(f"no Ray cluster at {address!r}: {error}") from error
 
 
 def _living_nodes() -> dict[str, str]:
