@@ -20,6 +20,7 @@ import multiprocessing
 import os
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 # dm_control chooses when it is imported, and fails where its first choice, a window, cannot open.
@@ -29,40 +30,47 @@ if "MUJOCO_GL" not in os.environ:
 from limberjack.utils.cores import usable_cores
 from tests.exactness.comparisons import self_check
 from tests.exactness.ledger import Ledger, fingerprint
-from tests.exactness.units import Unit, compared, cost, planned
+from tests.exactness.units import Result, Unit, compared, cost, planned
 
 _REPOSITORY = Path(__file__).parents[2]
 _LEDGER = _REPOSITORY / "build" / "exactness.jsonl"
 _SUMMARY = _REPOSITORY / "benchmarks" / "results" / "exactness.json"
 
-_UNITS_OF_A_PROCESS = 20  # then it is replaced, and what it kept is freed
+# Then all processes are replaced, and what they kept is freed. The executor's own
+# max_tasks_per_child is of no use: with Python 3.11, such an executor hangs after so many units.
+_UNITS_OF_A_PROCESS = 20
 
 
 def _executor(processes: int) -> concurrent.futures.Executor:
-    return concurrent.futures.ProcessPoolExecutor(
-        processes, multiprocessing.get_context("spawn"), max_tasks_per_child=_UNITS_OF_A_PROCESS
-    )
+    return concurrent.futures.ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"))
+
+
+def _results(todo: list[Unit], processes: int) -> Iterator[Result]:
+    """The results of units, as they are finished."""
+    size = processes * _UNITS_OF_A_PROCESS
+    for first in range(0, len(todo), size):
+        executor = _executor(processes)
+        try:
+            running = [executor.submit(compared, unit) for unit in todo[first : first + size]]
+            for future in concurrent.futures.as_completed(running):
+                yield future.result()
+        finally:
+            executor.shutdown(cancel_futures=True)
 
 
 def run(plan: list[Unit], ledger: Ledger, processes: int) -> None:
     """Runs the units of the plan that the ledger lacks, and prints each result."""
     todo = [unit for unit in plan if not ledger.passed(unit)]
     print(f"{len(plan)} units, {len(plan) - len(todo)} of them finished before", flush=True)
-    executor = _executor(processes)
     began, finished = time.monotonic(), 0.0
     left = sum(map(cost, todo))  # in seconds as predicted, like `finished`
-    try:
-        running = [executor.submit(compared, unit) for unit in todo]
-        for number, future in enumerate(concurrent.futures.as_completed(running), 1):
-            result = future.result()
-            ledger.add(result)
-            finished, left = finished + cost(result.unit), left - cost(result.unit)
-            minutes = max(0.0, (time.monotonic() - began) * left / finished / 60)
-            progress = f"{number} of {len(todo)}, about {minutes:.0f} min left"
-            verdict = f"DIFFERS\n  {result.difference}" if result.difference else "equal"
-            print(f"{progress:32} {result.unit!s:45} {result.steps:8} steps {verdict}", flush=True)
-    finally:
-        executor.shutdown(cancel_futures=True)
+    for number, result in enumerate(_results(todo, processes), 1):
+        ledger.add(result)
+        finished, left = finished + cost(result.unit), left - cost(result.unit)
+        minutes = max(0.0, (time.monotonic() - began) * left / finished / 60)
+        progress = f"{number} of {len(todo)}, about {minutes:.0f} min left"
+        verdict = f"DIFFERS\n  {result.difference}" if result.difference else "equal"
+        print(f"{progress:32} {result.unit!s:45} {result.steps:8} steps {verdict}", flush=True)
 
 
 def main(arguments: list[str] | None = None) -> int:

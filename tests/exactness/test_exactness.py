@@ -91,3 +91,19 @@ def test_only_units_that_have_not_passed_run_again(
     assert plan()[2] == 0
     monkeypatch.setattr(command, "fingerprint", lambda: "of another source")
     assert plan()[2] == 3
+
+
+def test_processes_are_replaced_without_losing_units(
+    plan: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+
+    def executor(processes: int) -> concurrent.futures.Executor:
+        made.append(processes)
+        return concurrent.futures.ThreadPoolExecutor(1)
+
+    monkeypatch.setattr(command, "_executor", executor)
+    monkeypatch.setattr(command, "_UNITS_OF_A_PROCESS", 1)
+    monkeypatch.setattr(command, "usable_cores", lambda: 2)
+    assert plan()[2] == 3
+    assert made == [2, 2]
