@@ -108,7 +108,7 @@ def state_of(physics: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
 
 
 class Budget:
-    """How many samples of a planning step fit into a time budget.
+    """Number of samples of a planning step that fit into a time budget.
 
     Depends on the clock, so what is planned within a budget cannot be repeated.
     """
