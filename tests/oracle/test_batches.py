@@ -54,6 +54,8 @@ def test_rows_are_dm_controls_environments(number: int, task: tuple[str, str]) -
         assert not first_difference(found, expected.some(rows)), where
 
 
+@pytest.mark.usefixtures("share")
+@pytest.mark.parametrize("share", ["shared"], indirect=True)  # as of more than 256 rows
 @pytest.mark.parametrize("task", _LARGE, ids=":".join)
 def test_some_of_200_rows_are_dm_controls_environments(task: tuple[str, str]) -> None:
     play = Play(task, _SEED)

@@ -35,7 +35,7 @@ from limberjack.utils.arrays import AnyArray
 
 __all__ = ["LazyBatch"]
 
-_A_FEW = 128  # rows; in larger batches sharing is as fast and takes a twentieth of the memory
+_A_FEW = 256  # rows; in larger batches sharing is mostly faster and takes a twentieth of the memory
 
 _STAGE = mujoco.mjtStage
 _NEVER, _UP_TO_VELOCITY = _STAGE.mjSTAGE_NONE.value, _STAGE.mjSTAGE_VEL.value
