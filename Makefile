@@ -18,9 +18,8 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	--constraint constraints.txt --editable
 
 # One worker per core, each with whole files: what the tests of a file share is made once. At most
-# four, because some tests use all cores themselves. In the order of their names, because
-# files of few tests, which would otherwise come last, have the longest ones.
-IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --memory
+# four, because some tests use all cores themselves.
+IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --memory
 
 export PYTHONUNBUFFERED = 1
 
