@@ -11,6 +11,7 @@ loads and complains of is recorded, from its first byte on.
 """
 
 import base64
+import contextlib
 import json
 import os
 import select
@@ -23,7 +24,7 @@ from typing import Any
 
 import pytest
 
-__all__ = ["SOFTWARE_WEBGL", "Chromium", "Page"]
+__all__ = ["SOFTWARE_WEBGL", "Chromium", "NavigatedError", "Page"]
 
 # Flags without which it refuses to draw WebGL where there is no graphics card.
 SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
@@ -31,6 +32,7 @@ SOFTWARE_WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 _LIMIT = 60.0  # seconds for anything, on the slowest machine too
 _POLL = 0.05  # seconds
+_NAVIGATED = "Inspected target navigated or closed"  # Chromium's message
 _FLAGS = (
     "--headless",
     "--remote-debugging-pipe",
@@ -62,6 +64,10 @@ _COMPLAINTS = {
     "Runtime.exceptionThrown": "exceptionDetails",
     "Log.entryAdded": "entry",
 }
+
+
+class NavigatedError(Exception):
+    """The page went elsewhere before it had answered."""
 
 
 class Chromium:
@@ -142,7 +148,10 @@ class Chromium:
         while True:
             answer = self._next_message()
             if answer.get("id") == self._calls:
-                assert "error" not in answer, f"{method}: {answer['error']}"
+                error = answer.get("error")
+                if error and error["message"] == _NAVIGATED:
+                    raise NavigatedError(f"{method}: the page went elsewhere before its answer")
+                assert not error, f"{method}: {error}"
                 return answer["result"]
             self._events.append(answer)
 
@@ -185,9 +194,13 @@ class Page:
     def wait_for(self, expression: str) -> None:
         """Waits until a JavaScript expression is true; fails after a minute."""
         end = time.monotonic() + _LIMIT
-        while not self.evaluate(f"Boolean({expression})"):
+        is_true = False
+        while not is_true:
             assert time.monotonic() < end, f"not true after {_LIMIT:g} seconds: {expression}"
-            time.sleep(_POLL)
+            with contextlib.suppress(NavigatedError):  # as after a click on a link: ask the next page
+                is_true = self.evaluate(f"Boolean({expression})")
+            if not is_true:
+                time.sleep(_POLL)
 
     def wait_for_frames(self, count: int) -> None:
         """Waits until the page has drawn so many times."""
