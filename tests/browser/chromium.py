@@ -197,7 +197,7 @@ class Page:
         is_true = False
         while not is_true:
             assert time.monotonic() < end, f"not true after {_LIMIT:g} seconds: {expression}"
-            with contextlib.suppress(NavigatedError):  # as after a click on a link: ask the next page
+            with contextlib.suppress(NavigatedError):  # as after a click: ask the next page
                 is_true = self.evaluate(f"Boolean({expression})")
             if not is_true:
                 time.sleep(_POLL)
