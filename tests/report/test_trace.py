@@ -83,6 +83,26 @@ def test_a_long_trace_is_kept_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
     assert trace.actions.shape == (6, 21)
 
 
+def test_plans_are_traced_at_the_steps_that_they_are_for() -> None:
+    env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.1})
+    trace = report.Trace(env)
+    trace.add(rollout.Step(0, 0.0, env.reset(), None))
+    plans = [("reach", {"far": 3.0}), ("reach", {"far": 2.0}), ("grasp", {"open": 1.0})]
+    for number, plan in enumerate(plans, 1):
+        trace.add_plan(*plan)
+        trace.add(rollout.Step(number, 0.0, env.step(np.zeros(21)), np.zeros(21)))
+    nan = np.nan
+    np.testing.assert_array_equal(trace.plan_terms["far"], [nan, 3.0, 2.0, nan])
+    np.testing.assert_array_equal(trace.plan_terms["open"], [nan, nan, nan, 1.0])
+    assert trace.stages == [(0.0, "reach"), (0.05, "grasp")]
+
+
+def test_a_trace_without_a_planner_has_no_plans() -> None:
+    _, trace = _traced("humanoid", "walk", 0.1)
+    assert trace.plan_terms == {}
+    assert trace.stages == []
+
+
 def test_a_task_without_terms_is_traced_by_its_reward() -> None:
     env = suite.load("humanoid", "walk", {"random": 0, "time_limit": 0.05})
     env.task.get_reward = lambda physics: 0.25  # pyright: ignore[reportAttributeAccessIssue]

@@ -1,5 +1,6 @@
-"""`explained`: the planner as a policy that prints the stages and the terms of its plans' cost."""
+"""`explained`: the planner as a policy that reports the stages and the terms of its plans' cost."""
 
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import typer
@@ -13,8 +14,15 @@ if TYPE_CHECKING:
 __all__ = ["explained"]
 
 
-def explained(threads: int | None) -> "EnvironmentPolicy":
-    """The planner, which prints its plan's cost each simulated second and in each new stage."""
+def explained(
+    threads: int | None, on_plan: Callable[[str, Mapping[str, float]], None]
+) -> "EnvironmentPolicy":
+    """The planner, which prints its plan's cost each simulated second and in each new stage.
+
+    Args:
+      threads: of the planner; by default all cores.
+      on_plan: called with the stage and the cost's terms before each step.
+    """
     from limberjack.planner import Planner
     from limberjack.policies import EnvironmentPolicy
 
@@ -25,6 +33,7 @@ def explained(threads: int | None) -> "EnvironmentPolicy":
         def act(observation: object) -> "np.ndarray":
             action = planner.act()
             stage, terms = planner.explain()
+            on_plan(stage, terms)
             time = environment.physics.time()
             if (int(time), stage) != last[0]:
                 last[0] = int(time), stage

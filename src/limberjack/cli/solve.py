@@ -39,7 +39,8 @@ _Threads = Annotated[
 _Explain = Annotated[
     bool,
     typer.Option(
-        help="Print the stages of each episode, and the terms of the plans' cost; plays here."
+        help="Print the stages of each episode, and the terms of the plans' cost; report.html "
+        "charts them. Plays in this process."
     ),
 ]
 

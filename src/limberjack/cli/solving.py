@@ -9,7 +9,8 @@ film shows the first episode; if that was played elsewhere or earlier, it is rep
 
 import contextlib
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,7 +58,8 @@ class Solving(Playing):
           time_limit: seconds per episode; the task's own by default.
           shard: number of the part of the seeds that is played, and that of all parts. It writes
             recordings only.
-          explain: print the terms of the plans' cost; this process then plays all episodes.
+          explain: print the terms of the plans' cost, and chart them on the page; this process
+            then plays all episodes.
 
         Raises:
           ValueError: an argument is invalid, or the folder holds other results.
@@ -161,13 +163,21 @@ class Solving(Playing):
             on_step(step)
 
         threads = self._scale.num_threads
-        planner = explained(threads) if self._explain else policies.planner_with(threads)
+        if self._explain:
+            planner = explained(threads, functools.partial(self._add_plan, seed))
+        else:
+            planner = policies.planner_with(threads)
         episode = rollout.run_episode(environment, planner, seed, on_step=add)
         about: Facts = {"seed": seed, "start": episode.start}
         if self._scale.any_processor:
             about["processor"] = processor()
         self._save(seed, transcript.recording(about))
         return episode
+
+    def _add_plan(self, seed: int, stage: str, terms: "Mapping[str, float]") -> None:
+        """Charts a plan of the episode that the page shows."""
+        if self._recorder is not None and seed == self._seeds[0]:
+            self._recorder.add_plan(stage, terms)
 
     def _save(self, seed: int, recording: "Recording") -> None:
         if self._out is None:

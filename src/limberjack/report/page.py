@@ -2,9 +2,9 @@
 
     write_page(Path("out/report.html"), result, episodes, trace, film=Path("out/video.mp4"))
 
-It shows the first episode in full (film, reward, observations, actions) and the rewards and returns
-of all of them. The page loads nothing from anywhere, so it may be sent by mail. Its style is in
-`page.html`; the charts are from `chart`.
+It shows the first episode in full (film, reward, observations, actions, and plans where there are
+any) and the rewards and returns of all of them. The page loads nothing from anywhere, so it may be
+sent by mail. Its style is in `page.html`; the charts are from `chart`.
 """
 
 import base64
@@ -64,6 +64,9 @@ def write_page(
             f'<div class="pair">\n{seen}</div>\n',
         ),
     ]
+    if trace.plan_terms:
+        plans = parts.cards(_plan_parts(trace))
+        body.append(parts.section("Plans of the first episode", plans))
     if len(episodes) > 1:
         charts = parts.cards(_charts_of_all(episodes, result["control_timestep"]))
         body.append(parts.section("All episodes", charts))
@@ -121,6 +124,16 @@ def _reward_chart(trace: Trace) -> str:
     # Rewards of the suite, and their terms, lie between 0 and 1.
     chart = line_chart("Reward and its terms over seconds", trace.seconds, lines, low=0.0, high=1.0)
     return parts.card(chart, "tall")
+
+
+def _plan_parts(trace: Trace) -> Iterator[str]:
+    """The weighted terms of the plans' cost, and the stages."""
+    lines = [Line(name, values) for name, values in trace.plan_terms.items()]
+    chart = line_chart("Weighted terms of the plans' cost, over seconds", trace.seconds, lines)
+    yield parts.card(chart, "tall")
+    if trace.stages:
+        rows = ([f"{second:.2f}", stage] for second, stage in trace.stages)
+        yield parts.table("Stages", ["From second", "Stage<"], rows)
 
 
 def _observation_charts(trace: Trace) -> Iterator[str]:

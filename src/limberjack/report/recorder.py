@@ -108,6 +108,11 @@ class Recorder:
             self._leave_out(_FILM, error)
             self.drop_film()
 
+    def add_plan(self, stage: str, terms: Mapping[str, float]) -> None:
+        """Trace the plan that the next step's action is from; see `Trace.add_plan`."""
+        if self._trace is not None:
+            self._trace.add_plan(stage, terms)
+
     def finish_film(self) -> None:
         """Write the unfinished film, if there is one."""
         film, self._film = self._film, None

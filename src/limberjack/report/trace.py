@@ -1,4 +1,4 @@
-"""`Trace`: rewards, their terms, observations and actions of an episode, step by step.
+"""`Trace`: rewards, their terms, observations, actions and plans of an episode, step by step.
 
     trace = Trace(environment)
     run_episode(environment, policies.random, seed, on_step=trace.add)
@@ -9,6 +9,8 @@ It records what the steps returned and computes nothing until the last one, so t
 same without it. Of a long episode it records every second step, then every fourth, ..., so that an
 hour takes no more memory than a minute.
 """
+
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -40,6 +42,12 @@ class Trace:
         self._terms: list[dict[str, float]] = []
         self._observations: list[dict[str, np.ndarray]] = []
         self._actions: list[np.ndarray | None] = []
+        self._plan: tuple[str, dict[str, float]] = ("", {})
+        self._plans: list[tuple[str, dict[str, float]]] = []
+
+    def add_plan(self, stage: str, terms: Mapping[str, float]) -> None:
+        """Record the plan that the next step's action is from: its stage and its cost's terms."""
+        self._plan = stage, dict(terms)
 
     def add(self, step: Step) -> None:
         """Record the reset or a step that the environment has just returned, if it is sampled."""
@@ -54,13 +62,14 @@ class Trace:
         observation = step.time_step.observation
         self._observations.append({name: np.array(value) for name, value in observation.items()})
         self._actions.append(_numbers(step.action))
+        self._plans.append(self._plan if step.number else ("", {}))
         if len(self._steps) > _MOST_SAMPLES:
             self._halve()
 
     def _halve(self) -> None:
         self._stride *= 2
         samples = (self._steps, self._rewards, self._terms, self._observations, self._actions)
-        for series in samples:
+        for series in (*samples, self._plans):
             del series[1::2]
 
     @property
@@ -76,10 +85,23 @@ class Trace:
     @property
     def terms(self) -> dict[str, np.ndarray]:
         """The terms of the rewards, (n,) each, by name; NaN for the reset."""
-        names = self._terms[-1] if self._terms else {}
-        return {
-            name: np.array([terms.get(name, np.nan) for terms in self._terms]) for name in names
-        }
+        return _series(self._terms, self._terms[-1] if self._terms else ())
+
+    @property
+    def plan_terms(self) -> dict[str, np.ndarray]:
+        """The terms of the plans' cost, (n,) each, by name; NaN in stages without that term."""
+        plans = [terms for _, terms in self._plans]
+        return _series(plans, dict.fromkeys(name for terms in plans for name in terms))
+
+    @property
+    def stages(self) -> list[tuple[float, str]]:
+        """The planner's stages in order, each with the second at which it began."""
+        changes: list[tuple[float, str]] = []
+        # A plan is made before the step that it belongs to.
+        for second, (stage, _) in zip(self.seconds, self._plans[1:], strict=False):
+            if stage and (not changes or changes[-1][1] != stage):
+                changes.append((float(second), stage))
+        return changes
 
     @property
     def observations(self) -> dict[str, np.ndarray]:
@@ -102,6 +124,11 @@ class Trace:
             return np.empty((len(actions), 0))
         (size,) = sizes
         return np.array([np.full(size, np.nan) if a is None else a.ravel() for a in actions])
+
+
+def _series(samples: list[dict[str, float]], names: Iterable[str]) -> dict[str, np.ndarray]:
+    """Values by name over the samples, (n,) each; NaN where a sample lacks the name."""
+    return {name: np.array([one.get(name, np.nan) for one in samples]) for name in names}
 
 
 def _numbers(action: object) -> np.ndarray | None:
