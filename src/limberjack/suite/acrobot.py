@@ -86,6 +86,7 @@ class Balance(base.Task[Physics]):
     """Keep the tip inside the target, a ball around the highest point that it can reach."""
 
     GOAL = ("at_target",)
+    planner_cost = "limberjack.planner.single_stage.swing_up:Acrobot"
 
     def __init__(self, sparse: bool, random: base.Random = None) -> None:
         """Creates the task; with `sparse`, nothing outside the target is rewarded."""

@@ -65,6 +65,7 @@ class BallInCup(base.Task[Physics]):
     """Keep the ball in the cup."""
 
     GOAL = ("in_cup",)
+    planner_cost = "limberjack.planner.single_stage.reaching:BallInCup"
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws a position of the ball without contacts, at rest."""

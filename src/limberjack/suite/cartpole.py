@@ -152,6 +152,8 @@ class Physics(mujoco.Physics):
 class Balance(base.Task[Physics]):
     """Hold the poles upright above a cart at the centre of the rail."""
 
+    planner_cost = "limberjack.planner.single_stage.swing_up:Cartpole"
+
     _CART_RANGE = (-0.25, 0.25)  # metres
     _ANGLE_COSINE_RANGE = (0.995, 1)  # up to 5.7 degrees from upright
 

@@ -54,6 +54,7 @@ class Cheetah(base.Task[Physics]):
     """Run forward as fast as possible."""
 
     GOAL = ("speed",)
+    planner_cost = "limberjack.planner.single_stage.locomotion:Cheetah"
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws the angles of the legs, and lets the body fall and come to rest."""

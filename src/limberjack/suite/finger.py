@@ -151,6 +151,7 @@ class Turn(_Task):
     """Turn the body until its tip is in the target."""
 
     GOAL = ("in_target",)
+    planner_cost = "limberjack.planner.single_stage.reaching:Turn"
     EPISODE_FIELDS = ("site_pos", "site_size")
 
     def __init__(self, target_radius: float, random: Random = None) -> None:

@@ -132,6 +132,7 @@ class Swim(_Task):
     """Swim to the target, preferably upright."""
 
     GOAL = ("in_target",)
+    planner_cost = "limberjack.planner.single_stage.reaching:Fish"
     EPISODE_FIELDS = ("geom_pos",)
 
     def initialize_episode(self, physics: Physics) -> None:

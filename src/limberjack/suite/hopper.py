@@ -83,6 +83,8 @@ class Physics(mujoco.Physics):
 class Hopper(base.Task[Physics]):
     """Stand with low effort, or hop forward."""
 
+    planner_cost = "limberjack.planner.single_stage.locomotion:Hopper"
+
     def __init__(self, hopping: bool, random: Random = None) -> None:
         """Rewards forward speed if `hopping`, else low effort."""
         self._hopping = hopping

@@ -61,6 +61,7 @@ class SwingUp(base.Task[Physics]):
     """Keep the pole within 8 degrees of the vertical."""
 
     GOAL = ("upright",)
+    planner_cost = "limberjack.planner.single_stage.swing_up:Pendulum"
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws any angle, at rest."""

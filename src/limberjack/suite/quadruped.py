@@ -298,6 +298,7 @@ class Move(_Task):
     """Move forward at least at a given speed."""
 
     GOAL = ("upright", "movement")
+    planner_cost = "limberjack.planner.single_stage.locomotion:Quadruped"
 
     def __init__(self, desired_speed: float, random: Random = None) -> None:
         """Rewards a forward speed of `desired_speed`, m/s; 0 rewards any, and being upright."""

@@ -76,6 +76,7 @@ class Reacher(base.Task[Physics]):
     """Touch the target with the finger."""
 
     GOAL = ("at_target",)
+    planner_cost = "limberjack.planner.single_stage.reaching:Reacher"
     EPISODE_FIELDS = ("geom_size", "geom_pos")  # the target's
 
     def __init__(self, target_size: float, random: base.Random = None) -> None:

@@ -100,6 +100,8 @@ class Physics(mujoco.Physics):
 class PlanarWalker(base.Task[Physics]):
     """Stand, or move forward at least at a given speed."""
 
+    planner_cost = "limberjack.planner.single_stage.locomotion:Walker"
+
     def __init__(self, move_speed: float, random: Random = None) -> None:
         """Rewards a forward speed of `move_speed`, m/s; 0 rewards standing alone."""
         self._move_speed = move_speed

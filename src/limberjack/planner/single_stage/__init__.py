@@ -1,0 +1,1 @@
+"""Costs of tasks without stages: to swing something up, to move forward, and to reach a target."""

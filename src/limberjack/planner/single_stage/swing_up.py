@@ -1,0 +1,72 @@
+"""Costs of swinging up and balancing: pendulum, cartpole and acrobot.
+
+Beside the missing reward, which is flat far from upright, each has the height that is still missing
+and, near the top, the motion that would leave it again.
+"""
+
+from typing import Any, ClassVar
+
+import numpy as np
+
+from limberjack.planner.cost import Cost
+from limberjack.planner.settings import Settings
+
+__all__ = ["Acrobot", "Cartpole", "Pendulum"]
+
+
+class Pendulum(Cost):
+    """The pole's missing height, and its speed where it is up."""
+
+    settings = Settings(
+        horizon=1.5, knots=8, samples=48, interval=2, gain=1.0, damping=0.3, noise=2.0
+    )
+    weights: ClassVar = {"motion": 0.02}
+
+    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+        """Each about 1 for a pole that hangs."""
+        up = physics.pole_vertical()
+        speed = physics.angular_velocity()[..., 0]
+        return {
+            "height": (1.0 - up) / 2,
+            "motion": np.exp(-4.0 * (1.0 - up)) * speed**2,
+            "reward": 1.0 - self.task.get_reward(physics),
+        }
+
+
+class Cartpole(Cost):
+    """The poles' missing height, their speed where they are up, and the cart's distance."""
+
+    settings = Settings(
+        horizon=1.0, knots=8, samples=48, interval=2, gain=3.0, damping=0.5, noise=1.0
+    )
+    weights: ClassVar = {"motion": 0.02, "off centre": 0.1}
+
+    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+        """Each about 1 for a pole that hangs at the end of the rail."""
+        up = physics.pole_angle_cosine()
+        motion = np.exp(-4.0 * (1.0 - up)) * physics.angular_vel() ** 2
+        return {
+            "height": (1.0 - up).mean(axis=-1) / 2,
+            "motion": motion.mean(axis=-1),
+            "off centre": physics.cart_position() ** 2,
+            "reward": 1.0 - self.task.get_reward(physics),
+        }
+
+
+class Acrobot(Cost):
+    """The tip's distance from the target, and the links' speed where it is near."""
+
+    settings = Settings(
+        horizon=2.0, knots=12, samples=64, interval=2, gain=1.0, damping=0.2, noise=2.0
+    )
+    weights: ClassVar = {"distance": 0.25, "motion": 0.02}
+
+    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+        """A distance of 4 m, where both links hang, costs 1."""
+        distance = physics.to_target()
+        motion = (physics.velocity() ** 2).sum(axis=-1)
+        return {
+            "distance": distance,
+            "motion": np.exp(-2.0 * distance) * motion,
+            "reward": 1.0 - self.task.get_reward(physics),
+        }
