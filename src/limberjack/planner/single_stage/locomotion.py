@@ -16,7 +16,7 @@ __all__ = ["Cheetah", "Hopper", "Quadruped", "Walker"]
 class Cheetah(Cost):
     """The missing speed, and a torso that tilts too far to run."""
 
-    settings = Settings(horizon=0.4, knots=6, samples=64, interval=2, gain=1.5, noise=0.8)
+    settings = Settings(horizon=0.5, knots=7, samples=64, gain=2.5, noise=1.0)
     weights: ClassVar = {"tilt": 0.3, "effort": 0.02}
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
@@ -32,7 +32,7 @@ class Cheetah(Cost):
 class Walker(Cost):
     """The torso's missing height and tilt, and the missing reward."""
 
-    settings = Settings(horizon=0.5, knots=6, samples=64, gain=1.5, damping=0.05, noise=0.8)
+    settings = Settings(horizon=0.5, knots=6, samples=48, gain=2.5, damping=0.05, noise=1.0)
     weights: ClassVar = {"height": 1.0, "tilt": 0.5, "reward": 2.0, "effort": 0.02}
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
@@ -46,19 +46,22 @@ class Walker(Cost):
 
 
 class Hopper(Cost):
-    """The torso's missing height above the foot, its tilt, and the missing speed and reward."""
+    """The torso's missing height and tilt, a foot that is not below the body, the missing speed."""
 
-    settings = Settings(horizon=0.6, knots=7, samples=64, gain=1.5, damping=0.05, noise=0.8)
-    weights: ClassVar = {"height": 2.0, "tilt": 0.3, "speed": 0.5, "reward": 1.0}
+    settings = Settings(
+        horizon=0.8, knots=6, samples=64, interval=2, gain=4.0, damping=0.1, noise=1.5
+    )
+    weights: ClassVar = {"height": 2.0, "tilt": 0.3, "balance": 1.0, "speed": 0.5}
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
         """Speed counts where the body stands."""
-        height = physics.height()
+        height, named = physics.height(), physics.named.data
         is_up = np.clip(height / 0.6, 0.0, 1.0)
         lacking = 1.0 - self.task.reward_terms(physics).get("hopping", 1.0)
         return {
             "height": np.maximum(0.9 - height, 0.0),
-            "tilt": 1.0 - physics.named.data.xmat["torso", "zz"],
+            "tilt": 1.0 - named.xmat["torso", "zz"],
+            "balance": np.abs(named.subtree_com["torso", "x"] - named.xpos["foot", "x"]),
             "speed": is_up * lacking + 2.0 * (1.0 - is_up),
             "reward": 1.0 - self.task.get_reward(physics),
         }
@@ -68,7 +71,7 @@ class Quadruped(Cost):
     """The missing reward, the torso's tilt and the controls' effort."""
 
     settings = Settings(
-        horizon=0.6, knots=6, samples=48, interval=2, timestep=0.01, gain=1.0, noise=0.6
+        horizon=1.0, knots=8, samples=40, interval=2, noise=1.0
     )
     weights: ClassVar = {"tilt": 0.5, "effort": 0.05}
 
