@@ -23,7 +23,9 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The folders in which all tests of a task run one after the other.
-_BY_TASK = {Path(__file__).parent / folder for folder in ("laws", "oracle")}
+_BY_TASK = {
+    Path(__file__).parent / folder for folder in ("contract", "laws", "mujoco", "oracle", "rl")
+}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -49,7 +51,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         call = getattr(item, "callspec", None)  # None without parameters
         task = None
         if call and not _BY_TASK.isdisjoint(item.path.parents):
-            task = call.params.get("domain"), call.params.get("task")
+            task = str((call.params.get("domain"), call.params.get("task")))
         file = places.setdefault(item.path, len(places))
         return file, places.setdefault((item.path, task), len(places))
 
