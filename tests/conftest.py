@@ -1,5 +1,5 @@
-"""Setup for all tests (an off-screen renderer, selected before OpenGL is imported; Ctrl-C), and
-fixtures used in more than one folder.
+"""Setup for all tests (an off-screen renderer, selected before OpenGL is imported; Ctrl-C), the
+order of the tests, and fixtures used in more than one folder.
 """
 
 import ctypes.util
@@ -7,10 +7,11 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
-from .memory import MemoryReport, free_what_nobody_uses
+from .memory import MemoryReport, exclude_from_searches_for_garbage, free_what_nobody_uses
 
 # dm_control reads this when it is imported, and fails where its first choice, a window, cannot be
 # opened. Without EGL it still simulates, and the tests that draw skip.
@@ -20,6 +21,11 @@ if sys.platform == "linux" and "MUJOCO_GL" not in os.environ:
 # A shell that runs the tests in the background lets them, and what they start, ignore Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# The folders in which all tests of a task run one after the other.
+_BY_TASK = {
+    Path(__file__).parent / folder for folder in ("contract", "laws", "mujoco", "oracle", "rl")
+}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -31,6 +37,30 @@ def pytest_configure(config: pytest.Config) -> None:
     """Measures memory if requested."""
     if config.getoption("--memory"):
         config.pluginmanager.register(MemoryReport(config))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Sorts the tests in each file by task, in some folders.
+
+    The package keeps the models of a few tasks compiled. In this order they are those in use.
+    """
+    places: dict[object, int] = {}
+
+    def place(item: pytest.Item) -> tuple[int, int]:
+        call = getattr(item, "callspec", None)  # None without parameters
+        task = None
+        if call and not _BY_TASK.isdisjoint(item.path.parents):
+            task = str((call.params.get("domain"), call.params.get("task")))
+        file = places.setdefault(item.path, len(places))
+        return file, places.setdefault((item.path, task), len(places))
+
+    items.sort(key=place)
+
+
+def pytest_collection_finish() -> None:
+    """Keeps searches for garbage short: the modules and tests stay until the end."""
+    exclude_from_searches_for_garbage()
 
 
 @pytest.hookimpl(wrapper=True)

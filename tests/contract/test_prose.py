@@ -4,7 +4,8 @@ import ast
 import io
 import re
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
 import pytest
 
@@ -13,8 +14,6 @@ from .source import REPOSITORY, modules
 _BEGINNING = re.compile(r"(What|Who|How|Where|When|As for)\b")
 _AVOIDED = re.compile(r"\b(till|anew|in\s+vain|is\s+said\s+of)\b", re.IGNORECASE)
 _DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-
-_MODULES = sorted(modules())
 
 
 def _bad_docstrings(source: str) -> Iterator[str]:
@@ -40,22 +39,25 @@ def _bad_words(source: str) -> list[str]:
     return [match[0] for text in _prose(source) for match in _AVOIDED.finditer(text)]
 
 
-@pytest.mark.parametrize("module", _MODULES)
-def test_docstrings_begin_with_a_noun_phrase_or_a_verb(module: str) -> None:
-    assert not list(_bad_docstrings(modules()[module].read_text(encoding="utf-8")))
+def _found(search: Callable[[str], Iterable[str]], files: Iterable[Path]) -> dict[str, list[str]]:
+    """The findings of a search in each file that has any."""
+    found = {str(file): list(search(file.read_text(encoding="utf-8"))) for file in files}
+    return {file: findings for file, findings in found.items() if findings}
 
 
-@pytest.mark.parametrize("module", _MODULES)
-def test_texts_and_comments_use_current_words(module: str) -> None:
-    assert not _bad_words(modules()[module].read_text(encoding="utf-8"))
+def test_docstrings_begin_with_a_noun_phrase_or_a_verb() -> None:
+    assert not _found(_bad_docstrings, modules().values())
+
+
+def test_texts_and_comments_use_current_words() -> None:
+    assert not _found(_bad_words, modules().values())
 
 
 @pytest.mark.parametrize("folder", ["benchmarks", "tests", "tools"])
 def test_docstrings_outside_the_package_begin_so_too(folder: str) -> None:
     planner = REPOSITORY / "tests" / "planner"  # as above
-    for file in (REPOSITORY / folder).rglob("*.py"):
-        if planner not in file.parents:
-            assert not list(_bad_docstrings(file.read_text(encoding="utf-8"))), file
+    files = [file for file in (REPOSITORY / folder).rglob("*.py") if planner not in file.parents]
+    assert not _found(_bad_docstrings, files)
 
 
 def test_the_search_finds_what_it_looks_for() -> None:

@@ -42,7 +42,7 @@ def run_script() -> Callable[..., str]:
     return run
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def theirs() -> Callable[[str], ModuleType]:
     """`theirs("mujoco")` is dm_control's module; skips where dm_control is not installed."""
     # Any: the module is found on pytest's path alone.

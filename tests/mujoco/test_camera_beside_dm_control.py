@@ -19,8 +19,9 @@ from .furnished import FURNISHED, KINDS, SIZE, add_box, furnished
 pytestmark = pytest.mark.oracle
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def twins(theirs: Callable[[str], ModuleType]) -> tuple[Any, Any]:
+    """One pair for all tests: making the contexts takes longer than drawing ten pictures."""
     return furnished(), furnished(theirs("mujoco"))
 
 
@@ -49,18 +50,16 @@ def test_pictures_in_any_order_are_dm_controls(twins: tuple[Any, Any]) -> None:
             physics.step(5)
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(("domain", "task"), PAIRS)
 def test_pictures_of_the_suite_are_dm_controls(
-    theirs: Callable[[str], ModuleType], domain: str, task: str, kind: str
+    theirs: Callable[[str], ModuleType], domain: str, task: str
 ) -> None:
     envs = [s.load(domain, task, task_kwargs={"random": 3}) for s in (suite, theirs("suite"))]
-    pictures = []
     for env in envs:
         env.reset()
         env.step(np.full(env.action_spec().shape, 0.5))
-        pictures.append(env.physics.render(84, 84, camera_id=0, **KINDS[kind]))
-    _assert_same(*pictures)
+    for kwargs in KINDS.values():
+        _assert_same(*[env.physics.render(84, 84, camera_id=0, **kwargs) for env in envs])
 
 
 # Without the number of flags; and without the flag for depth, for which MuJoCo 4.0 draws memory
@@ -162,7 +161,10 @@ def test_models_drawn_in_turn_do_not_mix(theirs: Callable[[str], ModuleType]) ->
             _assert_same(*[p.render(**SIZE, render_flag_overrides=dict(flags)) for p in pair])
 
 
-def test_a_texture_uploaded_is_drawn_as_by_dm_control(twins: tuple[Any, Any]) -> None:
+def test_a_texture_uploaded_is_drawn_as_by_dm_control(
+    theirs: Callable[[str], ModuleType],
+) -> None:
+    twins = furnished(), furnished(theirs("mujoco"))
     bystander = furnished()
     before = bystander.render(**SIZE)
     pictures = []

@@ -12,7 +12,7 @@ from . import twins
 from .oracle import BOTH
 from .same import assert_same, assert_same_outcome, assert_same_pair
 
-pytestmark = pytest.mark.oracle
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
 every_task = pytest.mark.parametrize(("domain", "task"), twins.TASKS)
 every_model = pytest.mark.parametrize(("domain", "task"), twins.MODELS)
