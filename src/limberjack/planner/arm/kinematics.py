@@ -52,17 +52,13 @@ def hand_places(joints: np.ndarray, forward: float, lateral: float = 0.0) -> np.
 
 
 def hand_poses(
-    random: np.random.Generator,
-    point: np.ndarray,
-    forward: float,
-    now: np.ndarray,
-    count: int,
-    *wanted: Any,  # the further arguments of `hand_poses_each`
-    **named: Any,
+    random: np.random.Generator, point: np.ndarray, *wanted: Any, **named: Any
 ) -> np.ndarray:
-    """Arm joints that bring a point of the hand to a position (2,), (n, 4), n <= count."""
-    points = np.reshape(point, (1, 2))
-    return hand_poses_each(random, points, forward, now, count, *wanted, **named)[0]
+    """Arm joints that bring a point of the hand to a position (2,), (n, 4), n <= count.
+
+    The further arguments, of any kind, are those of `hand_poses_each`.
+    """
+    return hand_poses_each(random, np.reshape(point, (1, 2)), *wanted, **named)[0]
 
 
 def hand_poses_each(

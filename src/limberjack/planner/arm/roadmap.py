@@ -60,7 +60,9 @@ def find_path(
     chain = _Search(now, goals, scene).run(budget)
     if chain is None:
         return None
-    path = Path(_shortened(_unwrapped(chain), scene), joint_sum, view=_VIEW)
+    # The root turns without jumps.
+    chain = np.concatenate([chain[:1], chain[0] + _between(chain[:-1], chain[1:]).cumsum(axis=0)])
+    path = Path(_shortened(chain, scene), joint_sum, view=_VIEW)
     path.see(_sights(path.points, scene))
     return path
 
@@ -146,12 +148,6 @@ def _between(pose: np.ndarray, others: np.ndarray) -> np.ndarray:
     return turn
 
 
-def _unwrapped(poses: np.ndarray) -> np.ndarray:
-    """The same poses with the root turning without jumps, (n, 4)."""
-    turns = _between(poses[:-1], poses[1:])
-    return np.concatenate([poses[:1], poses[0] + np.cumsum(turns, axis=0)])
-
-
 def _shortened(waypoints: np.ndarray, scene: "_Scene") -> np.ndarray:
     """The same path without the waypoints that are not needed, (n, 4)."""
     kept, last = [0], len(waypoints) - 1
@@ -175,11 +171,9 @@ class _Scene:
     least: np.ndarray  # smallest distances there, (4,), metres
     most: np.ndarray  # smallest distances elsewhere, (4,)
 
-    def is_free(self, poses: np.ndarray) -> np.ndarray:
+    def is_free(self, poses: np.ndarray, gaps: np.ndarray | None = None) -> np.ndarray:
         """Whether poses (n, 4) are within limits and clear of everything, (n,)."""
-        return self._is_free(poses, self._clearance(poses))
-
-    def _is_free(self, poses: np.ndarray, gaps: np.ndarray) -> np.ndarray:
+        gaps = self._clearance(poses) if gaps is None else gaps
         within = np.all(np.abs(poses[:, 1:]) <= GEOMETRY.limits, axis=-1)
         return within & np.all(gaps > self._allowed(poses), axis=-1)
 
@@ -192,7 +186,7 @@ class _Scene:
         count = int(np.ceil(np.abs(turn).max() / 0.12))
         poses = begin + np.linspace(0.0, 1.0, 1 + count)[1:, None] * turn
         gaps = self._clearance(poses)
-        if not self._is_free(poses, gaps).all():
+        if not self.is_free(poses, gaps).all():
             return False
         near = gaps[:, 0] < 0.05
         if not near.any():

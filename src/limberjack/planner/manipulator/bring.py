@@ -53,11 +53,9 @@ class Bring(Cost):
     def _search_target(self, peg: Peg, data: Any) -> None:
         """Searches for a path to the target; for a leaning peg if no other is found."""
         assert self._fetch.paths is not None
+        up, draws = -downwards(data.site_xpos["grasp"])[PLANE], self._fetch.draws
         is_found = self._fetch.paths.search_target(
-            self._fetch.draws,
-            data.qpos[ARM],
-            -downwards(data.site_xpos["grasp"])[PLANE],
-            lambda random: peg.poses_at_target(data, random, 24),
+            data.qpos[ARM], up, lambda: peg.poses_at_target(data, draws, 24)
         )
         if not is_found and peg.gap(data) > 0.03:  # metres; a nearer one stays there
             peg.lean()

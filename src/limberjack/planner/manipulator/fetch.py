@@ -73,7 +73,7 @@ class Fetch:
         self.draws = np.random.default_rng(0)  # for searches, other than the planner's stream
         self.forecast = Forecast(prop.name, prop.joints, settings)
         self.rake = Rake(prop)
-        self.paths = None if isinstance(prop, Ball) else PegPaths()  # to and with a peg
+        self.paths = None if isinstance(prop, Ball) else PegPaths(self.draws)  # to and with a peg
         self.withdraws = 0  # plannings for which the hand still withdraws
         self._near_for = 0  # plannings in which the hand was near the object without holding it
         self._carried_for = 0  # plannings in which the peg has touched the arm
@@ -164,7 +164,7 @@ class Fetch:
         """Searches for a path to a peg that lies still within reach, or to let one fall."""
         now = data.qpos[ARM]
         if self.lies_on_arm:
-            paths.search_room(self.draws, now, STRETCHED)
+            paths.search_room(now, STRETCHED)
             return
         moves = np.abs(data.qvel[self.prop.joints]).max() > 2.0  # metres or radians per second
         aloft = height_above_ground(data.site_xpos["peg"]) > LIES
@@ -173,11 +173,11 @@ class Fetch:
             return
         peg = pose_of(data, "peg")
 
-        def straight_on(random: np.random.Generator) -> np.ndarray:
-            (aligned,) = self.poses_around([peg], now, random, 12, tilt=_ALIGNED)
-            return aligned if len(aligned) else self.poses_around([peg], now, random, 12)[0]
+        def straight_on() -> np.ndarray:
+            (aligned,) = self.poses_around([peg], now, self.draws, 12, tilt=_ALIGNED)
+            return aligned if len(aligned) else self.poses_around([peg], now, self.draws, 12)[0]
 
-        paths.search_peg(self.draws, now, peg, straight_on)
+        paths.search_peg(now, peg, straight_on)
 
     def _passes_walls(self, paths: PegPaths, now: np.ndarray) -> bool:
         """Whether the path to the peg passes through walls."""

@@ -1,7 +1,7 @@
 """`PegPaths`: the arm's paths to a peg that lies still and, once it is held, to the target.
 
-    paths = PegPaths()
-    paths.search_target(random, now, up, find_goals)
+    paths = PegPaths(random)
+    paths.search_target(now, up, find_goals)
     cost = paths.cost_to_target(joints, near_cost)  # (N,)
 
 Far from the end of a path its remaining length costs; near the end, the positions of hand and peg.
@@ -26,17 +26,18 @@ _HAND, _HAND_AND_PEG = 0.1, 0.178  # metres; from the wrist to the end
 _INTERVAL = 2  # plannings between searches for better paths
 _AT_PEG = 0.3  # radians from the end of the path to a peg, within which the hand counts
 
-_Goals = Callable[[np.random.Generator], np.ndarray]  # draws joints, (n, 4)
+_Goals = Callable[[], np.ndarray]  # draws joints, (n, 4)
 
 
 class PegPaths:
     """Paths that are kept as long as they are clear, so that the arm keeps to one of them.
 
-    Searches take a random stream, the arm's joints, (4,), and a function that draws goals.
+    Searches take the arm's joints, (4,), and a function that draws goals.
     """
 
-    def __init__(self) -> None:
-        """Knows no path yet."""
+    def __init__(self, random: np.random.Generator) -> None:
+        """Knows no path yet; the random stream is that of the searches."""
+        self._random = random
         self._to_peg: list[Path] = []  # to before a peg, and on to it
         self._to_target: list[Path] = []
         self._goals = np.zeros((0, 4))  # joints that have a held peg at the target
@@ -48,57 +49,48 @@ class PegPaths:
         """Discards all paths, as for a peg that moves or is out of reach."""
         self._to_peg, self._to_target = [], []
 
-    def search_target(
-        self, random: np.random.Generator, now: np.ndarray, up: np.ndarray, find: _Goals
-    ) -> bool:
+    def search_target(self, now: np.ndarray, up: np.ndarray, find: _Goals) -> bool:
         """Searches for better paths to the target with a held peg; returns whether one is known.
 
         A hand lower than 35 mm is first lifted in the direction `up`, (2,).
         """
         self._to_peg = []
         if not self._to_target:  # none yet, or all of these are blocked
-            self._goals = find(random)
+            self._goals = find()
         lift = 0.035 - float(hand_height(now))
         first = nudged(now, lift * up, 0.0) if lift > 0 else None
         detours = Detours(_HAND_AND_PEG, first=first)
-        self._to_target = self._better(detours, random, now, self._goals[:, None], self._to_target)
+        self._to_target = self._better(detours, now, self._goals[:, None], self._to_target)
         return len(self._to_target) > 0
 
     def _better(
-        self,
-        detours: Detours,
-        random: np.random.Generator,
-        now: np.ndarray,
-        goals: np.ndarray,
-        known: list[Path],
+        self, detours: Detours, now: np.ndarray, goals: np.ndarray, known: list[Path]
     ) -> list[Path]:
         """Known paths that are clear from now on; others if none is, or if a search is due."""
         self._age = (self._age + 1) % _INTERVAL
         kept = detours.keep(now, known) if self._age else []
-        return kept or detours.find(random, now, goals, known)
+        return kept or detours.find(self._random, now, goals, known)
 
-    def search_peg(
-        self, random: np.random.Generator, now: np.ndarray, peg: Pose, find: _Goals
-    ) -> None:
+    def search_peg(self, now: np.ndarray, peg: Pose, find: _Goals) -> None:
         """Searches for better paths to a peg that do not go across it."""
         self._to_target = []
         pose = np.concatenate(peg)
         # A peg that has moved by more than a centimetre, or that much of its frame, needs others.
         if not self._to_peg or np.abs(pose - self._lay).max() > 0.01:
-            self._lay, poses = pose, find(random)
+            self._lay, poses = pose, find()
             self._age = _INTERVAL - 1  # the paths that are known lead elsewhere
             back = nudged(poses, -0.07 * direction(poses.sum(axis=-1)), 0.0)  # clear of the peg
             self._before = np.stack([back, poses], axis=1)
         place, frame = peg
         line = np.stack([place + in_world(frame, HANDLE.place), place - 0.05 * frame[2::3]])
         detours = Detours(_HAND, around=line[:, PLANE])
-        self._to_peg = self._better(detours, random, now, self._before, self._to_peg)
+        self._to_peg = self._better(detours, now, self._before, self._to_peg)
 
-    def search_room(self, random: np.random.Generator, now: np.ndarray, widest: np.ndarray) -> None:
+    def search_room(self, now: np.ndarray, widest: np.ndarray) -> None:
         """Searches for paths to joints of at most `widest` radians, (4,), so that the peg falls."""
         self._to_target = []
         goals = np.random.default_rng(0).uniform(-widest, widest, (8, 1, 4))
-        self._to_peg = Detours(_HAND).find(random, now, goals, self._to_peg)
+        self._to_peg = Detours(_HAND).find(self._random, now, goals, self._to_peg)
 
     def cost_to_peg(self, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
         """Cost of the rest of the path to the peg and, at its end, of the hand, (N,)."""

@@ -25,7 +25,6 @@ from limberjack.utils import arrays
 
 __all__ = ["Rake", "Spot", "next_spot"]
 
-_BEHIND = np.array([0.03, 0.0, 0.0]), np.array([0.0, 0.0, 0.02])  # metres; outwards, and up
 # Metres by which a peg must come nearer to the goal, or a fingertip to the spot, to count.
 _HEADWAY = 0.03
 
@@ -128,7 +127,7 @@ def next_spot(data: Any, spot: Spot | None, goal: float, walls: Obstacle) -> Spo
 def _behind(place: np.ndarray, goal: float) -> np.ndarray:
     """Position of a fingertip that rakes a place to a goal, (..., 3) -> (..., 3), metres."""
     outwards = np.where(place[..., :1] < goal, -1.0, 1.0)
-    return place + outwards * _BEHIND[0] + _BEHIND[1]
+    return place + outwards * np.array([0.03, 0.0, 0.0]) + np.array([0.0, 0.0, 0.02])
 
 
 class Rake:
