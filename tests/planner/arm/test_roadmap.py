@@ -1,4 +1,4 @@
-"""Ways of the planar arm around obstacles."""
+"""Paths of the planar arm around obstacles."""
 
 import numpy as np
 import pytest
@@ -19,54 +19,54 @@ def _goals() -> np.ndarray:
     return hand_poses(random, np.array([0.3, 0.4]), GRASP, -_START, 24)
 
 
-def test_a_way_leads_to_a_goal_around_the_obstacle() -> None:
+def test_a_path_leads_to_a_goal_around_the_obstacle() -> None:
     goals = _goals()
-    way = find_path(_START, goals, _HELD, _BEAM)
-    assert way is not None
-    assert not way.is_straight
-    poses = np.array([_START, *way.next_points(1)])
+    path = find_path(_START, goals, _HELD, _BEAM)
+    assert path is not None
+    assert not path.is_straight
+    poses = np.array([_START, *path.next_points(1)])
     assert (clearance(poses, _HELD, _BEAM) > 0.0).all()
     gaps = (poses[-1] - goals + np.pi) % (2 * np.pi) - np.pi
     assert np.abs(gaps).sum(axis=-1).min() < 1e-9
 
 
-def test_what_is_left_of_a_way_falls_as_it_is_gone() -> None:
-    way = find_path(_START, _goals(), _HELD, _BEAM)
-    assert way is not None
+def test_what_is_left_of_a_path_falls_as_it_is_gone() -> None:
+    path = find_path(_START, _goals(), _HELD, _BEAM)
+    assert path is not None
     left = []
-    for pose in way.next_points(1):
-        way.advance(pose)
-        left.append(float(way.remaining(pose[None])[0]))
+    for pose in path.next_points(1):
+        path.advance(pose)
+        left.append(float(path.remaining(pose[None])[0]))
     assert (np.diff(left) <= 1e-9).all()
     assert left[-1] == 0.0
 
 
-def test_there_is_no_way_to_a_goal_within_the_obstacle() -> None:
+def test_there_is_no_path_to_a_goal_within_the_obstacle() -> None:
     around = Obstacle(np.array([[[0.3, 0.35], [0.3, 0.45]]]), np.array([0.2]))
     assert find_path(_START, _goals(), _HELD, around) is None
 
 
-def test_a_way_that_begins_within_the_obstacle_leaves_it_and_does_not_go_through_it() -> None:
+def test_a_path_that_begins_within_the_obstacle_leaves_it_and_does_not_go_through_it() -> None:
     hand = hand_places(_START, GRASP)
     ends = hand + np.array([[0.0, -0.02], [0.0, 0.02]])
     walls = np.concatenate([_BEAM.ends, ends[None]])
     both = Obstacle(walls, np.array([0.01, 0.01]))
     assert clearance(_START[None], _HELD, both)[0, 0] < -0.01
-    way = find_path(_START, _goals(), _HELD, both)
-    assert way is not None
-    poses = np.array(way.next_points(1))
+    path = find_path(_START, _goals(), _HELD, both)
+    assert path is not None
+    poses = np.array(path.next_points(1))
     away = np.abs(poses - _START).sum(axis=-1)
     assert (clearance(poses[away > 1.5], _HELD, both)[:, 0] > 0.0).all()
 
 
-def test_the_short_cut_to_the_end_of_a_way_counts_no_less_than_the_way() -> None:
+def test_the_short_cut_to_the_end_of_a_path_counts_no_less_than_the_way() -> None:
     beside = np.array([0.35, 0.2, 0.2, 0.2])  # the beam, which is between the hand and the goal
-    way = find_path(beside, -beside[None], _HELD, _BEAM)
-    assert way is not None
-    poses = np.array([beside, *way.next_points(1)])
+    path = find_path(beside, -beside[None], _HELD, _BEAM)
+    assert path is not None
+    poses = np.array([beside, *path.next_points(1)])
     length = np.abs(np.diff(poses, axis=0)).sum()
     assert length > 3.0 * np.abs(2.0 * beside).sum()
-    assert way.remaining(beside[None])[0] > 0.8 * length
+    assert path.remaining(beside[None])[0] > 0.8 * length
 
 
 def test_a_goal_that_is_too_near_to_something_is_gone_to_on_request() -> None:
@@ -82,16 +82,16 @@ def test_a_goal_that_is_too_near_to_something_is_gone_to_on_request() -> None:
     assert find_path(_START, goal[None], _HELD, both, close=True) is not None
 
 
-def test_a_way_does_not_jump_over_a_thin_wall() -> None:
+def test_a_path_does_not_jump_over_a_thin_wall() -> None:
     wall = Obstacle(np.array([[[0.3, 0.3], [0.42, 0.3]]]), np.array([0.004]))
     random = np.random.default_rng(0)
     above = hand_poses(random, np.array([0.36, 0.45]), GRASP, -_START, 1)[0]
     below = hand_poses(random, np.array([0.36, 0.15]), GRASP, above, 24)
     for held in (above, above + np.array([0.0, 0.0, 0.0, 0.3])):
-        way = find_path(held, below, _HELD, wall)
-        if way is None:
+        path = find_path(held, below, _HELD, wall)
+        if path is None:
             continue
-        poses = np.array([held, *way.next_points(1)])
+        poses = np.array([held, *path.next_points(1)])
         parts = np.linspace(0.0, 1.0, 10)[:, None, None]
         between = (poses[:-1] + parts * (poses[1:] - poses[:-1])).reshape(-1, 4)
         assert clearance(between, _HELD, wall)[:, 0].min() > 0.0
@@ -110,4 +110,4 @@ def test_a_search_stops_at_its_budget() -> None:
         assert find_path(_START, _goals(), _HELD, _BEAM, budget=5) is None
     straight = 6  # paths that are tried before the search
     assert len(edges) <= straight + 5
-    assert find_path(_START, _goals(), _HELD, _BEAM, budget=roadmap.BUDGET) is not None
+    assert find_path(_START, _goals(), _HELD, _BEAM) is not None

@@ -7,7 +7,7 @@ from limberjack import suite
 from limberjack.planner import cost_for
 from limberjack.planner.arm.hand import ARM
 from limberjack.planner.manipulator.bring import Bring
-from limberjack.planner.manipulator.forecast import MEETS
+from limberjack.planner.manipulator.forecast import MEETS, restored
 from limberjack.rl.control import PhysicsError
 
 from .scenes import scene
@@ -72,3 +72,19 @@ def test_an_object_at_rest_is_met_where_it_is_and_a_moving_one_at_the_knots() ->
     data.qvel["ball_x"] = 0.5
     forecast.update(physics)
     assert len(forecast.met(data)) == len(MEETS)
+
+
+def test_a_simulation_that_was_tried_is_restored() -> None:
+    _, physics = scene("bring_ball", 1000, [0.0, 0.7, 0.7, 0.7], [0.0, 0.3, 0.0])
+    data = physics.named.data
+    physics.set_control(np.full(5, 0.5))
+    physics.forward()
+    before = [physics.get_state(), data.ctrl[:], data.site_xpos["ball"], physics.time()]
+    before = [np.copy(value) for value in before]
+    with restored(physics):
+        physics.set_control(np.zeros(5))
+        physics.step(10)
+        assert data.site_xpos["ball"][2] < 0.3
+    after = [physics.get_state(), data.ctrl[:], data.site_xpos["ball"], physics.time()]
+    for old, new in zip(before, after, strict=True):
+        np.testing.assert_array_equal(new, old)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from limberjack.planner.arm.path import Path, joint_sum
-from limberjack.planner.manipulator.guide import Guide
+from limberjack.planner.manipulator.guide import Guide, few_of
 
 _START, _END = np.array([0.0, 0.5, 0.5, 0.5]), np.array([1.0, 0.5, 0.5, 0.5])
 
@@ -49,3 +49,11 @@ def test_a_path_that_is_dropped_is_searched_again_after_a_while() -> None:
     guide.drop(7)
     assert guide.path is None
     assert guide.patience == 7
+
+
+def test_another_attempt_has_twelve_of_the_poses_or_all_of_fewer() -> None:
+    poses = np.arange(80.0).reshape(20, 4)
+    for given, count in ((poses, 12), (poses[:5], 5)):
+        few = few_of(np.random.default_rng(0), given)
+        assert len({tuple(pose) for pose in few}) == count
+        assert np.isin(few[:, 0], given[:, 0]).all()

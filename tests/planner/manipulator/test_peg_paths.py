@@ -17,12 +17,12 @@ def _poses(point: np.ndarray, angle: float) -> np.ndarray:
 
 
 def test_costs_end_with_those_of_hand_and_peg() -> None:
-    paths, near_cost = PegPaths(), np.array([0.3])
+    paths, near_cost = PegPaths(np.random.default_rng(0)), np.array([0.3])
     now = np.array([1.0, 1.0, 1.0, 0.5])
     np.testing.assert_array_equal(paths.cost_to_peg(now[None], near_cost), near_cost)
     np.testing.assert_array_equal(paths.cost_to_target(now[None], near_cost), near_cost)
     goals = _poses(np.array([-0.2, 0.2]), 1.5)
-    paths.search_target(np.random.default_rng(0), now, _UP, lambda _: goals)
+    paths.search_target(now, _UP, lambda: goals)
     assert paths.cost_to_target(now[None], near_cost)[0] > 3.0
     end = paths.plans(now, 40)[-1][-1]
     assert end[4] == HANDLE.shut
@@ -32,10 +32,10 @@ def test_costs_end_with_those_of_hand_and_peg() -> None:
 
 
 def test_the_path_to_a_peg_ends_around_it_with_an_open_hand() -> None:
-    paths, peg = PegPaths(), lying_peg(1.0)
+    paths, peg = PegPaths(np.random.default_rng(0)), lying_peg(1.0)
     now = np.array([1.0, 1.0, 1.0, 0.5])
     point, angle = grasp_of(peg)
-    paths.search_peg(np.random.default_rng(0), now, peg, lambda _: _poses(point, angle))
+    paths.search_peg(now, peg, lambda: _poses(point, angle))
     end = paths.plans(now, 40)[-1][-1]
     # Inverse kinematics and back, by sines and cosines: they round.
     np.testing.assert_allclose(hand_places(end[:4], PINCH), point, atol=1e-9)

@@ -8,6 +8,7 @@ import pytest
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, TIPS, in_hand
 from limberjack.planner.arm.kinematics import GRASP, PINCH, direction, hand_places, hand_poses
 from limberjack.planner.arm.proposals import approaches, plans_of
+from limberjack.planner.manipulator.fetch import Fetch
 from limberjack.planner.manipulator.grips import HANDLE, pose_of
 from limberjack.planner.manipulator.props import Ball, Peg, across, grasp_of, is_on_arm, prop_of
 
@@ -77,7 +78,8 @@ def test_poses_around_a_prop_have_it_ahead_of_the_hand(task: str) -> None:
     data.qpos[prop.joints] = 0.1, 0.1, 0.0
     physics.forward()
     poses = [pose_of(data, prop.name)]
-    (found,) = prop.poses_around(poses, data.qpos[ARM], np.random.default_rng(0), 6, 0.06, 0.5)
+    fetch, random = Fetch(prop, prop.settings), np.random.default_rng(0)
+    (found,) = fetch.poses_around(poses, data.qpos[ARM], random, 6, 0.06, 0.5)
     assert 0 < len(found) <= 6
     for pose in found:
         data.qpos[ARM] = pose

@@ -3,67 +3,53 @@
     gaps = clearance(poses, held=0.085, obstacle=Obstacle(ends, radii))  # (n, 4), metres
     is_clear(poses, reach=0.178)                                         # (n,)
 
-Links, hand, palms, fingers and a held object are capsules with the model's lengths and radii, at
-two resolutions. `clearance` measures capsules against capsules, for paths around obstacles.
-`is_clear` and `is_off_ground` test a few points of the same links, which is a tenth of the work,
-for the thousands of poses that inverse kinematics draws. The fingers are straight, as around a box.
+Links, hand, palms, straight fingers and a held object are capsules with the model's lengths and
+radii. `clearance` measures capsules against capsules, for paths around obstacles. `is_clear` and
+`is_off_ground` test a few points of the same links, which is a tenth of the work, for the thousands
+of poses that inverse kinematics draws.
 
 In this module positions are complex numbers, x + z i, in metres. Links are directions: complex
 numbers of length 1 which times i point along a link.
 """
 
-import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from limberjack.planner.arm.geometry import GEOMETRY
 
 __all__ = [
-    "Obstacle",
-    "clearance",
-    "direction_of",
-    "hand_gap",
-    "hand_height",
-    "has_room",
-    "is_clear",
-    "is_off_ground",
-    "within_limits",
-]
+    "LIMITS", "Obstacle", "clearance", "corners", "direction_of", "hand_gap", "hand_height",
+    "has_room", "is_clear", "is_off_ground", "within_limits",
+]  # fmt: skip
 
-_BASE = GEOMETRY.base_height * 1j
-_LENGTHS = np.array(GEOMETRY.lengths)
-_LOWER = GEOMETRY.lengths[2]
-_KNUCKLE_ASIDE, _KNUCKLE_AHEAD = GEOMETRY.knuckle
-_TIP = _KNUCKLE_AHEAD + GEOMETRY.finger[0]
-_MOVES = 1j * np.array([*GEOMETRY.lengths, _KNUCKLE_AHEAD])
 # Limits of shoulder, elbow and wrist, less a margin in which the limits' springs push back.
-_LIMITS = np.array(GEOMETRY.limits) - 0.05
-
-# Points: radii of the links and the hand, and the distance that is kept beyond them, metres.
-_CLEARANCE = np.add(GEOMETRY.radii[:4], [0.001, 0.001, 0.002, 0.0])
-_FINGERTIP = 0.096  # metres from the wrist to the tips of fingers that hold something
-_TIP_CLEARANCE = 0.006  # metres of their radius of 0.008; the contact gives way
-_BESIDE = 0.035  # metres between the middle of a link and of a held object
-_SLOPE = np.sqrt(2)  # of the walls, which rise at 45 degrees
-
-# Capsules: the fingers' axes are beside the knuckles, where they enclose opened and closed fingers.
-_FINGER_ASIDE, _FINGER_RADIUS = _KNUCKLE_ASIDE + 0.004, 0.01  # metres
-_NARROW = 0.013  # metres from the hand's middle line to a fingertip around a peg
-_ASIDE = np.array([-_FINGER_ASIDE, _FINGER_ASIDE])
-_END, _KNUCKLES, _TIPS = GEOMETRY.hand * 1j, _KNUCKLE_AHEAD * 1j + _ASIDE, _TIP * 1j + _ASIDE
-# Both ends of hand, palms and fingers in the hand's frame: aside + ahead i, metres.
-_HAND = np.array([[0.0j, _END, _END, *_KNUCKLES], [_END, *_KNUCKLES, *_TIPS]])
-_RADII = np.array([*GEOMETRY.radii[:-1], _FINGER_RADIUS, _FINGER_RADIUS, GEOMETRY.radii[-1]])
-# Knuckles, and fingertips around a peg, in the hand's frame.
-_POINTS = np.append(_KNUCKLES, _TIP * 1j + np.array([-_NARROW, _NARROW]))
-# Pairs of capsules that keep clear of each other.
-_FIRST, _SECOND = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1]), np.array([2, 3, 6, 7, 8, 3, 6, 7, 8])
-_LINKS = 3  # capsules for which distances from the ground are separate: two links and the hand
+LIMITS = np.array(GEOMETRY.limits) - 0.05
+_BASE, _LENGTHS = GEOMETRY.base_height * 1j, np.array(GEOMETRY.lengths)
+_KNUCKLE = GEOMETRY.knuckle[1]  # metres ahead of the wrist
 
 
-@dataclasses.dataclass(frozen=True)
-class Obstacle:
+def _hand() -> tuple[np.ndarray, np.ndarray]:
+    """Parts in the hand's frame, aside + ahead i, metres.
+
+    Returns both ends of hand, palms and fingers, (2, 5), and knuckles and fingertips, (4,).
+    """
+    # The fingers' axes are beside the knuckles, where they enclose opened and closed fingers.
+    aside = np.array([-1.0, 1.0]) * (GEOMETRY.knuckle[0] + 0.004)
+    tip = (_KNUCKLE + GEOMETRY.finger[0]) * 1j
+    end, knuckles, tips = GEOMETRY.hand * 1j, _KNUCKLE * 1j + aside, tip + aside
+    lines = np.array([[0.0j, end, end, *knuckles], [end, *knuckles, *tips]])
+    return lines, np.append(knuckles, tip + np.array([-0.013, 0.013]))  # around a peg
+
+
+_HAND, _HAND_POINTS = _hand()
+# Of two links, lower arm, hand, palms, fingers and a held object.
+_RADII = np.array([*GEOMETRY.radii[:-1], 0.01, 0.01, GEOMETRY.radii[-1]])
+# Pairs of these capsules that keep clear of each other.
+_PAIRS = np.array([[0, 0, 0, 0, 0, 1, 1, 1, 1], [2, 3, 6, 7, 8, 3, 6, 7, 8]])
+
+
+class Obstacle(NamedTuple):
     """Thick lines: ends (m, 2, 2) and radii (m,), metres."""
 
     ends: np.ndarray
@@ -74,32 +60,29 @@ def clearance(poses: np.ndarray, held: float, obstacle: Obstacle) -> np.ndarray:
     """Distances of poses (n, 4) from the obstacle, themselves, and the ground, (n, 4), metres.
 
     The columns are: from the obstacle, from the arm itself, of the links from floor and walls, and
-    of hand and fingers from floor and walls.
+    of hand and fingers from floor and walls. An object is held up to so far from the wrist.
     """
     lines = _lines(poses, held)
     parts, others = lines.shape[-1], len(obstacle.ends)
     ends = (obstacle.ends[..., 0] + 1j * obstacle.ends[..., 1]).T[:, None]
     beside = np.broadcast_to(np.tile(ends, parts), (2, len(poses), parts * others))
     # Each part beside each of the obstacle's lines, then the arm's parts beside each other.
-    first = np.concatenate([lines.repeat(others, axis=-1), lines[..., _FIRST]], axis=-1)
-    second = np.concatenate([beside, lines[..., _SECOND]], axis=-1)
-    radii = (_RADII[:, None] + obstacle.radii).ravel(), _RADII[_FIRST] + _RADII[_SECOND]
+    first = np.concatenate([lines.repeat(others, axis=-1), lines[..., _PAIRS[0]]], axis=-1)
+    second = np.concatenate([beside, lines[..., _PAIRS[1]]], axis=-1)
+    radii = (_RADII[:, None] + obstacle.radii).ravel(), _RADII[_PAIRS].sum(axis=0)
     gaps = _gaps(first, second) - np.concatenate(radii)
-    x, z = np.real(lines[..., 1:]), np.imag(lines[..., 1:])
-    wall = np.minimum(z, (z + GEOMETRY.floor - np.abs(x)) / np.sqrt(2)).min(axis=0) - _RADII[1:]
+    ground = _height(lines[..., 1:]).min(axis=0) - _RADII[1:]
     found = np.empty((len(poses), 4))
     found[:, 0] = gaps[:, : parts * others].min(axis=1, initial=np.inf)  # there may be no obstacle
     found[:, 1] = gaps[:, parts * others :].min(axis=1)
-    found[:, 2], found[:, 3] = wall[:, :_LINKS].min(axis=1), wall[:, _LINKS:].min(axis=1)
+    found[:, 2], found[:, 3] = ground[:, :3].min(axis=1), ground[:, 3:].min(axis=1)
     return found
 
 
 def is_clear(joints: np.ndarray, reach: float) -> np.ndarray:
     """Whether the arm is clear of floor, walls and itself, within its limits, (..., 4) -> (...).
 
-    Args:
-      joints: the arm's.
-      reach: from the wrist to the far end of a held object, metres.
+    The far end of a held object is so far from the wrist.
     """
     pointing = direction_of(np.cumsum(joints, axis=-1))
     clear = within_limits(joints) & is_off_ground(pointing) & has_room(pointing, 0.0, reach)
@@ -121,13 +104,12 @@ def hand_gap(joints: np.ndarray, line: np.ndarray) -> np.ndarray:
 def _hand_points(joints: np.ndarray) -> np.ndarray:
     """Knuckles and fingertips around something narrow, (..., 4) -> (..., 4), x + z i."""
     pointing = direction_of(np.cumsum(joints, axis=-1))
-    wrist = _BASE + (1j * pointing[..., :3] * _LENGTHS).sum(axis=-1, keepdims=True)
-    return wrist + pointing[..., 3:] * _POINTS
+    return corners(pointing)[..., 2:] + pointing[..., 3:] * _HAND_POINTS
 
 
 def within_limits(joints: np.ndarray) -> np.ndarray:
     """Whether joints are finite and within their limits, (..., 4) -> (...)."""
-    within = np.abs(joints[..., 1:]) <= _LIMITS  # False for NaN
+    within = np.abs(joints[..., 1:]) <= LIMITS  # False for NaN
     return within[..., 0] & within[..., 1] & within[..., 2]
 
 
@@ -136,51 +118,60 @@ def direction_of(angles: Any) -> np.ndarray:
     return np.exp(1j * angles)
 
 
+def corners(pointing: np.ndarray) -> np.ndarray:
+    """Shoulder, elbow and wrist of links in these directions, (..., 3 or 4) -> (..., 3)."""
+    return _BASE + (1j * pointing[..., :3] * _LENGTHS).cumsum(axis=-1)
+
+
 def is_off_ground(pointing: np.ndarray) -> np.ndarray:
     """Whether the arm keeps clear of floor and walls, (...)."""
-    # From the base over the links' ends to the palm.
-    points = _BASE + np.cumsum(pointing * _MOVES, axis=-1)
-    return np.all(_height(points) > _CLEARANCE, axis=-1)
+    # From the base over the links' ends to the palm, with a margin beyond their radii.
+    points = _BASE + np.cumsum(pointing * (1j * np.array([*_LENGTHS, _KNUCKLE])), axis=-1)
+    least = np.add(GEOMETRY.radii[:4], [0.001, 0.001, 0.002, 0.0])
+    return np.all(_height(points) > least, axis=-1)
 
 
-def has_room(pointing: np.ndarray, width: float, reach: float = _FINGERTIP) -> np.ndarray:
-    """Whether points this far from the hand's middle line and the wrist keep clear, (...)."""
+def has_room(pointing: np.ndarray, width: float, reach: float = 0.096) -> np.ndarray:
+    """Whether points this far from the hand's middle line and the wrist keep clear, (...).
+
+    By default these are the tips of fingers that hold something. They may sink into the ground by
+    2 mm of their radius of 8: the contact gives way.
+    """
     lengths = 1j * np.array([*_LENGTHS, reach])
     ends = _BASE + (pointing * lengths).sum(axis=-1, keepdims=True)
     tips = ends + pointing[..., 3:] * width * np.array([-1.0, 1.0])
-    return np.all(_height(tips) > _TIP_CLEARANCE, axis=-1)
+    return np.all(_height(tips) > 0.006, axis=-1)
 
 
 def _is_unfolded(pointing: np.ndarray, reach: float) -> np.ndarray:
-    """Whether a held object and the links keep clear of earlier links, (...)."""
+    """Whether points of a held object and the lower arm are 35 mm off earlier links, (...)."""
     links = 1j * pointing
     ends = np.cumsum(links[..., :3] * _LENGTHS, axis=-1)  # from the base
     held = ends[..., 2:] + links[..., 3:] * reach * np.array([0.2, 0.4, 0.6, 0.8, 1.0])
-    lower = ends[..., 1:2] + links[..., 2:3] * _LOWER * np.array([0.4, 0.7])
+    lower = ends[..., 1:2] + links[..., 2:3] * _LENGTHS[2] * np.array([0.4, 0.7])
     starts = ends[..., :2] - links[..., :2] * _LENGTHS[:2]
     clear = np.ones(pointing.shape[:-1], bool)
     for link, points in ((0, held), (0, lower), (1, held)):
         along = (points - starts[..., link, None]) / links[..., link, None]
         along.real -= np.clip(along.real, 0.0, _LENGTHS[link])
-        clear &= np.all(np.abs(along) > _BESIDE, axis=-1)
+        clear &= np.all(np.abs(along) > 0.035, axis=-1)
     return clear
 
 
 def _height(points: np.ndarray) -> np.ndarray:
-    """Distance from the floor or the nearest wall, (...) complex -> (...)."""
+    """Distance from the floor or the nearest wall at 45 degrees, (...) complex -> (...)."""
     above = np.imag(points)
-    wall = (above + GEOMETRY.floor - np.abs(np.real(points))) / _SLOPE
-    return np.minimum(above, wall)
+    return np.minimum(above, (above + GEOMETRY.floor - np.abs(np.real(points))) / np.sqrt(2))
 
 
 def _lines(poses: np.ndarray, held: float) -> np.ndarray:
     """Both ends of the axes of links, hand, fingers and a held object, (2, n, 9)."""
-    sideways = np.exp(1j * poses.cumsum(axis=-1))
-    joints = _BASE + (1j * sideways[:, :3] * _LENGTHS).cumsum(axis=1)
+    pointing = direction_of(poses.cumsum(axis=-1))
+    joints = corners(pointing)
     lines: np.ndarray = np.empty((2, len(poses), 3 + _HAND.shape[1] + 1), complex)
     lines[0, :, 0], lines[0, :, 1:3], lines[1, :, :3] = _BASE, joints[:, :2], joints
-    lines[..., 3:-1] = joints[:, 2:] + _HAND[:, None] * sideways[:, 3:]
-    lines[..., -1] = joints[:, 2] + np.array([[0.065j], [held * 1j]]) * sideways[:, 3]
+    lines[..., 3:-1] = joints[:, 2:] + _HAND[:, None] * pointing[:, 3:]
+    lines[..., -1] = joints[:, 2] + np.array([[GEOMETRY.grasp], [held]]) * 1j * pointing[:, 3]
     return lines
 
 

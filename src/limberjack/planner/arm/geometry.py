@@ -14,41 +14,24 @@ from limberjack import suite
 
 __all__ = ["GEOMETRY", "ArmGeometry"]
 
-_LINKS = ("upper_arm", "middle_arm", "lower_arm")
-
 
 @dataclasses.dataclass(frozen=True)
 class ArmGeometry:
-    """Figures of the arm, its pit and the peg; metres and radians.
+    """Figures of the arm, its pit and the peg; metres and radians."""
 
-    Attributes:
-      base_height: height of the root's axis above the floor.
-      lengths: of the three links.
-      radii: of the three links, the hand, the two palms and, last, the peg's blade.
-      limits: of shoulder, elbow and wrist, the same to both sides.
-      floor: half the width of the floor, from whose edges the walls rise at 45 degrees.
-      hand: length of the hand's own link.
-      knuckle: from the hand's middle line aside, and from the wrist ahead, to a finger's joint.
-      finger: from that joint to the tip, ahead and aside, at an angle of 0.
-      open_angle: of the fingers, at their limit.
-      grasp, pinch: from the wrist to the sites between the fingers.
-      peg: from the peg's handle to its tip.
-      peg_grasp, peg_pinch: from the peg's middle back to the sites where it is held.
-    """
-
-    base_height: float
-    lengths: tuple[float, float, float]
-    radii: tuple[float, ...]
-    limits: tuple[float, float, float]
-    floor: float
-    hand: float
-    knuckle: tuple[float, float]
-    finger: tuple[float, float]
-    open_angle: float
-    grasp: float
+    base_height: float  # of the root's axis above the floor
+    lengths: tuple[float, float, float]  # of the three links
+    radii: tuple[float, ...]  # of three links, the hand, two palms and, last, the peg's blade
+    limits: tuple[float, float, float]  # of shoulder, elbow and wrist, the same to both sides
+    floor: float  # half its width; at its edges the walls rise at 45 degrees
+    hand: float  # length of the hand's own link
+    knuckle: tuple[float, float]  # a finger's joint: from the hand's middle line, and the wrist
+    finger: tuple[float, float]  # from that joint to the tip, ahead and aside, at an angle of 0
+    open_angle: float  # of the fingers, at their limit
+    grasp: float  # from the wrist to the sites between the fingers
     pinch: float
-    peg: float
-    peg_grasp: float
+    peg: float  # from the peg's handle to its tip
+    peg_grasp: float  # from the peg's middle back to the sites where it is held
     peg_pinch: float
 
     @classmethod
@@ -57,7 +40,8 @@ class ArmGeometry:
         body, joint, site, geom = model.body, model.joint, model.site, model.geom
         chain = ("middle_arm", "lower_arm", "hand")
         upper, middle, lower = (float(body(name).pos[2]) for name in chain)
-        radii = tuple(float(geom(g).size[0]) for g in (*_LINKS, "hand", "palm1", "palm2", "blade"))
+        thick = ("upper_arm", *chain, "palm1", "palm2", "blade")
+        radii = tuple(float(geom(name).size[0]) for name in thick)
         limits = (float(joint(f"arm_{name}").range[1]) for name in ("shoulder", "elbow", "wrist"))
         thumb, tip = body("thumb").pos, body("thumbtip").pos + geom("thumbtip2").pos
         handle, peg_middle = float(site("peg_grasp").pos[2]), float(site("peg").pos[2])
@@ -81,9 +65,4 @@ class ArmGeometry:
         )
 
 
-def _shipped() -> ArmGeometry:
-    physics = suite.load("manipulator", "bring_peg", {"random": 0}).physics
-    return ArmGeometry.of(physics.model.ptr)
-
-
-GEOMETRY = _shipped()
+GEOMETRY = ArmGeometry.of(suite.load("manipulator", "bring_peg", {"random": 0}).physics.model.ptr)

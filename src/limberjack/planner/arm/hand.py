@@ -12,26 +12,10 @@ from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.settings import Settings
 
 __all__ = [
-    "ARM",
-    "CLOSED",
-    "LONGEST",
-    "OPEN",
-    "OPEN_ANGLE",
-    "PLANE",
-    "PLAY",
-    "SETTINGS",
-    "TIPS",
-    "TIP_ASIDE",
-    "TIP_REACH",
-    "closing",
-    "finger_angle",
-    "fingers",
-    "in_hand",
-    "loose",
-    "near",
-    "outward_speed",
-    "sag",
-]
+    "ARM", "CLOSED", "LONGEST", "OPEN", "OPEN_ANGLE", "PLANE", "PLAY", "SETTINGS", "TIPS",
+    "TIP_ASIDE", "TIP_REACH", "closing", "finger_angle", "fingers", "in_frame", "in_hand", "loose",
+    "near", "outward_speed", "sag",
+]  # fmt: skip
 
 ARM = ["arm_root", "arm_shoulder", "arm_elbow", "arm_wrist"]
 OPEN, CLOSED = -1.0, 1.0  # controls of the grasp
@@ -70,11 +54,14 @@ def closing(data: Any) -> Any:
 
 def in_hand(data: Any, place: np.ndarray) -> tuple[Any, Any]:
     """Distances of a position ahead of the grasp site and aside of it, (..., 3) -> (...) each."""
-    offset = place - data.site_xpos["grasp"]
-    frame = data.site_xmat["grasp"]
-    forward = offset[..., 0] * frame[..., 2] + offset[..., 2] * frame[..., 8]
-    sideways = offset[..., 0] * frame[..., 0] + offset[..., 2] * frame[..., 6]
-    return forward, sideways
+    return in_frame(place - data.site_xpos["grasp"], data.site_xmat["grasp"])
+
+
+def in_frame(offset: np.ndarray, frame: np.ndarray) -> tuple[Any, Any]:
+    """Parts of a vector along z and x of a frame, (..., 3) and (..., 9) -> (...) each."""
+    along = offset[..., 0] * frame[..., 2] + offset[..., 2] * frame[..., 8]
+    aside = offset[..., 0] * frame[..., 0] + offset[..., 2] * frame[..., 6]
+    return along, aside
 
 
 def finger_angle(width: float) -> float:

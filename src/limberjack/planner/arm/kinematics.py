@@ -14,27 +14,24 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm.collision import direction_of, has_room, is_off_ground, within_limits
+from limberjack.planner.arm.collision import (
+    LIMITS,
+    corners,
+    direction_of,
+    has_room,
+    is_off_ground,
+    within_limits,
+)
 from limberjack.planner.arm.geometry import GEOMETRY
 
 __all__ = [
-    "GRASP",
-    "PINCH",
-    "angle_of",
-    "direction",
-    "drawn_back",
-    "hand_places",
-    "hand_poses",
-    "hand_poses_each",
-    "joints_along",
-    "nudged",
-]
+    "GRASP", "PINCH", "angle_of", "direction", "drawn_back", "hand_places", "hand_poses",
+    "hand_poses_each", "joints_along", "nudged",
+]  # fmt: skip
 
 _UPPER, _MIDDLE, _LOWER = GEOMETRY.lengths
 _BASE = GEOMETRY.base_height * 1j  # x + z i
 GRASP, PINCH = GEOMETRY.grasp, GEOMETRY.pinch  # metres; from the wrist to sites between the fingers
-_MOST_BENT = GEOMETRY.limits[2] - 0.05  # radians; of the wrist, less a margin
-_DRAWS, _FEWEST_DRAWS = 12, 72  # for each pose that is wanted, and for few of them
 
 
 def direction(angle: np.ndarray | float) -> np.ndarray:
@@ -55,66 +52,39 @@ def hand_places(joints: np.ndarray, forward: float, lateral: float = 0.0) -> np.
 
 
 def hand_poses(
-    random: np.random.Generator,
-    point: np.ndarray,
-    forward: float,
-    now: np.ndarray,
-    count: int,
-    angle: float | None = None,
-    tilt: float = np.pi,
-    lateral: float = 0.0,
-    width: float | None = None,
-    slack: float = 0.0,
+    random: np.random.Generator, point: np.ndarray, *wanted: Any, **named: Any
 ) -> np.ndarray:
-    """Arm joints that bring a point of the hand to a position, (n, 4), n <= count.
+    """Arm joints that bring a point of the hand to a position (2,), (n, 4), n <= count.
 
-    The first half are the nearest to the current joints; the others are drawn from the rest. Both
-    halves are sorted by distance.
-
-    Args:
-      random: draws the hand's angle and the redundancy.
-      point: the position to reach, (2,).
-      forward: distance of the hand's point from the wrist along the hand, such as `GRASP`.
-      now: the current joints, (4,), from which distances are measured.
-      count: largest number of poses.
-      angle: the hand's angle; None for any.
-      tilt: largest deviation from that angle.
-      lateral: distance of the hand's point from its middle line.
-      width: distance of the fingertips from that line if they must be off the ground too.
-      slack: largest additional distance from the wrist.
+    The further arguments, of any kind, are those of `hand_poses_each`.
     """
-    points = np.reshape(point, (1, 2))
-    wanted = angle, tilt, lateral, width, slack
-    return hand_poses_each(random, points, forward, now, count, *wanted)[0]
+    return hand_poses_each(random, np.reshape(point, (1, 2)), *wanted, **named)[0]
 
 
 def hand_poses_each(
-    random: np.random.Generator,
-    points: np.ndarray,
-    forward: float | np.ndarray,
-    now: np.ndarray,
-    count: int,
-    angle: float | np.ndarray | None = None,
-    tilt: float | np.ndarray = np.pi,
-    lateral: float | np.ndarray = 0.0,
-    width: float | None = None,
-    slack: float = 0.0,
+    random: np.random.Generator,  # draws the hand's angle and the redundancy
+    points: np.ndarray,  # the positions to reach, (R, 2), metres
+    forward: float | np.ndarray,  # from the wrist to the hand's point, such as `GRASP`
+    now: np.ndarray,  # the current joints, from which distances are measured, or (R, 4)
+    count: int,  # largest number of poses
+    angle: float | np.ndarray | None = None,  # the hand's; None for any
+    tilt: float | np.ndarray = np.pi,  # largest deviation from that angle
+    lateral: float | np.ndarray = 0.0,  # distance of the hand's point from its middle line
+    width: float | None = None,  # of the fingertips from that line if they must be off the ground
+    slack: float = 0.0,  # largest additional distance from the wrist
 ) -> list[np.ndarray]:
-    """The result of `hand_poses` for each of several points, (n, 4) each, in one call.
+    """Arm joints that bring a point of the hand to each of several positions, (n, 4) each.
 
-    Args:
-      random, count, width, slack: as in `hand_poses`, for all points.
-      points: the positions to reach, (R, 2).
-      forward, angle, tilt, lateral: as in `hand_poses`, for all points or (R,).
-      now: the current joints, for all points or (R, 4).
+    The first half are the nearest to the current joints; the others are drawn from the rest. Both
+    halves are sorted by distance. Forward, angle, tilt and lateral are for all points or (R,).
     """
-    rows, draws = len(points), max(_DRAWS * count, _FEWEST_DRAWS)
+    rows, draws = len(points), max(12 * count, 72)
     if not rows:
         return []
     tilt, forward = _of_each(tilt), _of_each(forward)
     pointing_to = _of_each(0.0 if angle is None else angle)
     hand = tilt * random.uniform(-1.0, 1.0, (rows, draws)) + pointing_to
-    bend = random.uniform(-_MOST_BENT, _MOST_BENT, (rows, draws))
+    bend = random.uniform(-LIMITS[2], LIMITS[2], (rows, draws))
     ahead = forward + slack * random.uniform(0.0, 1.0, (rows, draws))
     place = (points[:, 0] + 1j * points[:, 1])[:, None]
     wrist = place - direction_of(hand) * (1j * ahead + _of_each(lateral))
@@ -151,23 +121,16 @@ def _chosen(random: np.random.Generator, far: np.ndarray, count: int) -> np.ndar
 
 
 def joints_along(
-    now: np.ndarray,
-    pose: np.ndarray,
-    points: np.ndarray,
-    parts: np.ndarray,
-    forward: float,
+    now: np.ndarray,  # the joints at the start, (..., 4)
+    pose: np.ndarray,  # those at the end, (..., 4)
+    points: np.ndarray,  # the positions, (..., n, 2)
+    parts: np.ndarray,  # of the path from `now` to `pose`, for the hand's angle and wrist, (..., n)
+    forward: float,  # the point in the hand, as for `hand_poses_each`
     lateral: float = 0.0,
 ) -> np.ndarray:
     """Arm joints that bring a point of the hand to positions in turn, (..., n, 4).
 
     NaN where the arm cannot reach, and everywhere for an elbow that would have to turn over.
-
-    Args:
-      now: the joints at the start, (..., 4).
-      pose: those at the end, (..., 4).
-      points: the positions, (..., n, 2).
-      parts: of the path from `now` to `pose`, 0 to 1, (..., n), for the hand's angle and its wrist.
-      forward, lateral: the point in the hand, as for `hand_poses`.
     """
     now, pose = now[..., None, :], pose[..., None, :]  # the same for all points of a path
     angle = now.sum(axis=-1)
@@ -183,16 +146,12 @@ def joints_along(
 
 
 def drawn_back(poses: np.ndarray, by: float) -> np.ndarray:
-    """The joints with the hand moved back along itself at the same wrist angle, (n, 4) -> (n, 4).
+    """The joints with the hand moved back along itself by metres at the same wrist angle, (n, 4).
 
     NaN where the arm cannot reach with its elbow on the same side.
-
-    Args:
-      poses: the joints before.
-      by: distance, metres.
     """
     hand = poses.sum(axis=-1)
-    wrist = _corners(poses)[:, 3] - by * 1j * direction_of(hand)
+    wrist = _axes(poses)[:, 3] - by * 1j * direction_of(hand)
     found = _joints(wrist, hand, poses[:, 3], np.sign(poses[:, 1]))
     found[:, 0] += 2 * np.pi * np.round((poses[:, 0] - found[:, 0]) / (2 * np.pi))
     clear = within_limits(found) & is_off_ground(direction_of(found.cumsum(axis=-1)))
@@ -201,23 +160,17 @@ def drawn_back(poses: np.ndarray, by: float) -> np.ndarray:
 
 
 def nudged(joints: np.ndarray, by: np.ndarray, turn: np.ndarray | float) -> np.ndarray:
-    """The joints (..., 4) that move the wrist by (..., 2) metres and turn the hand, turning least.
-
-    Args:
-      joints: the arm's.
-      by: metres, (..., 2).
-      turn: radians, (...).
-    """
-    goal = _corners(joints)[..., 3] + by[..., 0] + 1j * by[..., 1]
+    """Joints (..., 4) that move the wrist by metres (..., 2) and turn the hand, turning least."""
+    goal = _axes(joints)[..., 3] + by[..., 0] + 1j * by[..., 1]
     angle = joints.sum(axis=-1) + turn
     wanted = np.broadcast_to(joints, (*goal.shape, 4))
     jacobian, error = np.ones((*goal.shape, 3, 4)), np.empty((*goal.shape, 1, 3))
     for _ in range(3):  # leaves 0.1 mm of 100 mm in 9 poses of 10
-        corners = _corners(wanted)
+        axes = _axes(wanted)
         # A joint's turning moves the wrist at right angles to the line between them.
-        moves = 1j * (corners[..., 3:] - corners)
+        moves = 1j * (axes[..., 3:] - axes)
         jacobian[..., 0, :], jacobian[..., 1, :] = moves.real, moves.imag
-        left = goal - corners[..., 3]
+        left = goal - axes[..., 3]
         error[..., 0, 0], error[..., 0, 1] = left.real, left.imag
         error[..., 0, 2] = angle - wanted.sum(axis=-1)
         # Least squares that ignore directions in which the arm hardly moves.
@@ -228,11 +181,10 @@ def nudged(joints: np.ndarray, by: np.ndarray, turn: np.ndarray | float) -> np.n
     return wanted
 
 
-def _corners(joints: np.ndarray) -> np.ndarray:
-    """Base, shoulder, elbow and wrist, (..., 4) -> (..., 4), x + z i."""
-    pointing = 1j * direction_of(np.cumsum(joints[..., :3], axis=-1))
-    links = np.cumsum(pointing * GEOMETRY.lengths, axis=-1)
-    return _BASE + np.concatenate([np.zeros((*links.shape[:-1], 1)), links], axis=-1)
+def _axes(joints: np.ndarray) -> np.ndarray:
+    """Positions of the joints, (..., 4) -> (..., 4), x + z i."""
+    ends = corners(direction_of(np.cumsum(joints[..., :3], axis=-1)))
+    return np.concatenate([np.full((*ends.shape[:-1], 1), _BASE), ends], axis=-1)
 
 
 def _joints(

@@ -16,40 +16,20 @@ import numpy as np
 
 __all__ = ["Path", "joint_sum", "joint_time"]
 
-_SPACING = 0.1  # radians between the points of a path
-_RETURN = 1.3  # cost of a radian beside a path, against one along it
-# Radians from points out of sight beyond which going there straight costs more, and how much more.
-_CORNER, _CUT = 0.35, 5.0
 _TIMES = np.array([0.67, 0.75, 1.0, 1.0])  # of a radian of each joint at full speed, to the wrist's
 
 
 class Path:
-    """Waypoints, and the arc length along them.
-
-    Attributes:
-      waypoints: joints at which the path bends, and its ends, (n, 4).
-      goal: the last waypoints, which belong to the goal, (m, 4).
-      via: the waypoint that leads to the goal, if a search has put one in between, (4,).
-      length: arc length, radians.
-    """
+    """Waypoints, and the arc length along them, `length`, radians."""
 
     def __init__(
         self,
-        waypoints: np.ndarray,
-        distance: Callable[[np.ndarray, np.ndarray], np.ndarray],
-        goal: np.ndarray | None = None,
-        via: np.ndarray | None = None,
-        view: int | None = None,
+        waypoints: np.ndarray,  # joints at which the path bends, and its ends, (n, 4)
+        distance: Callable[[np.ndarray, np.ndarray], np.ndarray],  # `joint_sum` or `joint_time`
+        goal: np.ndarray | None = None,  # waypoints that belong to the goal; by default the last
+        via: np.ndarray | None = None,  # the waypoint before, if a search has put one there, (4,)
+        view: int | None = None,  # number of points that `remaining` searches; all by default
     ) -> None:
-        """Creates a path of which nothing has been covered.
-
-        Args:
-          waypoints: as the attribute.
-          distance: between joints (..., 4), radians: `joint_sum` or `joint_time`.
-          goal: as the attribute; by default the last waypoint.
-          via: as the attribute.
-          view: number of points that `remaining` searches; all by default.
-        """
         self.waypoints, self.via = waypoints, via
         self.goal = waypoints[-1:] if goal is None else goal
         self._distance, self._view = distance, view
@@ -61,8 +41,8 @@ class Path:
 
     @functools.cached_property
     def _places(self) -> np.ndarray:
-        """Arc lengths of the points, (n,)."""
-        return np.linspace(0.0, self.length, 2 + int(self.length / _SPACING))
+        """Arc lengths of the points, (n,), at most 0.1 radians apart."""
+        return np.linspace(0.0, self.length, 2 + int(self.length / 0.1))
 
     @functools.cached_property
     def points(self) -> np.ndarray:
@@ -97,8 +77,9 @@ class Path:
             is_behind = places > self._ends[1]
         else:
             is_behind = np.arange(len(places)) > self._sight[self._covered] - self._covered
-        cut = is_behind * np.maximum(aside - _CORNER, 0.0)
-        return (_RETURN * aside + _CUT * cut + (self.length - places)).min(axis=-1)
+        # Going straight to points out of sight costs more beyond 0.35 radians.
+        cut = is_behind * np.maximum(aside - 0.35, 0.0)
+        return (1.3 * aside + 5.0 * cut + (self.length - places)).min(axis=-1)
 
     def astray(self, joints: np.ndarray) -> np.ndarray:
         """Distance of joints from the path, (N, 4) -> (N,), radians."""

@@ -4,41 +4,28 @@ lifted = Proposal([pose], [CLOSED], 2)
 plans = plans_of(now, [lifted, Proposal([], [OPEN])], knots=5)  # (2, 5, 5)
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from limberjack.planner.arm.hand import ARM, PLANE
 from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses_each, nudged
 
-__all__ = ["Proposal", "approaches", "lifts", "plans_along", "plans_of"]
-
-_APPROACH = 0.06, 0.03, 0.0  # metres before a grasp; where a hand passes that comes straight on
+__all__ = ["Proposal", "approaches", "lifts", "plans_along", "plans_of", "straight_to"]
 
 
 class Proposal(NamedTuple):
-    """Straight joint paths from waypoint to waypoint.
+    """Straight joint paths from waypoint to waypoint."""
 
-    Attributes:
-      waypoints: joints, (4,) each; without any the arm keeps still.
-      grasp: the grasp's target at the knots; the last one holds.
-      duration: knots from one waypoint to the next.
-    """
-
-    waypoints: Sequence[np.ndarray] | np.ndarray
-    grasp: list[float]
-    duration: int = 1
+    waypoints: Sequence[np.ndarray] | np.ndarray  # (4,) each; without any the arm keeps still
+    grasp: list[float]  # the grasp's target at the knots; the last one holds
+    duration: int = 1  # knots from one waypoint to the next
 
 
 def plans_of(now: np.ndarray, proposals: Sequence[Proposal], knots: int) -> np.ndarray:
-    """Targets of the arm and the grasp, (len(proposals), knots, 5).
-
-    Args:
-      now: the arm's joints at the first knot, (4,).
-      proposals: the paths from there.
-      knots: number of the spline's knots.
-    """
+    """Targets of the arm, at joints `now` at the first knot, and the grasp, (n, knots, 5)."""
     counts = np.array([len(proposal.waypoints) for proposal in proposals], int)[:, None]
     passed = np.empty((len(proposals), 1 + int(counts.max(initial=0)), 4))
     passed[:] = now
@@ -58,42 +45,34 @@ def plans_of(now: np.ndarray, proposals: Sequence[Proposal], knots: int) -> np.n
 def plans_along(
     now: np.ndarray, waypoints: ArrayLike, knots: int, grasp: list[float], duration: int = 1
 ) -> np.ndarray:
-    """The same for many proposals that differ in their waypoints only, (..., knots, 5).
-
-    Args:
-      now: the arm's joints at the first knot, (4,).
-      waypoints: (..., n, 4); for an empty list the arm keeps still.
-      knots: number of the spline's knots.
-      grasp, duration: as in `Proposal`.
-    """
+    """The same for proposals that differ in their waypoints (..., n, 4) only, (..., knots, 5)."""
     given = np.asarray(waypoints, float)
-    if given.ndim == 1:
-        given = given.reshape(0, 4)
-    *several, count, _ = given.shape
-    passed = np.concatenate([np.broadcast_to(now, (*several, 1, 4)), given], axis=-2)
-    phases = np.minimum(np.arange(knots) / duration, count)
-    left = phases.astype(int)
-    begin, end = passed[..., left, :], passed[..., np.minimum(left + 1, count), :]
-    targets = np.empty((*several, knots, 5))
-    targets[..., :4] = (phases - left)[:, None] * (end - begin) + begin
-    targets[..., 4] = (grasp + grasp[-1:] * knots)[:knots]
-    return targets
+    *several, count, _ = given.shape if given.ndim > 1 else (0, 4)  # an empty list of waypoints
+    paths = given.reshape(int(np.prod(several)), count, 4)
+    proposals = [Proposal(path, grasp, duration) for path in paths]
+    return plans_of(now, proposals, knots).reshape(*several, knots, 5)
 
 
-def lifts(
-    random: np.random.Generator, point: np.ndarray, angle: float, now: np.ndarray, press: float
-) -> list[Proposal]:
-    """Proposals that lift the hand from a position (2,) and an angle, with a grasp control."""
-    above = point + np.array([[0.0, 0.04], [0.0, 0.12]])
+def lifts(random: np.random.Generator, data: Any, press: float) -> list[Proposal]:
+    """Proposals that lift the hand of a single simulation with a grasp's target."""
+    now = data.qpos[ARM]
+    above = data.site_xpos["grasp"][PLANE] + np.array([[0.0, 0.04], [0.0, 0.12]])
+    angle = float(now.sum())
     poses = np.concatenate(hand_poses_each(random, above, GRASP, now, 3, angle, 0.3))
-    return [Proposal([pose], [press], slow) for pose in poses for slow in (1, 3)]
+    return straight_to(poses, press, 1, 3)
+
+
+def straight_to(poses: Iterable[np.ndarray], grasp: float, *durations: int) -> list[Proposal]:
+    """Proposals straight to each of the poses, (4,), in so many knots, with a grasp's target."""
+    return [Proposal([pose], [grasp], slow) for pose in poses for slow in durations]
 
 
 def approaches(poses: np.ndarray, ready: float, shut: float) -> list[Proposal]:
     """Proposals that bring the open hand straight on to poses, (n, 4), in which it closes."""
     if not len(poses):
         return []
-    back = -np.array(_APPROACH)[:, None] * direction(poses.sum(axis=-1))[:, None]
+    before = np.array([0.06, 0.03, 0.0])  # metres
+    back = -before[:, None] * direction(poses.sum(axis=-1))[:, None]
     found: list[Proposal] = []
     for line in nudged(poses[:, None], back, 0.0):
         for first, slow in ((0, 1), (1, 1), (2, 1), (2, 2), (2, 3)):

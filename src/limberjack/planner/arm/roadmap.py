@@ -6,11 +6,7 @@
 
 The roadmap's poses are the same in every process. A search keeps those that are clear of the
 obstacle, and looks for the shortest path through them with A*, checking edges only when they are
-needed. A budget bounds the number of poses that it expands. Forces are not considered: an arm that
-follows a path may cut its corners.
-
-A library of planners would be no help here: OMPL is a heavy dependency, and its planners stop after
-a time, so that their results differ from run to run. Plans must repeat to the bit.
+needed. Forces are not considered: an arm that follows a path may cut its corners.
 """
 
 import dataclasses
@@ -19,57 +15,39 @@ import heapq
 
 import numpy as np
 
-from limberjack.planner.arm.collision import Obstacle, clearance
+from limberjack.planner.arm.collision import LIMITS, Obstacle, clearance
 from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.arm.path import Path, joint_sum
 
-__all__ = ["BUDGET", "draw_roadmap", "find_path"]
+__all__ = ["find_path", "roadmap"]
 
-BUDGET = 3000  # poses and edges that a search may check; each takes about 0.1 ms
 _MARGIN = 0.008  # metres that the arm keeps from everything
-_TOUCHING = -0.004  # metres; the same at the goals if they may be close
-_NODES, _NEIGHBOURS = 2000, 14
 _AT_ENDS = 80  # neighbours of a path's ends, which may be in a corner
-_LOCAL, _AROUND = 64, 0.8  # poses around the start, within radians
-_STEP = 0.12  # radians between the poses that are checked along an edge
-_FINER, _NEAR = 4, 0.05  # times as many of them at an obstacle nearer than this, metres
-_HAND_TO_FLOOR = 3  # index in the distances of `clearance`
-_LEAVES = 0.03  # metres per radian at which a path leaves something that it starts too close to
 _VIEW = 40  # points of a path; no more are covered within a plan
-_LIMITS = np.array(GEOMETRY.limits) - 0.05  # radians
 
 
 def find_path(
-    now: np.ndarray,
-    goals: np.ndarray,
-    held: float,
+    now: np.ndarray,  # the arm's joints, (4,)
+    goals: np.ndarray,  # joints, (m, 4)
+    held: float,  # from the wrist to the far end of a held object, metres
     obstacle: Obstacle,
-    close: bool = False,
-    budget: int = BUDGET,
+    close: bool = False,  # whether to keep less clear if all goals are close to something
+    budget: int = 3000,  # poses and edges that the search may check; each takes about 0.1 ms
 ) -> Path | None:
-    """A path from now to one of the goals, or None; straight to the nearest if that is clear.
-
-    Args:
-      now: the arm's joints, (4,).
-      goals: joints, (m, 4).
-      held: distance from the wrist to the far end of a held object, metres.
-      obstacle: the obstacle to keep clear of.
-      close: whether to keep less clear if all goals are close to something.
-      budget: number of poses that the search may expand before it gives up.
-    """
+    """A path from now to one of the goals, or None; straight to the nearest if that is clear."""
     if not len(goals):
         return None
     # Parts that are within the margin at the start may be so close there, and have to get away.
     least = clearance(now[None], held, obstacle)[0] - 0.001
     most = np.full(len(least), _MARGIN)
     # Fingers may be near the floor all along, on which the object may lie.
-    floor = np.median(clearance(goals, held, obstacle)[:, _HAND_TO_FLOOR])
-    most[_HAND_TO_FLOOR] = min(least[_HAND_TO_FLOOR], floor - 0.001, _MARGIN)
+    floor = np.median(clearance(goals, held, obstacle)[:, 3])
+    most[3] = min(least[3], floor - 0.001, _MARGIN)
     scene = _Scene(held, obstacle, now, least, most)
     is_free = scene.is_free(goals)
     if close and not is_free.any():
         usual = np.quantile(clearance(goals, held, obstacle), 0.75, axis=0) - 0.001
-        scene = dataclasses.replace(scene, most=np.minimum(most, np.maximum(usual, _TOUCHING)))
+        scene = dataclasses.replace(scene, most=np.minimum(most, np.maximum(usual, -0.004)))
         is_free = scene.is_free(goals)
     goals = goals[is_free]
     if not len(goals):
@@ -82,7 +60,9 @@ def find_path(
     chain = _Search(now, goals, scene).run(budget)
     if chain is None:
         return None
-    path = Path(_shortened(_unwrapped(chain), scene), joint_sum, view=_VIEW)
+    # The root turns without jumps.
+    chain = np.concatenate([chain[:1], chain[0] + _between(chain[:-1], chain[1:]).cumsum(axis=0)])
+    path = Path(_shortened(chain, scene), joint_sum, view=_VIEW)
     path.see(_sights(path.points, scene))
     return path
 
@@ -91,12 +71,11 @@ class _Search:
     """A* from the start over the roadmap to the goals."""
 
     def __init__(self, now: np.ndarray, goals: np.ndarray, scene: "_Scene") -> None:
-        """Connects start and goals (m, 4) with the roadmap."""
         self._scene = scene
-        self._nodes, self._neighbours = _roadmap()
-        # Poses nearby too: an arm that is in a corner first has to get out of it.
-        around = np.random.default_rng(0).uniform(-_AROUND, _AROUND, (_LOCAL, 4))
-        around = now + np.linspace(0.1, 1.0, _LOCAL)[:, None] * around
+        self._nodes, self._neighbours = roadmap()
+        # 64 poses nearby too: an arm that is in a corner first has to get out of it.
+        around = np.random.default_rng(0).uniform(-0.8, 0.8, (64, 4))
+        around = now + np.linspace(0.1, 1.0, 64)[:, None] * around
         self._poses = np.concatenate([self._nodes, now[None], goals, around])
         self._usable = scene.is_free(self._poses)
         self._start = len(self._nodes)
@@ -143,17 +122,11 @@ class _Search:
 
 
 @functools.cache
-def _roadmap() -> tuple[np.ndarray, list[list[int]]]:
-    """Poses (n, 4) and the nearest others of each."""
-    random = np.random.default_rng(0)
-    widest = np.array([np.pi, *_LIMITS])
-    poses = random.uniform(-widest, widest, (_NODES, 4))
-    return poses, [_nearest(pose, poses, 1 + _NEIGHBOURS)[1:] for pose in poses]
-
-
-def draw_roadmap() -> None:
-    """Draws the roadmap, if it has not been drawn yet, which takes a part of a second."""
-    _roadmap()
+def roadmap() -> tuple[np.ndarray, list[list[int]]]:
+    """Poses (2000, 4) and the 14 nearest others of each; drawing them takes a part of a second."""
+    widest = np.array([np.pi, *LIMITS])
+    poses = np.random.default_rng(0).uniform(-widest, widest, (2000, 4))
+    return poses, [_nearest(pose, poses, 15)[1:] for pose in poses]
 
 
 def _nearest(pose: np.ndarray, others: np.ndarray, count: int) -> list[int]:
@@ -175,12 +148,6 @@ def _between(pose: np.ndarray, others: np.ndarray) -> np.ndarray:
     return turn
 
 
-def _unwrapped(poses: np.ndarray) -> np.ndarray:
-    """The same poses with the root turning without jumps, (n, 4)."""
-    turns = _between(poses[:-1], poses[1:])
-    return np.concatenate([poses[:1], poses[0] + np.cumsum(turns, axis=0)])
-
-
 def _shortened(waypoints: np.ndarray, scene: "_Scene") -> np.ndarray:
     """The same path without the waypoints that are not needed, (n, 4)."""
     kept, last = [0], len(waypoints) - 1
@@ -196,42 +163,35 @@ def _shortened(waypoints: np.ndarray, scene: "_Scene") -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class _Scene:
-    """Distances that an arm with a held object must keep: see `clearance`.
+    """Distances that an arm with a held object must keep: see `clearance`."""
 
-    Attributes:
-      held: distance from the wrist to the far end of a held object, metres.
-      obstacle: the obstacle to keep clear of.
-      begin: the path's start, (4,).
-      least: smallest distances at the start, (4,), metres.
-      most: smallest distances elsewhere, (4,).
-    """
-
-    held: float
+    held: float  # metres from the wrist to the far end of a held object
     obstacle: Obstacle
-    begin: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
+    begin: np.ndarray  # the path's start, (4,)
+    least: np.ndarray  # smallest distances there, (4,), metres
+    most: np.ndarray  # smallest distances elsewhere, (4,)
 
-    def is_free(self, poses: np.ndarray) -> np.ndarray:
+    def is_free(self, poses: np.ndarray, gaps: np.ndarray | None = None) -> np.ndarray:
         """Whether poses (n, 4) are within limits and clear of everything, (n,)."""
-        return self._is_free(poses, self._clearance(poses))
-
-    def _is_free(self, poses: np.ndarray, gaps: np.ndarray) -> np.ndarray:
-        within = np.all(np.abs(poses[:, 1:]) <= _LIMITS + 0.05, axis=-1)
+        gaps = self._clearance(poses) if gaps is None else gaps
+        within = np.all(np.abs(poses[:, 1:]) <= GEOMETRY.limits, axis=-1)
         return within & np.all(gaps > self._allowed(poses), axis=-1)
 
     def is_edge_free(self, begin: np.ndarray, turn: np.ndarray) -> bool:
-        """Whether an arm can turn straight on from a pose, (4,) each."""
-        count = int(np.ceil(np.abs(turn).max() / _STEP))
+        """Whether an arm can turn straight on from a pose, (4,) each; checked every 0.12 radians.
+
+        Near an obstacle it is checked four times as often: from one pose to the next a hand far
+        from the base could jump over a wall.
+        """
+        count = int(np.ceil(np.abs(turn).max() / 0.12))
         poses = begin + np.linspace(0.0, 1.0, 1 + count)[1:, None] * turn
         gaps = self._clearance(poses)
-        if not self._is_free(poses, gaps).all():
+        if not self.is_free(poses, gaps).all():
             return False
-        # From one pose to the next a hand far from the base could jump over a wall.
-        near = gaps[:, 0] < _NEAR
+        near = gaps[:, 0] < 0.05
         if not near.any():
             return True
-        back = np.arange(1, _FINER)[:, None, None] / (_FINER * count) * turn
+        back = np.arange(1, 4)[:, None, None] / (4 * count) * turn
         between = (poses[near] - back).reshape(-1, 4)
         touched = self._allowed(between)[:, 0] - _MARGIN
         return bool((self._clearance(between)[:, 0] > touched).all())
@@ -240,8 +200,8 @@ class _Scene:
         return clearance(poses, self.held, self.obstacle)
 
     def _allowed(self, poses: np.ndarray) -> np.ndarray:
-        """Smallest distances at poses (n, 4), (n, 4), metres."""
-        away = _LEAVES * _distance(poses, self.begin)[:, None]
+        """Smallest distances at poses (n, 4), (n, 4), metres; a path leaves those at its start."""
+        away = 0.03 * _distance(poses, self.begin)[:, None]  # metres per radian
         return np.minimum(self.least + away, self.most)
 
 

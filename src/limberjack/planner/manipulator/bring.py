@@ -10,16 +10,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from limberjack.planner.arm.hand import ARM, LONGEST, PLANE, loose, sag
-from limberjack.planner.arm.proposals import Proposal, lifts
+from limberjack.planner.arm.proposals import Proposal, lifts, straight_to
 from limberjack.planner.cost import Cost
 from limberjack.planner.manipulator.fetch import Fetch, Stage
 from limberjack.planner.manipulator.grips import PRESS, downwards
 from limberjack.planner.manipulator.props import Peg, prop_of
 
 __all__ = ["Bring"]
-
-_GOALS = 24  # poses at the target to which paths are searched
-_FAR_OFF = 0.03  # metres; a peg that is nearer to the target stays there
 
 
 class Bring(Cost):
@@ -56,13 +53,11 @@ class Bring(Cost):
     def _search_target(self, peg: Peg, data: Any) -> None:
         """Searches for a path to the target; for a leaning peg if no other is found."""
         assert self._fetch.paths is not None
+        up, draws = -downwards(data.site_xpos["grasp"])[PLANE], self._fetch.draws
         is_found = self._fetch.paths.search_target(
-            self._fetch.draws,
-            data.qpos[ARM],
-            -downwards(data.site_xpos["grasp"])[PLANE],
-            lambda random: peg.poses_at_target(data, random, _GOALS),
+            data.qpos[ARM], up, lambda: peg.poses_at_target(data, draws, 24)
         )
-        if not is_found and peg.gap(data) > _FAR_OFF:
+        if not is_found and peg.gap(data) > 0.03:  # metres; a nearer one stays there
             peg.lean()
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
@@ -90,10 +85,5 @@ class Bring(Cost):
     def _carrying(self, data: Any, random: np.random.Generator) -> list[Proposal]:
         """Proposals to the target, upwards, and none."""
         now, shut = data.qpos[ARM], self._fetch.prop.grip.shut
-        proposals: list[Proposal] = []
-        for pose in self._fetch.prop.poses_at_target(data, random, 6):
-            proposals.extend(Proposal([pose], [shut], slow) for slow in (1, 2, 4))
-        place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
-        proposals.extend(lifts(random, place, angle, now, shut))
-        proposals.append(Proposal([now], [shut]))
-        return proposals
+        proposals = straight_to(self._fetch.prop.poses_at_target(data, random, 6), shut, 1, 2, 4)
+        return [*proposals, *lifts(random, data, shut), Proposal([now], [shut])]

@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 
 from limberjack.planner.arm.collision import Obstacle, clearance
-from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, PLAY, fingers
-from limberjack.planner.arm.kinematics import direction, drawn_back, nudged
+from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLAY, fingers
+from limberjack.planner.arm.kinematics import direction, drawn_back, hand_poses_each, nudged
 from limberjack.planner.arm.path import Path
-from limberjack.planner.arm.proposals import Proposal, approaches, lifts, plans_of
+from limberjack.planner.arm.proposals import Proposal, approaches, lifts, plans_of, straight_to
 from limberjack.planner.manipulator.forecast import MEETS, Forecast
 from limberjack.planner.manipulator.grips import BACK, Pose, height_above_ground, pose_of
 from limberjack.planner.manipulator.peg_paths import PegPaths
@@ -37,17 +37,9 @@ TOUCHING = -0.004  # metres; fingers may be so near to walls that they touch the
 STRETCHED = np.array([np.pi, 0.5, 0.5, 0.5])  # radians; joints of an arm on which no peg lies
 PER_RADIAN = 0.4  # cost of a radian of the arm's path
 _LOOSE = 8.0  # cost of an object that is not held, more than of any that is
-_HAS = 0.3  # quality of the hold from which on the hand has the object
 _TAKES = 4  # poses of the arm that are tried for each pose of the object
-_ALOFT = 0.15  # metres above the ground; an object there falls, or lies on the arm
 _AWAY = 0.17  # metres; how far the hand withdraws
-_PATIENCE, _WITHDRAWAL = 25, 10  # plannings until the hand withdraws, and while it does
 _ALIGNED = 0.1  # radians; a hand that comes to a peg so far from straight on takes it
-_FAST = 1.0  # metres per second; a faster object will not be where a path leads to
-_MOVES = 2.0  # metres or radians per second; no path is searched to a peg that moves so fast
-_BEST = 12  # poses at a peg to which paths are searched
-_CARRIED = 15  # plannings; a peg that touches the arm for longer, high above the ground, lies on it
-_ALONG = 24  # points of a path that are checked
 
 _Carrying = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 _Proposing = Callable[[Any, np.random.Generator], list[Proposal]]
@@ -67,19 +59,7 @@ class Stage(enum.Enum):
 
 
 class Fetch:
-    """Fetching of an object; see the module's docstring.
-
-    Attributes:
-      prop: the object.
-      has: whether the hand has the object.
-      walls: obstacles for the hand: none, unless they are set.
-      draws: random stream of the searches, other than that of the planner's samples.
-      forecast: poses of the object in the near future.
-      rake: raking of the object.
-      paths: joint paths to and with a peg; None for a ball.
-      withdraws: plannings for which the hand still withdraws.
-      is_blocked: whether the walls are in the path to the peg.
-    """
+    """Fetching of an object; see the module's docstring."""
 
     def __init__(
         self, prop: Ball | Peg, settings: Settings, spare: int = 1, fewest: int = 1
@@ -87,13 +67,14 @@ class Fetch:
         """Begins an episode; draws `spare` times as many poses as are wanted, at least `fewest`."""
         self.prop, self._knots = prop, settings.knots
         self._spare, self._fewest = spare, fewest
-        self.has = self.is_blocked = False
-        self.walls = Obstacle(np.zeros((0, 2, 2)), np.zeros(0))
-        self.draws = np.random.default_rng(0)
+        self.has = False  # whether the hand has the object
+        self.is_blocked = False  # whether the walls are in the path to the peg
+        self.walls = Obstacle(np.zeros((0, 2, 2)), np.zeros(0))  # for the hand: none by default
+        self.draws = np.random.default_rng(0)  # for searches, other than the planner's stream
         self.forecast = Forecast(prop.name, prop.joints, settings)
         self.rake = Rake(prop)
-        self.paths = None if isinstance(prop, Ball) else PegPaths()
-        self.withdraws = 0
+        self.paths = None if isinstance(prop, Ball) else PegPaths(self.draws)  # to and with a peg
+        self.withdraws = 0  # plannings for which the hand still withdraws
         self._near_for = 0  # plannings in which the hand was near the object without holding it
         self._carried_for = 0  # plannings in which the peg has touched the arm
 
@@ -116,12 +97,12 @@ class Fetch:
         return self.has, rolls, rakes, self.withdraws > 0, self.rake.spot
 
     def observe(self, data: Any) -> None:
-        """Decides whether the hand has the object."""
-        self.has = bool(self._hold(data, self.prop.offset(data)) > _HAS)
+        """Decides whether the hand has the object, by the quality of the hold."""
+        self.has = bool(self._hold(data, self.prop.offset(data)) > 0.3)
 
     def is_fast(self, data: Any) -> bool:
-        """Whether the object will soon be elsewhere."""
-        return bool(np.abs(data.qvel[self.prop.joints[:2]]).max() > _FAST)
+        """Whether the object, at over 1 m/s, will soon be elsewhere than where a path leads."""
+        return bool(np.abs(data.qvel[self.prop.joints[:2]]).max() > 1.0)
 
     def watch_arm(self, data: Any) -> bool:
         """Counts plannings with a peg on the arm; returns whether `lies_on_arm` has changed."""
@@ -132,8 +113,8 @@ class Fetch:
 
     @property
     def lies_on_arm(self) -> bool:
-        """Whether the peg has touched the arm for long."""
-        return self._carried_for > _CARRIED
+        """Whether the peg has touched the arm for more than 15 plannings."""
+        return self._carried_for > 15
 
     def update(self, physics: Any, is_led: bool = False) -> None:
         """Decides the stage, after `observe`, and searches for a path to a peg that is not held.
@@ -158,7 +139,7 @@ class Fetch:
                 self.paths.forget()
 
     def _lose_patience(self, data: Any) -> None:
-        """Withdraws the hand if it has been near the object for long without a grasp."""
+        """Withdraws the hand for 10 plannings after 25 near the object without a grasp."""
         if self.paths is not None and self.rake.goal is not None:
             self._near_for = self.withdraws = 0  # a peg is raked from elsewhere instead
             return
@@ -167,8 +148,8 @@ class Fetch:
             return
         offset = data.site_xpos["grasp"] - data.site_xpos[self.prop.name]
         self._near_for += bool(arrays.norm(offset) < 0.75 * _AWAY)
-        if self._near_for > _PATIENCE:
-            self._near_for, self.withdraws = 0, _WITHDRAWAL
+        if self._near_for > 25:
+            self._near_for, self.withdraws = 0, 10
 
     def _decide_on_raking(self, data: Any) -> None:
         """Rakes an object that comes to rest out of reach; a rolling one may come by itself."""
@@ -183,24 +164,24 @@ class Fetch:
         """Searches for a path to a peg that lies still within reach, or to let one fall."""
         now = data.qpos[ARM]
         if self.lies_on_arm:
-            paths.search_room(self.draws, now, STRETCHED)
+            paths.search_room(now, STRETCHED)
             return
-        moves = np.abs(data.qvel[self.prop.joints]).max() > _MOVES
+        moves = np.abs(data.qvel[self.prop.joints]).max() > 2.0  # metres or radians per second
         aloft = height_above_ground(data.site_xpos["peg"]) > LIES
         if self.withdraws or moves or aloft or self.rake.goal is not None:
             paths.forget()
             return
         peg = pose_of(data, "peg")
 
-        def straight_on(random: np.random.Generator) -> np.ndarray:
-            (poses,) = self.poses_around([peg], now, random, _BEST, tilt=_ALIGNED)
-            return poses if len(poses) else self.poses_around([peg], now, random, _BEST)[0]
+        def straight_on() -> np.ndarray:
+            (aligned,) = self.poses_around([peg], now, self.draws, 12, tilt=_ALIGNED)
+            return aligned if len(aligned) else self.poses_around([peg], now, self.draws, 12)[0]
 
-        paths.search_peg(self.draws, now, peg, straight_on)
+        paths.search_peg(now, peg, straight_on)
 
     def _passes_walls(self, paths: PegPaths, now: np.ndarray) -> bool:
         """Whether the path to the peg passes through walls."""
-        along = paths.plans(now, _ALONG) if len(self.walls.radii) else []
+        along = paths.plans(now, 24) if len(self.walls.radii) else []
         if not len(along):
             return False
         poses = along[0][1:, : len(ARM)]
@@ -217,11 +198,8 @@ class Fetch:
     ) -> dict[str, np.ndarray]:
         """Terms of the stage; those of fetching and carrying are blended by the hold.
 
-        Args:
-          data: of a batch.
-          carrying: for the quality of the hold, (N,), returns how certain it is that the object
-            needs no fetching, 0 to 1, and the cost of carrying, (N,) each.
-          path: that the arm follows first.
+        For the quality of the hold, (N,), `carrying` returns how certain it is that the object
+        needs no fetching, 0 to 1, and the cost of carrying, (N,) each. The path is followed first.
         """
         low = {"hand at the floor": np.maximum(0.03 - data.site_xpos["grasp", "z"], 0.0)}
         if self.withdraws:
@@ -230,7 +208,11 @@ class Fetch:
             near_by = np.maximum(_AWAY - away, 0.0)
             return {"withdraw": 2.0 * _LOOSE + 20.0 * near_by + 2.0 * moved, **low}
         if self.rake.goal is not None:
-            return {"rake": 2.0 * _LOOSE + self._rake_cost(data, self.rake.goal, path), **low}
+            if path is None or self.rake.spot is None:
+                rake = self.rake.at().cost(data, self.rake.goal)
+            else:
+                rake = PER_RADIAN * path.remaining(data.qpos[ARM])
+            return {"rake": 2.0 * _LOOSE + rake, **low}
         offset = self.prop.offset(data)
         secure, carry = carrying(self._hold(data, offset))
         fetch = self._approach(data, offset) if path is None or self.has else self._led(data, path)
@@ -252,7 +234,7 @@ class Fetch:
         is_far = np.clip((distance - 0.006) / 0.012, 0.0, 1.0)
         unready = np.abs(fingers(data) - self.prop.opening(offset))
         # An object on the arm must fall before the hand can have it.
-        aloft = np.maximum(height_above_ground(data.site_xpos[self.prop.name]) - _ALOFT, 0.0)
+        aloft = np.maximum(height_above_ground(data.site_xpos[self.prop.name]) - 0.15, 0.0)
         trouble = 0.5 * turn + 2.0 * is_far * unready + self.prop.chased(data) + 4.0 * aloft
         distance = distance + detour
         # Steeper near the object, where it would else not pay to risk a touch.
@@ -261,18 +243,11 @@ class Fetch:
             approach = self.paths.cost_to_peg(data.qpos[ARM], approach) + across(data, turn)
         return approach + trouble
 
-    def _rake_cost(self, data: Any, goal: float, path: Path | None) -> np.ndarray:
-        """Cost of raking or, before, the rest of a path to where a peg is raked, (N,)."""
-        if path is None or self.rake.spot is None:
-            return self.rake.at().cost(data, goal)
-        return PER_RADIAN * path.remaining(data.qpos[ARM])
-
     def plans(self, data: Any, random: np.random.Generator, carrying: _Proposing) -> np.ndarray:
         """Plans of the stage, those along a path first, (n, knots, 5)."""
         now, stage = data.qpos[ARM], self.stage
         if stage is Stage.WITHDRAW:
-            place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
-            proposals = lifts(random, place, angle, now, OPEN_ANGLE)
+            proposals = lifts(random, data, OPEN_ANGLE)
         elif self.rake.goal is not None:
             proposals = self.rake.at().proposals(random, data, self.rake.goal)
         else:
@@ -293,7 +268,7 @@ class Fetch:
         if self.paths is None or self.forecast.poses:
             return proposals + self._meeting(data, random)
         back = nudged(now, -BACK * direction(now.sum()), 0.0)
-        proposals.extend(Proposal([back], [OPEN_ANGLE], slow) for slow in (1, 3))
+        proposals.extend(straight_to([back], OPEN_ANGLE, 1, 3))
         peg = [pose_of(data, "peg")]
         for few, tilt in ((3, _ALIGNED), (2, 0.5)):
             (poses,) = self.poses_around(peg, now, random, few, tilt=tilt)
@@ -305,12 +280,10 @@ class Fetch:
         now, grip = data.qpos[ARM], self.prop.grip
         proposals: list[Proposal] = []
         takes = self.poses_around(self.forecast.met(data), now, random, _TAKES)
-        ends = np.cumsum([len(poses) for poses in takes])[:-1]
-        back = np.split(drawn_back(np.concatenate(takes), BACK), ends)
         for number, knot in enumerate(MEETS):
-            which = min(number, len(takes) - 1)
+            poses = takes[min(number, len(takes) - 1)]
             grasp = [grip.ready] * knot + [grip.shut]
-            for pose, before in zip(takes[which], back[which], strict=True):
+            for pose, before in zip(poses, drawn_back(poses, BACK), strict=True):
                 proposals.append(Proposal([pose], grasp, knot))
                 if not np.isfinite(before[0]):
                     continue
@@ -328,12 +301,16 @@ class Fetch:
         back: float = 0.0,
         tilt: float = 0.5,
     ) -> list[np.ndarray]:
-        """Arm joints around each pose of the object with the hand clear of the walls, (n, 4)."""
-        wanted = max(count, self._fewest)
-        found = self.prop.poses_around(objects, now, random, self._spare * wanted, back, tilt)
-        is_clear = self.is_clear(np.concatenate(found))
-        ends = np.cumsum([len(poses) for poses in found])[:-1]
-        left = [poses[ok] for poses, ok in zip(found, np.split(is_clear, ends), strict=True)]
+        """Arm joints around each pose of the object with the hand clear of the walls, (n, 4).
+
+        The hand keeps `back` metres away. It is straight on to a peg to within `tilt` radians.
+        """
+        wanted, grip = max(count, self._fewest), self.prop.grip
+        places, *turned = self.prop.grasps(objects, tilt)
+        each = places, self.prop.reach + back, now, self._spare * wanted, *turned
+        clear = {"width": grip.width, "slack": 1.5 * grip.slack}
+        found = hand_poses_each(random, *each, **clear)
+        left = [poses[self.is_clear(poses)] for poses in found]
         return [poses[:: max(1, len(poses) // wanted)][:count] for poses in left]
 
     def is_clear(self, poses: np.ndarray) -> np.ndarray:

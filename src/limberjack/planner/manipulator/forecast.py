@@ -17,45 +17,36 @@ from limberjack.planner.manipulator.grips import Pose, pose_of
 from limberjack.planner.settings import Settings
 from limberjack.rl.control import PhysicsError
 
-__all__ = ["MEETS", "Forecast"]
+__all__ = ["MEETS", "Forecast", "restored"]
 
 MEETS = 1, 2, 4  # knots at which the hand may meet a moving object
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
-_HEAVY = 1e4  # kg m2; armature of an arm that does not move during the forecast
-_AT_REST = 0.02  # metres or radians per second
 
 
 class Forecast:
-    """Poses of an object at the plan's knots, if the arm stays where it is.
-
-    Attributes:
-      poses: those poses; empty for an object at rest, fewer if the simulation diverges.
-      settles: whether the object is at rest at the horizon, or nearly so.
-    """
+    """Poses of an object at the plan's knots, if the arm stays where it is."""
 
     def __init__(self, site: str, joints: list[str], settings: Settings) -> None:
-        """Takes the object's site and joints, and the planner's settings."""
         self._site, self._joints = site, joints
         self._count = settings.knots - 1
         self._span = settings.horizon / self._count  # seconds from knot to knot
-        self.poses: list[Pose] = []
-        self.settles = False
+        self.poses: list[Pose] = []  # none at rest, fewer if the simulation diverges
+        self.settles = False  # whether the object is at rest at the horizon, or nearly so
 
     def update(self, physics: Any) -> None:
         """Simulates up to the horizon; the simulation is then in the same state as before."""
-        data, state = physics.named.data, physics.get_state(_STATE)
-        self.settles = bool(np.abs(data.qvel[self._joints]).max() < _AT_REST)
+        data = physics.named.data
+        self.settles = bool(np.abs(data.qvel[self._joints]).max() < 0.02)
         self.poses = []
         if self.settles:
             return
-        with contextlib.suppress(PhysicsError), _still_arm(physics):
-            physics.forward()
-            for _ in range(self._count):
-                physics.step(round(self._span / physics.timestep()))
-                self.poses.append(pose_of(data, self._site))
-        self.settles = bool(np.abs(data.qvel[self._joints]).max() < 10 * _AT_REST)
-        physics.set_state(state, _STATE)
-        physics.forward()
+        with restored(physics):
+            with contextlib.suppress(PhysicsError), _still_arm(physics):
+                physics.forward()
+                for _ in range(self._count):
+                    physics.step(round(self._span / physics.timestep()))
+                    self.poses.append(pose_of(data, self._site))
+            self.settles = bool(np.abs(data.qvel[self._joints]).max() < 0.2)
 
     def met(self, data: Any) -> list[Pose]:
         """The poses at the knots of `MEETS`; the current one for an object at rest."""
@@ -65,11 +56,20 @@ class Forecast:
 
 
 @contextlib.contextmanager
+def restored(physics: Any) -> Iterator[None]:
+    """Within the context a single simulation may be changed; then it is as before."""
+    state = physics.get_state(_STATE)
+    yield
+    physics.set_state(state, _STATE)
+    physics.forward()
+
+
+@contextlib.contextmanager
 def _still_arm(physics: Any) -> Iterator[None]:
-    """Within the context the arm of a single simulation is too heavy to move."""
+    """Within the context the arm of a single simulation is too heavy to move: 10,000 kg m2."""
     armature = physics.named.model.dof_armature
     before = armature[ARM].copy()
-    armature[ARM], physics.named.data.qvel[ARM] = _HEAVY, 0.0
+    armature[ARM], physics.named.data.qvel[ARM] = 1e4, 0.0
     try:
         yield
     finally:

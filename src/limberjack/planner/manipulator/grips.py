@@ -6,29 +6,17 @@ grasp = grasp_place(physics.named.data, "peg", HANDLE)  # place + in_world(frame
 """
 
 import dataclasses
-import functools
 from typing import Any
 
 import numpy as np
 
+from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.arm.hand import SETTINGS, finger_angle, fingers, near
 
 __all__ = [
-    "BACK",
-    "BALL",
-    "BALL_SETTINGS",
-    "HANDLE",
-    "PEG_SETTINGS",
-    "PRESS",
-    "Grip",
-    "Pose",
-    "against_hand",
-    "downwards",
-    "grasp_place",
-    "height_above_ground",
-    "in_world",
-    "pose_of",
-]
+    "BACK", "BALL", "BALL_SETTINGS", "HANDLE", "PEG_SETTINGS", "PRESS", "Grip", "Pose",
+    "against_hand", "downwards", "grasp_place", "height_above_ground", "in_world", "pose_of",
+]  # fmt: skip
 
 PRESS = 0.25  # control of the grasp under which an object may slip
 BACK = 0.06  # metres; how far the hand stands off before it closes in
@@ -63,38 +51,16 @@ Pose = tuple[np.ndarray, np.ndarray]  # place (3,) and frame (9,) of a site
 
 @dataclasses.dataclass(frozen=True)
 class Grip:
-    """A way to hold an object. Vectors are (x, z) in the frame of the object's site.
+    """A way to hold an object. Vectors are (x, z) in the frame of the object's site."""
 
-    Attributes:
-      place: where the grasp site is to be, metres.
-      forward: where the hand is to point; None for a ball, which may be held from any side.
-      width: from the hand's middle line to a fingertip that touches it, metres.
-      room: how much further from it the fingertips are while the hand comes, metres.
-      slack: how much nearer to the fingertips the object may be, metres.
-      pressed: the target of that width that holds it, metres: a narrow one squeezes a peg out.
-    """
-
-    place: tuple[float, float]
+    place: tuple[float, float]  # of the grasp site, metres
+    # Direction of the hand; None for a ball, which may be held from any side.
     forward: tuple[float, float] | None
-    width: float
-    room: float
-    slack: float
-    pressed: float
-
-    @functools.cached_property
-    def ready(self) -> float:
-        """The fingers' angle with which the hand comes, radians."""
-        return finger_angle(self.width + self.room)
-
-    @functools.cached_property
-    def firm(self) -> float:
-        """The fingers' angle around the object, radians."""
-        return finger_angle(self.width)
-
-    @functools.cached_property
-    def shut(self) -> float:
-        """The target of the fingers' angle that holds, radians."""
-        return finger_angle(self.pressed)
+    width: float  # metres from the hand's middle line to a fingertip that touches the object
+    slack: float  # metres by which the object may be nearer to the fingertips
+    ready: float  # angle of the fingers with which the hand comes, radians
+    firm: float  # the same around the object
+    shut: float  # the target of that angle which holds the object
 
     def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
         """1 where an object at an offset in the hand is between the closed fingers, 0 far off."""
@@ -104,9 +70,13 @@ class Grip:
         return near(np.hypot(ahead, aside), 0.012) * closed
 
 
-BALL = Grip((0.0, 0.0), None, 0.03, 0.008, 0.015, 0.011)
-# By the handle, the fingertips between pommel and guard: anywhere else they slip off.
-HANDLE = Grip((0.0, 0.063), (0.0, -1.0), 0.013, 0.007, 0.0, 0.010)
+# The fingertips are at these distances from the hand's middle line, in metres.
+BALL = Grip((0.0, 0.0), None, 0.03, 0.015, *map(finger_angle, (0.038, 0.03, 0.011)))
+# By the handle, the fingertips between pommel and guard: anywhere else they slip off. Fingers that
+# press more squeeze it out.
+HANDLE = Grip(
+    (0.0, GEOMETRY.peg_grasp), (0.0, -1.0), 0.013, 0.0, *map(finger_angle, (0.02, 0.013, 0.01))
+)
 
 
 def in_world(frame: np.ndarray, vector: tuple[float, float]) -> np.ndarray:

@@ -13,28 +13,23 @@ import numpy as np
 from limberjack.planner.arm.hand import ARM, LONGEST, OPEN_ANGLE, PLANE, loose, sag
 from limberjack.planner.arm.kinematics import GRASP, hand_poses
 from limberjack.planner.arm.path import Path
-from limberjack.planner.arm.proposals import Proposal, lifts, plans_of
-from limberjack.planner.arm.roadmap import draw_roadmap, find_path
+from limberjack.planner.arm.proposals import Proposal, lifts, plans_of, straight_to
+from limberjack.planner.arm.roadmap import find_path, roadmap
 from limberjack.planner.cost import Cost
 from limberjack.planner.manipulator.fetch import PER_RADIAN, Fetch, Stage
 from limberjack.planner.manipulator.grips import BACK, PRESS
-from limberjack.planner.manipulator.guide import FEW, GOALS, Guide
+from limberjack.planner.manipulator.guide import GOALS, Guide, few_of
 from limberjack.planner.manipulator.insert_ball import BallInsertion, Release
 from limberjack.planner.manipulator.insert_peg import PegInsertion
-from limberjack.planner.manipulator.props import prop_of
+from limberjack.planner.manipulator.props import Ball, prop_of
 from limberjack.planner.manipulator.receptacles import Receptacle
 from limberjack.utils import arrays
 
 __all__ = ["Insert"]
 
-_NEAR = 0.1  # metres; scale of distances before the mouth, where they are short
 _FACING = 0.7  # cosine between hand and axis, from which on the hand faces the mouth
-_FAR = 4.0  # cost of the longest path
-_FINE = 0.1  # noise scale of plans once the object is in its place
 _ARRIVED = 0.5  # radians; the arm is at the end of a path that is so near
 _PATIENCE = 10  # plannings between searches for a path
-_REACHED, _LEFT = 0.07, 0.1  # metres; so near it the object is before the mouth, and no longer
-_TRIALS = 3  # to let the ball fall in; after so many it is released at a tested pose
 
 
 class Insert(Cost):
@@ -48,7 +43,7 @@ class Insert(Cost):
         prop = prop_of(task)
         self.settings = prop.settings
         self._receptacle = Receptacle.for_object(prop.name)
-        draw_roadmap()
+        roadmap()  # draws it before the first planning
         self.reset()
 
     def reset(self) -> None:
@@ -57,7 +52,7 @@ class Insert(Cost):
         self._sag = np.zeros(4)  # radians by which gravity bends the arm away from its targets
         self._guide = Guide()  # around the receptacle
         self._release: Release | None = None
-        if prop.name == "ball":
+        if isinstance(prop, Ball):
             self._fetch = fetch = Fetch(prop, self.settings, spare=2)
             self._insertion = BallInsertion(fetch, slot)
             self._release = Release(self.task, fetch, slot)
@@ -98,7 +93,7 @@ class Insert(Cost):
         if self._is_in and not fetch.has:
             fetch.rake.goal = guide.path = None
             self._sag = np.zeros(4)
-            self.noise_scale = _FINE
+            self.noise_scale = 0.1
             return
         self._update_fetch(physics)
         self._sag = sag(physics, self.settings.gain)
@@ -167,7 +162,7 @@ class Insert(Cost):
             self._attempts = most // 2
 
     def _carry_on(self, physics: Any) -> None:
-        """Carries the object to the mouth; after failures a ball to where its release works."""
+        """Carries the object to the mouth; after three trials a ball to where its release works."""
         guide, release = self._guide, self._release
         if release is None:
             self._carry_to_mouth(physics)
@@ -179,7 +174,7 @@ class Insert(Cost):
         waited = self._at_mouth and guide.patience < 0
         self._carry_to_mouth(physics)
         finds_none = searches and guide.path is None
-        if not self._at_mouth and (finds_none or waited or self._trials > _TRIALS):
+        if not self._at_mouth and (finds_none or waited or self._trials > 3):
             release.is_due, guide.path = True, None
 
     def _carry_to_mouth(self, physics: Any) -> None:
@@ -187,7 +182,7 @@ class Insert(Cost):
         data, guide, slot = physics.named.data, self._guide, self._receptacle
         now = data.qpos[ARM]
         awry = max(_FACING - float(slot.facing(data)), 0.0)
-        is_near = slot.from_mouth(data) + 0.1 * awry < (_LEFT if self._at_mouth else _REACHED)
+        is_near = slot.from_mouth(data) + 0.1 * awry < (0.1 if self._at_mouth else 0.07)  # metres
         left = guide.left(now)
         if self._at_mouth:
             if is_near and (guide.patience >= 0 or self.task.get_reward(physics) > 0.5):
@@ -216,7 +211,7 @@ class Insert(Cost):
         for over in insertion.over:
             goals = slot.poses(data, random, slot.before + over, 0.0, GOALS)
             if self._trials:  # few: not where it has not succeeded
-                goals = goals[random.permutation(len(goals))[:FEW]]
+                goals = few_of(random, goals)
             for held in insertion.held:
                 path = find_path(data.qpos[ARM], goals, held, walls, insertion.close)
                 if path is not None:
@@ -236,10 +231,10 @@ class Insert(Cost):
             if path is not None and self._fetch.has:
                 left = PER_RADIAN * path.remaining(data.qpos[ARM])
             else:
-                left = slot.distance(offsets) / (_NEAR if self._at_mouth else LONGEST)
+                left = slot.distance(offsets) / (0.1 if self._at_mouth else LONGEST)  # metres
                 left = left + held * np.maximum(_FACING - slot.facing(data), 0.0)
-            # Always less than what an object costs that is not held.
-            cost = cost + _FAR * np.tanh(left / _FAR)
+            # At most 4: always less than what an object costs that is not held.
+            cost = cost + 4.0 * np.tanh(left / 4.0)
             return np.maximum(held, slot.holds(offsets[0])), cost
 
         return self._fetch.terms(data, carrying, path)
@@ -256,11 +251,10 @@ class Insert(Cost):
         if self._release is not None and self._release.is_busy:
             return self._release.plans(data, random, knots)
         if self._stage is Stage.LEAVE:
-            proposals = [Proposal([now], [OPEN_ANGLE])]
             above = data.site_xpos["grasp"][PLANE] - 0.05 * data.site_xmat["grasp"][[2, 8]]
-            for pose in hand_poses(random, above, GRASP, now, 4, float(now.sum()), 0.3):
-                proposals.extend(Proposal([pose], [OPEN_ANGLE], slow) for slow in (1, 3))
-            return plans_of(now, proposals, knots)
+            poses = hand_poses(random, above, GRASP, now, 4, float(now.sum()), 0.3)
+            leaving = straight_to(poses, OPEN_ANGLE, 1, 3)
+            return plans_of(now, [Proposal([now], [OPEN_ANGLE]), *leaving], knots)
         found = fetch.plans(data, random, self._carrying)
         if self._guide.path is None:
             return found
@@ -278,8 +272,6 @@ class Insert(Cost):
         else:
             poses = slot.poses(data, random, slot.before, 0.0, 6)
             high = slot.poses(data, random, slot.before + 0.06, 0.0, 3)
-            proposals.extend(Proposal([pose], [press], slow) for pose in high for slow in (1, 3))
-        proposals.extend(Proposal([pose], [press], slow) for pose in poses for slow in (1, 2, 4))
-        place, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
-        proposals.extend(lifts(random, place, angle, now, press)[::2])
-        return proposals
+            proposals.extend(straight_to(high, press, 1, 3))
+        proposals.extend(straight_to(poses, press, 1, 2, 4))
+        return [*proposals, *lifts(random, data, press)[::2]]

@@ -20,41 +20,27 @@ from limberjack.planner.arm.proposals import Proposal, plans_of
 from limberjack.planner.arm.roadmap import find_path
 from limberjack.planner.manipulator.fetch import Fetch
 from limberjack.planner.manipulator.grips import BACK, height_above_ground, pose_of
-from limberjack.planner.manipulator.guide import FEW, GOALS, Guide
+from limberjack.planner.manipulator.guide import GOALS, Guide, few_of
 from limberjack.planner.manipulator.props import HAND, Ball
 from limberjack.planner.manipulator.receptacles import Receptacle
 from limberjack.planner.manipulator.releases import Releases
 
 __all__ = ["BallInsertion", "Release"]
 
-_NEAR = 0.5  # radians; so near the end of its path the arm may let go
-_STILL = 0.5  # radians per second; an arm that moves faster does not let go
-_WAITS = 25  # plannings; how long the arm keeps still for a ball that rolls in
-_WIDE = OPEN_ANGLE - 0.2  # radians; beyond the limit, so that the hand opens with all its force
-_MISSED = 0.3  # metres; so far from its place the ball has not rolled in
-_ROLLS = 0.3, 0.04  # metres; how far to both sides and how high a rolling ball may be taken
-_LIES = 0.05  # metres above the ground; a ball that rests higher lies on the arm
-_RESTS = 0.1  # metres per second
-_SHAKES = 10  # plannings; how long it lies there before it is shaken off, and how long that lasts
+_SHAKES = 10  # plannings that a ball lies on the arm before it is shaken off, and while it is
 
 
 class BallInsertion:
-    """Paths and proposals for the ball.
+    """Paths and proposals for the ball."""
 
-    Attributes:
-      attempts: searches for a path after which the ball is approached in another pose.
-      long: plannings before the mouth after which insertion is tried from elsewhere.
-      noise_scale: of plans before the mouth.
-      over: heights above the place before the mouth at which a path ends, metres.
-      held: distances from the wrist to be kept clear of the walls, metres.
-      close: whether a path may end close to the walls.
-    """
-
-    attempts, long, noise_scale = 4, 20, 1.0
-    over, held, close = (0.02,), (Ball.held,), False
+    attempts = 4  # searches for a path after which the ball is approached in another pose
+    long = 20  # plannings before the mouth after which insertion is tried from elsewhere
+    noise_scale = 1.0  # of plans before the mouth
+    over = (0.02,)  # metres above the place before the mouth, at which a path ends
+    held = (Ball.held,)  # distances from the wrist to be kept clear of the walls, metres
+    close = False  # whether a path may end close to the walls
 
     def __init__(self, fetch: Fetch, cup: Receptacle) -> None:
-        """Takes the fetching of the ball, and the cup."""
         self._fetch, self._cup = fetch, cup
 
     def path_to_object(self, data: Any, attempt: int) -> Path | None:
@@ -64,7 +50,7 @@ class BallInsertion:
             return None
         goals = self._goals(data)
         if attempt:
-            goals = goals[fetch.draws.permutation(len(goals))[:FEW]]
+            goals = few_of(fetch.draws, goals)
         return find_path(data.qpos[ARM], goals, HAND, fetch.walls)
 
     def _goals(self, data: Any) -> np.ndarray:
@@ -72,7 +58,7 @@ class BallInsertion:
         now, random = data.qpos[ARM], self._fetch.draws
         if not self._fetch.is_fast(data):
             return self._fetch.poses_around([pose_of(data, "ball")], now, random, GOALS, BACK)[0]
-        places = [np.array([x, _ROLLS[1]]) for x in random.uniform(-_ROLLS[0], _ROLLS[0], 16)]
+        places = [np.array([x, 0.04]) for x in random.uniform(-0.3, 0.3, 16)]  # metres
         found = [hand_poses(random, place, GRASP, now, 8, np.pi, 0.8) for place in places]
         takes = np.concatenate(found)[self._fetch.is_clear(np.concatenate(found))]
         return nudged(takes, -BACK * direction(takes.sum(axis=-1)), 0.0)
@@ -93,20 +79,14 @@ class BallInsertion:
 
 
 class Release:
-    """Release of a ball that does not just fall in, and recovery of one that lies on the arm.
-
-    Attributes:
-      is_due: whether the ball is released at a tested pose.
-      waits: plannings in which the arm still keeps a pose with an open hand.
-      shakes: plannings in which the ball is still shaken off.
-    """
+    """Release of a ball that does not just fall in, and recovery of one that lies on the arm."""
 
     def __init__(self, task: Any, fetch: Fetch, cup: Receptacle) -> None:
-        """Takes the task, the fetching of the ball, and the cup."""
         self._task, self._fetch, self._cup = task, fetch, cup
         self._releases = Releases("ball", fetch.prop.joints[:2], cup)
-        self.is_due = False
-        self.waits = self.shakes = 0
+        self.is_due = False  # whether the ball is released at a tested pose
+        self.waits = 0  # plannings in which the arm still keeps a pose with an open hand
+        self.shakes = 0  # plannings in which the ball is still shaken off
         self._kept = np.zeros(4)  # the arm's joints while it waits
         self._lies_for = 0  # plannings in which the ball has been lying on the arm
 
@@ -118,7 +98,7 @@ class Release:
     def update(self, physics: Any) -> bool:
         """Counts the plannings; returns `is_busy`."""
         away = np.hypot(*self._cup.offset(physics.named.data, "ball"))
-        self.waits = max(self.waits - 1, 0) if away < _MISSED else 0
+        self.waits = max(self.waits - 1, 0) if away < 0.3 else 0  # else it has not rolled in
         if not self.waits:
             self._watch_arm(physics)
         return self.is_busy
@@ -127,25 +107,28 @@ class Release:
         """Begins to shake the arm if the ball has come to rest on it."""
         data = physics.named.data
         is_in = self._task.get_reward(physics) > 0.5
-        lies = height_above_ground(data.site_xpos["ball"]) > _LIES
+        lies = height_above_ground(data.site_xpos["ball"]) > 0.05
         speed = np.abs(data.qvel[self._fetch.prop.joints[:2]]).max()
-        rests = bool(lies and speed < _RESTS) and not self._fetch.has and not is_in
+        rests = bool(lies and speed < 0.1) and not self._fetch.has and not is_in
         self._lies_for = self._lies_for + 1 if rests else 0
         self.shakes = max(self.shakes - 1, 0)
         if self._lies_for > _SHAKES:
             self._lies_for, self.shakes = 0, _SHAKES
 
     def seek(self, physics: Any, guide: Guide) -> None:
-        """Leads the arm to a pose from which the ball rolls in, and opens the hand there."""
+        """Leads the arm to a pose from which the ball rolls in, and opens the hand there.
+
+        It opens where the arm is still and near the end of its path, and then waits for the ball.
+        """
         data = physics.named.data
         now = data.qpos[ARM]
         if guide.path is None:
             guide.follow(self._releases.path(physics, self._fetch.walls))
             return
         left = guide.left(now)
-        is_still = np.abs(data.qvel[ARM]).max() < _STILL
-        if left < _NEAR and is_still and self._releases.works(physics):
-            guide.path, self.waits, self._kept = None, _WAITS, now.copy()
+        is_still = np.abs(data.qvel[ARM]).max() < 0.5  # radians per second
+        if left < 0.5 and is_still and self._releases.works(physics):
+            guide.path, self.waits, self._kept = None, 25, now.copy()
         elif not guide.advances(left):
             self._releases.reset()
             guide.path = None
@@ -167,4 +150,5 @@ class Release:
         """Random plans that shake the ball off; one that keeps still, to wait, (n, knots, 5)."""
         now = data.qpos[ARM]
         poses = now + random.normal(0.0, 1.0, (16, 4)) if self.shakes else [self._kept]
-        return plans_of(now, [Proposal([pose], [_WIDE]) for pose in poses], knots)
+        wide = OPEN_ANGLE - 0.2  # beyond the limit, so that the hand opens with all its force
+        return plans_of(now, [Proposal([pose], [wide]) for pose in poses], knots)

@@ -20,19 +20,13 @@ from limberjack.planner.arm.proposals import Proposal
 from limberjack.planner.arm.roadmap import find_path
 from limberjack.planner.manipulator.fetch import STRETCHED, Fetch
 from limberjack.planner.manipulator.grips import BACK, pose_of
-from limberjack.planner.manipulator.guide import FEW, GOALS
+from limberjack.planner.manipulator.guide import GOALS, few_of
 from limberjack.planner.manipulator.props import BLADE, HAND, Peg
 from limberjack.planner.manipulator.receptacles import Receptacle
 
 __all__ = ["PegInsertion"]
 
-_CLOSE = 0.01  # metres; distance from the peg of a path's end if there is no path to `BACK`
-# Metres above the raked spot: a fingertip reaches it from there where the hand would be in a wall.
-_HIGHER = 0.0, 0.03, 0.06
-_STEPS = 0.02, 0.04, 0.08  # metres; from one pose to the next along the axis
-_OFF, _TURN = 0.0015, 0.01  # metres, radians; how far the proposals differ, as the slot is narrow
-_ABOVE = 0.05  # metres; distance over which a leaning peg turns upright
-_DRAWS = 4  # of such proposals of each step
+_STEPS = (0.02, 0.04, 0.08) * 4  # metres; from one pose to the next along the axis, in proposals
 
 
 class PegInsertion:
@@ -43,7 +37,6 @@ class PegInsertion:
     over, held, close = (0.02, -0.01), (Peg.held, HAND), True
 
     def __init__(self, fetch: Fetch, slot: Receptacle, knots: int) -> None:
-        """Takes the fetching of the peg, the slot, and the number of knots of a plan."""
         self._fetch, self._slot, self._knots = fetch, slot, knots
 
     def path_to_object(self, data: Any, attempt: int) -> Path | None:
@@ -59,10 +52,11 @@ class PegInsertion:
         # From where the hand gets on to the peg: there, too, the walls must leave it room.
         (poses,) = fetch.poses_around([pose_of(data, "peg")], now, fetch.draws, GOALS)
         if attempt:
-            poses = poses[fetch.draws.permutation(len(poses))[:FEW]]
+            poses = few_of(fetch.draws, poses)
         path = None
-        # The peg is an obstacle too: on its path the hand would push it away.
-        for back, start in ((BACK, "peg_grasp"), (_CLOSE, "peg")):
+        # The peg is an obstacle too: on its path the hand would push it away. If no path leads to
+        # well before the peg, one may end 1 cm before it.
+        for back, start in ((BACK, "peg_grasp"), (0.01, "peg")):
             goals = nudged(poses, -back * direction(poses.sum(axis=-1)), 0.0)
             peg = data.site_xpos[[start, "peg_tip"]][None][..., PLANE]
             ends = np.concatenate([fetch.walls.ends, peg])
@@ -76,7 +70,8 @@ class PegInsertion:
         spot, walls = self._fetch.rake.spot, self._fetch.walls
         if spot is None:
             return None
-        for higher in _HIGHER:
+        # From above the spot a fingertip reaches it where the hand would be in a wall.
+        for higher in (0.0, 0.03, 0.06):
             poses = spot.poses(data, goal, walls, higher)
             path = find_path(data.qpos[ARM], poses, HAND, walls, close=True)
             if path is not None:
@@ -88,7 +83,7 @@ class PegInsertion:
         slot, now, press = self._slot, data.qpos[ARM], self._slot.grip.shut
         offsets = ((float(u), float(b)) for u, b in slot.offsets(data))
         (up, beside), (middle_up, middle_beside) = offsets
-        lean = np.arctan2(middle_beside - beside, middle_up - up + _ABOVE)
+        lean = np.arctan2(middle_beside - beside, middle_up - up + 0.05)  # upright 5 cm further on
         to_world = slot.axes(data)
         to_wrist = data.site_xpos["grasp"][PLANE] - GRASP * direction(now.sum())
         to_wrist = to_wrist - data.site_xpos["peg_tip"][PLANE]
@@ -97,8 +92,9 @@ class PegInsertion:
         before = [slot.before] if aside > 0.75 * slot.width and up > 0.06 else []
         moves: list[np.ndarray] = []
         turns: list[float] = []
-        draws = random.normal(0.0, [_OFF, _TURN], (len(_STEPS) * _DRAWS, 2))
-        for step, (off, turn) in zip(_STEPS * _DRAWS, draws, strict=True):
+        # Metres and radians by which the proposals differ: the slot is narrow.
+        draws = random.normal(0.0, [0.0015, 0.01], (len(_STEPS), 2))
+        for step, (off, turn) in zip(_STEPS, draws, strict=True):
             turned = _turned(to_wrist, turn + lean)
             heights = [*before, *np.arange(top - step, -step, -step).tolist()][: self._knots - 1]
             places = np.reshape([[height - up, off - beside] for height in heights], (-1, 2))

@@ -1,7 +1,7 @@
 """`PegPaths`: the arm's paths to a peg that lies still and, once it is held, to the target.
 
-    paths = PegPaths()
-    paths.search_target(random, now, up, find_goals)
+    paths = PegPaths(random)
+    paths.search_target(now, up, find_goals)
     cost = paths.cost_to_target(joints, near_cost)  # (N,)
 
 Far from the end of a path its remaining length costs; near the end, the positions of hand and peg.
@@ -17,33 +17,27 @@ from limberjack.planner.arm.hand import PLANE
 from limberjack.planner.arm.kinematics import direction, nudged
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, plans_of
-from limberjack.planner.manipulator.detours import find_detours, keep_clear
+from limberjack.planner.manipulator.detours import Detours
 from limberjack.planner.manipulator.grips import HANDLE, Pose, in_world
 
 __all__ = ["PegPaths"]
 
 _HAND, _HAND_AND_PEG = 0.1, 0.178  # metres; from the wrist to the end
-_BEFORE = 0.07  # metres; how far before the grasp of a peg the hand is clear of it
-_LIFTED = 0.035  # metres; height to which a hand with a peg is lifted before it follows a path
-_MOVED = 0.01  # metres, or of a frame; a larger motion of the peg changes the paths to it
-_GOALS = 8  # poses in which a peg may fall
 _INTERVAL = 2  # plannings between searches for better paths
-_STRIDES = 0.3, 1.0, 3.0  # radians of a path from one knot to the next
-# Radians from the end of a path within which hand or peg count, and not at twice that; cost of a
-# radian of its rest; and cost of being far from the end.
-_TO_PEG, _TO_TARGET = (0.3, 1.0, 1.0), (0.4, 1.2, 2.0)
+_AT_PEG = 0.3  # radians from the end of the path to a peg, within which the hand counts
 
-_Goals = Callable[[np.random.Generator], np.ndarray]  # draws joints, (n, 4)
+_Goals = Callable[[], np.ndarray]  # draws joints, (n, 4)
 
 
 class PegPaths:
     """Paths that are kept as long as they are clear, so that the arm keeps to one of them.
 
-    Searches take a random stream, the arm's joints, (4,), and a function that draws goals.
+    Searches take the arm's joints, (4,), and a function that draws goals.
     """
 
-    def __init__(self) -> None:
-        """Knows no path yet."""
+    def __init__(self, random: np.random.Generator) -> None:
+        """Knows no path yet; the random stream is that of the searches."""
+        self._random = random
         self._to_peg: list[Path] = []  # to before a peg, and on to it
         self._to_target: list[Path] = []
         self._goals = np.zeros((0, 4))  # joints that have a held peg at the target
@@ -55,87 +49,81 @@ class PegPaths:
         """Discards all paths, as for a peg that moves or is out of reach."""
         self._to_peg, self._to_target = [], []
 
-    def search_target(
-        self, random: np.random.Generator, now: np.ndarray, up: np.ndarray, find: _Goals
-    ) -> bool:
+    def search_target(self, now: np.ndarray, up: np.ndarray, find: _Goals) -> bool:
         """Searches for better paths to the target with a held peg; returns whether one is known.
 
-        A low hand is first lifted in the direction `up`, (2,).
+        A hand lower than 35 mm is first lifted in the direction `up`, (2,).
         """
         self._to_peg = []
         if not self._to_target:  # none yet, or all of these are blocked
-            self._goals = find(random)
-        lift = _LIFTED - float(hand_height(now))
+            self._goals = find()
+        lift = 0.035 - float(hand_height(now))
         first = nudged(now, lift * up, 0.0) if lift > 0 else None
-        goals, known = self._goals[:, None], self._to_target
-        self._to_target = self._better(random, now, goals, _HAND_AND_PEG, known, first=first)
+        detours = Detours(_HAND_AND_PEG, first=first)
+        self._to_target = self._better(detours, now, self._goals[:, None], self._to_target)
         return len(self._to_target) > 0
 
     def _better(
-        self,
-        random: np.random.Generator,
-        now: np.ndarray,
-        goals: np.ndarray,
-        reach: float,
-        known: list[Path],
-        around: np.ndarray | None = None,
-        first: np.ndarray | None = None,
+        self, detours: Detours, now: np.ndarray, goals: np.ndarray, known: list[Path]
     ) -> list[Path]:
         """Known paths that are clear from now on; others if none is, or if a search is due."""
         self._age = (self._age + 1) % _INTERVAL
-        kept = keep_clear(now, known, reach, around, first) if self._age else []
-        return kept or find_detours(random, now, goals, reach, known, around, first)
+        kept = detours.keep(now, known) if self._age else []
+        return kept or detours.find(self._random, now, goals, known)
 
-    def search_peg(
-        self, random: np.random.Generator, now: np.ndarray, peg: Pose, find: _Goals
-    ) -> None:
+    def search_peg(self, now: np.ndarray, peg: Pose, find: _Goals) -> None:
         """Searches for better paths to a peg that do not go across it."""
         self._to_target = []
         pose = np.concatenate(peg)
-        if not self._to_peg or np.abs(pose - self._lay).max() > _MOVED:
-            self._lay, poses = pose, find(random)
+        # A peg that has moved by more than a centimetre, or that much of its frame, needs others.
+        if not self._to_peg or np.abs(pose - self._lay).max() > 0.01:
+            self._lay, poses = pose, find()
             self._age = _INTERVAL - 1  # the paths that are known lead elsewhere
-            back = nudged(poses, -_BEFORE * direction(poses.sum(axis=-1)), 0.0)
+            back = nudged(poses, -0.07 * direction(poses.sum(axis=-1)), 0.0)  # clear of the peg
             self._before = np.stack([back, poses], axis=1)
         place, frame = peg
         line = np.stack([place + in_world(frame, HANDLE.place), place - 0.05 * frame[2::3]])
-        known, around = self._to_peg, line[:, PLANE]
-        self._to_peg = self._better(random, now, self._before, _HAND, known, around=around)
+        detours = Detours(_HAND, around=line[:, PLANE])
+        self._to_peg = self._better(detours, now, self._before, self._to_peg)
 
-    def search_room(self, random: np.random.Generator, now: np.ndarray, widest: np.ndarray) -> None:
+    def search_room(self, now: np.ndarray, widest: np.ndarray) -> None:
         """Searches for paths to joints of at most `widest` radians, (4,), so that the peg falls."""
         self._to_target = []
-        goals = np.random.default_rng(0).uniform(-widest, widest, (_GOALS, 1, 4))
-        self._to_peg = find_detours(random, now, goals, _HAND, known=self._to_peg)
+        goals = np.random.default_rng(0).uniform(-widest, widest, (8, 1, 4))
+        self._to_peg = Detours(_HAND).find(self._random, now, goals, self._to_peg)
 
     def cost_to_peg(self, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
         """Cost of the rest of the path to the peg and, at its end, of the hand, (N,)."""
-        return _cost(self._to_peg, *_TO_PEG, joints, near_cost)
+        return _cost(self._to_peg, joints, near_cost, _AT_PEG, 1.0, 1.0)
 
     def cost_to_target(self, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
         """Cost of the rest of the path to the target and, at its end, of the peg, (N,)."""
-        return _cost(self._to_target, *_TO_TARGET, joints, near_cost)
+        return _cost(self._to_target, joints, near_cost, 0.4, 1.2, 2.0)
 
     def plans(self, now: np.ndarray, knots: int) -> np.ndarray:
         """Targets along the shortest path, at several speeds, (n, knots, 5)."""
         if self._to_target:
             path, grasp = self._to_target[0], HANDLE.shut
-        elif self._to_peg and self._to_peg[0].length > _TO_PEG[0]:
+        elif self._to_peg and self._to_peg[0].length > _AT_PEG:
             path, grasp = self._to_peg[0], HANDLE.ready
         else:
             return np.zeros((0, knots, 5))
-        return plans_of(now, [Proposal(path.ahead(s, knots - 1), [grasp]) for s in _STRIDES], knots)
+        strides = 0.3, 1.0, 3.0  # radians from one knot to the next
+        return plans_of(now, [Proposal(path.ahead(s, knots - 1), [grasp]) for s in strides], knots)
 
 
 def _cost(
     paths: list[Path],
+    joints: np.ndarray,
+    near_cost: np.ndarray,
     near: float,
     per_radian: float,
     besides: float,
-    joints: np.ndarray,
-    near_cost: np.ndarray,
 ) -> np.ndarray:
-    """Cost of the rest of the shortest path and, at its end, the other cost, (N,)."""
+    """Cost of the rest of the shortest path and, within `near` radians of its end, the other, (N,).
+
+    Twice as far from the end the other does not count, and being far costs `besides`.
+    """
     if not paths:
         return near_cost
     left = paths[0].remaining(joints)

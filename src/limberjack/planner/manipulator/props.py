@@ -2,18 +2,20 @@
 
     prop = prop_of(env.task)         # Ball or Peg, which have the same methods
     ahead, aside = prop.offset(data) # metres, from the point of the grasp
-    poses = prop.poses_around([pose_of(data, prop.name)], now, random, 4, back=0.0, tilt=0.5)
+    places, angles, tilt = prop.grasps([pose_of(data, prop.name)], tilt=0.5)
 
 Quantities are those of a batch, (N,), or of one simulation.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
 from limberjack.planner.arm.collision import Obstacle, clearance
+from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, TIPS, in_hand, near, outward_speed
-from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses, hand_poses_each
+from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses
 from limberjack.planner.manipulator.grips import (
     BACK,
     BALL,
@@ -32,45 +34,32 @@ from limberjack.utils import arrays
 
 __all__ = ["BLADE", "HAND", "LIES", "Ball", "Peg", "across", "grasp_of", "is_on_arm", "prop_of"]
 
-_LENIENT = 0.06  # one less the cosine; how far from upright a hand that takes a ball may be
 HAND = GRASP + 0.02  # metres; from the wrist to the end of a hand on which a peg may lie
 LIES = 0.08  # metres above the ground; a peg that is higher does not lie on it
-BLADE = np.array([0.005])  # metres; its radius
-_ALOFT, _ON_ARM = 0.12, 0.015  # metres above the ground and from the arm; a peg there lies on it
-_LENGTH = 0.113  # metres
-_STEEP, _SUNK = 0.25, 0.003  # radians, metres; how the hand comes to a peg that lies flat
-_PINCHED = 0.0, 0.034  # metres in the frame of a peg; where the hand pinches it
-_TURNED = 0.3  # radians; a peg slips from a hand that is turned more
-_DEEP = -0.012  # metres; a guard behind the fingertips keeps a peg in the hand
-_CLEAR = 0.04  # metres that fingertips keep from a peg that is not between them
-# Radians that a peg at the target may lean about the point between its middle and its tip, which
-# are then 0.05 sin(lean / 2) off each: up to 0.4 the reward is 1, at 0.8 it is 0.6. As paths are
-# found by chance, straight ones are tried twice.
-_LEANS = 0.02, 0.02, 0.4, 0.8
-_TURNS_ABOUT = 0.0, -0.025  # metres in the frame of a peg
-_KICK = 1.0  # cost per metre per second of a lying peg that is kicked
-# Metres and radians per second above which a peg may slip out of the hand.
-_SPEED, _SPIN = 3.0, 10.0
-_RAKED = 0.12  # metres; how far beyond the middle a peg is raked
+BLADE = np.array([GEOMETRY.radii[-1]])  # metres; the radius of a peg
 
 
+@dataclasses.dataclass
 class Ball:
-    """The ball, which the hand may take from any side, but best from above."""
+    """The ball, which the hand may take from any side, but best from above.
 
+    Attributes:
+      joints: names of its joints: along x, along z and about y.
+      held, reach: from the wrist to the far end of the held object, and to the point of the hand
+        that `grasps` puts at a place, metres.
+    """
+
+    joints: list[str]
     name, grip, settings = "ball", BALL, BALL_SETTINGS
-    held = GRASP + 0.022  # metres; from the wrist to the far end of a held ball
-
-    def __init__(self, joints: list[str]) -> None:
-        """Takes the names of the ball's joints: along x, along z and about y."""
-        self.joints = joints
+    held, reach = GRASP + 0.022, GRASP
 
     def offset(self, data: Any) -> tuple[Any, Any]:
         """Distances of the ball ahead and aside of the point of the grasp, (N,) each, metres."""
         return in_hand(data, grasp_place(data, self.name, self.grip))
 
     def misalignment(self, data: Any) -> Any:
-        """One less the cosine between the hand and straight down, 0 near enough, (...)."""
-        return np.maximum(against_hand(data, downwards(data.site_xpos["ball"])) - _LENIENT, 0.0)
+        """One less the cosine between the hand and straight down, 0 up to 20 degrees, (...)."""
+        return np.maximum(against_hand(data, downwards(data.site_xpos["ball"])) - 0.06, 0.0)
 
     def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
         """1 where the ball is right between the closed fingers, 0 far from there, (N,)."""
@@ -101,36 +90,28 @@ class Ball:
         place, now = data.site_xpos["target_ball"][PLANE], data.qpos[ARM]
         return hand_poses(random, place, GRASP, now, count)
 
-    def poses_around(
-        self,
-        objects: list[Pose],
-        now: np.ndarray,
-        random: np.random.Generator,
-        count: int,
-        back: float,
-        tilt: float,
-    ) -> list[np.ndarray]:
-        """Arm joints that have the hand around the ball, (n, 4) for each of its poses, n <= count.
+    def grasps(self, objects: list[Pose], tilt: float) -> tuple[np.ndarray, Any, float]:
+        """For each pose the place of the hand, (n, 2), its angle, (n,), and the play of that.
 
-        The hand keeps `back` metres away; `tilt` is for objects with a direction.
+        The hand may turn by `tilt` radians around objects with a direction.
         """
         places = np.array([place for place, _ in objects])
-        down = angle_of(downwards(places)[:, PLANE])
-        clear = {"width": self.grip.width, "slack": 1.5 * self.grip.slack}
-        each = places[:, PLANE], GRASP + back, now, count
-        return hand_poses_each(random, *each, down, 0.8, **clear)
+        return places[:, PLANE], angle_of(downwards(places)[:, PLANE]), 0.8
 
 
+@dataclasses.dataclass
 class Peg:
-    """The peg, which the hand takes by its handle, from straight on."""
+    """The peg, which the hand takes by its handle, from straight on; attributes as of `Ball`."""
 
+    joints: list[str]
     name, grip, settings = "peg", HANDLE, PEG_SETTINGS
-    held = GRASP + _LENGTH  # metres; from the wrist to the tip of a held peg
+    held, reach = GRASP + GEOMETRY.peg, PINCH
 
-    def __init__(self, joints: list[str]) -> None:
-        """Takes the names of the peg's joints: along x, along z and about y."""
-        self.joints = joints
-        self._lean = 0  # which of `_LEANS` the peg has at the target
+    # Radians that a peg at the target may lean about the point between its middle and its tip,
+    # which are then 0.05 sin(lean / 2) off each: up to 0.4 the reward is 1, at 0.8 it is 0.6. As
+    # paths are found by chance, straight ones are tried twice.
+    _leans = 0.02, 0.02, 0.4, 0.8
+    _lean = 0  # which of these it has
 
     def offset(self, data: Any) -> tuple[Any, Any]:
         """Offset of the pinch from the fingertips, about which a hand may turn, (N,) each."""
@@ -148,21 +129,21 @@ class Peg:
     def opening(self, offset: tuple[Any, Any]) -> np.ndarray:
         """The fingers' angle with which the hand comes, or releases a peg too deep in it, (N,)."""
         ahead, aside = offset
-        is_deep = (ahead < _DEEP) & (ahead > -BACK) & (np.abs(aside) < BACK / 2)
+        # A guard that is no more than 12 mm behind the fingertips keeps a peg in the hand.
+        is_deep = (ahead < -0.012) & (ahead > -BACK) & (np.abs(aside) < BACK / 2)
         return np.where(is_deep, OPEN_ANGLE, HANDLE.ready)
 
     def chased(self, data: Any) -> Any:
         """Cost of the peg's motion while it is not held; a hand that comes too fast kicks it."""
         speed = arrays.norm(data.qvel[self.joints][..., :2])
         lies = height_above_ground(data.site_xpos["peg"]) < LIES
-        outwards = outward_speed(data, self.joints[0], self.name)
-        return outwards + _KICK * np.minimum(speed, 2.0) * lies
+        return outward_speed(data, self.joints[0], self.name) + np.minimum(speed, 2.0) * lies
 
     def swung(self, data: Any) -> list[np.ndarray]:
         """Costs of the speed and the spin of a held peg, which may slip, (N,) each."""
         velocity = data.qvel[self.joints]
         speed, spin = arrays.norm(velocity[..., :2]), np.abs(velocity[..., 2])
-        return [0.5 * np.maximum(speed - _SPEED, 0.0), 0.05 * np.maximum(spin - _SPIN, 0.0)]
+        return [0.5 * np.maximum(speed - 3.0, 0.0), 0.05 * np.maximum(spin - 10.0, 0.0)]
 
     def gap(self, data: Any) -> Any:
         """Mean distance of the peg's middle and tip from theirs at the target, (N,), metres."""
@@ -172,36 +153,27 @@ class Peg:
 
     def rake_goal(self, data: Any) -> float:
         """Position in reach: x, metres; the hand needs more room on the handle's side."""
-        return _RAKED if _forward(data.site_xmat["peg"])[0] > 0 else -_RAKED
+        return 0.12 if _forward(data.site_xmat["peg"])[0] > 0 else -0.12
 
     def lean(self) -> None:
         """Tries another angle of the peg at the target."""
-        self._lean = (self._lean + 1) % len(_LEANS)
+        self._lean = (self._lean + 1) % len(self._leans)
 
     def poses_at_target(self, data: Any, random: np.random.Generator, count: int) -> np.ndarray:
         """Arm joints that have the peg at the target, straight or leaning, (n, 4), n <= count."""
         middle, frame = pose_of(data, "target_peg")
-        place = (middle + in_world(frame, _TURNS_ABOUT))[PLANE]
-        forward = GRASP + self.grip.place[1] - _TURNS_ABOUT[1]
-        wanted = angle_of(_forward(frame)[PLANE]), _LEANS[self._lean]
+        between = 0.0, -0.025  # metres in the frame of a peg: it turns about this point
+        place = (middle + in_world(frame, between))[PLANE]
+        forward = GRASP + self.grip.place[1] - between[1]
+        wanted = angle_of(_forward(frame)[PLANE]), self._leans[self._lean]
         now, width = data.qpos[ARM], self.grip.width
         return hand_poses(random, place, forward, now, count, *wanted, width=width)
 
-    def poses_around(
-        self,
-        objects: list[Pose],
-        now: np.ndarray,
-        random: np.random.Generator,
-        count: int,
-        back: float,
-        tilt: float,
-    ) -> list[np.ndarray]:
-        """Arm joints that have the hand around the peg, straight on to within `tilt` radians."""
+    def grasps(self, objects: list[Pose], tilt: float) -> tuple[np.ndarray, Any, float]:
+        """For each pose the place of the hand, (n, 2), its angle, (n,), and the play of that."""
         grasps = [grasp_of(peg) for peg in objects]
         places, angles = np.array([g[0] for g in grasps]), np.array([g[1] for g in grasps])
-        wanted = angles, min(tilt, _TURNED)
-        each = places, PINCH + back, now, count
-        return hand_poses_each(random, *each, *wanted, width=self.grip.width)
+        return places, angles, min(tilt, 0.3)  # a peg slips from a hand that is turned more
 
 
 def prop_of(task: Any) -> Ball | Peg:
@@ -213,19 +185,19 @@ def prop_of(task: Any) -> Ball | Peg:
 def grasp_of(peg: Pose) -> tuple[np.ndarray, float]:
     """Position of the hand's pinch site for the grasp of a peg, (2,), and the hand's angle."""
     middle, frame = peg
-    place = (middle + in_world(frame, _PINCHED))[PLANE]
+    place = (middle + in_world(frame, (0.0, 0.034)))[PLANE]
     forward, down = _forward(frame)[PLANE], downwards(middle)[PLANE]
     # Along a peg that lies flat a finger would be in the floor: the hand comes from above.
     flat = float(forward[0] * down[1] - forward[1] * down[0])
-    return place + _SUNK * abs(flat) * down, angle_of(forward) + _STEEP * flat
+    return place + 0.003 * abs(flat) * down, angle_of(forward) + 0.25 * flat
 
 
 def is_on_arm(data: Any) -> bool:
-    """Whether the peg of a single simulation touches the arm high above the ground."""
-    if height_above_ground(data.site_xpos["peg"]) <= _ALOFT:
+    """Whether the peg of a single simulation is within 15 mm of the arm, high above the ground."""
+    if height_above_ground(data.site_xpos["peg"]) <= 0.12:
         return False
     peg = Obstacle(data.site_xpos[["peg_grasp", "peg_tip"]][None][..., PLANE], BLADE)
-    return bool(clearance(data.qpos[ARM][None], HAND, peg)[0, 0] < _ON_ARM)
+    return bool(clearance(data.qpos[ARM][None], HAND, peg)[0, 0] < 0.015)
 
 
 def across(data: Any, turn: Any) -> np.ndarray:
@@ -235,10 +207,10 @@ def across(data: Any, turn: Any) -> np.ndarray:
     """
     start, end = data.site_xpos["peg_grasp"], data.site_xpos["peg_tip"]
     along, offset = (end - start)[..., None, :], data.geom_xpos[TIPS] - start[..., None, :]
-    part = np.clip((offset * along).sum(axis=-1) / _LENGTH**2, 0.0, 1.0)
+    part = np.clip((offset * along).sum(axis=-1) / GEOMETRY.peg**2, 0.0, 1.0)
     gap = arrays.norm(offset - part[..., None] * along)
     crossed = np.clip(10.0 * turn - 1.0, 0.0, 1.0)
-    return 10.0 * crossed * np.maximum(_CLEAR - gap, 0.0).sum(axis=-1)
+    return 10.0 * crossed * np.maximum(0.04 - gap, 0.0).sum(axis=-1)
 
 
 def _forward(frame: np.ndarray) -> np.ndarray:

@@ -1,66 +1,162 @@
 """`Rake`: raking of an object that is out of reach, inwards with a fingertip.
 
-rake = Rake(peg)
-rake.judge(data, is_within=False)  # several plannings in a row
-if rake.goal is not None:  # x, metres
-    cost = rake.at().cost(batch_data, rake.goal)  # (N,)
+    rake = Rake(peg)
+    rake.judge(data, is_within=False)  # several plannings in a row
+    if rake.goal is not None:  # x, metres
+        cost = rake.at().cost(batch_data, rake.goal)  # (N,)
+
+A fingertip goes behind a site of the object and pulls it inwards. A peg may lean on something, or
+lie behind it, so that no fingertip gets behind its middle, or only presses it against the obstacle;
+then it is pulled away from there, or pressed down, by one of its ends.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm.collision import Obstacle
-from limberjack.planner.manipulator.props import Ball, Peg
-from limberjack.planner.manipulator.spots import Spot, next_spot
+from limberjack.planner.arm.collision import Obstacle, clearance
+from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_REACH, TIPS
+from limberjack.planner.arm.kinematics import hand_poses
+from limberjack.planner.arm.proposals import Proposal
+from limberjack.planner.manipulator.grips import downwards, height_above_ground
+from limberjack.planner.manipulator.props import HAND, Ball, Peg
 from limberjack.utils import arrays
 
-__all__ = ["Rake"]
+__all__ = ["Rake", "Spot", "next_spot"]
 
-_DOUBTS = 2  # plannings that must contradict the known reach of an object before it changes
-_STIRRED = 0.03  # metres; paths to a peg are searched again once it has moved so far
 # Metres by which a peg must come nearer to the goal, or a fingertip to the spot, to count.
 _HEADWAY = 0.03
-_PULLED = 0.08  # metres; so far a peg is pulled away from its obstacle
-_PATIENCE = 16  # plannings; after so many without headway a peg is raked from elsewhere
-_LED = 0.1  # of a planning; share that counts while the arm is still on a path to the spot
-_MISSES = 2  # failed searches for a path after which a peg is raked
+
+
+@dataclasses.dataclass(frozen=True)
+class Spot:
+    """A site of an object, and the kind of pull: 'there' to the goal, 'away' from it, or 'down'."""
+
+    site: str
+    kind: str
+
+    def goal(self, data: Any, goal: float) -> float:
+        """Position to rake to when the final goal is another: x, metres; 'away' 0.2 outwards."""
+        if self.kind != "away":
+            return goal
+        place = float(data.site_xpos[self.site][0])
+        return place - 0.2 * float(np.sign(goal - place))
+
+    def cost(self, data: Any, goal: float) -> np.ndarray:
+        """Cost of a fingertip's distance from its start, and of the site's from the goal, (N,)."""
+        place = data.site_xpos[self.site]
+        left = place[..., 2] if self.kind == "down" else np.abs(place[..., 0] - goal)
+        return 4.0 * self.missing(data, goal) + 10.0 * left
+
+    def missing(self, data: Any, goal: float) -> np.ndarray:
+        """Distance of the nearer fingertip from its start, (N,), metres."""
+        start = self._start(data, goal)
+        return arrays.minimum_of([arrays.norm(data.geom_xpos[tip] - start) for tip in TIPS])
+
+    def _start(self, data: Any, goal: float) -> np.ndarray:
+        """Position at which a fingertip begins to rake, (..., 3), metres."""
+        place = data.site_xpos[self.site]
+        return place + np.array([0.0, 0.0, 0.03]) if self.kind == "down" else _behind(place, goal)
+
+    def proposals(self, random: np.random.Generator, data: Any, goal: float) -> list[Proposal]:
+        """Proposals that put a fingertip behind the site, and then pull it to a goal (x, metres).
+
+        The data are those of a single simulation.
+        """
+        place, now = data.site_xpos[self.site], data.qpos[ARM]
+        start = _behind(place, goal)[PLANE]
+        # The root turns from x to -x over the top, and so the other way below.
+        turn = 0.3 * np.sign(goal - place[0]) * np.array([1.0, 0.0, 0.0, 0.0])
+        proposals: list[Proposal] = []
+        for pose in hand_poses(random, start, TIP_REACH, now, 12, lateral=TIP_ASIDE):
+            proposals.append(Proposal([pose], [OPEN_ANGLE], 2))
+            proposals.append(Proposal([pose, pose + turn], [OPEN_ANGLE], 2))
+        return proposals
+
+    def poses(self, data: Any, goal: float, walls: Obstacle, higher: float = 0.0) -> np.ndarray:
+        """Arm joints that have a fingertip where raking begins, or higher (n, 4), if that helps."""
+        place = data.site_xpos[self.site]
+        # An end that is near to the ground is not pressed down.
+        if self.kind == "down" and height_above_ground(place) < 0.05:
+            return np.zeros((0, 4))
+        tip = (self._start(data, goal) - higher * downwards(place))[PLANE]
+        random, now = np.random.default_rng(0), data.qpos[ARM]
+        asides = TIP_ASIDE, -TIP_ASIDE
+        # Many are drawn: few are clear of the walls.
+        found = [hand_poses(random, tip, TIP_REACH, now, 400, lateral=aside) for aside in asides]
+        poses = np.concatenate(found)
+        if not len(poses):
+            return poses
+        # The fingers' middle lines may be a little in the walls and in the ground, which give way.
+        clear = clearance(poses, HAND, walls)
+        poses = poses[(clear[:, 0] > -0.004) & (clear[:, 3] > -0.009)]
+        return poses[:: max(1, len(poses) // 64)]
+
+
+_SPOTS = [
+    Spot("peg", "there"),
+    Spot("peg_grasp", "away"),
+    Spot("peg_grasp", "down"),
+    Spot("peg_tip", "down"),
+    Spot("peg_tip", "away"),
+    Spot("peg_grasp", "there"),
+    Spot("peg", "away"),
+    Spot("peg_tip", "there"),
+]
+
+
+def next_spot(data: Any, spot: Spot | None, goal: float, walls: Obstacle) -> Spot:
+    """The spot to try after another one, which a fingertip can reach.
+
+    The first is a peg's middle, or the handle of one that leans with it upwards, so that it falls.
+    """
+    if spot is None:
+        leans = data.site_xpos["peg_grasp"][2] - data.site_xpos["peg_tip"][2] > 0.05
+        return Spot("peg_grasp", "there") if leans else _SPOTS[0]
+    first = 1 + _SPOTS.index(spot)
+    order = _SPOTS[first:] + _SPOTS[:first]
+    # An end that is pulled far outwards pushes the peg up a wall.
+    sensible = [s for s in order if s.kind != "away" or abs(s.goal(data, goal)) < 0.45]
+    for candidate in sensible:
+        if len(candidate.poses(data, candidate.goal(data, goal), walls)):
+            return candidate
+    return sensible[0]
+
+
+def _behind(place: np.ndarray, goal: float) -> np.ndarray:
+    """Position of a fingertip that rakes a place to a goal, (..., 3) -> (..., 3), metres."""
+    outwards = np.where(place[..., :1] < goal, -1.0, 1.0)
+    return place + outwards * np.array([0.03, 0.0, 0.0]) + np.array([0.0, 0.0, 0.02])
 
 
 class Rake:
-    """The goal and the spot of raking; a peg that does not come nearer is raked from elsewhere.
-
-    Attributes:
-      goal: x to which the object is raked, metres; None while it is not raked.
-      spot: the spot at which a peg is raked; None for none yet, and for a ball.
-      misses: failed searches for a path to the object since it has moved.
-    """
+    """The goal and the spot of raking; a peg that does not come nearer is raked from elsewhere."""
 
     def __init__(self, prop: Ball | Peg) -> None:
-        """Rakes nothing yet."""
         self._prop = prop
-        self._doubts = 0
+        self._doubts = 0  # plannings that contradict the known reach of the object
         self._stayed_at = np.zeros(3)  # place of the object at the first of the misses
-        self.goal: float | None = None
-        self.misses = 0
+        self.goal: float | None = None  # x, metres; None while the object is not raked
+        self.misses = 0  # failed searches for a path to the object since it has moved
         self._forget()
 
     def _forget(self) -> None:
         """Discards the spot and all headway."""
-        self.spot: Spot | None = None
+        self.spot: Spot | None = None  # none yet, or for a ball
         self._pulled_from = np.zeros(3)  # place of the peg when that spot was chosen
         self._nearest = np.inf  # metres; least distance of the peg from the goal
         self._least = np.inf  # metres; least distance of a fingertip from the spot
         self._stalled = 0.0  # plannings without any headway
 
     def judge(self, data: Any, is_within: bool) -> bool:
-        """Begins or ends raking when the object's reach has changed a few times in a row.
+        """Begins or ends raking when the object's reach has changed three times in a row.
 
         Returns whether raking has just ended.
         """
         was_within = self.goal is None
         self._doubts = 0 if is_within == was_within else self._doubts + 1
-        if self._doubts and self._doubts <= _DOUBTS:
+        if self._doubts in (1, 2):
             is_within = was_within
         self.goal = None if is_within else self._prop.rake_goal(data)
         return is_within and not was_within
@@ -74,20 +170,20 @@ class Rake:
         rest, another one without headway for long; an arm that is led to the spot has more time.
         """
         place = data.site_xpos[self._prop.name]
-        if arrays.norm(place - self._stayed_at) > _STIRRED:
+        if arrays.norm(place - self._stayed_at) > 0.03:
             self._stayed_at, self.misses = place.copy(), 0
         if falls:
             self.goal, self.misses = None, 0
-        if self.misses >= _MISSES and self.goal is None:
+        if self.misses >= 2 and self.goal is None:
             self.goal = self._prop.rake_goal(data)
         if self.goal is None:
             self._forget()
             return
-        is_pulled = arrays.norm(place - self._pulled_from) > _PULLED
+        is_pulled = arrays.norm(place - self._pulled_from) > 0.08  # away from its obstacle
         if self.spot is not None and self.spot.kind != "there" and is_pulled:
             self._forget()
-        self._count_headway(data, self.goal, _LED if is_led else 1.0)
-        if (self.spot is None and not moves) or self._stalled > _PATIENCE:
+        self._count_headway(data, self.goal, 0.1 if is_led else 1.0)
+        if (self.spot is None and not moves) or self._stalled > 16:
             self._stalled, self._pulled_from, self._least = 0.0, place.copy(), np.inf
             self.spot = next_spot(data, self.spot, self.goal, walls)
         if self.spot is not None:

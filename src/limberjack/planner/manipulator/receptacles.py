@@ -15,39 +15,26 @@ from typing import Any
 import numpy as np
 
 from limberjack.planner.arm.collision import Obstacle
-from limberjack.planner.arm.hand import ARM, PLANE, PLAY, in_hand, near
+from limberjack.planner.arm.hand import ARM, PLANE, PLAY, in_frame, in_hand, near
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_poses
 from limberjack.planner.manipulator.grips import BALL, HANDLE, Grip, grasp_place, in_world
 
 __all__ = ["Receptacle"]
 
-_RIM = 0.04  # metres; so far below the mouth the path around the walls counts fully
-
 
 @dataclasses.dataclass(frozen=True)
 class Receptacle:
-    """A receptacle that an object enters along an axis; lengths in metres.
+    """A receptacle that an object enters along an axis; lengths in metres."""
 
-    Attributes:
-      body: its name.
-      target: the site of the target inside it.
-      sites: of the object, that are to be at those of the target; the first goes in first, and
-        the last is its middle.
-      grip: of the hand that holds the object.
-      before: how far up the first site is before it goes in.
-      width: how far beside the axis it may be then.
-      side: how far beside the axis object and hand are clear of the walls.
-      falls: how far up and beside the axis the object falls into its place by itself.
-    """
-
-    body: str
-    target: str
+    body: str  # its name
+    target: str  # the site of the target inside it
+    # Of the object, to be at those of the target: the first goes in first, the last is its middle.
     sites: tuple[str, ...]
-    grip: Grip
-    before: float
-    width: float
-    side: float
-    falls: tuple[float, float]
+    grip: Grip  # of the hand that holds the object
+    before: float  # how far up the first site is before it goes in
+    width: float  # how far beside the axis it may be then
+    side: float  # how far beside the axis object and hand are clear of the walls
+    falls: tuple[float, float]  # how far up and beside the object falls into its place by itself
 
     @classmethod
     def for_object(cls, name: str) -> "Receptacle":
@@ -62,10 +49,7 @@ class Receptacle:
     def offset(self, data: Any, site: str) -> tuple[np.ndarray, np.ndarray]:
         """Distances of a site above its place along the axis, and beside it, (N,) each."""
         away = data.site_xpos[site] - data.site_xpos[f"target_{site}"]
-        frame = data.site_xmat[self.target]
-        up = away[..., 0] * frame[..., 2] + away[..., 2] * frame[..., 8]
-        beside = away[..., 0] * frame[..., 0] + away[..., 2] * frame[..., 6]
-        return up, beside
+        return in_frame(away, data.site_xmat[self.target])
 
     def offsets(self, data: Any) -> list[tuple[np.ndarray, np.ndarray]]:
         """The same for each of the object's sites."""
@@ -83,7 +67,7 @@ class Receptacle:
         on_axis = np.clip(2.0 - aside / self.width, 0.0, 1.0) * (up > -self.width)
         each = [np.hypot(u - self.before, b) for u, b in offsets]
         before = functools.reduce(np.add, each) / len(each)
-        below = np.clip((self.before - up) / _RIM - 0.2, 0.0, 1.0)
+        below = np.clip((self.before - up) / 0.04 - 0.2, 0.0, 1.0)  # around the walls from there
         around = below * np.maximum(self.side - np.abs(beside), 0.0)
         outside = self.before + before + 1.5 * around
         return on_axis * (np.abs(up) + aside) + (1.0 - on_axis) * outside
@@ -141,5 +125,6 @@ class Receptacle:
 # The fingers reach beyond the ball, so that it is released above the cup's rim.
 _CUP = Receptacle("cup", "target_ball", ("ball",), BALL, 0.112, 0.012, 0.09, (0.16, 0.018))
 # The slot is 0.8 mm wider than the peg, whose tip is round.
-_ENDS = "peg_tip", "peg"
-_SLOT = Receptacle("slot", "target_peg", _ENDS, HANDLE, 0.08, 0.004, 0.08, (0.02, 0.02))
+_SLOT = Receptacle(
+    "slot", "target_peg", ("peg_tip", "peg"), HANDLE, 0.08, 0.004, 0.08, (0.02, 0.02)
+)

@@ -16,31 +16,25 @@ from typing import Any
 import numpy as np
 
 from limberjack.planner.arm.collision import Obstacle, clearance
-from limberjack.planner.arm.hand import ARM, PLANE, in_hand
+from limberjack.planner.arm.hand import ARM, OPEN, PLANE, in_hand
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_places, hand_poses
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.roadmap import find_path
+from limberjack.planner.manipulator.forecast import restored
 from limberjack.planner.manipulator.props import Ball
 from limberjack.planner.manipulator.receptacles import Receptacle
 from limberjack.rl.control import PhysicsError
 
 __all__ = ["Releases"]
 
-_UP, _BESIDE = (0.09, 0.2), 0.14  # metres; release points in the mouth's frame
-_TURN = 0.6  # radians; how far from the direction to the mouth the hand may point
-_PLACES, _POSES = 16, 4  # that are drawn at a time, and poses at each
-_SHAKEN, _SHAKES = 0.02, 2  # radians; a pose must also work so far beside, and how often
 _ENOUGH = 3  # poses; a path leads to the nearest of them
-_FALL, _HOLDS = 0.6, 15  # seconds until the ball must be in; how often the arm is put back then
-_TOUCHING = -0.001  # metres; so near to walls a pose may be
-_IN = 0.02  # metres
+_HOLDS = 15  # times that the arm is put back while a ball falls
 
 
 class Releases:
     """Poses from which a released object gets into the receptacle."""
 
     def __init__(self, site: str, joints: list[str], receptacle: Receptacle) -> None:
-        """Takes the object's site and its joints along x and z."""
         self._object, self._joints, self._receptacle = site, joints, receptacle
         self.reset()
 
@@ -56,7 +50,7 @@ class Releases:
         for pose in self._drawn(data, random, walls):
             if len(self._poses) >= _ENOUGH:
                 break
-            shaken = pose + random.normal(0.0, _SHAKEN, (_SHAKES, 4))
+            shaken = pose + random.normal(0.0, 0.02, (2, 4))  # it must also work beside
             if all(self.works(physics, each) for each in (pose, *shaken)):
                 self._poses.append(pose)
         if len(self._poses) < _ENOUGH:
@@ -67,40 +61,42 @@ class Releases:
         return found
 
     def works(self, physics: Any, pose: np.ndarray | None = None) -> bool:
-        """Whether the object gets in if released at a pose (4,), by default the current one."""
+        """Whether the object gets in if released at a pose (4,), by default the current one.
+
+        It must be within 2 cm of its place after 0.6 seconds.
+        """
         data = physics.named.data
-        state, control = physics.get_state(), physics.control().copy()
         ahead, aside = (float(d) for d in in_hand(data, data.site_xpos[self._object]))
         kept: np.ndarray = data.qpos[ARM].copy() if pose is None else pose
-        data.qpos[ARM] = kept
-        data.qpos[self._joints] = hand_places(kept, GRASP + ahead, aside)
-        data.qvel[:] = 0.0
-        physics.set_control(np.array([0.0, 0.0, 0.0, 0.0, -1.0]))
-        steps = round(_FALL / _HOLDS / physics.timestep())
         is_in = False
-        with contextlib.suppress(PhysicsError):
+        with restored(physics), contextlib.suppress(PhysicsError):
+            data.qpos[ARM] = kept
+            data.qpos[self._joints] = hand_places(kept, GRASP + ahead, aside)
+            data.qvel[:] = 0.0
+            physics.set_control(np.array([0.0, 0.0, 0.0, 0.0, OPEN]))
             for _ in range(_HOLDS):
-                physics.step(steps)
+                physics.step(round(0.6 / _HOLDS / physics.timestep()))
                 data.qpos[ARM], data.qvel[ARM] = kept, 0.0
             physics.forward()
             offset = self._receptacle.offset(data, self._object)
-            is_in = bool(np.abs(offset).max() < _IN)
-        physics.set_state(state)
-        physics.set_control(control)
-        physics.forward()
+            is_in = bool(np.abs(offset).max() < 0.02)
         return is_in
 
     def _drawn(self, data: Any, random: np.random.Generator, walls: Obstacle) -> np.ndarray:
-        """Poses around the mouth that point to it and are clear of the walls, (n, 4)."""
+        """Poses around the mouth that point to it and are clear of the walls, (n, 4).
+
+        Four at each of 16 places, up and beside in the mouth's frame in metres; the hand may point
+        elsewhere by 0.6 radians.
+        """
         now, target = data.qpos[ARM], data.site_xpos[self._receptacle.target][PLANE]
         axis, across = self._receptacle.axes(data)
         ahead = float(in_hand(data, data.site_xpos[self._object])[0])
         mouth = target + 0.7 * self._receptacle.before * axis
         poses = []
-        for up, beside in random.uniform([_UP[0], -_BESIDE], [_UP[1], _BESIDE], (_PLACES, 2)):
+        for up, beside in random.uniform([0.09, -0.14], [0.2, 0.14], (16, 2)):
             place = target + up * axis + beside * across
             angle = angle_of(mouth - place)
-            poses.extend(hand_poses(random, place, GRASP + ahead, now, _POSES, angle, _TURN))
+            poses.extend(hand_poses(random, place, GRASP + ahead, now, 4, angle, 0.6))
         found = np.array(poses).reshape(-1, 4)
         gaps = clearance(found, Ball.held, walls)
-        return found[(gaps[:, 0] > _TOUCHING) & (gaps[:, 1:].min(axis=1) > 0)]
+        return found[(gaps[:, 0] > -0.001) & (gaps[:, 1:].min(axis=1) > 0)]
