@@ -24,7 +24,7 @@ def test_a_reacher_costs_its_distance_and_its_speed_at_the_target() -> None:
 
 def test_a_reacher_reaches_a_small_target() -> None:
     rewards, _ = played("reacher", "hard", 1000, 150)
-    assert rewards[-20:].mean() == 1
+    assert rewards[-50:].mean() > 0.9
 
 
 def test_a_ball_below_the_cup_costs_more_than_one_beside_it() -> None:
@@ -34,8 +34,8 @@ def test_a_ball_below_the_cup_costs_more_than_one_beside_it() -> None:
 
         return plant
 
-    terms = terms_of("ball_in_cup", "catch", at(0.0, 0.0), at(0.2, 0.3), at(0.0, 0.3))
-    assert terms["below"][0] > 0.3
+    terms = terms_of("ball_in_cup", "catch", at(0.0, 0.0), at(0.2, 0.5), at(0.0, 0.46))
+    assert terms["below"][0] > 0.2
     assert terms["below"][1] == 0
     assert terms["distance"][2] < terms["distance"][1] < terms["distance"][0]
 

@@ -70,9 +70,7 @@ class Hopper(Cost):
 class Quadruped(Cost):
     """The missing reward, the torso's tilt and the controls' effort."""
 
-    settings = Settings(
-        horizon=1.0, knots=8, samples=40, interval=2, noise=1.0
-    )
+    settings = Settings(horizon=1.0, knots=8, samples=40, interval=2, noise=1.0)
     weights: ClassVar = {"tilt": 0.5, "effort": 0.05}
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:

@@ -17,9 +17,7 @@ __all__ = ["BallInCup", "Fish", "Reacher", "Turn"]
 class Reacher(Cost):
     """The finger's distance from the target, and its speed there."""
 
-    settings = Settings(
-        horizon=0.6, knots=5, samples=48, interval=2, gain=2.0, damping=0.3, noise=1.0
-    )
+    settings = Settings(horizon=0.6, knots=5, samples=64, gain=2.0, damping=0.3, noise=1.0)
     weights: ClassVar = {"distance": 4.0, "motion": 0.02}
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
