@@ -32,7 +32,9 @@ class Cheetah(Cost):
 class Walker(Cost):
     """The torso's missing height and tilt, and the missing reward."""
 
-    settings = Settings(horizon=0.5, knots=6, samples=48, gain=2.5, damping=0.05, noise=1.0)
+    settings = Settings(
+        horizon=0.5, knots=6, samples=48, timestep=0.005, gain=2.5, damping=0.05, noise=1.0
+    )
     weights: ClassVar = {"height": 1.0, "tilt": 0.5, "reward": 2.0, "effort": 0.02}
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
@@ -49,7 +51,7 @@ class Hopper(Cost):
     """The torso's missing height and tilt, a foot that is not below the body, the missing speed."""
 
     settings = Settings(
-        horizon=0.8, knots=6, samples=64, interval=2, gain=4.0, damping=0.1, noise=1.5
+        horizon=0.8, knots=6, samples=64, timestep=0.01, gain=4.0, damping=0.1, noise=1.5
     )
     weights: ClassVar = {"height": 2.0, "tilt": 0.3, "balance": 1.0, "speed": 0.5}
 

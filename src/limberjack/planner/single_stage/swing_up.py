@@ -17,9 +17,7 @@ __all__ = ["Acrobot", "Cartpole", "Pendulum"]
 class Pendulum(Cost):
     """The pole's missing height, and its speed where it is up."""
 
-    settings = Settings(
-        horizon=1.5, knots=8, samples=48, interval=2, gain=1.0, damping=0.3, noise=2.0
-    )
+    settings = Settings(horizon=1.5, knots=8, samples=64, gain=1.0, damping=0.3, noise=2.0)
     weights: ClassVar = {"motion": 0.02}
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
