@@ -18,12 +18,14 @@ _CLOSE = 1e-9  # metres and radians; closed forms there and back round by 1e-16
 _WIDTH = 2 * HALF
 
 
-def _moves(physics: Any, boxes: int, is_held: bool = False) -> Moves:
-    """Moves for the next box of a scene."""
+def _moves(physics: Any, boxes: int, next_box: str | None = None) -> Moves:
+    """Moves for the next box of a scene, which the tower chooses by default."""
     names = [f"box{number}" for number in range(boxes)]
     tower = Tower(names)
-    tower.update(physics.named.data, is_held)
-    return Moves(Stack.settings, names, tower, physics.named.data)
+    tower.update(physics.named.data, False)
+    if next_box is not None:
+        tower.next, tower.waiting = next_box, [name for name in names if name != next_box]
+    return Moves(Stack.settings, tower, physics.named.data)
 
 
 def _random() -> np.random.Generator:
@@ -89,8 +91,7 @@ def test_a_box_between_two_others_is_not_turned() -> None:
     counts = []
     for gap in (apart, close):
         _, physics = scene([(0.1 - gap, HALF), (0.1, HALF), (0.1 + gap, HALF), (-0.3, HALF)])
-        moves = _moves(physics, 4)
-        moves._tower.next = "box1"
+        moves = _moves(physics, 4, "box1")
         counts.append(len(moves.reaching(_random())))
     assert counts[0] == counts[1]
 
@@ -109,7 +110,7 @@ def _carried(x: float, place: float) -> tuple[np.ndarray, np.ndarray]:
     """Plans for a box held at x that belongs onto one at `place`, and paths of its middle."""
     _, physics = scene([(x, 0.1), (place, HALF)], target=place)
     point_hand(physics, x, 0.1 + HIGH, np.radians(24.0))
-    plans = _moves(physics, 2, is_held=True).carrying(_random())
+    plans = _moves(physics, 2).carrying(_random())
     return plans, hand_places(plans[..., :4], GRASP + HIGH)
 
 
@@ -138,8 +139,7 @@ def test_a_carried_box_passes_over_boxes_that_stand_in_between() -> None:
     tower = [(0.06, HALF), (0.06, TOP), (0.06, TOP + _WIDTH)]
     _, physics = scene([(0.12, 0.2), *tower], level=0)
     point_hand(physics, 0.12, 0.2 + HIGH, np.radians(24.0))
-    moves = _moves(physics, 4)
-    moves._tower.next = "box0"
+    moves = _moves(physics, 4, "box0")
     paths = hand_places(moves.carrying(_random())[..., :4], GRASP + HIGH)
     over = paths[np.abs(paths[..., 0] - 0.06) < HALF]
     assert len(over)
