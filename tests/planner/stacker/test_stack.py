@@ -67,6 +67,16 @@ def test_a_box_that_is_held_is_carried_until_it_is_lost() -> None:
     assert _after(cost, physics, 1) is Stage.FETCH
 
 
+def test_a_box_must_be_held_better_to_be_taken_than_to_be_kept() -> None:
+    for lower, stage in ((0.002, Stage.CARRY), (0.0105, Stage.FETCH)):
+        task, physics = scene([(_HELD[0], _HELD[1] - lower), (0.0, HALF)])
+        point_hand(physics, _HELD[0], _BELOW_HAND, _AROUND)
+        assert _after(Stack(task), physics, 1) is stage
+    cost, physics = _holding()
+    place_boxes(physics, [(_HELD[0], _HELD[1] - 0.0105)])
+    assert _after(cost, physics, 1) is Stage.CARRY
+
+
 def test_a_box_is_carried_with_finer_variations() -> None:
     cost, physics = _holding()
     assert cost.noise_scale < 1.0
