@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.planner.control_law import ControlLaw
+from limberjack.planner.control_law import ControlLaw, joints_of_tendon
 
 from .planned import PLANNED
 
@@ -52,3 +52,21 @@ def test_a_servo_and_a_tendon_take_their_target_as_control() -> None:
     assert law.follows.tolist() == [False, True]
     controls = law.controls(np.array([0.5, 0.5]), np.array([0.1]), np.zeros(1))
     np.testing.assert_allclose(controls, [0.5, 0.8])
+
+
+def test_a_fixed_tendon_couples_its_joints_and_a_spatial_one_none() -> None:
+    model = mujoco.MjModel.from_xml_string("""
+      <mujoco>
+        <worldbody>
+          <site name="fixed"/>
+          <body><joint name="a"/><geom size="1"/><site name="moved" pos="1 0 0"/>
+            <body><joint name="b"/><geom size="1"/></body>
+          </body>
+        </worldbody>
+        <tendon>
+          <spatial><site site="fixed"/><site site="moved"/></spatial>
+          <fixed><joint joint="b" coef="0.5"/><joint joint="a" coef="-2"/></fixed>
+        </tendon>
+      </mujoco>""")
+    found = [joints_of_tendon(model, tendon) for tendon in range(2)]
+    assert found == [[], [(1, 0.5), (0, -2.0)]]

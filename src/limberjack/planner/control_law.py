@@ -14,12 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-__all__ = ["ControlLaw"]
-
-_ON_A_TENDON = mujoco.mjtTrn.mjTRN_TENDON.value
-_OF_JOINTS = mujoco.mjtWrap.mjWRAP_JOINT.value
-_ON_A_JOINT = mujoco.mjtTrn.mjTRN_JOINT.value
-_ONE_AXIS = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
+__all__ = ["ControlLaw", "joints_of_tendon"]
 
 
 class ControlLaw:
@@ -91,11 +86,17 @@ def _turned(state: np.ndarray, parts: np.ndarray, picked: np.ndarray | None) -> 
 def _joints_of(model: Any, actuator: int, tendons: bool) -> list[tuple[int, float]]:
     """The joints with one axis that an actuator turns, and their parts in its length."""
     kind, target = model.actuator_trntype[actuator], int(model.actuator_trnid[actuator, 0])
-    if kind == _ON_A_JOINT:
-        return [(target, 1.0)] if model.jnt_type[target] in _ONE_AXIS else []
-    if kind != _ON_A_TENDON or not tendons:
+    if kind == mujoco.mjtTrn.mjTRN_TENDON.value and tendons:
+        return joints_of_tendon(model, target)
+    one_axis = mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value
+    is_joint = kind == mujoco.mjtTrn.mjTRN_JOINT.value and model.jnt_type[target] in one_axis
+    return [(target, 1.0)] if is_joint else []
+
+
+def joints_of_tendon(model: Any, tendon: int) -> list[tuple[int, float]]:
+    """The joints that a fixed tendon couples, and their coefficients; none for a spatial tendon."""
+    first = model.tendon_adr[tendon]
+    wraps = slice(first, first + model.tendon_num[tendon])
+    if (model.wrap_type[wraps] != mujoco.mjtWrap.mjWRAP_JOINT.value).any():
         return []
-    wraps = range(model.tendon_adr[target], model.tendon_adr[target] + model.tendon_num[target])
-    if any(model.wrap_type[wrap] != _OF_JOINTS for wrap in wraps):
-        return []
-    return [(int(model.wrap_objid[wrap]), float(model.wrap_prm[wrap])) for wrap in wraps]
+    return list(zip(model.wrap_objid[wraps].tolist(), model.wrap_prm[wraps].tolist(), strict=True))

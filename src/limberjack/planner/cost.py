@@ -80,11 +80,7 @@ class Cost:
 
         A plan's cost is the mean over its control steps.
         """
-        weighted = iter(self.weighted_terms(physics).values())
-        total = next(weighted, np.zeros(()))
-        for term in weighted:
-            total = total + term
-        return total
+        return sum(self.weighted_terms(physics).values(), start=np.zeros(()))
 
     def weighted_terms(self, physics: Any) -> dict[str, np.ndarray]:
         """The terms times their weights, by name, (N,) each."""

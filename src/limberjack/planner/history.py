@@ -28,17 +28,10 @@ _Field = tuple[np.ndarray, bool]  # and whether each simulation has values of it
 _Key = tuple[str, str]  # what reads a field, and its name
 _Parts = tuple[slice, ...]  # of a row's columns
 _WHOLE: _Parts = (slice(None),)
-_NOTHING: _Parts = ()
-_CLOSE = 8  # columns; parts that are so near to each other are copied as one, sooner than as two
 
 
 class History:
-    """See the module's docstring.
-
-    Attributes:
-      num_envs: of the recorded batch: the simulations times the steps.
-      is_complete: whether all fields that were read since `begin` had been recorded.
-    """
+    """See the module's docstring."""
 
     def __init__(self, simulation: BatchSimulation, steps: int) -> None:
         """Creates a record of a batch; nothing is recorded yet."""
@@ -48,8 +41,8 @@ class History:
         self._parts: dict[_Key, _Parts] = {}  # of their rows that are kept
         # Those parts, here and in the batch, as (..., num_envs, columns), once they are recorded.
         self._live: list[tuple[np.ndarray, np.ndarray]] | None = None
-        self.is_complete = True
-        self.num_envs: int | None = steps * (simulation.num_envs or 1)
+        self.is_complete = True  # whether all fields read since `begin` had been recorded
+        self.num_envs: int | None = steps * (simulation.num_envs or 1)  # of the recorded batch
         self._seen: set[tuple[str, bytes]] = set()  # fields and columns that were read by names
         self.begin()
 
@@ -78,11 +71,7 @@ class History:
         return list(dict.fromkeys(n for read, n in self._kept if read != "model_field"))
 
     def record_all(self, values_of: Callable[[str, slice], np.ndarray]) -> None:
-        """Records all steps at once.
-
-        Args:
-          values_of: gives columns of a field of the data, (steps, num_envs, columns).
-        """
+        """Records all steps; `values_of` gives columns of a field, (steps, num_envs, columns)."""
         for key, kept in self._kept.items():
             if key[0] == "model_field":
                 kept[...] = self._now(key)
@@ -111,7 +100,7 @@ class History:
 
     def field_for_names(self, name: str) -> _Field:
         """As `data_field`; its `indexer` records what of it is read."""
-        return self._field(self._simulation.field_for_names, name, _NOTHING)
+        return self._field(self._simulation.field_for_names, name, ())
 
     def indexer(self, name: str, field: np.ndarray, axes: Axes, batch: bool) -> FieldIndexer:
         """The index of a field by names."""
@@ -119,12 +108,7 @@ class History:
         return _Recorded(self, self._simulation.indexer(name, live, axes, True), name, field, axes)
 
     def want(self, name: str, columns: np.ndarray) -> None:
-        """Adds columns of a field's rows to the record.
-
-        Args:
-          name: of a field of the data.
-          columns: their numbers.
-        """
+        """Adds columns of a field of the data to the record."""
         seen = name, columns.tobytes()
         self.is_complete &= seen in self._seen
         self._seen.add(seen)
@@ -198,7 +182,8 @@ def _parts_of(wanted: np.ndarray) -> _Parts:
     """The parts of a row in which columns are wanted, (columns,) booleans."""
     columns = np.flatnonzero(wanted)
     if not columns.size:
-        return _NOTHING
-    ends = np.flatnonzero(np.diff(columns) > _CLOSE)
+        return ()
+    # Parts that are nearer to each other are copied sooner as one than as two.
+    ends = np.flatnonzero(np.diff(columns) > 8)
     starts, stops = columns[np.append(0, ends + 1)], columns[np.append(ends, -1)] + 1
     return tuple(map(slice, starts.tolist(), stops.tolist()))

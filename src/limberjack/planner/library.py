@@ -13,8 +13,6 @@ from limberjack.planner.cost import Cost
 
 __all__ = ["cost_for", "sources_for"]
 
-_PLANNER = Path(__file__).parent
-
 
 def cost_for(task: object) -> Cost:
     """An instance of the cost that a task names in `planner_cost`.
@@ -52,6 +50,6 @@ def sources_for(task: object) -> list[Path]:
     Raises:
       ValueError: see `cost_for`.
     """
-    files = sorted(_PLANNER.rglob("*.py"))
+    files = sorted(Path(__file__).parent.rglob("*.py"))
     own = Path(inspect.getfile(type(cost_for(task)))).resolve()
     return files if own in [file.resolve() for file in files] else [*files, own]

@@ -39,22 +39,12 @@ from limberjack.utils.cores import usable_cores
 
 __all__ = ["Explanation", "Planner"]
 
-_GOOD_PART = 8  # one sample in so many is good
-_ROUNDING = 1e-6  # knots
-_PARTS = (1, 2, 4, 8)  # of the samples, one of which is taken within a time budget
-_STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
-
 
 class Explanation(NamedTuple):
-    """The best plan of a planning step.
+    """The best plan of a planning step."""
 
-    Attributes:
-      stage: the name of the cost's stage; empty if it has none.
-      terms: the cost's weighted terms by name, each the mean over the plan's steps.
-    """
-
-    stage: str
-    terms: dict[str, float]
+    stage: str  # name of the cost's stage; empty if it has none
+    terms: dict[str, float]  # the cost's weighted terms, each the mean over the plan's steps
 
 
 class _Simulated(NamedTuple):
@@ -111,7 +101,7 @@ class Planner:
         self._spacing = self._settings.spacing
         self._steps = max(1, round(self._settings.horizon / env.control_timestep()))
         samples = self._settings.samples
-        parts = _PARTS if max_ms is not None else _PARTS[:1]
+        parts = (1,) if max_ms is None else (1, 2, 4, 8)
         sizes = sorted({max(2, samples // part) for part in parts})
         self._budget = None if max_ms is None else Budget(max_ms, sizes)
         self._made, self._now, self._substeps = self._make_rollouts(sizes, threads)
@@ -150,7 +140,7 @@ class Planner:
         if not self._env.is_running:
             raise RuntimeError("no episode is running: call env.reset() before planner.act()")
         physics = self._env.physics
-        time, state = physics.time(), physics.get_state(_STATE)
+        time, state = physics.time(), physics.get_state(mujoco.mjtState.mjSTATE_INTEGRATION.value)
         if time <= self._time:
             if self._state is not None and np.array_equal(state, self._state):
                 return self._action.copy()
@@ -296,20 +286,19 @@ class Planner:
         if not self._settings.anchored:
             return targets_at(plan, knots + passed)
         self._cost.phase += passed
-        while self._cost.phase > 1.0 - _ROUNDING:
+        while self._cost.phase > 1.0 - 1e-6:  # sums of control steps round
             plan = np.concatenate([plan[1:], self._cost.continued(plan)[None]])
             self._cost.phase -= 1.0
         return plan
 
     def _costs(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
         """The cost of following each sample, (samples,); infinite where physics diverges."""
-        count, history = len(samples), self._made[self._size].history
-        diverged = self._simulate(saved, samples)
-        cost = self._judged(count)
-        while not history.is_complete:  # it read fields that are recorded from now on
+        while True:
             diverged = self._simulate(saved, samples)
-            cost = self._judged(count)
-        return np.where(diverged, np.inf, cost)
+            cost = self._judged(len(samples))
+            if self._made[self._size].history.is_complete:
+                return np.where(diverged, np.inf, cost)
+            # The cost read fields that are recorded from now on.
 
     def _simulate(self, saved: dict[str, np.ndarray], samples: np.ndarray) -> np.ndarray:
         """Follows each sample from the saved state; returns where physics diverges, (samples,)."""
@@ -380,8 +369,8 @@ def _weighted_mean(samples: np.ndarray, costs: np.ndarray, temperature: float) -
     best = costs.min()
     if not np.isfinite(best):
         return samples[0]
-    # Measured on the good ones only: bad proposals must not blur the differences between those.
-    rank = max(1, len(costs) // _GOOD_PART)
+    # Of the best eighth only: bad proposals must not blur the differences between good ones.
+    rank = max(1, len(costs) // 8)
     spread = np.partition(costs, rank)[rank] - best
     if not np.isfinite(spread) or spread <= 0:
         return samples[int(np.argmin(costs))]

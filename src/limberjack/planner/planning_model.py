@@ -9,14 +9,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.planner.control_law import joints_of_tendon
 from limberjack.planner.settings import Settings
 
 __all__ = ["enable_sleep", "planning_model_of"]
-
-_OF_TENDONS = mujoco.mjtEq.mjEQ_TENDON.value
-_OF_JOINTS = mujoco.mjtEq.mjEQ_JOINT.value
-_JOINT = mujoco.mjtWrap.mjWRAP_JOINT.value
-_ONE_AXIS = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
 
 
 def planning_model_of(physics: Any, settings: Settings) -> Any:
@@ -41,17 +37,16 @@ def enable_sleep(model: Any) -> None:
     Raises:
       ValueError: an equality of tendons couples anything else.
     """
-    for equality in np.flatnonzero(model.eq_type == _OF_TENDONS).tolist():
+    of_tendons = model.eq_type == mujoco.mjtEq.mjEQ_TENDON.value
+    for equality in np.flatnonzero(of_tendons).tolist():
         tendon = int(model.eq_obj1id[equality])
-        wraps = slice(model.tendon_adr[tendon], model.tendon_adr[tendon] + model.tendon_num[tendon])
-        joints, parts = model.wrap_objid[wraps], model.wrap_prm[wraps]
-        is_plain = len(joints) == 2 and model.eq_obj2id[equality] < 0
-        is_plain &= bool((model.wrap_type[wraps] == _JOINT).all())
-        if not is_plain or not np.isin(model.jnt_type[joints], _ONE_AXIS).all():
+        coupled = joints_of_tendon(model, tendon)
+        if len(coupled) != 2 or model.eq_obj2id[equality] >= 0:
             raise ValueError(
                 f"equality {equality} is one of tendons that do not just couple two joints: plan "
                 "without Settings(sleep=True)"
             )
+        joints, parts = map(list, zip(*coupled, strict=True))
         dofs = model.jnt_dofadr[joints]
         # MuJoCo estimates the stiffness of joints in another way: this corrects for it.
         estimates = (
@@ -60,7 +55,7 @@ def enable_sleep(model: Any) -> None:
         )
         stiff = model.eq_solimp[equality, :2]
         stiff[:] = stiff / (stiff + (1.0 - stiff) * estimates[0] / estimates[1])
-        model.eq_type[equality] = _OF_JOINTS
+        model.eq_type[equality] = mujoco.mjtEq.mjEQ_JOINT.value
         model.eq_objtype[equality] = mujoco.mjtObj.mjOBJ_JOINT.value
         model.eq_obj1id[equality], model.eq_obj2id[equality] = joints
         # The first joint is a polynomial of the second one, where the tendon's length is constant.

@@ -22,27 +22,18 @@ from limberjack.utils.arrays import any_of
 
 __all__ = ["Budget", "Rollouts", "state_of"]
 
-_TIME = mujoco.mjtState.mjSTATE_TIME.value
-_NOT_LOADED = ("before", "call")
-_NEW = 0.2  # weight of the latest planning step in the mean time of a sample
-
 
 class Rollouts:
-    """See the module's docstring.
-
-    Attributes:
-      physics: the batch, (samples, ...).
-      simulation: steps the batch.
-      single: a single simulation of the same model.
-    """
+    """See the module's docstring."""
 
     def __init__(
         self, physics: Any, samples: int, num_threads: int, own_fields: Sequence[str]
     ) -> None:
         """Makes as many simulations of a `Physics` as there are samples; see `replicate`."""
         replicas = physics.replicate(samples, num_threads, own_fields)
-        self.physics, self.single = replicas.physics, replicas.single
-        self.simulation = replicas.simulation
+        self.physics = replicas.physics  # the batch, (samples, ...)
+        self.simulation = replicas.simulation  # steps the batch
+        self.single = replicas.single  # a single simulation of the same model
 
     def load(self, saved: Mapping[str, np.ndarray]) -> None:
         """Sets all simulations to the one saved state.
@@ -92,7 +83,8 @@ class Rollouts:
           ValueError: a field cannot be recorded.
         """
         self.forget_divergence()
-        items = {name: _TIME if name == "time" else name for name in fields}
+        time_item = mujoco.mjtState.mjSTATE_TIME.value
+        items = {name: time_item if name == "time" else name for name in fields}
         given = {items[name]: array for name, array in (out or {}).items() if name in items}
         record = list(items.values())
         found = self.simulation.call_directly(
@@ -104,7 +96,7 @@ class Rollouts:
 def state_of(physics: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
     """The current state of a single simulation, and fields of its model, for `load`."""
     saved = physics.simulation.save(None, fields)
-    return {name: value for name, value in saved.items() if name not in _NOT_LOADED}
+    return {name: value for name, value in saved.items() if name not in ("before", "call")}
 
 
 class Budget:
@@ -146,4 +138,4 @@ class Budget:
         """Ends the planning step, of which `size` samples were simulated since `size()`."""
         latest = (time.perf_counter() - self._simulated) / size
         before = latest if self._per_sample is None else self._per_sample
-        self._per_sample = before + _NEW * (latest - before)
+        self._per_sample = before + 0.2 * (latest - before)  # a running mean

@@ -20,9 +20,6 @@ from limberjack.planner.spline import knot_weights
 
 __all__ = ["Servos"]
 
-_FIXED = mujoco.mjtGain.mjGAIN_FIXED.value
-_AFFINE = mujoco.mjtBias.mjBIAS_AFFINE.value
-_NO_DYNAMICS = mujoco.mjtDyn.mjDYN_NONE.value
 # Fields recorded of the state after a step; all others are of the state before it.
 _OF_THE_STATE = {
     *("act", "ctrl", "eq_active", "mocap_pos", "mocap_quat", "qacc_warmstart", "qfrc_applied"),
@@ -42,11 +39,9 @@ class Servos:
         self._follows = law.follows
         self._strength = np.where(law.follows, model.actuator_gainprm[:, 0], 1.0)
         self._records: dict[int, dict[str, np.ndarray]] = {}  # by number of plans
-        # Of the last plans, for which these were made; see `follow`.
-        self._weights, self._made_for = np.zeros((0, 0)), (0, 0, np.zeros(0))
         for motor in np.flatnonzero(law.follows).tolist():
-            is_fixed = model.actuator_gaintype[motor] == _FIXED
-            is_plain = is_fixed and model.actuator_dyntype[motor] == _NO_DYNAMICS
+            is_plain = model.actuator_gaintype[motor] == mujoco.mjtGain.mjGAIN_FIXED.value
+            is_plain &= model.actuator_dyntype[motor] == mujoco.mjtDyn.mjDYN_NONE.value
             moves = self._strength[motor] * model.actuator_gear[motor, 0] != 0
             if not is_plain or not moves:
                 raise ValueError(
@@ -63,7 +58,7 @@ class Servos:
             high = min(high, model.actuator_forcerange[motor, 1])
         gain, damping = law.gain[motor] * strength, law.damping[motor] * strength
         model.actuator_gainprm[motor, 0] = gain
-        model.actuator_biastype[motor] = _AFFINE
+        model.actuator_biastype[motor] = mujoco.mjtBias.mjBIAS_AFFINE.value
         # The length that a servo knows is the angle times the gear.
         model.actuator_biasprm[motor, :3] = 0.0, -gain / gear, -damping / gear
         model.actuator_ctrllimited[motor] = False
@@ -90,7 +85,9 @@ class Servos:
           interval: control steps.
         """
         steps = len(places)
-        controls = self._weights_at(places, substeps, plans.shape[1]) @ plans
+        # One more time step, after which what follows from the last state is known.
+        at = np.minimum(np.arange(steps * substeps + 1) // substeps, steps - 1)
+        controls = knot_weights(plans.shape[1], places[at]) @ plans
         first = ((steps - 1) % interval + 1) * substeps
         ends = slice(first, steps * substeps + 1, interval * substeps)
         starts = slice(first - 1, steps * substeps, interval * substeps)
@@ -117,13 +114,3 @@ class Servos:
 
         history.record_all(values_of)
         return diverged
-
-    def _weights_at(self, places: np.ndarray, substeps: int, knots: int) -> np.ndarray:
-        """Weights of the knots at each time step, (steps * substeps + 1, knots)."""
-        *sizes, before = self._made_for
-        if sizes != [substeps, knots] or not np.array_equal(places, before):
-            # One more time step, after which what follows from the last state is known.
-            at = np.minimum(np.arange(len(places) * substeps + 1) // substeps, len(places) - 1)
-            self._weights = knot_weights(knots, places[at])
-            self._made_for = substeps, knots, places
-        return self._weights

@@ -74,8 +74,7 @@ class Settings:
     sleep: bool = False
 
     def __post_init__(self) -> None:
-        fewest = 3 if self.anchored else 2
-        at_least = {"samples": 2, "knots": fewest}
+        at_least = {"samples": 2, "knots": 3 if self.anchored else 2}
         at_least |= dict.fromkeys(("interval", "proposal_interval", "cost_interval"), 1)
         for name, least in at_least.items():
             value = getattr(self, name)

@@ -19,12 +19,7 @@ def targets_at(knots: np.ndarray, places: float | np.ndarray) -> np.ndarray:
       places: one or an array of them; beyond the last knot its value holds.
     """
     last = knots.shape[-2] - 1
-    if isinstance(places, float):
-        place = min(max(places, 0.0), float(last))
-        left = min(int(place), last - 1)
-        part = place - left
-        return (1.0 - part) * knots[..., left, :] + part * knots[..., left + 1, :]
-    places = np.minimum(np.maximum(places, 0.0), float(last))
+    places = np.minimum(np.maximum(np.asarray(places, float), 0.0), float(last))
     left = np.minimum(places.astype(int), last - 1)
     part = (places - left).reshape(places.shape + (1,) * (knots.ndim - 1))
     by_knot = np.moveaxis(knots, -2, 0)

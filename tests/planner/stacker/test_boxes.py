@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from limberjack import suite
 from limberjack.planner.stacker.boxes import HALF, crest, lies_too_low, turned
+
+from .scenes import TOP, place_boxes, scene
 
 _TOWER = np.array([[[0.0, HALF], [0.0, 3 * HALF]]])  # of two boxes
 _ROUNDING = 1e-12  # of sums of a box's half, and of sines and cosines
@@ -23,26 +24,16 @@ def test_a_box_must_be_high_near_a_tower_and_off_the_floor_elsewhere() -> None:
 
 
 def test_turned_tells_a_box_on_its_edge_from_one_on_any_side() -> None:
-    env = suite.load("stacker", "stack_2", {"random": 1})
-    env.reset()
-    physics = env.physics
+    _, physics = scene([(0.1, HALF), (0.2, HALF)])
     found = []
     for angle in (0.0, np.pi / 2, np.pi / 4):
-        physics.named.data.qpos["box0_y"] = angle
-        physics.forward()
+        place_boxes(physics, [(0.1, HALF)], angle)
         found.append(float(turned(physics.named.data, "box0")))
     np.testing.assert_allclose(found, [0.0, 0.0, 0.25], rtol=0, atol=_ROUNDING)
 
 
 def test_the_crest_is_that_of_the_boxes_in_between() -> None:
-    env = suite.load("stacker", "stack_2", {"random": 1})
-    env.reset()
-    physics = env.physics
-    for box, x, z in (("box0", 0.1, HALF), ("box1", 0.1, 3 * HALF)):
-        physics.named.data.qpos[f"{box}_x"] = x
-        physics.named.data.qpos[f"{box}_z"] = z
-    physics.forward()
-    data = physics.named.data
+    data = scene([(0.1, HALF), (0.1, TOP)])[1].named.data
     assert crest(data, ["box0", "box1"], 0.0, 0.3) == pytest.approx(4 * HALF, rel=0, abs=_ROUNDING)
     assert crest(data, ["box0"], 0.0, 0.3) == pytest.approx(2 * HALF, rel=0, abs=_ROUNDING)
     assert crest(data, ["box0", "box1"], -0.3, 0.0) == 0.0

@@ -11,23 +11,19 @@ import numpy as np
 
 __all__ = ["Gait"]
 
-_KEPT = 60  # control steps
-_OTHER = {"left": "right", "right": "left"}
-
-# Joints whose angles change their sign when left and right are exchanged.
-_ASIDE = ("abdomen_z", "abdomen_x", "ankle_x", "shoulder1", "shoulder2")
-
 
 class Gait:
     """Targets that a humanoid followed in the last control steps."""
 
     def __init__(self, names: list[str]) -> None:
         """Takes the actuators' names; a side's begin with `left_` or `right_`."""
-        self._sources = []
-        for name in names:
-            side, _, joint = name.partition("_")
-            self._sources.append(names.index(f"{_OTHER[side]}_{joint}" if side in _OTHER else name))
-        self._signs = np.array([-1.0 if name.endswith(_ASIDE) else 1.0 for name in names])
+        opposite = {"left": "right", "right": "left"}
+        parts = [name.partition("_") for name in names]
+        mirrored = [opposite.get(side, side) + rest + joint for side, rest, joint in parts]
+        self._sources = [names.index(name) for name in mirrored]
+        # Angles of these joints change their sign when left and right are exchanged.
+        aside = ("abdomen_z", "abdomen_x", "ankle_x", "shoulder1", "shoulder2")
+        self._signs = np.array([-1.0 if name.endswith(aside) else 1.0 for name in names])
         self._targets: list[np.ndarray] = []
 
     def __len__(self) -> int:
@@ -37,7 +33,7 @@ class Gait:
     def add(self, targets: np.ndarray) -> None:
         """Stores the targets of a control step, (nu,)."""
         self._targets.append(targets)
-        del self._targets[:-_KEPT]
+        del self._targets[:-60]  # more than two steps
 
     def mirrored(self, targets: np.ndarray) -> np.ndarray:
         """The same with left and right exchanged, (..., nu)."""

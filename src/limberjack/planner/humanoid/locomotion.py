@@ -24,27 +24,13 @@ from limberjack.utils import arrays
 
 __all__ = ["Locomotion", "Stage", "actuators"]
 
-_FEET = ["left_foot", "right_foot"]
-_HEAD_HEIGHT = 1.55  # metres; a little above the height that is fully rewarded
 _FALLING = 0.3  # seconds; time constant of an inverted pendulum as high as the hips
 _CONTROL_STEP = 0.025  # seconds; the task's
-_WALKING = 2.0  # metres per second; tasks up to this speed are walked, faster ones run
 _STEP = 14  # control steps from one foot's strike to the other's: 0.35 s, as a human runs
-_REPEATS = 12  # repetitions of the gait that are proposed
-_QUICKER, _LARGER = (0.95, 1.1), (0.95, 1.2)  # factors of their rates and of their amplitudes
 
 # To stand, few wide samples do. Moving takes many samples, and a damped control law: without it,
 # light limbs oscillate at the rate of control, which costs effort.
-_STAND = Settings(
-    samples=64,
-    horizon=0.6,
-    knots=4,
-    interval=1,
-    timestep=0.0125,
-    gain=2.5,
-    noise=0.5,
-    finest=0.1,
-)
+_STAND = Settings(samples=64, horizon=0.6, knots=4, timestep=0.0125, gain=2.5, finest=0.1)
 _WALK = dataclasses.replace(
     _STAND, samples=96, horizon=0.5, knots=6, gain=3.0, damping=0.03, noise=0.8
 )
@@ -56,26 +42,19 @@ _RUN = dataclasses.replace(
 
 @dataclasses.dataclass(frozen=True)
 class _Pace:
-    """Target speed and how much it counts.
-
-    Attributes:
-      settings: the planner's.
-      aim: metres per second; 0 to stand.
-      haste: cost of the whole lack of speed.
-      fall: cost of the square of a metre's imbalance, besides half a metre's.
-    """
+    """Target speed and how much it counts."""
 
     settings: Settings
-    aim: float
-    haste: float = 1.0
-    fall: float = 0.0
+    aim: float  # metres per second; 0 to stand
+    haste: float = 1.0  # cost of the whole lack of speed
+    fall: float = 0.0  # cost of the square of a metre's imbalance, besides half a metre's
 
     @classmethod
     def of(cls, speed: float) -> "_Pace":
         """The pace for a task's speed, metres per second."""
         if not speed:
             return cls(_STAND, 0.0)
-        if speed <= _WALKING:
+        if speed <= 2.0:
             return cls(_WALK, 1.2 * speed)  # the speed must hold throughout a stride
         # A faster body gains little, and falls; a tenth of a metre of imbalance is normal.
         return cls(_RUN, 4.0, haste=6.0, fall=5.0)
@@ -139,7 +118,8 @@ class Locomotion(Cost):
         height = physics.head_height()
         is_up = np.clip((height - 0.9) / 0.4, 0.0, 1.0)
         return {
-            "height": np.maximum(_HEAD_HEIGHT - height, 0.0),
+            # A little above the height that is fully rewarded, metres.
+            "height": np.maximum(1.55 - height, 0.0),
             "tilt": is_up * (1.0 - physics.torso_upright()),
             "effort": (physics.control() ** 2).mean(axis=-1),
             "motion": self._motion(physics, is_up),
@@ -181,10 +161,10 @@ class Locomotion(Cost):
         times = self._per_knot * (np.arange(self.settings.knots) - self.phase)
         middle = self._gait.middle(_STEP)
         found = [self._gait.repeated(times, _STEP)]
-        for _ in range(_REPEATS - 1):
+        for _ in range(11):  # a little quicker and larger
             step = _STEP + int(random.integers(-1, 2))
-            again = self._gait.repeated(times * random.uniform(*_QUICKER), step)
-            found.append(middle + random.uniform(*_LARGER) * (again - middle))
+            again = self._gait.repeated(times * random.uniform(0.95, 1.1), step)
+            found.append(middle + random.uniform(0.95, 1.2) * (again - middle))
         return np.array(found)
 
     def followed(self, targets: np.ndarray) -> None:
@@ -206,7 +186,7 @@ def actuators(physics: Any) -> list[str]:
 
 def _imbalance(physics: Any, velocity: np.ndarray) -> np.ndarray:
     """From the middle of the feet to the capture point, (N, 2), metres."""
-    left, right = (physics.named.data.xpos[foot] for foot in _FEET)
+    left, right = (physics.named.data.xpos[foot] for foot in ("left_foot", "right_foot"))
     feet = (left[..., :2] + right[..., :2]) / 2
     centre = physics.center_of_mass_position()
     return centre[..., :2] + _FALLING * velocity[..., :2] - feet

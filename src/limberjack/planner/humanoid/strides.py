@@ -12,12 +12,6 @@ from limberjack.planner.settings import Settings
 
 __all__ = ["postures", "strides"]
 
-_STRIDES = 24
-_PERIODS = (0.45, 0.6, 0.75)  # seconds for two steps
-_LENGTHS = (0.4, 1.2)  # parts of the full stride
-_LEANS = (-0.3, 0.1)  # radians added to both hips; negative brings the legs forward
-_DRAWN = 4  # random postures
-
 # Angles in radians of the joints of both sides; others are 0.
 _POSTURES: list[dict[str, float]] = [
     {},
@@ -33,18 +27,19 @@ def postures(names: list[str], knots: int, random: np.random.Generator) -> np.nd
     """Plans that hold a posture, known ones and random ones, (n, knots, nu)."""
     joints = [name.removeprefix("left_").removeprefix("right_") for name in names]
     known = [[posture.get(joint, 0.0) for joint in joints] for posture in _POSTURES]
-    drawn = random.uniform(-1.0, 1.0, (_DRAWN, len(names)))
+    drawn = random.uniform(-1.0, 1.0, (4, len(names)))
     return np.repeat(np.concatenate([known, drawn])[:, None], knots, axis=1)
 
 
 def strides(names: list[str], settings: Settings, random: np.random.Generator) -> np.ndarray:
     """Plans of steady strides at all phases, (n, knots, nu); arms and trunk are at 0."""
-    phases = 2 * np.pi * (np.arange(_STRIDES) + random.uniform(0.0, 1.0, _STRIDES)) / _STRIDES
-    rates = 2 * np.pi / random.choice(_PERIODS, _STRIDES)
-    length = random.uniform(*_LENGTHS, _STRIDES)[:, None]
-    lean = random.uniform(*_LEANS, _STRIDES)[:, None]
+    count = 24
+    phases = 2 * np.pi * (np.arange(count) + random.uniform(0.0, 1.0, count)) / count
+    rates = 2 * np.pi / random.choice((0.45, 0.6, 0.75), count)  # seconds for two steps
+    length = random.uniform(0.4, 1.2, count)[:, None]  # parts of the full stride
+    lean = random.uniform(-0.3, 0.1, count)[:, None]  # radians of both hips; forwards below 0
     times = np.linspace(0.0, settings.spacing * (settings.knots - 1), settings.knots)
-    plans = np.zeros((_STRIDES, settings.knots, len(names)))
+    plans = np.zeros((count, settings.knots, len(names)))
     for side, lag in (("left", 0.0), ("right", np.pi)):
         # At 0 the leg is foremost; it goes back on the ground, and forward again from pi on.
         phase = phases[:, None] + rates[:, None] * times + lag

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from limberjack.planner.arm.hand import ARM, OPEN, PLANE, TIP_ASIDE, TIP_REACH
 from limberjack.planner.arm.kinematics import (
     GRASP,
-    angle_of,
     direction,
     hand_places,
     hand_poses_each,
@@ -22,16 +21,9 @@ from limberjack.planner.arm.kinematics import (
 )
 from limberjack.planner.arm.proposals import plans_along
 from limberjack.planner.settings import Settings
+from limberjack.planner.stacker.boxes import DOWN
 
 __all__ = ["later", "leaving", "plans_over", "turning_over"]
-
-_SPEEDS = (0.4, 0.8, 1.5)  # metres per second, at which a path is tried
-_AT_ONCE = 0.03  # metres; a path back or up that is shorter is no leg of its own
-_STRAIGHT = 0.25  # seconds that a straight joint path takes
-# Metres sideways and up from a box's middle; a fingertip presses on its far half there and drags.
-_OVER_A_BOX = (0.01, 0.05), (0.01, 0.02), (0.05, 0.01), (0.1, 0.0)
-_PUSH = 0.125  # seconds from one of these points to the next
-_OPENING = 0.125  # seconds, in which a hand opens far enough to go
 
 
 def plans_over(
@@ -55,7 +47,7 @@ def plans_over(
       grasp: its control along the path and at the end, (2,) or, for each plan, (P, 2).
       back: distance to back off first, along the hand, metres.
     """
-    slow = round(_STRAIGHT / settings.spacing)
+    slow = round(0.25 / settings.spacing)  # seconds of a straight joint path, in knots
     grasp = np.broadcast_to(grasp, (len(poses), 2))
     straight = plans_along(now, poses[:, None], settings.knots, [OPEN], slow)
     straight[..., 4] = np.where(np.arange(settings.knots) <= slow, grasp[:, :1], grasp[:, 1:])
@@ -64,12 +56,11 @@ def plans_over(
     strides = np.hypot(steps[..., 0], steps[..., 1])
     ends = np.cumsum(strides, axis=1)[..., None, None]
     up, total = ends[:, 0], ends[:, -1]
-    times = settings.horizon / (settings.knots - 1) * np.arange(settings.knots)
-    gone = np.repeat((np.array(_SPEEDS)[:, None] * times)[None], len(poses), axis=0)
-    # A path back or up is a leg of its own, at whose end a knot stops.
-    late = np.maximum(gone[..., 1:2] - up, 0.0)
-    gone[..., 1:] -= np.where(up > _AT_ONCE, late, 0.0)
-    gone = np.minimum(gone, total)
+    times = settings.spacing * np.arange(settings.knots)
+    gone = np.multiply.outer([0.4, 0.8, 1.5], times)  # metres, at three speeds
+    # A path back or up of more than 30 mm is a leg of its own, at whose end a knot stops.
+    late = np.where(up > 0.03, np.maximum(gone[:, 1:2] - up, 0.0), 0.0)
+    gone = np.minimum(gone - late * (times > 0.0), total)
     points = _along(waypoints, strides, gone)
     parts = np.clip((gone - up) / np.maximum(total - up, 1e-6), 0.0, 1.0)
     joints = joints_along(now, poses[:, None], points, parts, forward, lateral)
@@ -79,12 +70,7 @@ def plans_over(
 
 
 def _waypoints(
-    now: np.ndarray,
-    poses: np.ndarray,
-    cruise: float,
-    forward: float,
-    lateral: float,
-    back: float,
+    now: np.ndarray, poses: np.ndarray, cruise: float, forward: float, lateral: float, back: float
 ) -> np.ndarray:
     """Positions of the moved point: start, up, over the end, end, (P, 4, 2), metres."""
     start, *ends = hand_places(np.concatenate([now[None], poses]), forward, lateral)
@@ -112,7 +98,7 @@ def _along(waypoints: np.ndarray, strides: np.ndarray, gone: np.ndarray) -> np.n
 
 def later(settings: Settings, plans: np.ndarray) -> np.ndarray:
     """The same plans (n, knots, 5) a little later, after the hand has opened."""
-    knots = round(_OPENING / settings.spacing)
+    knots = round(0.125 / settings.spacing)  # seconds, in knots
     delayed = np.concatenate([np.repeat(plans[:, :1], knots, axis=1), plans[:, :-knots]], axis=1)
     delayed[:, :knots, -1] = OPEN
     return delayed
@@ -129,26 +115,15 @@ def leaving(settings: Settings, data: Any, random: np.random.Generator) -> np.nd
 
 
 def turning_over(
-    settings: Settings,
-    now: np.ndarray,
-    box: np.ndarray,
-    side: float,
-    random: np.random.Generator,
+    settings: Settings, now: np.ndarray, box: np.ndarray, side: float, random: np.random.Generator
 ) -> np.ndarray:
-    """Plans of a fingertip that turns a box over, (n, knots, 5).
-
-    Args:
-      settings: the planner's.
-      now: the arm's joints at the start, (4,).
-      box: x and z of its middle, (2,).
-      side: the side to which it turns, 1 or -1.
-      random: draws the poses.
-    """
-    points = box + np.array(_OVER_A_BOX) * [side, 1.0]
-    down, slow = angle_of(np.array([0.0, -1.0])), round(_PUSH / settings.spacing)
+    """Plans of a fingertip that turns a box at x and z over to a side, 1 or -1, (n, knots, 5)."""
+    # Metres sideways and up from the middle; the fingertip presses on the far half and drags.
+    points = box + np.array([[0.01, 0.05], [0.01, 0.02], [0.05, 0.01], [0.1, 0.0]]) * [side, 1.0]
+    slow = round(0.125 / settings.spacing)  # seconds from one point to the next, in knots
     plans: list[np.ndarray] = []
     sides = np.array([-TIP_ASIDE, TIP_ASIDE])  # a tower leaves room for one of the fingers
-    press = points[[0, 0]], TIP_REACH, now, 3, down, 0.4, sides
+    press = points[[0, 0]], TIP_REACH, now, 3, DOWN, 0.4, sides
     for aside, poses in zip(sides.tolist(), hand_poses_each(random, *press), strict=True):
         joints = joints_along(poses, poses, points, np.zeros(4), TIP_REACH, aside)
         joints = joints[np.isfinite(joints).all(axis=(-2, -1))]

@@ -1,6 +1,6 @@
 """`Moves`: plans that fetch the next box of a tower, and carry it to its place.
 
-plans = Moves(settings, boxes, tower, data).reaching(random)  # (n, knots, 5)
+plans = Moves(settings, tower, data).reaching(random)  # (n, knots, 5)
 """
 
 from typing import Any
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from limberjack.planner.arm.hand import ARM, CLOSED, OPEN, PLANE, closing, in_hand
-from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_poses_each
+from limberjack.planner.arm.kinematics import GRASP, hand_poses_each
 from limberjack.planner.settings import Settings
 from limberjack.planner.stacker.box_grip import HIGH, PRESS, ready
-from limberjack.planner.stacker.boxes import HALF, PASSES, crest
+from limberjack.planner.stacker.boxes import DOWN, HALF, PASSES, crest
 from limberjack.planner.stacker.lifted import later, plans_over, turning_over
 from limberjack.planner.stacker.tower import FREE, FROM_WALL, Tower
 
@@ -20,41 +20,32 @@ __all__ = ["FREE_OF_TOWER", "OVER", "UNDER_HAND", "Moves"]
 FREE_OF_TOWER = 0.08  # metres from a box to a tower, so that the hand fits between
 UNDER_HAND = 0.045  # metres that the open fingers need below the grasp
 OVER = 0.03  # metres above its place at which a box is carried to it
-_THERE = 0.02  # metres; a hand that is nearer to its place may close
-_AT_WALL = 0.33  # metres; further out than this the hand does not reach the floor pointing down
-_BEFORE = 0.13  # metres before a tower's middle, where a carried box has risen
-_APART = 0.02  # metres further away it goes there first
-_RAISED = 0.06  # metres; at least so high, off the floor
-_DOWN = np.array([0.0, -1.0])
 
 
 class Moves:
     """Plans for the boxes of a single simulation in its current state."""
 
-    def __init__(self, settings: Settings, boxes: list[str], tower: Tower, data: Any) -> None:
-        """Takes the planner's settings, all boxes' names, the tower and the simulation's data."""
-        self._settings, self._boxes, self._tower, self._data = settings, boxes, tower, data
+    def __init__(self, settings: Settings, tower: Tower, data: Any) -> None:
+        """Takes the planner's settings, the tower and the simulation's data."""
+        self._settings, self._tower, self._data = settings, tower, data
         self._now = data.qpos[ARM]
-
-    def _offsets(self, point: np.ndarray) -> list[np.ndarray]:
-        """Offsets of the boxes beside the next one from a point, (3,) each."""
-        others = (name for name in self._boxes if name != self._tower.next)
-        return [self._data.site_xpos[name] - point for name in others]
 
     def reaching(self, random: np.random.Generator) -> np.ndarray:
         """Plans from above onto the next box, closing there."""
         data, now = self._data, self._now
         box = data.site_xpos[self._tower.next][PLANE]
         hand = data.site_xpos["grasp"][PLANE]
-        highest = crest(data, self._boxes, float(hand[0]), float(box[0]))
-        others = self._offsets(data.site_xpos["pinch"])
-        back = 0.07 if any(np.hypot(*o[PLANE]) < 2.0 * HALF for o in others) else 0.0
-        is_there = np.hypot(*(box - HIGH * _DOWN - hand)) < _THERE
+        boxes = [*self._tower.others, str(self._tower.next)]
+        highest = crest(data, boxes, float(hand[0]), float(box[0]))
+        between = data.site_xpos[self._tower.others] - data.site_xpos["pinch"]
+        back = 0.07 if any(np.hypot(*o[PLANE]) < 2.0 * HALF for o in between) else 0.0
+        points = box + np.array([[0.0, HIGH], [0.0, HIGH], [0.0, 0.09]])
+        is_there = np.hypot(*(points[0] - hand)) < 0.02  # metres
         hold = ready(float(closing(data)))
         grasp = [CLOSED if is_there else hold, CLOSED]
-        points = box - np.array([[HIGH], [HIGH], [0.09]]) * _DOWN
-        tilts = np.array([0.1, 0.8 if abs(box[0]) > _AT_WALL else 0.4, 0.4])
-        found = hand_poses_each(random, points, GRASP, now, 2, angle_of(_DOWN), tilts)
+        # Further out than 0.33 m a hand that points down does not reach the floor.
+        tilts = np.array([0.1, 0.8 if abs(box[0]) > 0.33 else 0.4, 0.4])
+        found = hand_poses_each(random, points, GRASP, now, 2, DOWN, tilts)
         grasps = np.repeat([grasp, grasp, [hold, hold]], [len(poses) for poses in found], axis=0)
         over = highest + UNDER_HAND, GRASP, 0.0
         plans = [plans_over(self._settings, now, np.concatenate(found), *over, grasps, back)]
@@ -66,7 +57,7 @@ class Moves:
         """Plans of a fingertip that turns the next box away from one that fingers cannot pass."""
         box = self._data.site_xpos[self._tower.next]
         free = FREE_OF_TOWER if len(self._tower.placed) > 1 else FREE
-        others = self._offsets(box)
+        others = self._data.site_xpos[self._tower.others] - box
         near_by = [float(o[0]) for o in others if abs(o[2]) < HALF and abs(o[0]) < free]
         if abs(box[0]) > FROM_WALL:
             near_by.append(float(box[0]))
@@ -77,8 +68,7 @@ class Moves:
 
     def _height(self, start: float, end: float) -> float:
         """Height at which the next box passes others between two places, metres; 0 if none."""
-        others = [box for box in self._boxes if box != self._tower.next]
-        highest = crest(self._data, others, start, end)
+        highest = crest(self._data, self._tower.others, start, end)
         return highest + PASSES if highest else 0.0
 
     def carrying(self, random: np.random.Generator) -> np.ndarray:
@@ -91,12 +81,11 @@ class Moves:
         forward = GRASP + ahead
         start, end = float(data.site_xpos[name][0]), float(place[0])
         cruise = max(self._height(start, end), float(place[2]) + OVER)
-        stop = np.array([end + np.copysign(_BEFORE, start - end), cruise])
-        far = abs(start - end) > _BEFORE + _APART
-        if far:
-            cruise = min(cruise, max(self._height(start, float(stop[0])), _RAISED))
-        above = place[PLANE] - np.array([[0.0], [0.0], [OVER]]) * _DOWN
-        goals = np.repeat(stop[None], 3, axis=0) if far else above
+        goals = place[PLANE] + np.array([[0.0, 0.0], [0.0, 0.0], [0.0, OVER]])
+        far = abs(start - end) > 0.15  # metres
+        if far:  # first to where the box has risen, 0.13 m before the tower's middle
+            goals[:] = end + np.copysign(0.13, start - end), cruise
+            cruise = min(cruise, max(self._height(start, float(goals[0, 0])), 0.06))  # metres
         tilts = np.array([0.05, 0.4, 0.4])
         found = hand_poses_each(random, goals, forward, now, 2, flat, tilts, aside)
         found[2] = found[2][:1]

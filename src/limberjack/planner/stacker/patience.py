@@ -14,18 +14,12 @@ import numpy as np
 
 from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.arm.hand import ARM, OPEN
-from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_poses
+from limberjack.planner.arm.kinematics import GRASP, hand_poses
 from limberjack.planner.arm.proposals import plans_along
 from limberjack.planner.settings import Settings
+from limberjack.planner.stacker.boxes import DOWN
 
 __all__ = ["Patience", "plans_to", "refuge", "shelter"]
-
-_REFUGE = 0.25, 0.25  # metres; where the hand is out of the way and the arm not folded
-_SHELTER = -0.03, 0.18  # metres; where the hand waits until boxes have fallen
-_SHELTERS = 48  # poses there that are compared
-_FALL_FROM = 0.06  # metres; further right than this boxes may fall onto the arm
-_SHAKE = 1.5  # radians; by how much joints turn to get rid of what lies on the arm
-_SHAKES = 20  # that are tried
 
 
 class Patience:
@@ -56,31 +50,32 @@ class Patience:
 def refuge(data: Any, place: np.ndarray, tries: int) -> np.ndarray:
     """Joints of the arm, (4,), with the hand above a place; other ones at each try."""
     random = np.random.default_rng(tries)
-    point = np.array([np.copysign(_REFUGE[0], place[0]), _REFUGE[1]])
-    down = angle_of(np.array([0.0, -1.0]))
-    now = data.qpos[ARM]
-    poses = hand_poses(random, point, GRASP, now, 24, down, 0.7)
-    if not len(poses):
-        return now.copy()
+    # Metres; there the hand is out of the way, and the arm not folded.
+    poses = _pointing_down(data, random, [np.copysign(0.25, place[0]), 0.25], 24)
     return poses[random.integers(len(poses))]
 
 
 def shelter(data: Any) -> np.ndarray:
     """Joints of the arm, (4,), with as little of it as can be below where boxes fall."""
-    now = data.qpos[ARM]
-    down = angle_of(np.array([0.0, -1.0]))
-    few = np.random.default_rng(0)
-    poses = hand_poses(few, np.array(_SHELTER), GRASP, now, _SHELTERS, down, 0.7)
-    if not len(poses):
-        return now.copy()
+    poses = _pointing_down(data, np.random.default_rng(0), [-0.03, 0.18], 48)
     corners = -np.cumsum(np.sin(np.cumsum(poses[:, :3], axis=-1)) * GEOMETRY.lengths, axis=-1)  # x
-    return poses[int(np.argmin(np.maximum(corners - _FALL_FROM, 0.0).max(axis=-1)))]
+    # Boxes fall further right than 60 mm.
+    return poses[int(np.argmin(np.maximum(corners - 0.06, 0.0).max(axis=-1)))]
+
+
+def _pointing_down(
+    data: Any, random: np.random.Generator, place: list[float], count: int
+) -> np.ndarray:
+    """Joints with the hand at x and z, about downwards, (n, 4); the present ones if none reach."""
+    now = data.qpos[ARM]
+    poses = hand_poses(random, np.array(place), GRASP, now, count, DOWN, 0.7)
+    return poses if len(poses) else now[None].copy()
 
 
 def plans_to(
     goal: np.ndarray, settings: Settings, now: np.ndarray, random: np.random.Generator
 ) -> np.ndarray:
     """Paths of the open hand to joints, and others that shake the arm, (n, knots, 5)."""
-    others = now + random.uniform(-_SHAKE, _SHAKE, (_SHAKES, 1, 4))
+    others = now + random.uniform(-1.5, 1.5, (20, 1, 4))
     ways = [plans_along(now, [[goal]], settings.knots, [OPEN], slow) for slow in (1, 2, 4)]
     return np.concatenate([*ways, plans_along(now, others, settings.knots, [OPEN])])

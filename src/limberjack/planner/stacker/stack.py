@@ -34,18 +34,8 @@ from limberjack.utils import arrays
 
 __all__ = ["Stack", "Stage"]
 
-_LOOSE = 10.0  # cost of a box that is not held, more than of any that is
 _HAS, _LOST = 0.7, 0.3  # of how well a box is held, to have it and to keep it
-_LEANS = 0.08  # of `turned`: 17 degrees
-_DROP = 0.008  # metres above its place at which a box may be let go
-_NARROW = 0.3  # noise scale of plans that carry a box: a large one jerks it
 _LYING = 0.03  # metres; a box higher than this does not lie on the floor
-_LEANING = 0.06  # metres; one higher than this that is not flat leans on the arm
-_FALLEN = 0.4  # seconds until boxes have fallen that start high above the floor
-_AWAY = 0.12  # metres from the target at which the hand is rewarded
-_PATIENCE = 20  # planning steps, 0.6 s
-_NEARER = 0.9  # factor of a distance; a smaller change is no progress
-_BACKING = 12  # planning steps for which the hand retreats
 _CAUGHT = 14  # planning steps; a box that is aloft for longer lies on the arm
 
 
@@ -91,7 +81,7 @@ class Stack(Cost):
         self._boxes: list[str] = task.boxes
         if len(self._boxes) > 2:  # each takes time
             self.settings = dataclasses.replace(self.settings, samples=32)
-        self._patience = Patience(_PATIENCE, _NEARER)
+        self._patience = Patience(plannings=20, part=0.9)  # 0.6 s
         self.reset()
 
     def reset(self) -> None:
@@ -113,15 +103,12 @@ class Stack(Cost):
         (Stage.FETCH, lambda self: True),
     )
 
-    @property
-    def _stage(self) -> Stage:
-        return next(stage for stage, is_due in self._TRANSITIONS if is_due(self))
-
     def stage(self) -> Any:
         """The stage, the next box, the tower's height, and the reasons for other stages."""
         tower = self._tower
+        stage = next(stage for stage, is_due in self._TRANSITIONS if is_due(self))
         reasons = self._firm, self._falling, self._backing > 0, self._caught > _CAUGHT
-        return self._stage, tower.next, len(tower.placed), reasons
+        return stage, tower.next, len(tower.placed), reasons
 
     def update(self, physics: Any) -> None:
         """Decides which boxes stand, which one is next, where it goes, and the stage."""
@@ -129,19 +116,20 @@ class Stack(Cost):
         before = tower.next
         tower.update(data, before is not None and self._held(data) > _LOST)
         self._backing = max(self._backing - 1, 0)
-        if tower.next != before or tower.next is None:
-            self._firm = False
-            self.noise_scale = 1.0
+        self._firm = self._firm and tower.next == before
+        self.noise_scale = 1.0
         if tower.next is None:
             self._backing = self._caught = 0
-            self._falling = False
+            self._firm = self._falling = False
             self._patience.reset()
             return
         self._firm = self._held(data) > (_LOST if self._firm else _HAS)
-        self.noise_scale = _NARROW if self._firm else 1.0
+        if self._firm:
+            self.noise_scale = 0.3  # a large one jerks the box
         loose = tower.waiting if self._firm else [*tower.waiting, tower.next]
         self._caught = self._caught + 1 if self._is_caught(data, loose) else 0
-        falling = physics.time() < _FALLEN and bool((data.site_xpos[loose][:, 2] > ALOFT).any())
+        is_early = physics.time() < 0.4  # seconds, in which boxes fall from their starts
+        falling = is_early and bool((data.site_xpos[loose][:, 2] > ALOFT).any())
         if falling and not self._falling:
             self._refuge = shelter(data)
         self._falling = falling
@@ -154,19 +142,16 @@ class Stack(Cost):
         box, hand = data.site_xpos[tower.next], data.site_xpos["grasp"]
         lack = float(np.hypot(*(box - (tower.place if self._firm else hand))[PLANE]))
         if self._patience.is_out((tower.next, self._firm, len(tower.placed)), lack):
-            tower.shunned, self._backing = tower.next, _BACKING
+            tower.shunned, self._backing = tower.next, 12
             self._refuge = refuge(data, box, self._tries)
             self._tries += 1
 
     def _is_caught(self, data: Any, loose: list[str]) -> bool:
-        """Whether a box lies on the arm."""
-        for box in loose:
-            place = data.site_xpos[box]
-            beside = abs(float(place[0] - self._tower.place[0]))
-            leans = place[2] > _LEANING and turned(data, box) > FLAT
-            if (leans or place[2] > ALOFT) and beside > FREE:
-                return True
-        return False
+        """Whether a box beside the tower is aloft, or leans on the arm."""
+        places = data.site_xpos[loose]
+        leans = (places[:, 2] > 0.06) & (turned(data, loose) > FLAT)  # metres; not on the floor
+        beside = np.abs(places[:, 0] - self._tower.place[0]) > FREE
+        return bool(((leans | (places[:, 2] > ALOFT)) & beside).any())
 
     def _held(self, data: Any) -> float:
         """Quality of the hand's hold on the next box now, 0 to 1."""
@@ -174,24 +159,23 @@ class Stack(Cost):
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
         """The missing reward and tower, and the terms of the stage."""
-        data, tower, stage = physics.named.data, self._tower, self._stage
+        data, tower, stage = physics.named.data, self._tower, self.stage()[0]
         others = data.site_xpos[tower.others][..., ::2]  # x and z
-        stood = len(tower.placed)
-        placed, waiting = others[..., :stood, :], others[..., stood:, :]
+        placed, waiting = np.split(others, [len(tower.placed)], axis=-2)
         hand = data.site_xpos["grasp"]
         terms = {"reward": 1.0 - self.task.get_reward(physics)}
-        if stood:
+        if tower.placed:
             terms["shaken tower"] = self._shaken(data, placed)
         terms["boxes in the way"] = self._in_the_way(waiting)
         terms["hand at the floor"] = np.maximum(0.045 - hand[..., 2], 0.0)
         if stage is Stage.LEAVE:
             distance = arrays.norm(hand - data.site_xpos["target"])
-            return {**terms, "hand at the target": np.maximum(_AWAY - distance, 0.0)}
-        box = data.site_xpos[tower.next][..., ::2]
+            return {**terms, "hand at the target": np.maximum(0.12 - distance, 0.0)}
         if stage is Stage.DODGE:
             return {**terms, "falling boxes": self._dodging(data)}
         if stage is Stage.RETREAT:
             return {**terms, "retreat": np.abs(data.qpos[ARM] - self._refuge).sum(axis=-1)}
+        box = data.site_xpos[tower.next][..., ::2]
         if stage is Stage.SHAKE:
             height = np.maximum(waiting[..., 1] - _LYING, 0.0).sum(axis=-1)
             height = height + np.maximum(box[..., 1] - _LYING, 0.0)
@@ -204,17 +188,19 @@ class Stack(Cost):
         """Terms of carrying and fetching, weighted by how well the box is held."""
         data, following = physics.named.data, str(self._tower.next)
         offset = box - self._tower.place[PLANE]
-        above = np.maximum(offset[..., 1] - _DROP, np.maximum(-offset[..., 1], 0.0))
+        # It may be let go 8 mm above its place.
+        above = np.maximum(offset[..., 1] - 0.008, np.maximum(-offset[..., 1], 0.0))
         standing = near(np.hypot(offset[..., 0], above), 2.0 * PLACED)
         grip = grip_of(data, following)
-        # A box that leans on a finger at its place does not stand there.
-        upright = 1.0 if self._firm else near(turned(data, following), _LEANS)
+        # A box that leans on a finger at its place, by about 17 degrees, does not stand there.
+        upright = 1.0 if self._firm else near(turned(data, following), 0.08)
         secure = np.maximum(how_held(grip, self._firm), standing * upright)
         moved = self._moved(data, box)
         carry = 1.0 - standing + _grasp(physics, standing) + grip.tilt
         # A box that is not held firmly yet is not lifted.
         carry += self._distance(data, box, others) + haste(data, following) if self._firm else moved
-        fetch = _LOOSE + fetching(grip) + moved + self._pushed(data, waiting)
+        # A box that is not held costs more than any that is.
+        fetch = 10.0 + fetching(grip) + moved + self._pushed(data, waiting)
         fetch += self._crowd(box, others) + self._over_tower(data.site_xpos["grasp"])
         return {"carry": secure * carry, "fetch": (1.0 - secure) * fetch}
 
@@ -281,17 +267,15 @@ class Stack(Cost):
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Plans of the stage, and to keep still with any grasp."""
-        data, stage = physics.named.data, self._stage
+        data, stage = physics.named.data, self.stage()[0]
         now = data.qpos[ARM]
-        moves = Moves(self.settings, self._boxes, self._tower, data)
         if stage in (Stage.DODGE, Stage.RETREAT, Stage.SHAKE):
             plans = plans_to(self._refuge, self.settings, now, random)
         elif stage is Stage.LEAVE:
             plans = leaving(self.settings, data, random)
-        elif stage is Stage.CARRY:
-            plans = moves.carrying(random)
         else:
-            plans = moves.reaching(random)
+            moves = Moves(self.settings, self._tower, data)
+            plans = (moves.carrying if stage is Stage.CARRY else moves.reaching)(random)
         still = [Proposal([], [grasp]) for grasp in (OPEN, PRESS, CLOSED)]
         found = np.concatenate([plans_of(now, still, self.settings.knots), plans])
         return found[random.permutation(len(found))]

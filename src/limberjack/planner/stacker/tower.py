@@ -18,45 +18,28 @@ FREE = 0.066  # metres from box to box, so that a finger fits between
 FROM_WALL = 0.355  # metres; a box further out than this has no room for a finger behind it
 ALOFT = 0.13  # metres; a loose box higher than this is falling, or lies on the arm
 PLACED = 0.006  # metres; a box nearer to its place than this stands there, up to twice as far
-_SUPPORT = 0.010  # metres; the same for a box that is to carry others
-_STICKY = 0.1  # metres by which another box must be nearer to be taken instead
-_SHUNNED = 1.0  # metres; the same for a box at which the hand has failed
 
 
 class Tower:
-    """Boxes of a tower; see the module's docstring.
-
-    Attributes:
-      placed: the boxes that stand in place, from the floor up.
-      waiting: the boxes that are neither placed nor next.
-      next: the box to fetch, or None once the tower stands.
-      place: its place, (3,), metres.
-      places: the places of all levels.
-      shunned: a box at which the hand has failed.
-    """
+    """Boxes of a tower; see the module's docstring."""
 
     def __init__(self, boxes: list[str]) -> None:
         """Knows all boxes by name; none is placed yet."""
         self._boxes = boxes
-        self.placed: list[str] = []
-        self.waiting: list[str] = []
-        self.next: str | None = None
-        self.place = np.zeros(3)
-        self.places: list[np.ndarray] = []
-        self.shunned: str | None = None
+        self.placed: list[str] = []  # those that stand in place, from the floor up
+        self.waiting = boxes  # those that are neither placed nor next
+        self.next: str | None = None  # the box to fetch; None once the tower stands
+        self.place = np.zeros(3)  # of the next box, metres
+        self.places: list[np.ndarray] = []  # of all levels
+        self.shunned: str | None = None  # a box at which the hand has failed
 
     @property
     def others(self) -> list[str]:
         """All boxes but the next, those that are placed first."""
-        return self.placed + self.waiting if self.places else list(self._boxes)
+        return self.placed + self.waiting
 
     def update(self, data: Any, is_held: bool) -> None:
-        """Reads the boxes' positions, and chooses the next box.
-
-        Args:
-          data: of a single simulation.
-          is_held: whether the hand holds the next box, which is then kept.
-        """
+        """Reads a single simulation, and chooses the next box; one that is held stays the next."""
         target = data.site_xpos["target"]
         levels = round((float(target[2]) / HALF - 1) / 2) + 1
         heights = [HALF * (2 * level + 1) for level in range(levels)]
@@ -67,7 +50,7 @@ class Tower:
             x, _, z = place.tolist()
             gaps = [math.hypot(boxes[box][0] - x, boxes[box][2] - z) for box in left]
             nearest = gaps.index(min(gaps))
-            allowed = PLACED if place is self.places[-1] else _SUPPORT
+            allowed = PLACED if place is self.places[-1] else 0.010  # metres; if it carries others
             if not stands(data, left[nearest], gaps[nearest], allowed, left[nearest] in before):
                 self.place = place
                 in_place = gaps[nearest] < 1.5 * HALF  # no room for another one there
@@ -83,7 +66,7 @@ class Tower:
             return str(self.next)
         places = {box: data.site_xpos[box].tolist() for box in self._boxes}
 
-        def trouble(box: str) -> float:
+        def trouble(box: str) -> float:  # in metres of distance
             x, _, z = places[box]
             others = [(o[0] - x, o[2] - z) for name, o in places.items() if name != box]
             covered = any(abs(aside) < 0.04 and 0.02 < up < 0.07 for aside, up in others)
@@ -96,8 +79,8 @@ class Tower:
                 + 0.5 * covered
                 + 0.4 * beside
                 + 15.0 * cornered
-                - _STICKY * (box == self.next)
-                + _SHUNNED * (box == self.shunned)
+                - 0.1 * (box == self.next)
+                + 1.0 * (box == self.shunned)
             )
 
         return min(left, key=trouble)
