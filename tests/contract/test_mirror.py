@@ -6,9 +6,6 @@ from pathlib import Path
 from .source import PACKAGE, REPOSITORY, SOURCE, modules, tree
 
 _TESTS = REPOSITORY / "tests"
-# The planner's modules are tested together, along the tasks that it solves.
-_OTHERWISE = ("planner",)
-
 # Modules without tests under their name, and why.
 _EXCEPTIONS = {
     "__main__.py": "one line, which every command that is called as a program runs",
@@ -22,7 +19,7 @@ _EXCEPTIONS = {
 # Folders of tests that mirror no part of the package; tests/__init__.py says what they are.
 _BESIDES = {
     "benchmarks", "browser", "clients", "contract", "docs", "exactness", "examples", "laws",
-    "oracle", "planner", "tools",
+    "oracle", "tools",
 }  # fmt: skip
 # Modules in a mirroring folder that test more than one module.
 _ACROSS = {
@@ -30,6 +27,9 @@ _ACROSS = {
     "gpu/test_exactness.py",
     "gym/test_registration.py",
     "mujoco/test_camera_beside_dm_control.py",
+    "planner/test_costs.py",
+    "planner/test_planner_benchmark.py",
+    "planner/test_sleep.py",
     "rl/test_batch_rendering.py",
     "rl/test_batch_time_steps.py",
     "suite/test_suite.py",
@@ -56,7 +56,7 @@ def _paths(of_packages: bool) -> dict[Path, str]:
     for name, path in modules().items():
         below = path.relative_to(SOURCE / PACKAGE)
         is_package = below.name == "__init__.py"
-        if is_package is of_packages and below.parts[0] not in (*_OTHERWISE, "__init__.py"):
+        if is_package is of_packages and below.parts[0] != "__init__.py":
             found[below.parent.with_suffix(".py") if is_package else below] = name
     return found
 
