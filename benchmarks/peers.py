@@ -21,8 +21,8 @@ __all__ = [
     "OURS",
     "THEIRS",
     "WITHOUT_OPENGL",
+    "first_tasks",
     "installed",
-    "planned_tasks",
     "source",
     "suite",
 ]
@@ -72,10 +72,10 @@ def source(domain: str, task: str) -> tuple[str, dict[str, bytes]]:
     return (xml.decode() if isinstance(xml, bytes) else xml), assets
 
 
-def planned_tasks() -> list[tuple[str, str]]:
-    """The tasks that the planner plays."""
-    ours = suite(OURS)
-    return [task for task in ours.ALL_TASKS if ours.load(*task).task.planner_cost is not None]
+def first_tasks() -> list[tuple[str, str]]:
+    """The ten tasks that were here first, for which the bars of some benchmarks were set."""
+    domains = ("humanoid", "manipulator", "stacker")
+    return [task for task in suite(OURS).ALL_TASKS if task[0] in domains]
 
 
 def _make_loadable(variables: Mapping[str, str]) -> None:

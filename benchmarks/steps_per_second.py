@@ -21,7 +21,7 @@ import batch_costs
 import batch_peers
 import batch_stepping
 import typer
-from peers import planned_tasks
+from peers import first_tasks
 from report import Row, all_met, print_table, summary, write_json
 
 __all__ = ["Effort", "Section", "main"]
@@ -89,7 +89,7 @@ class _Run:
         """Args: peers: folder in which the peers are installed; None omits them."""
         self._effort = effort
         self._num_threads = num_threads
-        self._tasks = planned_tasks()[: effort.tasks]
+        self._tasks = first_tasks()[: effort.tasks]
         self._few_tasks = _TASK_OF_DOMAIN[: effort.tasks_of_domains]
         self._peers = peers
         self.versions: dict[str, str] = {}  # of the peers and of the MuJoCo that they run

@@ -24,8 +24,8 @@ def test_a_pendulum_costs_less_the_higher_and_the_slower_it_is_at_the_top() -> N
 
 
 def test_a_pendulum_is_swung_up_and_held() -> None:
-    rewards, _ = played("pendulum", "swingup", 1001, 400)
-    assert rewards[-50:].mean() == 1
+    rewards, _ = played("pendulum", "swingup", 1001, 300, samples=64)
+    assert rewards[-100:].mean() > 0.9
 
 
 def _cart(at: float, angle: float) -> Any:

@@ -4,7 +4,6 @@ import numpy as np
 
 from limberjack.planner.arm.hand import CLOSED, OPEN
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_places, hand_poses
-from limberjack.planner.arm.proposals import Proposal, plans_along, plans_of
 from limberjack.planner.stacker.lifted import later, plans_over, turning_over
 from limberjack.planner.stacker.stack import Stack
 
@@ -19,37 +18,6 @@ def _poses(x: float, z: float, count: int) -> np.ndarray:
     )
     assert len(found) == count
     return found
-
-
-def test_a_path_passes_its_poses_at_equal_intervals_and_the_last_grasp_holds() -> None:
-    now, first, second = np.arange(12.0).reshape(3, 4)
-    targets = plans_along(now, [first, second], 6, [0.1, 0.2], 2)
-    np.testing.assert_array_equal(targets[[0, 2, 4, 5], :4], [now, first, second, second])
-    np.testing.assert_array_equal(targets[1, :4], (now + first) / 2)
-    assert targets[:, 4].tolist() == [0.1] + [0.2] * 5
-
-
-def test_many_paths_are_those_that_each_would_be() -> None:
-    poses = np.random.default_rng(0).normal(size=(3, 2, 4))
-    now, grasp = np.ones(4), [0.5, 1.0]
-    each = [plans_along(now, some, 5, grasp, 2) for some in poses]
-    np.testing.assert_array_equal(plans_along(now, poses, 5, grasp, 2), each)
-    assert plans_along(now, poses[:0], 5, grasp).shape == (0, 5, 5)
-    np.testing.assert_array_equal(plans_along(now, [], 5, grasp)[:, :4], np.ones((5, 4)))
-
-
-def test_courses_of_all_kinds_are_the_paths_that_each_would_be() -> None:
-    now, first, second = np.random.default_rng(0).normal(size=(3, 4))
-    courses = [
-        Proposal([], [0.5]),
-        Proposal([first], [0.1, 0.2], 3),
-        Proposal(np.stack([first, second]), [0.3], 2),
-        Proposal([second, first, second], [0.1, 0.2, 0.3]),
-    ]
-    for knots in (2, 5, 9):
-        each = [plans_along(now, list(c.waypoints), knots, c.grasp, c.duration) for c in courses]
-        np.testing.assert_array_equal(plans_of(now, courses, knots), each)
-    assert plans_of(now, [], 5).shape == (0, 5, 5)
 
 
 def test_a_way_over_goes_up_first_and_comes_down_at_its_end() -> None:
