@@ -40,7 +40,7 @@ def test_the_page_is_made_of_the_committed_results(script: Any, tmp_path: Path) 
 
 def test_the_scores_in_the_readme_are_those_of_the_committed_results() -> None:
     text = (_REPOSITORY / "README.md").read_text(encoding="utf-8")
-    sentence = r"(?s)Over\s(\d+)\sfresh\sepisodes\sof\seach\stask\sit\sreaches\s(.*?)\s\("
+    sentence = r"(?s)Over\s(\d+)\sepisodes\sof\seach\stask\sit\sreaches\s(.*?)\s\("
     ((episodes, scores),) = re.findall(sentence, text)
     told = re.findall(r"(\d+)(?: of 1,000)? on\s(?:humanoid\s)?(\w+)", scores)
     assert len(told) == len(re.findall(r"\b\d{3}\b", scores.replace(" of 1,000", ""))) > 4
