@@ -10,18 +10,22 @@ from limberjack import suite
 from limberjack.planner import Cost, Planner, cost_for
 from limberjack.utils.arrays import rows_of_a_batch
 
-from .planned import PLANNED
+from .planned import ONE_OF_EACH_COST, PLANNED
 
 every_task = pytest.mark.parametrize(("domain", "task"), PLANNED)
 _ROWS = 6
+
+
+def _own_fields(env: Any) -> list[str]:
+    """The model fields that an episode's start sets."""
+    return list(getattr(env.task, "EPISODE_FIELDS", ()))
 
 
 def _in_many_states(domain: str, task: str) -> tuple[Any, Any]:
     """An environment, and a batch of its physics after random actions."""
     env = suite.load(domain, task, task_kwargs={"random": 7})
     env.reset()
-    fields = [n for n in env.snapshot().physics if "body" in n]
-    batch = env.physics.replicate(_ROWS, 1, fields).physics
+    batch = env.physics.replicate(_ROWS, 1, _own_fields(env)).physics
     saved = env.snapshot().physics
     batch.simulation.load({name: np.repeat(v, _ROWS, axis=0) for name, v in saved.items()})
     random = np.random.default_rng(0)
@@ -31,7 +35,7 @@ def _in_many_states(domain: str, task: str) -> tuple[Any, Any]:
     return env, batch
 
 
-@every_task
+@pytest.mark.parametrize(("domain", "task"), PLANNED + ONE_OF_EACH_COST)
 def test_a_cost_is_one_number_for_each_state_whatever_the_others_are(
     domain: str, task: str
 ) -> None:
@@ -43,7 +47,7 @@ def test_a_cost_is_one_number_for_each_state_whatever_the_others_are(
     assert together.shape == (_ROWS,)
     assert np.isfinite(together).all()
     assert len(set(together.tolist())) == _ROWS
-    saved = batch.simulation.save(None, ["body_pos", "body_quat"] if domain != "humanoid" else [])
+    saved = batch.simulation.save(None, _own_fields(env))
     last = {name: np.repeat(value[-1:], _ROWS, axis=0) for name, value in saved.items()}
     controls = np.repeat(batch.data.ctrl[-1:], _ROWS, axis=0)
     batch.simulation.load(last)
