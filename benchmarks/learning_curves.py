@@ -34,8 +34,8 @@ _ENVS = 64
 _ROLLOUT = 64  # steps of each row between two updates
 _SETTINGS: dict[str, Any] = {
     "n_steps": _ROLLOUT,
-    "batch_size": 512,
-    "n_epochs": 5,
+    "batch_size": 256,
+    "n_epochs": 10,
     "gamma": 0.99,
     "learning_rate": 3e-4,
 }

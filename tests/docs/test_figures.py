@@ -121,3 +121,18 @@ def test_the_citation_in_both_files_is_of_the_same_work() -> None:
     found = re.findall(r"doi: (\S+)", cff)
     assert len(found) == 2
     assert found == re.findall(r"doi *= \{(\S+)\}", page)
+
+
+def test_the_returns_on_the_training_page_are_those_of_the_learning_curves() -> None:
+    results = _REPOSITORY / "benchmarks" / "results" / "learning_curves.json"
+    runs = json.loads(results.read_text(encoding="utf-8"))["runs"]
+    expected = {}
+    for name, of_task in runs.items():
+        steps, finals = of_task[0]["curve"][-1][0], [run["curve"][-1][1] for run in of_task]
+        minutes = sum(run["seconds"] for run in of_task) / 60
+        told = f"{steps:,} | {', '.join(f'{final:.0f}' for final in finals)} | {minutes:.0f}"
+        expected[name.replace(":", " ")] = told
+    rows = re.findall(
+        r"\| (\w+ \w+) \| ([\d,]+ \| [\d, ]+ \| \d+) \|", _text(_DOCS / "training.md")
+    )
+    assert dict(rows) == expected
