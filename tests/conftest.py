@@ -24,7 +24,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 # The folders in which all tests of a task run one after the other.
 _BY_TASK = {
-    Path(__file__).parent / folder for folder in ("contract", "laws", "mujoco", "oracle", "rl")
+    Path(__file__).parent / folder
+    for folder in ("contract", "docs", "gym", "laws", "mujoco", "oracle", "rl")
 }
 
 

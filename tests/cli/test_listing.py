@@ -12,11 +12,20 @@ import typer.testing
 
 from limberjack import suite
 from limberjack.cli import app
+from limberjack.mujoco import compiled
 
 
 def _invoke(*arguments: str) -> Any:
     """The result of the command in this process, without a terminal."""
     return typer.testing.CliRunner().invoke(app, list(arguments))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _models_kept() -> Iterator[None]:
+    """The models of all tasks stay compiled; the package keeps fewer, and each list needs all."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled, "_MOST_KEPT", 2**30)
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -162,7 +162,7 @@ def test_files_are_written_though_the_table_cannot_be_printed(tmp_path: Path) ->
             stderr=subprocess.PIPE,
             timeout=120,
             # Python's own status, 120, would come first where it has something left to flush.
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "MUJOCO_GL": "disable"},
         )
     assert result.returncode == 1
     assert len(_result(tmp_path / "out")["episodes"]) == 1
@@ -243,7 +243,7 @@ def test_a_run_that_is_cut_short_keeps_the_finished_episodes(
 
 def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory: Path) -> None:
     arguments = [*_RUN, "--episodes", "3", "--policy", "my_policies:Broken", "--out", "out"]
-    result = call(*arguments, directory=directory)
+    result = call(*arguments, directory=directory, MUJOCO_GL="disable")  # no film: it takes long
     assert result.returncode == 1
     assert "Traceback" in result.stderr
     assert result.stderr.rstrip().endswith(

@@ -9,24 +9,31 @@ from gymnasium.envs.registration import EnvSpec
 from limberjack import gym, suite
 from tests.programs import run
 
-_IDS = [f"limberjack/{domain}-{task}-v0" for domain, task in suite.ALL_TASKS]
+
+def _id(domain: str, task: str) -> str:
+    return f"limberjack/{domain}-{task}-v0"
+
+
+_IDS = [_id(*task) for task in suite.ALL_TASKS]
+
+every_task = pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)
 
 
 def test_every_task_of_the_suite_is_registered_and_nothing_else() -> None:
     assert sorted(name for name in gymnasium.registry if "limberjack" in name) == sorted(_IDS)
 
 
-@pytest.mark.parametrize("name", _IDS)
-def test_make_gives_the_task_of_the_id(name: str) -> None:
-    domain, _, task = name.removeprefix("limberjack/").removesuffix("-v0").partition("-")
-    env = gymnasium.make(name, flat=True)
+@every_task
+def test_make_gives_the_task_of_the_id(domain: str, task: str) -> None:
+    env = gymnasium.make(_id(domain, task), flat=True)
     ours = gym.load(domain, task, flat=True)
     assert isinstance(env.unwrapped, gym.Env)
     assert env.reset(seed=1)[0].tobytes() == ours.reset(seed=1)[0].tobytes()
 
 
-@pytest.mark.parametrize("name", _IDS)
-def test_make_vec_gives_a_batch_of_the_task(name: str) -> None:
+@every_task
+def test_make_vec_gives_a_batch_of_the_task(domain: str, task: str) -> None:
+    name = _id(domain, task)
     envs = gymnasium.make_vec(name, num_envs=2, vectorization_mode="vector_entry_point")
     assert isinstance(envs.unwrapped, gym.VectorEnv)
     assert envs.num_envs == 2

@@ -1,5 +1,6 @@
 """dm_control's own test files pass here, with their import root renamed in memory."""
 
+import re
 import unittest
 from typing import Any
 
@@ -92,13 +93,20 @@ _CASES = {
 }
 
 
+def _number(name: str) -> int:
+    """The number at the end of a case's name; in suite_test, that of its task."""
+    digits = re.search(r"\d*$", name)
+    return int(digits[0]) if digits and digits[0] else -1
+
+
 def _parameter(name: str) -> Any:
     # A thousand cases that read and write MuJoCo's own fields, one by one.
     marks = [pytest.mark.slow] if "::AttributesTest." in name else []
     return pytest.param(name, id=name, marks=marks)
 
 
-@pytest.mark.parametrize("name", [_parameter(name) for name in _CASES])
+# The cases of a task one after the other: its model is then compiled once.
+@pytest.mark.parametrize("name", [_parameter(name) for name in sorted(_CASES, key=_number)])
 def test_case(name: str) -> None:
     case: unittest.TestCase = _CASES[name]
     failure = shipped.run_case(case)

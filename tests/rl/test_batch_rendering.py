@@ -12,6 +12,7 @@ from limberjack.mujoco.wrapper import MjvOption
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.control import Environment
 from limberjack.rl.randomize import scale, shift
+from tests.plain_pictures import draw_plainly
 from tests.representatives import REPRESENTATIVES
 
 _draws = pytest.mark.skipif(
@@ -24,13 +25,16 @@ _TASKS = pytest.mark.parametrize("task", REPRESENTATIVES)
 def _batch(
     num_envs: int = 3, task: tuple[str, str] = ("manipulator", "bring_peg"), **kwargs: Any
 ) -> BatchEnvironment:
-    batch = suite.load_batch(*task, num_envs, 2, seed=7, environment_kwargs=kwargs)
+    env = suite.load(*task, {"random": 7}, kwargs)
+    draw_plainly(env.physics.model)
+    batch = BatchEnvironment.from_environment(env, num_envs, 2, seed=7)
     batch.reset()
     return batch
 
 
 def _single(row: int, task: tuple[str, str] = ("manipulator", "bring_peg"), **kwargs: Any) -> Any:
     env = suite.load(*task, {"random": 7 + row}, kwargs)
+    draw_plainly(env.physics.model)
     env.reset()
     return env
 

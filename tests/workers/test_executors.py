@@ -124,7 +124,8 @@ def test_units_that_have_not_begun_are_cancelled_at_the_end() -> None:
 
     with concurrent.futures.ThreadPoolExecutor(1) as executor:
         with open_workers(4, executor=executor) as workers:
-            next(iter(workers.results(waiting, _units(6))))
+            results = iter(workers.results(waiting, _units(6)))
+            next(results)  # `results` is kept: collecting it would cancel the units that wait
             while len(begun) < 2:
                 time.sleep(0.001)
         leave.set()
