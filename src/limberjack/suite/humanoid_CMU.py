@@ -12,16 +12,9 @@ from limberjack.suite.humanoid import _RUN_SPEED, _STAND_HEIGHT, _WALK_SPEED  # 
 from limberjack.utils import containers
 
 __all__ = [
-    "OBSERVATIONS",
-    "PICTURES",
-    "SUITE",
-    "HumanoidCMU",
-    "Physics",
-    "get_model_and_assets",
-    "run",
-    "stand",
-    "walk",
-]
+    "OBSERVATIONS", "PICTURES", "SUITE", "HumanoidCMU", "Physics", "get_model_and_assets", "run",
+    "stand", "walk",
+]  # fmt: skip
 
 _DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds

@@ -21,19 +21,9 @@ from limberjack.suite.base import Kwargs, Random
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [
-    "OBSERVATIONS",
-    "PICTURES",
-    "SUITE",
-    "Escape",
-    "Fetch",
-    "Move",
-    "Physics",
-    "escape",
-    "fetch",
-    "make_model",
-    "run",
-    "walk",
-]
+    "OBSERVATIONS", "PICTURES", "SUITE", "Escape", "Fetch", "Move", "Physics", "escape", "fetch",
+    "make_model", "run", "walk",
+]  # fmt: skip
 
 _TIME_LIMIT = _DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds
