@@ -51,13 +51,13 @@ def test_a_position_in_the_hand_is_ahead_and_aside_of_the_grasp_site() -> None:
     point = np.zeros(3)
     point[PLANE] = hand_places(_ARM, GRASP + 0.03, 0.01)
     # Closed forms on one side, MuJoCo's quaternions on the other: they round.
-    np.testing.assert_allclose(in_hand(data, point), [0.03, 0.01], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(in_hand(data, point), [0.03, 0.01], rtol=0, atol=1e-9)  # rounds
 
 
 def test_the_reach_and_the_distance_aside_are_those_of_fingers_at_an_angle_of_zero() -> None:
     # As above: they round.
     expected = [[TIP_REACH, TIP_ASIDE]] * 2
-    np.testing.assert_allclose(_tips_in_hand(_physics()), expected, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(_tips_in_hand(_physics()), expected, rtol=0, atol=1e-9)  # rounds
 
 
 @pytest.mark.parametrize("width", [0.01, 0.02, 0.04])
@@ -98,7 +98,7 @@ def test_targets_raised_by_the_sag_hold_the_arm_against_gravity() -> None:
     # Products of gains and gears in another order: they round.
     bias = data.qfrc_bias[ARM]
     assert np.abs(bias).max() > 0.1
-    np.testing.assert_allclose(data.qfrc_actuator[ARM], bias, rtol=1e-9)
+    np.testing.assert_allclose(data.qfrc_actuator[ARM], bias, rtol=1e-9)  # sums round
 
 
 def test_only_motion_away_from_the_middle_is_outward() -> None:
