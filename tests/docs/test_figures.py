@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import limberjack
+from limberjack import suite
 
 _REPOSITORY = Path(__file__).parents[2]
 _DOCS = _REPOSITORY / "docs"
@@ -121,6 +122,18 @@ def test_the_citation_in_both_files_is_of_the_same_work() -> None:
     found = re.findall(r"doi: (\S+)", cff)
     assert len(found) == 2
     assert found == re.findall(r"doi *= \{(\S+)\}", page)
+
+
+def test_the_page_of_exactness_tells_the_results_of_the_long_comparison() -> None:
+    results = json.loads((_REPOSITORY / "benchmarks/results/exactness.json").read_text("utf-8"))
+    told = (
+        f"took {results['core_minutes']:.0f} minutes of processor time: {results['steps']:,} steps "
+        f"of {len(results['tasks'])} tasks in {results['comparisons']:,} comparisons, "
+        f"with {results['differences']} differences."
+    )
+    assert told in _text(_DOCS / "exactness.md")
+    assert results["differences"] == 0
+    assert set(results["tasks"]) == {":".join(task) for task in suite.ALL_TASKS}
 
 
 def test_the_returns_on_the_training_page_are_those_of_the_learning_curves() -> None:
