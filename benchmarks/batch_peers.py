@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["ASYNC", "ENVPOOL", "Peer", "install"]
+__all__ = ["ASYNC", "ENVPOOL", "Peer", "PeerEndedError", "install"]
 
 ENVPOOL, ASYNC = "envpool", "async"
 
@@ -47,6 +47,10 @@ def _python(folder: Path) -> Path:
     return windows if windows.exists() else folder / "bin" / "python"
 
 
+class PeerEndedError(RuntimeError):
+    """A peer's process has ended: its standard error has the reason, or it was out of memory."""
+
+
 class Peer:
     """A peer's environments of one task, at the start of an episode."""
 
@@ -56,7 +60,7 @@ class Peer:
         """Starts the process and creates the environments.
 
         Raises:
-          RuntimeError: the process ended; its standard error has the reason.
+          PeerEndedError: its process has ended.
         """
         self.num_envs = num_envs
         self._process = subprocess.Popen(
@@ -92,7 +96,7 @@ class Peer:
         commands.flush()
         answer = answers.readline()
         if not answer:
-            raise RuntimeError(f"a peer's process has ended with status {self._process.wait()}")
+            raise PeerEndedError(f"the process has ended with status {self._process.wait()}")
         return json.loads(answer)
 
     def __enter__(self) -> "Peer":

@@ -1,6 +1,7 @@
 """Speed, memory and size of all tasks of the suite in one table, with the bars of its classes.
 
-    python benchmarks/suite_speed.py [--quick] [--only SECTION]... [--peers DIR] [--json FILE]
+    python benchmarks/suite_speed.py [--quick] [--only SECTION]... [--size N]... [--peers DIR]
+        [--json FILE]
 
 Sections: one environment against dm_control; a batch against MuJoCo's own, and a vector environment
 against EnvPool, each by number of rows; loads; the memory of all tasks loaded in one process; the
@@ -14,7 +15,7 @@ import re
 import statistics
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -35,6 +36,7 @@ __all__ = ["Section", "main", "megabytes_of_all"]
 # Over a bare `mujoco.batch.Batch`, by number of rows.
 _HEAVY = {64: at_least(0.90), 256: at_least(0.94), 1024: at_least(0.95)}
 _TOY = {64: at_least(0.65), 256: at_least(0.80), 1024: at_least(0.90)}
+_FREE = "vector / EnvPool"
 _PEER_SIZES = (256, 1024)
 _PEER = at_least(1.0)  # on each heavy task, with threads of both free to use all cores
 _PEER_MEAN = at_least(1.25)  # the geometric mean of the heavy tasks
@@ -82,9 +84,9 @@ def _measure_batch(tasks: Sequence[_Task], effort: Effort, num_threads: int) -> 
     for size in effort.sizes:
         for task in tasks:
             _say(f"  {':'.join(task)}, N={size}")
-            bar = (_HEAVY if is_heavy(*task) else _TOY)[size]
+            bar = (_HEAVY if is_heavy(*task) else _TOY).get(size)
             taken = _taken(task, size, num_threads, effort)
-            if not bar.is_met_by(_ratio(taken, "bare", "ours")):  # once more, under another load
+            if bar and not bar.is_met_by(_ratio(taken, "bare", "ours")):  # once more, under another load
                 again = _taken(task, size, num_threads, effort)
                 taken = {name: taken[name] + again[name] for name in taken}
             rows.append(_row("batch / bare Batch", task, size, taken, "bare", bar))
@@ -100,26 +102,34 @@ def _taken(task: _Task, size: int, num_threads: int, effort: Effort) -> dict[str
 
 def _measure_peer(
     tasks: Sequence[_Task], effort: Effort, num_threads: int, folder: Path, versions: dict[str, str]
-) -> list[Row]:
+) -> Iterator[Row]:
     """A vector environment of each task beside EnvPool, and a bare batch beside both."""
-    free, bound = [], []
     for size in [size for size in _PEER_SIZES if size in effort.sizes] or effort.sizes:
+        heavy = []
         for task in tasks:
             _say(f"  EnvPool, {':'.join(task)}, N={size}")
-            taken = _beside_peer(task, size, num_threads, effort, folder, versions)
             bar = _PEER if is_heavy(*task) else None
-            free.append(_row("vector / EnvPool", task, size, taken, "peer", bar, "vector"))
-            if bar is None:
-                free.append(_toy_row(task, size, taken))
-            with kept_to(num_threads):
+            try:
                 taken = _beside_peer(task, size, num_threads, effort, folder, versions)
-            bound.append(_row("vector / EnvPool, bound", task, size, taken, "peer", None, "vector"))
-        heavy = [row for row in free if row.bar is _PEER and row.subject.endswith(f"N={size}")]
+                with kept_to(num_threads):
+                    bound = _beside_peer(task, size, num_threads, effort, folder, versions)
+            except batch_peers.PeerEndedError as error:  # 1,024 dogs of EnvPool take over 20 GB
+                _say(f"    {error}")
+                told = {"EnvPool": str(error)}
+                subject = _subject(task, size)
+                yield Row(_FREE, subject, None, None, "/s", None, bar=bar, details=told)
+                continue
+            row = _row(_FREE, task, size, taken, "peer", bar, "vector")
+            yield row
+            yield _row(f"{_FREE}, bound", task, size, bound, "peer", None, "vector")
+            if bar is None:
+                yield _toy_row(task, size, taken)
+            else:
+                heavy.append(row.value)
         if heavy:
-            mean = statistics.geometric_mean([row.value for row in heavy if row.value])
-            subject = f"geometric mean, heavy, N={size}"
-            free.append(Row("vector / EnvPool", subject, None, None, "/s", mean, bar=_PEER_MEAN))
-    return [*sorted(free, key=lambda row: row.measure), *bound]
+            subject = f"geometric mean of {len(heavy)} heavy tasks, N={size}"
+            mean = statistics.geometric_mean(heavy)
+            yield Row(_FREE, subject, None, None, "/s", mean, bar=_PEER_MEAN)
 
 
 def _beside_peer(
@@ -230,7 +240,7 @@ def _measure(
     num_threads: int,
     folder: Path | None,
     versions: dict[str, str],
-) -> list[Row]:
+) -> Iterable[Row]:
     tasks = suite.ALL_TASKS[: effort.tasks]
     match section:
         case Section.SINGLE:
@@ -254,9 +264,18 @@ def _measure(
             return _size_rows()
 
 
+def _by_measure(rows: Sequence[Row]) -> list[Row]:
+    """The rows in the order in which their measures appear first."""
+    measures = list(dict.fromkeys(row.measure for row in rows))
+    return sorted(rows, key=lambda row: measures.index(row.measure))
+
+
 def main(
     only: Annotated[
         list[Section] | None, typer.Option(help="Measure this section; may be given repeatedly.")
+    ] = None,
+    size: Annotated[
+        list[int] | None, typer.Option(help="Rows of batches; may be given repeatedly.")
     ] = None,
     quick: Annotated[
         bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
@@ -274,6 +293,7 @@ def main(
 ) -> None:
     """Measure the whole suite and print each bar and whether it is met."""
     effort = _QUICK if quick else _FULL
+    effort = dataclasses.replace(effort, sizes=tuple(size or effort.sizes))
     num_threads = threads or batch_costs.free_cores()
     rows: list[Row] = []
     versions: dict[str, str] = {}
@@ -281,12 +301,12 @@ def main(
         folder = None if without_peers else peers or Path(temporary)
         for section in only or list(Section):
             _say(f"measuring: {section}, {num_threads} threads")
-            rows += _measure(section, effort, num_threads, folder, versions)
-            if json is not None:  # after each section, as it takes long
-                settings: dict[str, Any] = {"quick": quick, "threads": num_threads}
-                write_json(
-                    json, rows, {**settings, **dataclasses.asdict(effort), "peers": versions}
-                )
+            for row in _measure(section, effort, num_threads, folder, versions):
+                rows = _by_measure([*rows, row])
+                if json is not None:  # after each row, as all of them take hours
+                    settings: dict[str, Any] = {"quick": quick, "threads": num_threads}
+                    settings |= {**dataclasses.asdict(effort), "peers": versions}
+                    write_json(json, rows, settings)
     print_table(rows, "compared")
     typer.echo("quick: the figures mean nothing" if quick else summary(rows))
     sys.exit(not quick and not all_met(rows))
