@@ -86,7 +86,7 @@ def _measure_batch(tasks: Sequence[_Task], effort: Effort, num_threads: int) -> 
             _say(f"  {':'.join(task)}, N={size}")
             bar = (_HEAVY if is_heavy(*task) else _TOY).get(size)
             taken = _taken(task, size, num_threads, effort)
-            if bar and not bar.is_met_by(_ratio(taken, "bare", "ours")):  # once more, under another load
+            if bar and not bar.is_met_by(_ratio(taken, "bare", "ours")):
                 again = _taken(task, size, num_threads, effort)
                 taken = {name: taken[name] + again[name] for name in taken}
             rows.append(_row("batch / bare Batch", task, size, taken, "bare", bar))
