@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+import statistics
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ _REPOSITORY = Path(__file__).parents[2]
 _DOCS = _REPOSITORY / "docs"
 _SOURCE = Path(limberjack.__file__).parent
 _SPEEDS = _REPOSITORY / "benchmarks" / "results" / "steps_per_second.json"
+_SUITE_SPEEDS = _REPOSITORY / "benchmarks" / "results" / "suite_speed.json"
 _BATCHES = _DOCS / "batches.md"
 _PAGES = [_REPOSITORY / "README.md", *sorted(_DOCS.glob("*.md"))]
 _FEWEST_WORDS = 5  # in the place of a picture
@@ -73,6 +75,29 @@ def test_the_speeds_beside_processes_are_those_that_were_measured() -> None:
     (lowest, highest) = re.findall(r"is ([\d.]+) to ([\d.]+) times as fast", _text(_BATCHES))[0]
     measured = _spread("vector / AsyncVectorEnv", "2 processes").split(" to ")
     assert [lowest, highest] == [f"{float(value):.1f}" for value in measured]
+
+
+@pytest.mark.parametrize(
+    ("told", "measure"),
+    [("`mujoco.batch.Batch`, persistent", "batch / bare Batch"), ("EnvPool", "vector / EnvPool")],
+)
+@pytest.mark.parametrize("kind", ["heavy", "toy"])
+def test_the_speeds_over_the_whole_suite_are_those_that_were_measured(
+    told: str, measure: str, kind: str
+) -> None:
+    rows = json.loads(_SUITE_SPEEDS.read_text(encoding="utf-8"))["rows"]
+    expected = []
+    for num_envs in (64, 256, 1024):
+        values = [
+            row["value"]
+            for row in rows
+            if row["measure"] == measure
+            and row["subject"].endswith(f", N={num_envs}")
+            and row["details"].get("class") == kind
+        ]
+        mean = f"{statistics.geometric_mean(values):.2f}" if values else "-"
+        expected.append(f"{mean} ({min(values):.2f} to {max(values):.2f})" if values else mean)
+    assert f"| {told} | {kind} | {' | '.join(expected)} |" in _text(_BATCHES)
 
 
 def _messages() -> str:
