@@ -159,12 +159,12 @@ def _table(columns: Sequence[str], rows: Any) -> list[str]:
 
 def _rows_of(results: Sequence[_Result]) -> Iterator[tuple[_Result, str, _Result]]:
     """Each policy's result, name and summary; baselines from the result with the most episodes."""
-    told: set[tuple[str, str, str]] = set()
+    listed: set[tuple[str, str, str]] = set()
     for result in results:
         for policy, summary in result["summary"].items():
             row = (result["domain"], result["task"], policy)
-            if row not in told:
-                told.add(row)
+            if row not in listed:
+                listed.add(row)
                 yield result, policy, summary
 
 

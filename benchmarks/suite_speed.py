@@ -115,9 +115,9 @@ def _measure_peer(
                     bound = _beside_peer(task, size, num_threads, effort, folder, versions)
             except batch_peers.PeerEndedError as error:  # 1,024 dogs of EnvPool take over 20 GB
                 _say(f"    {error}")
-                told = {"EnvPool": str(error)}
+                details = {"EnvPool": str(error)}
                 subject = _subject(task, size)
-                yield Row(_FREE, subject, None, None, "/s", None, bar=bar, details=told)
+                yield Row(_FREE, subject, None, None, "/s", None, bar=bar, details=details)
                 continue
             row = _row(_FREE, task, size, taken, "peer", bar, "vector")
             yield row

@@ -1,9 +1,9 @@
-"""What the planner looked at before it acted: the ways of the hand in all plans that it tried.
+"""Picture of one planning step: the paths of the hand in all plans that were simulated.
 
     python examples/planner_picture.py --steps 58 --out plans.png
 
-A cost sees every simulated state, so one that keeps notes shows what was simulated. Orange are the
-ways of plans that cost least, blue those of the others.
+A cost receives every simulated state, so a cost that records positions can show what was simulated.
+The plans of least cost are orange, the others blue.
 """
 
 import argparse
@@ -21,48 +21,48 @@ from limberjack.utils import png
 
 _HEIGHT, _WIDTH = 420, 640  # pixels
 _GOOD, _OTHER = ((1.0, 0.55, 0.1, 1.0), 0.003), ((0.35, 0.6, 1.0, 0.35), 0.0015)  # colour, metres
-_BEST = 8  # plans that are drawn as good ones
+_BEST = 8  # plans that are drawn in the colour of good ones
 
 
-class Watched(Cost):
-    """Another cost, and the ways that a site takes while it is asked."""
+class Recorded(Cost):
+    """Another cost that also records the path of a site in each plan of the last planning step."""
 
     def __init__(self, cost: Cost, site: str) -> None:
-        """Takes the cost that is planned with, and the site's name."""
+        """Wraps a cost; `site` is the name of the site whose paths are recorded."""
         super().__init__(cost.task)
         self.settings = cost.settings
         self._cost = cost
         self._site = site
-        self.ways, self.total = np.zeros((0, 0, 3)), np.zeros(0)
+        self.paths, self.total = np.zeros((0, 0, 3)), np.zeros(0)
         self.reset, self.proposals, self.stage = cost.reset, cost.proposals, cost.stage
 
     def update(self, physics: Any) -> None:
-        """As the other cost."""
+        """Updates the wrapped cost."""
         self._cost.update(physics)
 
     def step_cost(self, physics: Any) -> np.ndarray:
-        """The other cost, noted with the site's ways."""
+        """The wrapped cost of each state; records the site's positions and the plans' totals."""
         cost = self._cost.step_cost(physics)
-        places = physics.named.data.site_xpos[self._site].copy()
-        moments = -1, self.settings.samples
-        self.ways = places.reshape(*moments, 3).swapaxes(0, 1)  # (samples, moments, 3)
-        self.total = cost.reshape(moments).sum(axis=0)
+        positions = physics.named.data.site_xpos[self._site].copy()
+        by_step = -1, self.settings.samples
+        self.paths = positions.reshape(*by_step, 3).swapaxes(0, 1)  # (samples, steps, 3)
+        self.total = cost.reshape(by_step).sum(axis=0)
         return cost
 
 
-def draw(env: Any, watched: Watched) -> np.ndarray:
-    """A picture of the environment with the noted ways in it."""
-    ways = watched.ways
-    order = np.argsort(watched.total)[::-1]  # the best last: it is drawn over the others
+def draw(env: Any, recorded: Recorded) -> np.ndarray:
+    """A picture of the environment with the recorded paths, the best plans last and on top."""
+    paths = recorded.paths
+    order = np.argsort(recorded.total)[::-1]
 
-    def add_ways(physics: Any, scene: Any) -> None:
+    def add_paths(physics: Any, scene: Any) -> None:
         for rank, row in enumerate(order):
             look = _GOOD if len(order) - rank <= _BEST else _OTHER
-            for start, end in zip(ways[row, :-2:2], ways[row, 2::2], strict=False):
+            for start, end in zip(paths[row, :-2:2], paths[row, 2::2], strict=False):
                 _add_line(scene, start, end, *look)
 
-    most = env.physics.model.ngeom + ways[..., 0].size  # that can be drawn
-    camera = Camera(env.physics, _HEIGHT, _WIDTH, "fixed", most, add_ways)
+    most = env.physics.model.ngeom + paths[..., 0].size
+    camera = Camera(env.physics, _HEIGHT, _WIDTH, "fixed", most, add_paths)
     return camera.render()
 
 
@@ -77,20 +77,20 @@ def _add_line(
 
 
 def main() -> None:
-    """Plays, then draws."""
+    """Plays the first steps of an episode, then draws the last planning step."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--steps", type=int, default=58, help="to play first")
+    parser.add_argument("--steps", type=int, default=58, help="control steps to play first")
     parser.add_argument("--seed", type=int, default=1003)
     parser.add_argument("--out", type=Path, default=Path("plans.png"))
     given = parser.parse_args()
     env = suite.load("manipulator", "bring_ball", task_kwargs={"random": given.seed})
-    watched = Watched(cost_for(env.task), "grasp")
-    planner = Planner(env, cost=watched, seed=given.seed)
+    recorded = Recorded(cost_for(env.task), "grasp")
+    planner = Planner(env, cost=recorded, seed=given.seed)
     env.reset()
     for _ in range(given.steps):
         env.step(planner.act())
-    given.out.write_bytes(png.encode(draw(env, watched)))
-    print(f"{len(watched.total)} plans of {watched.ways.shape[1]} steps drawn in {given.out}")
+    given.out.write_bytes(png.encode(draw(env, recorded)))
+    print(f"{len(recorded.total)} plans of {recorded.paths.shape[1]} steps drawn in {given.out}")
 
 
 if __name__ == "__main__":

@@ -46,10 +46,10 @@ def main() -> None:
     algorithm = config.build_algo()
     steps = 0
     while steps < given.steps:
-        told = algorithm.train()["env_runners"]
-        steps = int(told["num_env_steps_sampled_lifetime"])
+        results = algorithm.train()["env_runners"]
+        steps = int(results["num_env_steps_sampled_lifetime"])
         # No episode may have ended yet.
-        print(f"{steps} steps, mean return {told.get('episode_return_mean', float('nan')):.1f}")
+        print(f"{steps} steps, mean return {results.get('episode_return_mean', float('nan')):.1f}")
     algorithm.stop()
     ray.shutdown()
 

@@ -124,7 +124,7 @@ def fetch(
 def _environment(
     task: "Stand", speed: float | None, time_limit: float, kwargs: Kwargs
 ) -> control.Environment:
-    """The task on a floor as long as the way at that speed; without a speed, with all for fetch."""
+    """The task, on a floor as long as `speed` covers in an episode; of fetch without a speed."""
     size = {} if speed is None else {"floor_size": speed * _LIMIT}
     model = get_model_and_assets(**size, remove_ball=speed is not None)
     return control.Environment(
