@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import domain_facts
+import solved_pictures
 from domain_facts import Facts
 
 from limberjack import suite
@@ -149,6 +150,28 @@ def _tasks(facts: Sequence[Facts]) -> str:
 def _picture(facts: Facts) -> str:
     path = picture_name(facts.domain, facts.task)
     return f'![{alternative(facts)}]({path}){{ width="160" loading="lazy" }}'
+
+
+def _solved(facts: Sequence[Facts]) -> str:
+    """Pictures of the planner's episodes; empty for tasks that it does not play."""
+    played = solved_pictures.episodes()
+    parts = []
+    for each in facts:
+        episode = played.get(f"{each.domain}-{each.task}")
+        if episode is None:
+            continue
+        path = f"images/solved/{each.domain}-{each.task}.png"
+        words = (
+            f"The {each.domain} in four pictures, from the start of an episode of {each.task} that "
+            f"the planner plays to its last step. The task: {each.wants}"
+        )
+        times = ", ".join(f"{second:g}" for second in episode.seconds)
+        parts.append(
+            f'![{words}]({path}){{ loading="lazy" }}\n\n*{each.task}: the planner, seed '
+            f"{episode.seed}, after {times} s. Mean reward of the last 50 steps: "
+            f"{episode.reward:.2f}.*"
+        )
+    return "\n\n".join(parts)
 
 
 def _observations(facts: Sequence[Facts]) -> str:
@@ -289,6 +312,7 @@ def _source(kind: type, methods: Sequence[str]) -> str:
 
 SECTIONS: dict[str, Callable[[Sequence[Facts]], str]] = {
     "tasks": _tasks,
+    "solved": _solved,
     "starts": _starts,
     "observations": _observations,
     "actions": _actions,

@@ -40,17 +40,17 @@ def test_the_page_is_made_of_the_committed_results(script: Any, tmp_path: Path) 
 
 def test_the_scores_in_the_readme_are_those_of_the_committed_results() -> None:
     text = (_REPOSITORY / "README.md").read_text(encoding="utf-8")
-    sentence = r"(?s)Over\s(\d+)\sepisodes\sof\seach\stask\sit\sreaches\s(.*?)\s\("
+    sentence = r"(?s)over\s(\d+)\sepisodes\sof\seach\stask\sis\s(.*?)\s\("
     ((episodes, scores),) = re.findall(sentence, text)
-    told = re.findall(r"(\d+)(?: of 1,000)? on\s(?:humanoid\s)?(\w+)", scores)
-    assert len(told) == len(re.findall(r"\b\d{3}\b", scores.replace(" of 1,000", ""))) > 4
+    listed = re.findall(r"(\d+)(?: of 1,000)? on\s(?:humanoid\s)?(\w+)", scores)
+    assert len(listed) == len(re.findall(r"\b\d{3}\b", scores.replace(" of 1,000", ""))) > 4
     results = [json.loads(path.read_text(encoding="utf-8")) for path in _RESULTS]
     means = {
         result["task"]: result["summary"]["planner"]["mean"]
         for result in results
         if result["policy"] == "planner" and result["episodes_asked_for"] == int(episodes)
     }
-    for score, task in told:
+    for score, task in listed:
         assert int(score) == round(means[task]), task
 
 
@@ -100,9 +100,9 @@ def test_the_figures_of_a_committed_result_follow_from_its_episodes(path: Path) 
         Score(e["seed"], e["return"], e["length"], e["final_reward"], start=e.get("start"))
         for e in result["episodes"]
     ]
-    told = result["summary"][result["policy"]]
-    by_start = told.pop("strata")
-    assert told == json.loads(json.dumps(summarise(scores).as_json()))
+    summary = result["summary"][result["policy"]]
+    by_start = summary.pop("strata")
+    assert summary == json.loads(json.dumps(summarise(scores).as_json()))
     expected = {start: part.as_json() for start, part in strata(scores).items()}
     assert by_start == json.loads(json.dumps(expected))
     assert len(scores) == result["episodes_asked_for"]

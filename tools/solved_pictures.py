@@ -1,0 +1,127 @@
+"""Draw the planner's solution of each task, four pictures side by side, for the domains' pages.
+
+    python tools/solved_pictures.py                    # every task that the planner plays
+    python tools/solved_pictures.py walker stacker     # those of some domains
+
+An episode is played until its task is solved or its time is over, and drawn at four times from its
+start to its end. The pictures are written into docs/images/solved, with the facts that the pages
+print beside them in episodes.json. All tasks take about 15 core-minutes. The pictures need not be
+made again when the planner changes: they show what a solved task looks like, not how well it plays.
+"""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import typer
+
+from limberjack import suite
+from limberjack.planner import Planner
+from limberjack.suite import base
+from limberjack.utils import png
+from limberjack.utils.files import replacing
+from limberjack.video import mosaic
+
+__all__ = ["FOLDER", "Episode", "draw", "episodes", "main", "play"]
+
+FOLDER = Path(__file__).parents[1] / "docs" / "images" / "solved"
+_INDEX = "episodes.json"
+
+_SEED = 1003  # one of the seeds on which the planner was tuned, as in `make demo`
+_PICTURES = 4
+_SIZE = 120, 160  # pixels, of each
+_SOLVED = 0.9  # mean reward of the last steps from which the episode is long enough
+_LAST = 50  # steps
+
+
+class Episode(NamedTuple):
+    """Facts about the pictures of a task."""
+
+    seed: int
+    seconds: list[float]  # of each picture
+    reward: float  # mean of the last 50 steps, or of all if there are fewer
+
+
+def episodes(folder: Path = FOLDER) -> dict[str, Episode]:
+    """The facts of all pictures in a folder, by 'domain-task'; empty if there are none."""
+    index = folder / _INDEX
+    if not index.exists():
+        return {}
+    found = json.loads(index.read_text(encoding="utf-8"))
+    return {name: Episode(**facts) for name, facts in found.items()}
+
+
+def play(domain: str, task: str, seed: int, steps: int | None = None) -> tuple[np.ndarray, float]:
+    """Actions of an episode until it is solved, (T, nu), and the mean reward of its last steps.
+
+    Args:
+      domain: such as 'walker'.
+      task: such as 'walk'.
+      seed: of the episode and of the planner.
+      steps: control steps at most; by default those of the task's episodes.
+    """
+    env = suite.load(domain, task, {"random": seed})
+    planner = Planner(env, seed=seed)
+    actions, rewards = [], []
+    time_step = env.reset()
+    while not time_step.last() and (steps is None or len(actions) < steps):
+        actions.append(planner.act())
+        time_step = env.step(actions[-1])
+        rewards.append(time_step.reward or 0.0)
+        if len(rewards) >= _LAST and np.mean(rewards[-_LAST:]) >= _SOLVED:
+            break
+    return np.array(actions), float(np.mean(rewards[-_LAST:]))
+
+
+def draw(domain: str, task: str, seed: int, actions: np.ndarray) -> tuple[np.ndarray, list[float]]:
+    """Pictures of the episode of some actions side by side, and their times in seconds."""
+    pictures_of = getattr(suite.module_of(domain), "PICTURES", {})
+    camera = pictures_of.get(task, base.Picture()).camera
+    env = suite.load(domain, task, {"random": seed})
+    env.reset()
+    drawn = np.linspace(0, len(actions), _PICTURES).round().astype(int).tolist()
+    pictures = [env.physics.render(*_SIZE, camera)]
+    for step, action in enumerate(actions, start=1):
+        env.step(action)
+        if step in drawn:
+            pictures.append(env.physics.render(*_SIZE, camera))
+    seconds = [round(step * env.control_timestep(), 2) for step in drawn]
+    return mosaic(pictures, columns=_PICTURES), seconds
+
+
+def _planned(domains: Sequence[str]) -> list[tuple[str, str]]:
+    """The tasks that the planner plays, of some domains or of all."""
+    tasks = [(d, t) for d, t in suite.ALL_TASKS if not domains or d in domains]
+    return [(d, t) for d, t in tasks if _task(d, t).planner_cost is not None]
+
+
+def _task(domain: str, task: str) -> Any:  # Any: the task's class is the domain's own
+    return suite.load(domain, task).task
+
+
+def main(
+    domains: Annotated[list[str] | None, typer.Argument(help="All if none is named.")] = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="The folder of the pictures.")] = FOLDER,
+    steps: Annotated[int | None, typer.Option(min=1, help="Control steps at most.")] = None,
+) -> None:
+    """Play the tasks and draw them."""
+    out.mkdir(parents=True, exist_ok=True)
+    index = episodes(out)
+    for domain, task in _planned(domains or []):
+        actions, reward = play(domain, task, _SEED, steps)
+        picture, seconds = draw(domain, task, _SEED, actions)
+        name = f"{domain}-{task}"
+        index[name] = Episode(_SEED, seconds, round(reward, 2))
+        with replacing(out / f"{name}.png") as partial:
+            partial.write_bytes(png.encode(picture))
+        with replacing(out / _INDEX) as partial:
+            listed = {key: index[key]._asdict() for key in sorted(index)}
+            partial.write_text(json.dumps(listed, indent=2) + "\n", encoding="utf-8")
+        typer.echo(f"{name}: reward {reward:.2f} after {seconds[-1]:g} s", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    typer.run(main)
