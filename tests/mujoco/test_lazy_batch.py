@@ -219,3 +219,15 @@ def test_a_field_that_is_bound_late_leaves_loaded_readings_alone() -> None:
     simulation.data_field("qfrc_bias")
     readings, _ = simulation.data_field("sensordata")
     np.testing.assert_array_equal(readings[1, None], loaded["sensordata"])
+
+
+@pytest.mark.usefixtures("share")
+def test_loading_a_row_that_has_diverged_leaves_the_warnings_alone() -> None:
+    simulation = _walkers().physics.simulation
+    simulation.state[1, 1] = np.nan
+    simulation.step(1)
+    assert simulation.has_warned()
+    saved = simulation.save(np.array([1]), ())
+    simulation.warnings[...] = 0
+    simulation.load(saved, np.array([1]))  # repeats the step that diverged
+    assert not simulation.has_warned()
