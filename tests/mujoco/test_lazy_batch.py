@@ -10,6 +10,7 @@ from limberjack import suite
 from limberjack.mujoco import lazy_batch
 from limberjack.planner.history import History
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.randomize import scale
 
 _NUM_ENVS = 3
 _READ_BY_ITS_TASK = "torso_subtreelinvel"
@@ -231,3 +232,32 @@ def test_loading_a_row_that_has_diverged_leaves_the_warnings_alone() -> None:
     simulation.warnings[...] = 0
     simulation.load(saved, np.array([1]))  # repeats the step that diverged
     assert not simulation.has_warned()
+
+
+@pytest.mark.usefixtures("share")
+def test_loading_restores_states_that_were_written_after_the_last_call() -> None:
+    batch = _walkers()
+    simulation = batch.physics.simulation
+    batch.step(_actions(batch, 1)[0])
+    batch.physics.data.qpos[1, 2] += 0.5
+    saved = simulation.save(np.array([1]), ())
+    simulation.load(saved, np.array([0]))
+    np.testing.assert_array_equal(simulation.state[0], simulation.state[1])
+
+
+@pytest.mark.usefixtures("share")
+def test_a_batch_made_again_has_every_quantity_and_constant() -> None:
+    masses = {"body_mass": scale(0.5, 2.0)}
+    batch = suite.load_batch(
+        "humanoid", "walk", _NUM_ENVS, 2, seed=1, environment_kwargs={"randomize": masses}
+    )
+    batch.reset()
+    batch.step(_actions(batch, 1)[0])
+    lazy = batch.physics.simulation._lazy
+    new = lazy.made_again(sets_constants=True)
+    for name in ("xpos", "qfrc_bias", "subtree_com"):
+        np.testing.assert_array_equal(new.field(name), lazy.field(name))
+    for name in ("body_mass", "body_subtreemass", "dof_invweight0"):
+        expected, found = lazy.official.expand(name), new.official.expand(name)
+        np.testing.assert_array_equal(found, expected)
+        assert (found[0] != found[1]).any()
