@@ -205,7 +205,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "self.scores[policy].setdefault(score.seed, score)",
             "self.scores[policy][score.seed] = score",
         ),
-        ('content[: content.rfind(b"\\n") + 1]', 'content[: content.rfind(b"\\n")]'),
+        ('complete = content[: content.rfind(b"\\n") + 1]', "complete = content"),
         ("if not any(self.scores.values()):", "if True:"),
         ("left = left[self._file.write(left) :]", 'left = b"" if self._file.write(left) else left'),
         ("start=2):", "start=1):"),

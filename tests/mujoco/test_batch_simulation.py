@@ -145,3 +145,17 @@ def test_a_saved_row_that_mujoco_would_reject_diverges_at_the_next_step() -> Non
     np.testing.assert_array_equal(batch.data.qpos[[0, 2], 0], [0.0, 0.2])
     with pytest.raises(PhysicsError, match=r"rows \[1\]"):
         batch.step()
+
+
+@pytest.mark.usefixtures("share")
+def test_a_loaded_row_has_the_constants_of_its_own_fields() -> None:
+    from limberjack.mujoco import Physics
+
+    single = Physics.from_xml_string(_XML)
+    single.simulation.sets_constants = True
+    simulation = single.replicate(_ROWS, 2, ("body_mass",)).simulation
+    simulation.set_fields({"body_mass": np.array([0.0, 7.0])}, row=1)
+    simulation.load(simulation.save(np.array([1]), ("body_mass",)), np.array([2]))
+    constants, _ = simulation.model_field("body_subtreemass")
+    assert constants[2, 1] == 7.0
+    assert constants[0, 1] != 7.0
