@@ -159,3 +159,40 @@ def test_a_loaded_row_has_the_constants_of_its_own_fields() -> None:
     constants, _ = simulation.model_field("body_subtreemass")
     assert constants[2, 1] == 7.0
     assert constants[0, 1] != 7.0
+
+
+@pytest.mark.usefixtures("share")
+def test_a_field_that_is_bound_after_a_direct_call_belongs_to_its_state() -> None:
+    batch, singles = _pair()
+    batch.forward()
+    velocity = mujoco.mjtStage.mjSTAGE_VEL.value
+    batch.simulation.call_directly(lambda official: official.step(None, 4, velocity))
+    for row, single in enumerate(singles):
+        single.set_state(batch.simulation.state[row], STATE)
+        single.forward()
+        np.testing.assert_array_equal(batch.data.geom_xpos[row], single.data.geom_xpos)
+
+
+def test_arrays_of_a_forked_child_are_those_of_its_own_batch(
+    run_script: Callable[..., str],
+) -> None:
+    printed = run_script(
+        """
+import os
+import numpy as np
+from limberjack import suite
+
+batch = suite.load_batch("pendulum", "swingup", 2, 1, seed=0)
+batch.reset()
+angles = batch.physics.data.qpos, batch.physics.named.data.qpos
+if os.fork() == 0:
+    before = batch.physics.data.qpos.copy()
+    batch.step(np.ones((2, 1)))
+    named = batch.physics.named.data.qpos["hinge"]
+    moved = (batch.physics.data.qpos != before).all() and (named != before).all()
+    print(moved, flush=True)
+    os._exit(0)
+os.wait()
+"""
+    )
+    assert printed == "True\n"

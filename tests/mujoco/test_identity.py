@@ -3,6 +3,7 @@
 import mujoco
 import pytest
 
+from limberjack import mujoco as mujoco_layer
 from limberjack import suite
 from limberjack.mujoco.identity import identity
 
@@ -38,3 +39,15 @@ def test_colours_do_not_count() -> None:
 
 def test_the_patch_of_mujocos_version_does_not_count() -> None:
     assert mujoco.__version__.startswith(f"{identity(_walker().model)['MuJoCo']}.")
+
+
+def test_a_model_with_other_names_has_another_identity() -> None:
+    one, other = (
+        mujoco_layer.Physics.from_xml_string(
+            f'<mujoco><worldbody><body name="{name}"><freejoint/><geom size="1"/></body>'
+            "</worldbody></mujoco>"
+        )
+        for name in ("ball", "bell")
+    )
+    changed, expected = identity(one.model), identity(other.model)
+    assert {name for name in expected if changed[name] != expected[name]} == {"names"}
