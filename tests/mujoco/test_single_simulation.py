@@ -159,3 +159,13 @@ def test_loading_leaves_the_counts_of_warnings_alone() -> None:
     simulation.warnings[2] = 3
     simulation.load(saved)
     assert simulation.warnings[2] == 3
+
+
+@both_kinds
+def test_a_copy_keeps_the_record_of_its_own_last_call(shared: bool) -> None:
+    simulation, _ = made(shared)
+    simulation.step(2)
+    copied, expected = simulation.copy(share_model=True), simulation.save(None, ())
+    simulation.step(2)
+    for name, values in copied.save(None, ()).items():
+        np.testing.assert_array_equal(values, expected[name], name)
