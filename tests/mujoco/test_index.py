@@ -199,6 +199,8 @@ def test_cached_keys_do_not_collide(physics: Physics) -> None:
         assert xpos[[["boat", "boom"]]].shape == (1, 2, 3)
         assert xpos["boat", ["x"]].shape == (1,)
         assert xpos[["boat"], "x"].shape == (1,)
+        assert len(xpos[1:5, "x"]) == 2 * len(xpos[1:5:2, "x"]) == 4
+        assert len(xpos[1:, "x"]) == len(xpos[1:4, "x"]) + len(xpos[4:, "x"])
         # Equal and hashed alike, yet no two are the same key.
         assert xpos[1].shape == (3,)
         assert xpos[True].shape == (1, *physics.data.xpos.shape)
