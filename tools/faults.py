@@ -418,7 +418,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "mujoco/index.py": [
         ("        return (..., *index, *(slice(None),) * rest)", "        return (..., *index)"),
         ("return (slice, key.start, key.stop, key.step)", "return (slice, key.start, key.stop)"),
-        ("if kinds == {str} or kinds == {int}:", "if kinds <= {str, int, bool}:"),
         ("starts == -1, 0, 1)", "starts == -1, 1, 1)"),
     ],
     "mujoco/physics_state.py": [

@@ -35,7 +35,9 @@ def _ratio(measure: str, num_envs: int) -> float:
 
 
 def test_the_speed_in_the_readme_is_the_one_that_was_measured() -> None:
-    (ratio,) = re.findall(r"runs ([\d.]+) times as many steps per second as EnvPool", _text(_PAGES[0]))
+    (ratio,) = re.findall(
+        r"runs ([\d.]+) times as many steps per second as EnvPool", _text(_PAGES[0])
+    )
     assert ratio == f"{_ratio('vector / EnvPool', 1024):.2f}"
 
 

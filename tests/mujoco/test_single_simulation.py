@@ -1,5 +1,9 @@
 """Tests of limberjack.mujoco.single_simulation."""
 
+import sys
+from collections.abc import Callable
+from types import FrameType
+
 import mujoco
 import numpy as np
 import pytest
@@ -7,6 +11,7 @@ import pytest
 from limberjack.mujoco import wrapper
 from limberjack.mujoco.single_simulation import SingleSimulation
 from limberjack.mujoco.wrapper.sharing import SharedModel
+from limberjack.rl.control import PhysicsError
 
 _XML = """
 <mujoco>
@@ -89,6 +94,52 @@ def test_an_error_in_the_forward_pass_leaves_actuation_enabled(
     data.ctrl[:] = 2.0
     simulation.forward()
     assert data.actuator_force[0] == 2.0
+
+
+def _interrupted_at(line: int, call: Callable[[], None]) -> bool:
+    """Calls with an interrupt before the n-th line of its own code; whether it came that far."""
+    left = line
+
+    def trace(frame: FrameType, event: str, _: object) -> object:
+        nonlocal left
+        if frame.f_code is not SingleSimulation.forward_without_actuation.__code__:
+            return None
+        if event == "line":
+            left -= 1
+            if left < 0:
+                raise KeyboardInterrupt
+        return trace
+
+    outer = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        call()
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(outer)
+    return False
+
+
+def test_an_interrupt_at_any_line_of_the_forward_pass_leaves_actuation_enabled() -> None:
+    line = 0
+    while True:
+        simulation, data = made(shared=False)
+        was_interrupted = _interrupted_at(line, simulation.forward_without_actuation)
+        data.ctrl[:] = 2.0
+        simulation.forward()
+        assert data.actuator_force[0] == 2.0, line
+        if not was_interrupted:
+            break
+        line += 1
+    assert line > 8
+
+
+def test_a_copy_of_a_state_that_mujoco_would_replace_is_refused() -> None:
+    simulation, data = made(shared=False)
+    data.qpos[0] = np.nan
+    with pytest.raises(PhysicsError):
+        simulation.copy(share_model=True)
 
 
 def test_a_shared_model_is_read_and_never_copied_by_running() -> None:
