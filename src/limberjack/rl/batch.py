@@ -189,18 +189,18 @@ class BatchEnvironment:
     def _step(self, begins: np.ndarray) -> dm_env.TimeStep:
         replicas, task = self._replicas, self._task
         physics = replicas.physics
-        any_begins = arrays.any_of(begins)
-        running = np.flatnonzero(~begins) if any_begins else None
+        running = np.flatnonzero(~begins) if arrays.any_of(begins) else None
         self.diverged = replicas.step(running, self._n_sub_steps)
         if arrays.any_of(self.diverged):
             self._report_divergence()
-        if any_begins:
+        if running is None or running.size:
+            task.after_step(physics)
+        if running is not None:  # only now, since `after_step` must not change a start
             self._begin(np.flatnonzero(begins))
-        task.after_step(physics)
         reward, self.reward_terms = reward_and_terms(task, physics)
         observation = self._observe()
         termination = task.get_termination(physics)
-        begun = begins if any_begins else None
+        begun = None if running is None else begins
         time_step, self._begins = self._counter.count(
             begun, self.diverged, reward, termination, observation
         )
