@@ -149,8 +149,12 @@ class BatchSimulation(CountsWarnings):
         index = slice(None) if row is None else row
         for name, value in values.items():
             lazy.own[name][index] = value
+        self.set_constants(None if row is None else np.array([row]))
+
+    def set_constants(self, rows: Rows = None) -> None:
+        """See `Simulation`."""
         if self.sets_constants:
-            lazy.set_const(None if row is None else np.array([row]))
+            self._living().set_const(rows)
 
     def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
         """See `Simulation`."""
@@ -169,8 +173,7 @@ class BatchSimulation(CountsWarnings):
         for name, value in saved.items():
             if name not in NOT_FIELDS:
                 lazy.own[name][index] = value
-        if self.sets_constants:
-            lazy.set_const(rows)
+        self.set_constants(rows)
         begin(self)
         lazy.load(saved, rows)
         self.busy_in = None

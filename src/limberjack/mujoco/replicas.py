@@ -90,6 +90,7 @@ class Replicas(Generic[_P]):
 
     def start(self, rows: np.ndarray) -> None:
         """Computes derived quantities of rows that begin an episode, with actuation disabled."""
+        self.simulation.set_constants(rows)
         self.simulation.forward_without_actuation(rows)
 
     def step(self, rows: Rows, nstep: int) -> np.ndarray:

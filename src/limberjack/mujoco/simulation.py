@@ -140,6 +140,10 @@ class Simulation(Fields, Protocol):
     def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
         """Everything that current quantities and future steps depend on, (n, ...) each.
 
+    def set_constants(self, rows: Rows = None) -> None:
+        """Recomputes constants if necessary: if `sets_constants`; the state is kept."""
+        ...
+
         Args:
           rows: rows of a batch to save.
           fields: model fields to include.

@@ -210,11 +210,17 @@ class SingleSimulation(CountsWarnings):
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
         """See `Simulation`."""
-        model = self._wrapper.own()
+        self._wrapper.own()
         for name, value in values.items():
             write_field(self._wrapper, name, value)
         if self.sets_constants:
-            mujoco.mj_setConst(model, self._data)
+        self.set_constants()
+
+    def set_constants(self, rows: Rows = None) -> None:
+        """See `Simulation`."""
+            state = self.get_state(STATE)  # MuJoCo computes in the data and overwrites positions
+            mujoco.mj_setConst(self._wrapper.own(), self._data)
+            self.set_state(state, STATE)
 
     def data_field(self, name: str) -> Field:
         """See `Fields`; without a batch axis."""

@@ -94,6 +94,10 @@ class Simulation(Protocol):
         """Sets model fields and recomputes the constants derived from them, for one row."""
         ...
 
+    def set_constants(self, rows: np.ndarray | None = None) -> None:
+        """Recomputes the constants derived from model fields that were set in another way."""
+        ...
+
 
 class Drawn(Protocol):
     """A single simulation or batch that can be rendered."""

@@ -141,6 +141,8 @@ class Environment(dm_env.Environment):
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
         if self._frames is not None:
+            if self._randomizer is not None:  # the start may have set fields too
+                self._simulated.simulation.set_constants()
             self._frames.forget()
         observation = self._observe()
         self._step_count = 0
