@@ -189,7 +189,19 @@ _DAMAGE = {
     "no streams": lambda s: dataclasses.replace(s, streams=[()] * len(s)),
     "streams of something else": lambda s: dataclasses.replace(s, streams=[("PCG", 1)] * len(s)),
     "a stream that is none": lambda s: dataclasses.replace(s, streams=[("noise",)] * len(s)),
+    "a stream before its key": lambda s: _with_position(s, -1),
+    "a stream behind its key": lambda s: _with_position(s, 625),
+    "counts below 0": lambda s: dataclasses.replace(s, step_count=s.step_count - 99),
+    "no origin": lambda s: dataclasses.replace(s, origin=None),
+    "no physics": lambda s: dataclasses.replace(s, physics=[1]),
+    "no list of streams": lambda s: dataclasses.replace(s, streams=None),
+    "frames of something else": lambda s: dataclasses.replace(s, frames="none"),
 }
+
+
+def _with_position(snapshot: Any, position: int) -> Any:
+    streams = [((*own[:2], position, *own[3:]), *rest) for own, *rest in snapshot.streams]
+    return dataclasses.replace(snapshot, streams=streams)
 
 
 @pytest.mark.parametrize("make", [_single, _batch])

@@ -34,7 +34,7 @@ from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
 from limberjack.rl.represented import of_environment, represented
 from limberjack.rl.reward_terms import reward_and_terms
-from limberjack.rl.snapshot import Snapshot, origin_of
+from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.stream_fields import check_not_randomized, set_stream_fields
 from limberjack.utils.arrays import Quantity
 
@@ -263,12 +263,12 @@ class Environment(dm_env.Environment):
         """Continues from a snapshot, bit for bit.
 
         Raises:
-          ValueError: it has another task, model or version, several environments, is damaged, or
-            contains an episode at or beyond the time limit; nothing was restored.
+          ValueError, TypeError: it is not a snapshot of one environment of this task, model and
+            version, is damaged, or is at or beyond the time limit; nothing was restored.
           PhysicsError: its state has diverged; the next step begins an episode.
         """
         own = self.snapshot()
-        snapshot.check(own.origin, size=1)
+        as_snapshot(snapshot).check(own.origin, size=1)
         snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
         snapshot.check_length(self._step_limit)
         with self._use:
