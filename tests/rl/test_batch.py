@@ -1,9 +1,11 @@
 """BatchEnvironment: checks, divergence, user tasks, threads and processes."""
 
 import collections
+import copy
 import logging
 import os
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -237,11 +239,25 @@ def test_divergence_can_be_raised_naming_the_rows() -> None:
 
 def test_a_batch_may_be_closed_twice_and_later_use_raises() -> None:
     batch = _walkers()
+    snapshot = batch.snapshot()
     batch.close()
     batch.close()
-    for call in (batch.reset, batch.snapshot, batch.control_timestep, lambda: batch.step(0)):
-        with pytest.raises(RuntimeError, match="closed"):
-            call()
+    uses: list[Callable[[], Any]] = [
+        batch.reset,
+        batch.snapshot,
+        batch.control_timestep,
+        batch.observation_spec,
+        batch.render,
+        lambda: batch.step(0),
+        lambda: batch.restore(snapshot),
+        lambda: batch.copy_row(0, 1),
+        lambda: batch.physics,
+        lambda: batch.single,
+        lambda: copy.deepcopy(batch),
+    ]
+    for use in uses:
+        with pytest.raises(RuntimeError, match="this batch is closed: create a new one"):
+            use()
 
 
 def test_use_from_two_threads_at_once_is_refused() -> None:

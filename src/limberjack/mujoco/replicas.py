@@ -17,7 +17,7 @@ import contextlib
 import functools
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NoReturn, TypeVar
 
 import mujoco
 import numpy as np
@@ -144,6 +144,11 @@ class Replicas(Generic[_P]):
             if name in vars(self):
                 vars(self)[name].free()
         vars(self).clear()
+
+    def __getattr__(self, name: str) -> NoReturn:
+        if vars(self):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        raise RuntimeError("this batch is closed: create a new one")
 
     def _take_fields(self, one: _P, row: int) -> None:
         """Copies a row's own model fields to a single simulation."""
