@@ -210,7 +210,7 @@ class Task(abc.ABC, Generic[_Physics]):
         """The reward of the last step."""
 
     def get_termination(self, physics: _Physics) -> Quantity | None:
-        """The final discount if the episode ends here, None if it continues.
+        """The final discount if the episode ends here, None or NaN if it continues.
 
         In a batch, an array of (num_envs,), NaN in rows whose episode continues.
         """

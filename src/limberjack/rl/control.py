@@ -177,7 +177,7 @@ class Environment(dm_env.Environment):
             self._step_count += 1
             at_limit = self._step_count >= self._step_limit
             discount = 1.0 if at_limit else task.get_termination(physics)
-            if discount is not None:
+            if discount is not None and not np.all(discount != discount):  # None or NaN: go on
                 return dm_env.TimeStep(dm_env.StepType.LAST, reward, discount, observation)
             self._reset_next_step = False
             return dm_env.TimeStep(dm_env.StepType.MID, reward, 1.0, observation)
