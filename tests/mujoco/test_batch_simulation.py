@@ -145,3 +145,14 @@ def test_a_saved_row_that_mujoco_would_reject_diverges_at_the_next_step() -> Non
     np.testing.assert_array_equal(batch.data.qpos[[0, 2], 0], [0.0, 0.2])
     with pytest.raises(PhysicsError, match=r"rows \[1\]"):
         batch.step()
+
+
+@pytest.mark.parametrize("nstep", [0, -3])
+def test_a_batch_takes_at_least_one_step(nstep: int) -> None:
+    physics = suite.load("pendulum", "swingup").physics.replicate(2, 1).physics
+    with pytest.raises(ValueError, match=f"nstep is {nstep}; expected at least one time step"):
+        physics.step(nstep)
+    physics.legacy_step = False
+    with pytest.raises(ValueError, match=f"nstep is {nstep}"):
+        physics.step(nstep)
+    assert physics.time().tolist() == [0.0, 0.0]

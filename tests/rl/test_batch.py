@@ -490,3 +490,9 @@ def test_a_start_that_would_change_textures_is_refused_by_name() -> None:
     physics = mujoco.Physics.from_xml_string(_POLE.replace("<worldbody>", f"{sky}<worldbody>"))
     with pytest.raises(ValueError, match="cannot read or change tex_data"):
         BatchEnvironment.from_environment(control.Environment(physics, _Painter()), 2)
+
+
+@pytest.mark.parametrize("seeds", [7, "seven", np.int64(7)])
+def test_seeds_that_are_no_sequence_are_refused_by_name(seeds: Any) -> None:
+    with pytest.raises(TypeError, match=r"seeds is .*; expected a sequence of 4, one for each row"):
+        _walkers().reset(None, seeds)

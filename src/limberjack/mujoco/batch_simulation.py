@@ -102,11 +102,11 @@ class BatchSimulation(CountsWarnings):
 
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        self._call(nstep, rows)
+        self._call(_at_least_one(nstep), rows)
 
     def step_whole(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        self._call(-nstep, rows)
+        self._call(-_at_least_one(nstep), rows)
 
     def forward(self, rows: Rows = None) -> None:
         """See `Simulation`."""
@@ -234,6 +234,12 @@ class BatchSimulation(CountsWarnings):
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(f"a batch of simulations has no {name!r}")
+
+
+def _at_least_one(nstep: int) -> int:
+    if nstep < 1:  # other numbers stand for other calls
+        raise ValueError(f"nstep is {nstep}; expected at least one time step")
+    return nstep
 
 
 # Batches to abandon in a forked child, which lacks their threads.

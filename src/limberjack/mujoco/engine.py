@@ -221,8 +221,9 @@ class Physics(_control.Physics):
         Raises:
           ValueError: there is no such field, or it is part of the model's structure.
         """
+        nominal = fields.nominal(self._data.model._model, names)
         self._simulation.sets_constants = fields.have_constants(names)
-        return fields.nominal(self._data.model._model, names)
+        return nominal
 
     # Stepping.
 

@@ -36,6 +36,7 @@ from limberjack.rl.represented import of_environment, represented
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.stream_fields import check_not_randomized, set_stream_fields
+from limberjack.rl.streams import stream_of
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
@@ -140,9 +141,9 @@ class Environment(dm_env.Environment):
             self._simulated.simulation.set_fields(self.randomization)
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
-        if self._frames is not None:
             if self._randomizer is not None:  # the start may have set fields too
                 self._simulated.simulation.set_constants()
+        if self._frames is not None:
             self._frames.forget()
         observation = self._observe()
         self._step_count = 0
@@ -245,7 +246,7 @@ class Environment(dm_env.Environment):
         """Everything that the environment's future depends on; see `limberjack.rl.snapshot`."""
         self._check_open()
         with self._use:
-            streams = [self.task.random.get_state()]
+            streams = [stream_of(self._task).get_state()]
             if self._randomizer is not None:
                 streams.append(self._draw_stream().get_state())
             return Snapshot(
@@ -274,11 +275,10 @@ class Environment(dm_env.Environment):
         with self._use:
             self._reset_next_step = True  # until it is complete
             self._simulated.simulation.load(snapshot.physics)
-            own, *beside = snapshot.streams[0]
-            self.task.random.set_state(own)
+            stream_of(self._task).set_state(snapshot.streams[0][0])
             self._seeded = (None, None)
             if self._randomizer is not None:
-                self._draw_stream().set_state(beside[0])
+                self._draw_stream().set_state(snapshot.streams[0][1])
                 saved = snapshot.physics
                 self.randomization = {name: saved[name][0] for name in self._randomizer.fields}
             if self._frames is not None:
@@ -327,7 +327,7 @@ class Environment(dm_env.Environment):
 
     def _draw_stream(self) -> np.random.RandomState:
         """The stream from which model fields are drawn; replaced when the task's stream is."""
-        random = self.task.random
+        random = stream_of(self._task)
         if self._draws is None or self._draws[0] is not random:
             self._draws = random, stream_beside(random)
         return self._draws[1]
@@ -337,9 +337,7 @@ class Environment(dm_env.Environment):
         if not self._closed:
             self._closed = True
             self._reset_next_step = True
-            free = getattr(self._physics, "free", None)
-            if free is not None:
-                free()
+            getattr(self._physics, "free", lambda: None)()
 
     def _check_open(self) -> None:
         if self._closed:
