@@ -195,8 +195,8 @@ def _check_streams(row: int, streams: object, count: int) -> None:
         stream = np.random.RandomState(0)
         try:
             stream.set_state(state)
-            position = stream.get_state(legacy=True)[2]
-            if not 0 <= position <= _KEY_LENGTH:  # NumPy would read beyond the key
+            _, _, position, *_ = stream.get_state(legacy=True)
+            if not 0 <= int(position) <= _KEY_LENGTH:  # NumPy would read beyond the key
                 raise ValueError(f"its position is {position}; expected 0 to {_KEY_LENGTH}")
         except (TypeError, ValueError, LookupError) as error:
             raise ValueError(
