@@ -228,6 +228,18 @@ def test_a_diverging_row_ends_and_is_flagged_and_the_others_do_not_notice(
     assert not list(tmp_path.iterdir())  # no MUJOCO_LOG.TXT
 
 
+def test_a_huge_control_of_one_row_raises_no_floating_point_error() -> None:
+    batch, twin = (suite.load_batch("lqr", "lqr_6_2", 3, 1, seed=0) for _ in range(2))
+    batch.reset(), twin.reset()
+    actions = np.zeros((3, 2))
+    actions[1] = 1e300
+    with np.errstate(all="raise"):
+        found, expected = batch.step(actions), twin.step(np.zeros((3, 2)))
+    assert batch.diverged.tolist() == [False, True, False]
+    assert found.reward.tolist() == [expected.reward[0], 0.0, expected.reward[2]]
+    assert found.discount.tolist() == [1.0, 0.0, 1.0]
+
+
 def test_divergence_can_be_raised_naming_the_rows() -> None:
     batch = _walkers(on_divergence="raise")
     batch.physics.data.qvel[1] = 1e12

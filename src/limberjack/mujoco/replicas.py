@@ -103,7 +103,10 @@ class Replicas(Generic[_P]):
             simulation.step_whole(nstep, rows)
         if not any_of(simulation.warnings):
             return np.zeros(self.num_envs, bool)
-        return np.any(simulation.warnings, axis=-1)
+        diverged = np.any(simulation.warnings, axis=-1)
+        # MuJoCo neither resets nor uses bad controls, from which a cost of control would overflow.
+        simulation.ctrl[diverged] = 0.0
+        return diverged
 
     def render_rows(self, rows: Rows, **kwargs: Any) -> np.ndarray:
         """Pictures of rows, (n, height, width, ...).
