@@ -68,8 +68,8 @@ class Replicas(Generic[_P]):
 
     @staticmethod
     def _set_up(one: _P, like: _P) -> None:
-        """Copies settings from one physics to another."""
-        one.legacy_step = like.legacy_step
+        """Copies settings from one physics to another, `legacy_step` among them."""
+        vars(one).update(like._attributes())
         one.simulation.sets_constants = like.simulation.sets_constants
 
     @contextlib.contextmanager
