@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import suite
+from limberjack import mujoco, suite
 from limberjack.mujoco import compiled
 from tests.laws.episodes import DOMAINS, Task, bits, load, play
 
@@ -154,3 +154,17 @@ def test_an_environment_made_in_one_thread_is_used_in_another() -> None:
     with futures.ThreadPoolExecutor(1) as pool:
         first = pool.submit(play, env, 5).result()
     assert first == play(load(("manipulator", "bring_peg")), 5)
+
+
+def test_threads_may_load_more_models_than_are_kept(
+    switching_often: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiled, "_MOST_KEPT", 2**20)
+
+    def load_some(number: int) -> None:
+        for i in range(200):
+            source = f"<mujoco model='{(number * i) % 7}'/>"
+            mujoco.Physics.from_shared_xml(source, {})
+
+    with futures.ThreadPoolExecutor(_THREADS) as pool:
+        list(pool.map(load_some, range(1, _THREADS + 1)))

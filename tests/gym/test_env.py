@@ -11,8 +11,10 @@ import pytest
 from gymnasium import error
 from gymnasium.utils.env_checker import check_env
 
-from limberjack import gym, suite
+from limberjack import gym, mujoco, suite
 from limberjack.rl import control
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.reward_terms import reward_of_terms
 from tests.programs import run
 
 from .gym_episodes import TASKS, assert_same, falling_env
@@ -419,3 +421,40 @@ def test_true_is_not_a_seed(make: Any) -> None:
     for seed in (True, False):
         with pytest.raises(TypeError, match=f"seed is {seed}; expected a whole number"):
             env.reset(seed=seed)
+
+
+class _Bare(control.Task):
+    """A task with terms, which is no `base.Task` and so has no goal."""
+
+    get_reward = reward_of_terms  # pyright: ignore[reportAssignmentType]
+
+    def initialize_episode(self, physics: Any) -> None:
+        physics.data.qvel[0] = 1.0
+
+    def before_step(self, action: Any, physics: Any) -> None:
+        physics.set_control(action)
+
+    def action_spec(self, physics: Any) -> Any:
+        return mujoco.action_spec(physics)
+
+    def get_observation(self, physics: Any) -> Any:
+        return {"velocity": physics.velocity()}
+
+    def reward_terms(self, physics: Any) -> Any:
+        return {"speed": physics.velocity()[..., 0]}
+
+    def reward_of(self, terms: Any) -> Any:
+        return terms["speed"]
+
+
+def test_a_task_that_is_not_of_the_suite_needs_no_goal() -> None:
+    physics = suite.load("pendulum", "swingup").physics
+    env = control.Environment(physics, _Bare(), time_limit=1)
+    envs = gym.VectorEnv(BatchEnvironment.from_environment(env, 2, 1))
+    single = gym.Env(env)
+    single.reset(seed=0), envs.reset(seed=0)
+    *_, info = single.step([0.0])
+    *_, infos = envs.step([[0.0], [0.0]])
+    assert list(info) == ["reward_terms"]
+    assert infos["reward_terms"]["speed"].tolist() == [info["reward_terms"]["speed"]] * 2
+    assert "success" not in infos

@@ -515,6 +515,14 @@ def test_a_batch_continues_from_its_snapshot() -> None:
         assert_same(one[:4], other[:4])
 
 
+def test_an_environment_that_was_never_reset_continues_from_a_snapshot() -> None:
+    envs, other = (_envs(3, flat=True) for _ in range(2))
+    envs.reset(seed=0)
+    envs.step(np.ones((3, 21)))
+    other.batches[0].restore(envs.batches[0].snapshot())
+    assert_same(other.step(np.ones((3, 21))), envs.step(np.ones((3, 21))))
+
+
 def test_there_are_one_or_two_batches() -> None:
     with pytest.raises(ValueError, match="there are 0 batches; expected one, or two halves"):
         gym.VectorEnv()

@@ -196,3 +196,14 @@ os.wait()
 """
     )
     assert printed == "True\n"
+
+
+@pytest.mark.parametrize("nstep", [0, -3])
+def test_a_batch_takes_at_least_one_step(nstep: int) -> None:
+    physics = suite.load("pendulum", "swingup").physics.replicate(2, 1).physics
+    with pytest.raises(ValueError, match=f"nstep is {nstep}; expected at least one time step"):
+        physics.step(nstep)
+    physics.legacy_step = False
+    with pytest.raises(ValueError, match=f"nstep is {nstep}"):
+        physics.step(nstep)
+    assert physics.time().tolist() == [0.0, 0.0]

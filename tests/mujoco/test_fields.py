@@ -112,3 +112,11 @@ def test_constants_follow_if_any_of_the_fields_is_one_that_they_depend_on(
     names: list[str], expected: bool
 ) -> None:
     assert fields.have_constants(names) is expected
+
+
+@pytest.mark.parametrize("name", ["hfield_data", "mesh_vert", "skin_rgba"])
+def test_data_that_all_rows_share_may_not_be_randomised(name: str) -> None:
+    with pytest.raises(ValueError, match=f"'{name}' is data of a texture, .*all rows share"):
+        fields.check_randomizable(name)
+    with pytest.raises(ValueError, match="MjModel has no field 3 to randomise"):
+        fields.check_randomizable(3)  # pyright: ignore[reportArgumentType]

@@ -444,3 +444,11 @@ def test_all_pairs_of_names_of_a_matrix_are_its_elements(physics: Physics) -> No
     rows, columns = filter(None, xmat.axes.row.names), xmat.axes.col.names
     for (i, row), (j, column) in itertools.product(enumerate(rows), enumerate(columns)):
         assert xmat[row, column] == physics.data.xmat[i, j]
+
+
+def test_a_field_cannot_be_replaced_by_mistake() -> None:
+    named = Physics.from_xml_string("<mujoco/>").named
+    with pytest.raises(AttributeError, match=r"set its elements: named\.data\.qpos\[:\] = "):
+        named.data.qpos = 1.0  # pyright: ignore[reportAttributeAccessIssue]
+    with pytest.raises(AttributeError, match=r"named\.model\.body_mass cannot be replaced"):
+        named.model.body_mass = 1.0  # pyright: ignore[reportAttributeAccessIssue]

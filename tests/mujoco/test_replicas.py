@@ -1,5 +1,6 @@
 """Rows of replicas begin, step and render like single simulations of the same model."""
 
+import functools
 import os
 from typing import Any
 
@@ -226,3 +227,25 @@ def test_the_physics_of_replicas_that_are_freed_is_closed() -> None:
     for physics in every:
         with pytest.raises(RuntimeError, match="this Physics is closed"):
             _ = physics.data
+
+
+class _Measured(_Pole):
+    unit = 1.0
+
+    @functools.cached_property
+    def heights(self) -> np.ndarray:
+        return self.data.site_xpos[..., 2]
+
+    def tip_height(self) -> np.ndarray:
+        return super().tip_height() * self.unit
+
+
+def test_rows_and_episodes_have_a_domains_own_attributes_but_no_cached_ones() -> None:
+    physics = _Measured.from_xml_string(_XML)
+    physics.unit = 100.0
+    assert physics.heights.shape == (1,)
+    rows = physics.replicate(_NUM_ENVS, 1)
+    for one in (rows.single, rows.textured, rows.physics):
+        assert one.unit == 100.0
+    assert rows.single.heights.base is not physics.heights.base
+    assert rows.physics.heights.shape == (_NUM_ENVS, 1)

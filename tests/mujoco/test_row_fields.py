@@ -70,6 +70,17 @@ def test_rows_are_read_and_written_as_in_an_array(rows: BatchSimulation) -> None
     np.testing.assert_array_equal(own[np.array([], int)], expected[:0])
 
 
+def test_an_option_that_is_one_number_is_read_and_written_by_rows() -> None:
+    model = Physics.from_xml_string(_XML).model
+    rows = BatchSimulation(model, _NUM_ENVS, 1, ("hfield_data", "opt.viscosity"))
+    own = rows.own_fields["opt.viscosity"]
+    own[1:] = np.array([1.0, 2.0, 3.0])
+    assert own[:].tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert own[2] == 2.0
+    saved = rows.save(np.array([1, 3]), ("opt.viscosity",))
+    assert saved["opt.viscosity"].tolist() == [1.0, 3.0]
+
+
 def _alone(rows: BatchSimulation, row: int) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """MuJoCo's own objects with a row's fields."""
     model = mujoco.MjModel.from_xml_string(_XML)

@@ -210,5 +210,23 @@ def test_an_option_that_differs_by_row_has_an_axis() -> None:
     options = physics.model.opt
     assert options.gravity.shape == (_NUM_ENVS, 3)
     assert options.wind.shape == (3,)
-    with pytest.raises(ValueError, match=r"opt\.gravity is shared|read-only"):
+    with pytest.raises(ValueError, match=r"opt\.wind is shared"):
+        options.wind[0] = 1.0
+    options.gravity[1] = 0.0
+    physics.step()
+    velocity = physics.velocity()
+    np.testing.assert_array_equal(velocity[2], velocity[0])
+    assert (velocity[1] != velocity[0]).any()
+    options.gravity = -9.0
+    assert physics.model.opt.gravity.tolist() == [[-9.0] * 3] * _NUM_ENVS
+
+
+def test_an_option_of_rows_with_models_of_their_own_has_their_values() -> None:
+    own = "opt.gravity", "opt.viscosity", "skin_rgba"
+    physics = Physics.from_xml_string(_XML).replicate(_NUM_ENVS, 1, own).physics
+    physics.simulation.set_fields({"opt.viscosity": np.array(2.0)}, 1)
+    options = physics.model.opt
+    assert options.gravity[..., 2].tolist() == [-9.81] * _NUM_ENVS
+    assert options.viscosity.tolist()[:2] == [0.0, 2.0]
+    with pytest.raises(ValueError, match=r"opt\.gravity of the model is read-only"):
         options.gravity[0] = 1.0

@@ -68,3 +68,11 @@ def test_a_size_that_the_model_cannot_have_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         checked_size(physics, *size)
+
+
+@pytest.mark.parametrize("camera_id", [None, 0.5, ["side"]])
+def test_a_camera_that_is_neither_a_name_nor_a_number_is_refused(
+    physics: Physics, camera_id: Any
+) -> None:
+    with pytest.raises(TypeError, match=r"camera_id is .*; expected the name or the number"):
+        view_of(physics, camera_id)

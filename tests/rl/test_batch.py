@@ -1,9 +1,11 @@
 """BatchEnvironment: checks, divergence, user tasks, threads and processes."""
 
 import collections
+import copy
 import logging
 import os
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -226,6 +228,18 @@ def test_a_diverging_row_ends_and_is_flagged_and_the_others_do_not_notice(
     assert not list(tmp_path.iterdir())  # no MUJOCO_LOG.TXT
 
 
+def test_a_huge_control_of_one_row_raises_no_floating_point_error() -> None:
+    batch, twin = (suite.load_batch("lqr", "lqr_6_2", 3, 1, seed=0) for _ in range(2))
+    batch.reset(), twin.reset()
+    actions = np.zeros((3, 2))
+    actions[1] = 1e300
+    with np.errstate(all="raise"):
+        found, expected = batch.step(actions), twin.step(np.zeros((3, 2)))
+    assert batch.diverged.tolist() == [False, True, False]
+    assert found.reward.tolist() == [expected.reward[0], 0.0, expected.reward[2]]
+    assert found.discount.tolist() == [1.0, 0.0, 1.0]
+
+
 def test_divergence_can_be_raised_naming_the_rows() -> None:
     batch = _walkers(on_divergence="raise")
     batch.physics.data.qvel[1] = 1e12
@@ -237,11 +251,25 @@ def test_divergence_can_be_raised_naming_the_rows() -> None:
 
 def test_a_batch_may_be_closed_twice_and_later_use_raises() -> None:
     batch = _walkers()
+    snapshot = batch.snapshot()
     batch.close()
     batch.close()
-    for call in (batch.reset, batch.snapshot, batch.control_timestep, lambda: batch.step(0)):
-        with pytest.raises(RuntimeError, match="closed"):
-            call()
+    uses: list[Callable[[], Any]] = [
+        batch.reset,
+        batch.snapshot,
+        batch.control_timestep,
+        batch.observation_spec,
+        batch.render,
+        lambda: batch.step(0),
+        lambda: batch.restore(snapshot),
+        lambda: batch.copy_row(0, 1),
+        lambda: batch.physics,
+        lambda: batch.single,
+        lambda: copy.deepcopy(batch),
+    ]
+    for use in uses:
+        with pytest.raises(RuntimeError, match="this batch is closed: create a new one"):
+            use()
 
 
 def test_use_from_two_threads_at_once_is_refused() -> None:
@@ -474,3 +502,9 @@ def test_a_start_that_would_change_textures_is_refused_by_name() -> None:
     physics = mujoco.Physics.from_xml_string(_POLE.replace("<worldbody>", f"{sky}<worldbody>"))
     with pytest.raises(ValueError, match="cannot read or change tex_data"):
         BatchEnvironment.from_environment(control.Environment(physics, _Painter()), 2)
+
+
+@pytest.mark.parametrize("seeds", [7, "seven", np.int64(7)])
+def test_seeds_that_are_no_sequence_are_refused_by_name(seeds: Any) -> None:
+    with pytest.raises(TypeError, match=r"seeds is .*; expected a sequence of 4, one for each row"):
+        _walkers().reset(None, seeds)

@@ -173,3 +173,25 @@ def test_model_fields_are_drawn_from_a_separate_stream_per_row() -> None:
         np.testing.assert_array_equal(batch.randomization["body_mass"][row], nominal + drawn)
         start = np.random.RandomState(8 + row).uniform(-1, 1)
         assert first.observation["position"][row, 0] == start
+
+
+class _Counting(_Scripted):
+    """Counts its steps in the data."""
+
+    def after_step(self, physics: Any) -> None:
+        physics.data.qfrc_applied[..., 0] += 1e-3
+
+    def get_observation(self, physics: Any) -> collections.OrderedDict:
+        return collections.OrderedDict(count=physics.data.qfrc_applied.copy())
+
+
+def test_after_step_does_not_reach_the_start_of_the_next_episode() -> None:
+    def made(seed: int) -> control.Environment:
+        physics = mujoco.Physics.from_xml_string(_SLIDER)
+        return control.Environment(physics, _Counting(seed), time_limit=3 * physics.timestep())
+
+    single, batch = made(0), BatchEnvironment.from_environment(made(0), 2, 1, seed=0)
+    expected, found = single.reset(), batch.reset()
+    for _ in range(9):
+        np.testing.assert_array_equal(found.observation["count"][0], expected.observation["count"])
+        expected, found = single.step(np.zeros(1)), batch.step(np.zeros((2, 1)))

@@ -335,3 +335,22 @@ def test_a_flat_environment_has_a_flat_spec() -> None:
     assert list(spec) == ["observations"]
     assert spec["observations"].shape == (2,)
     np.testing.assert_array_equal(env.reset().observation["observations"], [1.0, 0.0])
+
+
+def test_nan_lets_an_episode_go_on_as_in_a_batch() -> None:
+    env = make()
+    env.reset()
+    for go_on in (np.nan, np.array(np.nan), np.where(False, 0.0, np.nan)):
+        env.task.get_termination = lambda physics, value=go_on: value
+        time_step = env.step([0.0])
+        assert time_step.mid()
+        assert time_step.discount == 1.0
+    env.task.get_termination = lambda physics: np.where(True, 0.0, np.nan)
+    assert env.step([0.0]).last()
+
+
+def test_a_task_without_a_stream_is_named_where_one_is_needed() -> None:
+    env = make()
+    env.reset()
+    with pytest.raises(TypeError, match=r"task Reach has no numpy\.random\.RandomState `random`"):
+        env.snapshot()

@@ -143,6 +143,16 @@ def test_a_draw_with_one_number_that_is_not_finite_is_refused(bad: float) -> Non
         env.reset()
 
 
+@pytest.mark.parametrize(
+    "draw",
+    [scale("a", 1), shift([1, 2], [3, 4]), scale(np.inf, np.inf), lambda random: 1.0],  # pyright: ignore[reportArgumentType]
+)
+def test_a_draw_that_raises_is_named_with_its_field(draw: Any) -> None:
+    env = suite.load("humanoid", "stand", None, {"randomize": {"body_mass": draw}})
+    with pytest.raises((TypeError, ValueError), match=r"randomize\['body_mass'\], which is "):
+        env.reset()
+
+
 def test_a_draw_of_another_shape_is_refused_though_it_has_as_many_numbers() -> None:
     options = {"randomize": {"geom_friction": lambda random, nominal: nominal.T}}
     env = suite.load("humanoid", "stand", {"random": 0}, options)

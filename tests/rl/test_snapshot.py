@@ -1,5 +1,6 @@
 """Snapshots and copies: rejected ones, and their quantities."""
 
+import collections
 import copy
 import dataclasses
 import pickle
@@ -9,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import suite
+from limberjack import mujoco, suite
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.randomize import scale
 from limberjack.rl.snapshot import Snapshot
+from limberjack.suite import base
 
 _TASK = ("stacker", "stack_2")
 _COPIES = pytest.mark.parametrize(
@@ -187,7 +189,19 @@ _DAMAGE = {
     "no streams": lambda s: dataclasses.replace(s, streams=[()] * len(s)),
     "streams of something else": lambda s: dataclasses.replace(s, streams=[("PCG", 1)] * len(s)),
     "a stream that is none": lambda s: dataclasses.replace(s, streams=[("noise",)] * len(s)),
+    "a stream before its key": lambda s: _with_position(s, -1),
+    "a stream behind its key": lambda s: _with_position(s, 625),
+    "counts below 0": lambda s: dataclasses.replace(s, step_count=s.step_count - 99),
+    "no origin": lambda s: dataclasses.replace(s, origin=None),
+    "no physics": lambda s: dataclasses.replace(s, physics=[1]),
+    "no list of streams": lambda s: dataclasses.replace(s, streams=None),
+    "frames of something else": lambda s: dataclasses.replace(s, frames="none"),
 }
+
+
+def _with_position(snapshot: Any, position: int) -> Any:
+    streams = [((*own[:2], position, *own[3:]), *rest) for own, *rest in snapshot.streams]
+    return dataclasses.replace(snapshot, streams=streams)
 
 
 @pytest.mark.parametrize("make", [_single, _batch])
@@ -291,3 +305,103 @@ def test_it_is_the_same_after_pickling() -> None:
     again = pickle.loads(pickle.dumps(snapshot))
     again.check(_ORIGIN, size=2)
     np.testing.assert_array_equal(again.physics["state"], snapshot.physics["state"])
+
+
+@pytest.mark.parametrize("make", [_single, _batch])
+@pytest.mark.parametrize("given", [None, {"state": 1}, "snapshot.pkl", b"..."])
+def test_only_a_snapshot_can_be_restored(given: Any, make: Any) -> None:
+    env, twin = make(), make()
+    with pytest.raises(TypeError, match=r"snapshot is .*; expected a Snapshot"):
+        env.restore(given)
+    assert _future(env) == _future(twin)
+
+
+@pytest.mark.parametrize("make", [_single, _batch])
+@pytest.mark.parametrize("steps", [10**12, -(10**12)])
+def test_a_damaged_number_of_steps_is_not_repeated(steps: int, make: Any) -> None:
+    env, twin = make(), make()
+    env.restore(_with_physics("call", lambda calls: np.full_like(calls, steps))(env.snapshot()))
+    assert _future(env) == _future(twin)
+
+
+_TWO_LINKS = """
+<mujoco>
+  <option timestep="0.01"/>
+  <worldbody>
+    <body name="upper">
+      <joint name="shoulder" axis="0 1 0" limited="true" range="-40 40"/>
+      <geom type="capsule" size="0.03" fromto="0 0 0 0 0 0.5"/>
+      <body name="lower" pos="0 0 0.5">
+        <joint name="elbow" axis="0 1 0" limited="true" range="-30 30"/>
+        <geom type="capsule" size="0.03" fromto="0 0 0 0 0 0.5"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor joint="shoulder" ctrllimited="true" ctrlrange="-1 1"/></actuator>
+</mujoco>
+"""
+
+
+class _Lengthening(base.Task):
+    """Its starts, at the limits of the joints, draw a length on which MuJoCo's constants depend."""
+
+    EPISODE_FIELDS = ("body_pos",)
+
+    def initialize_episode(self, physics: Any) -> None:
+        physics.named.model.body_pos["lower", "z"] = self.random.uniform(0.1, 0.9)
+        physics.data.qpos[:] = 0.68, 0.5
+        physics.data.qvel[:] = 5.0
+
+    def get_observation(self, physics: Any) -> collections.OrderedDict:
+        return collections.OrderedDict(position=physics.position())
+
+    def get_reward(self, physics: Any) -> Any:
+        return physics.position()[..., 0]
+
+
+def _lengthening() -> control.Environment:
+    physics = mujoco.Physics.from_xml_string(_TWO_LINKS)
+    randomize = {"body_mass": scale(0.5, 2)}
+    return control.Environment(physics, _Lengthening(0), n_sub_steps=30, randomize=randomize)
+
+
+def _restored(env: Any) -> Any:
+    other = _lengthening()
+    if isinstance(env, BatchEnvironment):
+        other = BatchEnvironment.from_environment(other, env.num_envs, 1, seed=9)
+    other.restore(env.snapshot())
+    return other
+
+
+@pytest.mark.parametrize("copied", [_restored, copy.deepcopy])
+@pytest.mark.parametrize(
+    "make",
+    [_lengthening, lambda: BatchEnvironment.from_environment(_lengthening(), 2, 1, seed=0)],
+    ids=["single", "batch"],
+)
+def test_constants_of_randomised_models_are_those_of_the_original(make: Any, copied: Any) -> None:
+    env = make()
+    env.reset()
+    env.reset()
+    other = copied(env)
+    assert _future(env) == _future(other)
+
+
+def test_a_row_has_the_constants_of_its_single_environment() -> None:
+    env = _lengthening()
+    batch = BatchEnvironment.from_environment(env, 2, 1, seed=0)
+    for _ in range(2):
+        env.reset(), batch.reset()
+        for action in _actions(env, 5):
+            expected = env.step(action).observation["position"]
+            found = batch.step(np.tile(action, (2, 1))).observation["position"][0]
+            np.testing.assert_array_equal(found, expected)
+
+
+def test_seeding_in_mid_episode_leaves_the_state_of_a_randomised_environment() -> None:
+    kwargs = {"randomize": {"body_mass": scale(0.5, 2)}}
+    env = suite.load("lqr", "lqr_2_1", {"random": 0}, kwargs)
+    env.reset()
+    before = env.physics.position()
+    env.reseed(7)
+    np.testing.assert_array_equal(env.physics.position(), before)

@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from limberjack.mujoco.drawing import check_names
 from limberjack.rl.pixels import render_arguments
+from limberjack.utils.keywords import keywords
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.suggest import did_you_mean
 
@@ -172,7 +173,7 @@ def picture_arguments(
         raise TypeError(
             f"camera_id is {camera_id!r} and camera_name is {camera_name!r}; expected one of them"
         )
-    kwargs = render_arguments(render_kwargs or {})
+    kwargs = render_arguments(keywords("render_kwargs", render_kwargs))
     check_names(kwargs)
     camera = camera_id if camera_name is None else camera_name
     for name, value in (("width", width), ("height", height), ("camera_id", camera)):
@@ -209,7 +210,7 @@ def _with(
     name: str, value: object, kwargs: Mapping[str, object] | None, where: str
 ) -> dict[str, object]:
     """`kwargs` with a value added, unless that is None."""
-    known = dict(kwargs or {})
+    known = keywords(where, kwargs)
     if value is None:
         return known
     if name in known:

@@ -17,7 +17,7 @@ import gymnasium
 from gymnasium.wrappers import TimeLimit
 
 from limberjack.gym.env import Env
-from limberjack.rl.snapshot import Snapshot
+from limberjack.rl.snapshot import Snapshot, as_snapshot
 
 __all__ = ["UNLIMITED", "asks_for_a_time_limit", "limit_of_batch", "limit_of_single", "restore"]
 
@@ -92,13 +92,13 @@ def restore(env: gymnasium.Env, snapshot: Snapshot) -> None:
     cannot reach.
 
     Raises:
-      TypeError: the environment is not of `limberjack.gym`.
+      TypeError: the environment is not of `limberjack.gym`, or it is not a snapshot.
       ValueError: the snapshot does not fit, or is of a step at or after the limit.
     """
     inner = env.unwrapped
     if not isinstance(inner, Env):
         raise TypeError(f"env is {env}; expected an environment of limberjack.gym")
-    steps = int(snapshot.step_count[0])
+    steps = int(as_snapshot(snapshot).step_count[0])
     limits = _time_limits(env)
     least = min((limit._max_episode_steps for limit in limits), default=math.inf)
     if steps >= least and not snapshot.begins[0]:

@@ -180,8 +180,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         """Step every row; return observations, rewards, terminated, truncated and info.
 
         Raises:
-          ResetNeeded: `reset` was not called, or `autoreset_mode` is DISABLED and an episode has
-            ended.
+          ResetNeeded: no episode was begun or restored, or `autoreset_mode` is DISABLED and an
+            episode has ended.
           ValueError, TypeError: the actions are not finite numbers, one row for each environment;
             nothing was stepped.
           PhysicsError: a row diverged and `on_divergence` is 'raise'.
@@ -274,7 +274,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
 
     def _check_begun(self) -> None:
         self._check_open()
-        if not self._was_reset:
+        # A row may also have been restored from a snapshot.
+        if not self._was_reset and all(batch.begins.all() for batch in self.batches):
             raise error.ResetNeeded("no episode is running: call reset() before step()")
 
 

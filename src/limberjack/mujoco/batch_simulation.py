@@ -102,11 +102,11 @@ class BatchSimulation(CountsWarnings):
 
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        self._call(nstep, rows)
+        self._call(_at_least_one(nstep), rows)
 
     def step_whole(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        self._call(-nstep, rows)
+        self._call(-_at_least_one(nstep), rows)
 
     def forward(self, rows: Rows = None) -> None:
         """See `Simulation`."""
@@ -149,8 +149,12 @@ class BatchSimulation(CountsWarnings):
         index = slice(None) if row is None else row
         for name, value in values.items():
             lazy.own[name][index] = value
+        self.set_constants(None if row is None else np.array([row]))
+
+    def set_constants(self, rows: Rows = None) -> None:
+        """See `Simulation`."""
         if self.sets_constants:
-            lazy.set_const(None if row is None else np.array([row]))
+            self._living().set_const(rows)
 
     def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
         """See `Simulation`."""
@@ -169,8 +173,7 @@ class BatchSimulation(CountsWarnings):
         for name, value in saved.items():
             if name not in NOT_FIELDS:
                 lazy.own[name][index] = value
-        if self.sets_constants:
-            lazy.set_const(rows)
+        self.set_constants(rows)
         begin(self)
         lazy.load(saved, rows)
         self.busy_in = None
@@ -231,6 +234,12 @@ class BatchSimulation(CountsWarnings):
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(f"a batch of simulations has no {name!r}")
+
+
+def _at_least_one(nstep: int) -> int:
+    if nstep < 1:  # other numbers stand for other calls
+        raise ValueError(f"nstep is {nstep}; expected at least one time step")
+    return nstep
 
 
 # Batches to abandon in a forked child, which lacks their threads.

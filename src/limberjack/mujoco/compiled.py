@@ -7,7 +7,6 @@ Compiling a suite model takes about 70 ms. The most recently used models stay in
 total size, even if no simulation uses them.
 """
 
-import collections
 import weakref
 from collections.abc import Callable, Hashable
 
@@ -20,7 +19,7 @@ __all__ = ["compiled", "drop_unused"]
 _MOST_KEPT = 128 * 2**20  # bytes; total size of the cached models
 
 _in_use: "weakref.WeakValueDictionary[Hashable, SharedModel]" = weakref.WeakValueDictionary()
-_last_used: "collections.OrderedDict[Hashable, SharedModel]" = collections.OrderedDict()
+_last_used: dict[Hashable, SharedModel] = {}  # the most recent one last
 
 
 def compiled(source: Hashable, compile_it: Callable[[], mujoco.MjModel]) -> SharedModel:
@@ -28,12 +27,16 @@ def compiled(source: Hashable, compile_it: Callable[[], mujoco.MjModel]) -> Shar
     shared = _in_use.get(source)
     if shared is None:
         shared = _in_use[source] = SharedModel(compile_it())
+    # Other threads may do the same at any point, so nothing relies on the entries found before.
+    _last_used.pop(source, None)
     _last_used[source] = shared
-    _last_used.move_to_end(source)
-    sizes = [mujoco.mj_sizeModel(kept.model) for kept in _last_used.values()]
-    while len(sizes) > 1 and sum(sizes) > _MOST_KEPT:
-        _last_used.popitem(last=False)
-        del sizes[0]
+    kept = [(name, mujoco.mj_sizeModel(each.model)) for name, each in tuple(_last_used.items())]
+    total = sum(size for _, size in kept)
+    for name, size in kept[:-1]:
+        if total <= _MOST_KEPT:
+            break
+        _last_used.pop(name, None)
+        total -= size
     return shared
 
 

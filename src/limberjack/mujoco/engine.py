@@ -197,11 +197,20 @@ class Physics(_control.Physics):
         """This physics evaluated on other fields, such as those of a `BatchSimulation`."""
         cls: type[Self] = type(self)
         other = cls.__new__(cls)
-        own = ("_data", "_simulation", "named")
-        vars(other).update((k, v) for k, v in vars(self).items() if k not in own)
+        vars(other).update(self._attributes())
         other._simulation = cast(Simulation, fields)  # read-only ones raise when stepped
         other._forget_arrays()
         return other
+
+    def _attributes(self) -> dict[str, object]:
+        """The attributes that do not belong to one simulation, such as a domain's settings."""
+        cls, own = type(self), ("_data", "_simulation")
+        cached = functools.cached_property
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if name not in own and not isinstance(getattr(cls, name, None), cached)
+        }
 
     def _forget_arrays(self) -> None:
         vars(self).pop("named", None)
@@ -221,8 +230,9 @@ class Physics(_control.Physics):
         Raises:
           ValueError: there is no such field, or it is part of the model's structure.
         """
+        nominal = fields.nominal(self._data.model._model, names)
         self._simulation.sets_constants = fields.have_constants(names)
-        return fields.nominal(self._data.model._model, names)
+        return nominal
 
     # Stepping.
 

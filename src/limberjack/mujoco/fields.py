@@ -196,16 +196,18 @@ def fields_of_rows() -> frozenset[str]:
 def check_randomizable(name: str) -> None:
     """Raises ValueError unless rows of a batch may differ in this model field."""
     known = mujoco.batch.MODEL_FIELDS
-    if name not in known:
+    is_array = isinstance(getattr(_empty_model(), str(name), None), np.ndarray)
+    if name not in known and not is_array:
         raise ValueError(
             f"MjModel has no field {name!r} to randomise.{did_you_mean(name, sorted(known))} "
             "Use a field name of mujoco.MjModel, or one such as 'opt.gravity'."
         )
-    if name in _FIXED_OPTIONS or not (name.startswith("opt.") or _is_value(name)):
-        raise ValueError(
-            f"{name!r} is part of the model's structure, which all rows share; it cannot be "
-            "randomised"
-        )
+    is_value = name.startswith("opt.") or _is_value(name)
+    if name not in known or name in _FIXED_OPTIONS or not is_value:
+        what = "part of the model's structure"
+        if is_value and name not in known:
+            what = "data of a texture, height field, mesh or skin"
+        raise ValueError(f"{name!r} is {what}, which all rows share; it cannot be randomised")
 
 
 def nominal(model: mujoco.MjModel, names: Iterable[str]) -> dict[str, np.ndarray]:

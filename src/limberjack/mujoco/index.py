@@ -276,10 +276,7 @@ class NamedFields:
           names: the model's axes.
           indexer: creates the indexer of a field; the arguments are those of `FieldIndexer`.
         """
-        self._struct_name = struct_name
-        self._read = read
-        self._names = names
-        self._indexer = indexer
+        vars(self).update(_struct_name=struct_name, _read=read, _names=names, _indexer=indexer)
 
     def __getattr__(self, name: str) -> FieldIndexer:
         if name.startswith("_"):
@@ -299,6 +296,13 @@ class NamedFields:
             # Arrays without named rows may be reallocated between steps, so they are not cached.
             self.__dict__[name] = indexer
         return indexer
+
+    def __setattr__(self, name: str, value: object) -> None:
+        struct = self._struct_name.removeprefix("Mj").lower()
+        raise AttributeError(
+            f"named.{struct}.{name} cannot be replaced; set its elements: "
+            f"named.{struct}.{name}[:] = ..."
+        )
 
     def _asdict(self) -> dict[str, FieldIndexer]:
         """All fields that are arrays, by name."""

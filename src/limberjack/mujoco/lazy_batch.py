@@ -30,7 +30,14 @@ import numpy as np
 
 from limberjack.mujoco import midphase, row_fields
 from limberjack.mujoco.index import Axes, FieldIndexer
-from limberjack.mujoco.simulation import FORWARD, LOAD, START, Rows, is_bad_state
+from limberjack.mujoco.simulation import (
+    FORWARD,
+    LOAD,
+    START,
+    Rows,
+    can_be_repeated,
+    is_bad_state,
+)
 from limberjack.utils.arrays import AnyArray
 
 __all__ = ["LazyBatch"]
@@ -259,7 +266,7 @@ class LazyBatch:
         """
         calls, state = saved["call"], saved["state"]
         self.state[rows] = saved["before"]
-        can_be = (calls != LOAD) & ~is_bad_state(self._model, state)
+        can_be = can_be_repeated(calls) & ~is_bad_state(self._model, state)
         can_be &= not self.remembers
         for kind in np.unique(calls[can_be]).tolist():
             self.call(kind, rows[can_be & (calls == kind)])

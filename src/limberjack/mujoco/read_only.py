@@ -65,24 +65,30 @@ class ReadOnlyStruct:
     """A read-only view of a struct, such as `mujoco.MjOption`."""
 
     def __init__(
-        self, struct: object, name: str, own: Mapping[str, np.ndarray] | None = None
+        self, struct: object, name: str, own: Mapping[str, AnyArray] | None = None
     ) -> None:
         """Wraps a struct.
 
         Args:
           struct: the struct.
           name: its name, for messages.
-          own: fields that differ per row, (num_envs, ...), which are read in place of the struct's.
+          own: fields that differ per row, (num_envs, ...), which take the place of the struct's and
+            may be writable.
         """
         vars(self).update(_struct=struct, _name=name, _own=own or {})
 
     def __getattr__(self, name: str) -> Any:  # attributes of the struct
         if name.startswith("_"):  # including those of an object not yet initialised
             raise AttributeError(name)
-        value = self._own[name] if name in self._own else getattr(self._struct, name)
+        if name in self._own:
+            return self._own[name]
+        value = getattr(self._struct, name)
         if isinstance(value, np.ndarray):
             return ReadOnly.of(value, _COMMON.format(f"{self._name}.{name}"))
         return value
 
     def __setattr__(self, name: str, value: object) -> None:
+        if name in self._own:
+            self._own[name][...] = value
+            return
         raise ValueError(_COMMON.format(f"{self._name}.{name}"))

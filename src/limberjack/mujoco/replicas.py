@@ -17,7 +17,7 @@ import contextlib
 import functools
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NoReturn, TypeVar
 
 import mujoco
 import numpy as np
@@ -68,8 +68,8 @@ class Replicas(Generic[_P]):
 
     @staticmethod
     def _set_up(one: _P, like: _P) -> None:
-        """Copies settings from one physics to another."""
-        one.legacy_step = like.legacy_step
+        """Copies settings from one physics to another, `legacy_step` among them."""
+        vars(one).update(like._attributes())
         one.simulation.sets_constants = like.simulation.sets_constants
 
     @contextlib.contextmanager
@@ -90,6 +90,7 @@ class Replicas(Generic[_P]):
 
     def start(self, rows: np.ndarray) -> None:
         """Computes derived quantities of rows that begin an episode, with actuation disabled."""
+        self.simulation.set_constants(rows)
         self.simulation.forward_without_actuation(rows)
 
     def step(self, rows: Rows, nstep: int) -> np.ndarray:
@@ -102,7 +103,10 @@ class Replicas(Generic[_P]):
             simulation.step_whole(nstep, rows)
         if not any_of(simulation.warnings):
             return np.zeros(self.num_envs, bool)
-        return np.any(simulation.warnings, axis=-1)
+        diverged = np.any(simulation.warnings, axis=-1)
+        # MuJoCo neither resets nor uses bad controls, from which a cost of control would overflow.
+        simulation.ctrl[diverged] = 0.0
+        return diverged
 
     def render_rows(self, rows: Rows, **kwargs: Any) -> np.ndarray:
         """Pictures of rows, (n, height, width, ...).
@@ -143,6 +147,11 @@ class Replicas(Generic[_P]):
             if name in vars(self):
                 vars(self)[name].free()
         vars(self).clear()
+
+    def __getattr__(self, name: str) -> NoReturn:
+        if vars(self):
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        raise RuntimeError("this batch is closed: create a new one")
 
     def _take_fields(self, one: _P, row: int) -> None:
         """Copies a row's own model fields to a single simulation."""

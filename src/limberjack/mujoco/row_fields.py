@@ -179,8 +179,9 @@ class _Values:
         numbers = self._numbers[rows]
         first = np.asarray(read_field(self._models[0], self._name))
         values = np.empty((*numbers.shape, *first.shape), first.dtype)
-        for value, number in zip(_each(values, numbers), numbers.flat, strict=True):
-            value[...] = read_field(self._models[number], self._name)
+        each = _each(values, numbers)
+        for i, number in enumerate(numbers.flat):
+            each[i] = read_field(self._models[number], self._name)
         return values
 
     def __setitem__(self, rows: AnyArray, values: AnyArray) -> None:

@@ -122,11 +122,14 @@ class RowsModel(MjModel):
             raise AttributeError(f"a batch has no model.{name}(...): use physics.named.model")
         return ReadOnlyStruct(field, name, self._own_parts(name))
 
-    def _own_parts(self, struct: str) -> dict[str, np.ndarray]:
+    def _own_parts(self, struct: str) -> dict[str, AnyArray]:
         """Per-row fields of a struct of the model, such as the gravity of `opt`."""
-        own = getattr(self._fields, "own_fields", {})
-        parts = ((name.partition("."), values) for name, values in own.items())
-        return {part: values for (whole, _, part), values in parts if whole == struct and part}
+        prefix, own = f"{struct}.", getattr(self._fields, "own_fields", ())
+        return {
+            name.removeprefix(prefix): self._fields.model_field(name)[0]
+            for name in own
+            if name.startswith(prefix)
+        }
 
     def __setattr__(self, name: str, value: object) -> None:
         field = self._fields.model_field(name)[0]

@@ -41,6 +41,7 @@ __all__ = [
     "Fields",
     "Rows",
     "Simulation",
+    "can_be_repeated",
     "described",
     "is_bad_state",
     "read_field",
@@ -55,6 +56,8 @@ ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
 START = 0  # `forward_without_actuation`
 LOAD = np.iinfo(np.int64).max  # `load` of a state alone
 FORWARD = np.iinfo(np.int64).min  # `forward`
+
+_MOST_STEPS = 100_000  # far more than a control step has
 
 # Keys in the result of `save` other than model fields.
 NOT_FIELDS = ("state", "sensordata", "before", "call")
@@ -137,6 +140,10 @@ class Simulation(Fields, Protocol):
         """Sets model fields, of one row in a batch, and recomputes constants if necessary."""
         ...
 
+    def set_constants(self, rows: Rows = None) -> None:
+        """Recomputes constants if necessary: if `sets_constants`; the state is kept."""
+        ...
+
     def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
         """Everything that current quantities and future steps depend on, (n, ...) each.
 
@@ -191,6 +198,11 @@ class CountsWarnings(Busy):
         if earlier is not None:
             self.warnings += earlier
         return new
+
+
+def can_be_repeated(call: AnyArray) -> AnyArray:
+    """Whether recorded calls, a code or (n,), lead to a state; a damaged one may never return."""
+    return (call != LOAD) & ((call == FORWARD) | (abs(call) <= _MOST_STEPS))
 
 
 def is_bad_state(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:

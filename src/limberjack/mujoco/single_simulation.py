@@ -25,6 +25,7 @@ from limberjack.mujoco.simulation import (
     CountsWarnings,
     Field,
     Rows,
+    can_be_repeated,
     is_bad_state,
     read_field,
     write_field,
@@ -174,7 +175,7 @@ class SingleSimulation(CountsWarnings):
         It does not if the state or the model was changed after that call.
         """
         call = int(saved["call"][0]) if "call" in saved else LOAD
-        if call == LOAD:
+        if not can_be_repeated(call):
             return False
         self.set_state(saved["before"][0], STATE)
         if 0 < call < LOAD:
@@ -210,11 +211,17 @@ class SingleSimulation(CountsWarnings):
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
         """See `Simulation`."""
-        model = self._wrapper.own()
+        self._wrapper.own()
         for name, value in values.items():
             write_field(self._wrapper, name, value)
+        self.set_constants()
+
+    def set_constants(self, rows: Rows = None) -> None:
+        """See `Simulation`."""
         if self.sets_constants:
-            mujoco.mj_setConst(model, self._data)
+            state = self.get_state(STATE)  # MuJoCo computes in the data and overwrites positions
+            mujoco.mj_setConst(self._wrapper.own(), self._data)
+            self.set_state(state, STATE)
 
     def data_field(self, name: str) -> Field:
         """See `Fields`; without a batch axis."""

@@ -55,7 +55,13 @@ def view_of(physics: Drawable, camera_id: int | str) -> MjvCamera:
     if isinstance(camera_id, str):
         number: int = physics.model.name2id(camera_id, "camera")
     else:
-        number = operator.index(camera_id)
+        try:
+            number = operator.index(camera_id)
+        except TypeError:
+            raise TypeError(
+                f"camera_id is {camera_id!r}; expected the name or the number of a camera, or -1, "
+                "the free camera"
+            ) from None
     if not FREE_CAMERA <= number < model.ncam:
         raise ValueError(
             f"camera_id is {number}; expected a name, or a number from -1, the free camera, to "

@@ -32,7 +32,7 @@ from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments
 from limberjack.rl.randomize import Randomizer, show_drawn
 from limberjack.rl.represented import of_batch, represented
 from limberjack.rl.reward_terms import reward_and_terms
-from limberjack.rl.snapshot import Snapshot, bad_rows, origin_of
+from limberjack.rl.snapshot import Snapshot, as_snapshot, bad_rows, origin_of
 from limberjack.rl.streams import Streams
 from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
@@ -189,18 +189,18 @@ class BatchEnvironment:
     def _step(self, begins: np.ndarray) -> dm_env.TimeStep:
         replicas, task = self._replicas, self._task
         physics = replicas.physics
-        any_begins = arrays.any_of(begins)
-        running = np.flatnonzero(~begins) if any_begins else None
+        running = np.flatnonzero(~begins) if arrays.any_of(begins) else None
         self.diverged = replicas.step(running, self._n_sub_steps)
         if arrays.any_of(self.diverged):
             self._report_divergence()
-        if any_begins:
+        if running is None or running.size:
+            task.after_step(physics)
+        if running is not None:  # only now, since `after_step` must not change a start
             self._begin(np.flatnonzero(begins))
-        task.after_step(physics)
         reward, self.reward_terms = reward_and_terms(task, physics)
         observation = self._observe()
         termination = task.get_termination(physics)
-        begun = begins if any_begins else None
+        begun = None if running is None else begins
         time_step, self._begins = self._counter.count(
             begun, self.diverged, reward, termination, observation
         )
@@ -229,13 +229,13 @@ class BatchEnvironment:
           rows: sorted row numbers or a mask; None for all.
 
         Raises:
-          ValueError: it has another task, model, version or size, is damaged, or contains an
-            episode at or beyond the step limit; nothing was restored.
+          ValueError, TypeError: it is not a snapshot, has another task, model, version or size, is
+            damaged, or contains an episode at or beyond the step limit; nothing was restored.
           PhysicsError: it contains diverged states and `on_divergence` is 'raise'; otherwise their
             rows are flagged and begin an episode at the next step.
         """
         rows = self._rows(rows)
-        snapshot.check(self._origin, len(rows))
+        as_snapshot(snapshot).check(self._origin, len(rows))
         snapshot.check_arrays(
             self._replicas.single.simulation.save(None, self._saved_fields),
             {} if self._frames is None else self._frames.save(rows),

@@ -168,6 +168,9 @@ class _Trial:
         for other in self._starts:
             self._kept |= _changed(other, vars(alone))
         self._starts.append(vars(_copied(task)))
+        if randomizer is not None:
+            one.simulation.set_constants()
+            values = self._values(one)
         try:
             one.after_reset()
             yield _copies(self._seen(alone, one, is_step=False))

@@ -94,6 +94,10 @@ class Simulation(Protocol):
         """Sets model fields and recomputes the constants derived from them, for one row."""
         ...
 
+    def set_constants(self, rows: np.ndarray | None = None) -> None:
+        """Recomputes the constants derived from model fields that were set in another way."""
+        ...
+
 
 class Drawn(Protocol):
     """A single simulation or batch that can be rendered."""
@@ -206,7 +210,7 @@ class Task(abc.ABC, Generic[_Physics]):
         """The reward of the last step."""
 
     def get_termination(self, physics: _Physics) -> Quantity | None:
-        """The final discount if the episode ends here, None if it continues.
+        """The final discount if the episode ends here, None or NaN if it continues.
 
         In a batch, an array of (num_envs,), NaN in rows whose episode continues.
         """

@@ -34,8 +34,9 @@ from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
 from limberjack.rl.represented import of_environment, represented
 from limberjack.rl.reward_terms import reward_and_terms
-from limberjack.rl.snapshot import Snapshot, origin_of
+from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.stream_fields import check_not_randomized, set_stream_fields
+from limberjack.rl.streams import stream_of
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
@@ -140,6 +141,8 @@ class Environment(dm_env.Environment):
             self._simulated.simulation.set_fields(self.randomization)
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
+            if self._randomizer is not None:  # the start may have set fields too
+                self._simulated.simulation.set_constants()
         if self._frames is not None:
             self._frames.forget()
         observation = self._observe()
@@ -175,7 +178,7 @@ class Environment(dm_env.Environment):
             self._step_count += 1
             at_limit = self._step_count >= self._step_limit
             discount = 1.0 if at_limit else task.get_termination(physics)
-            if discount is not None:
+            if discount is not None and not np.all(discount != discount):  # None or NaN: go on
                 return dm_env.TimeStep(dm_env.StepType.LAST, reward, discount, observation)
             self._reset_next_step = False
             return dm_env.TimeStep(dm_env.StepType.MID, reward, 1.0, observation)
@@ -243,7 +246,7 @@ class Environment(dm_env.Environment):
         """Everything that the environment's future depends on; see `limberjack.rl.snapshot`."""
         self._check_open()
         with self._use:
-            streams = [self.task.random.get_state()]
+            streams = [stream_of(self._task).get_state()]
             if self._randomizer is not None:
                 streams.append(self._draw_stream().get_state())
             return Snapshot(
@@ -261,22 +264,21 @@ class Environment(dm_env.Environment):
         """Continues from a snapshot, bit for bit.
 
         Raises:
-          ValueError: it has another task, model or version, several environments, is damaged, or
-            contains an episode at or beyond the time limit; nothing was restored.
+          ValueError, TypeError: it is not a snapshot of one environment of this task, model and
+            version, is damaged, or is at or beyond the time limit; nothing was restored.
           PhysicsError: its state has diverged; the next step begins an episode.
         """
         own = self.snapshot()
-        snapshot.check(own.origin, size=1)
+        as_snapshot(snapshot).check(own.origin, size=1)
         snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
         snapshot.check_length(self._step_limit)
         with self._use:
             self._reset_next_step = True  # until it is complete
             self._simulated.simulation.load(snapshot.physics)
-            own, *beside = snapshot.streams[0]
-            self.task.random.set_state(own)
+            stream_of(self._task).set_state(snapshot.streams[0][0])
             self._seeded = (None, None)
             if self._randomizer is not None:
-                self._draw_stream().set_state(beside[0])
+                self._draw_stream().set_state(snapshot.streams[0][1])
                 saved = snapshot.physics
                 self.randomization = {name: saved[name][0] for name in self._randomizer.fields}
             if self._frames is not None:
@@ -325,7 +327,7 @@ class Environment(dm_env.Environment):
 
     def _draw_stream(self) -> np.random.RandomState:
         """The stream from which model fields are drawn; replaced when the task's stream is."""
-        random = self.task.random
+        random = stream_of(self._task)
         if self._draws is None or self._draws[0] is not random:
             self._draws = random, stream_beside(random)
         return self._draws[1]
@@ -335,9 +337,7 @@ class Environment(dm_env.Environment):
         if not self._closed:
             self._closed = True
             self._reset_next_step = True
-            free = getattr(self._physics, "free", None)
-            if free is not None:
-                free()
+            getattr(self._physics, "free", lambda: None)()
 
     def _check_open(self) -> None:
         if self._closed:

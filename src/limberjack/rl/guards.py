@@ -169,6 +169,8 @@ def streams_of_seeds(
     """
     if seeds is None:
         return [None] * count
+    if isinstance(seeds, str) or not np.iterable(seeds):
+        raise TypeError(f"seeds is {seeds!r}; expected a sequence of {count}, one for each row")
     if len(seeds) != count:
         raise ValueError(f"there are {len(seeds)} seeds; expected {count}, one for each row")
     return [None if seed is None else np.random.RandomState(checked_seed(seed)) for seed in seeds]

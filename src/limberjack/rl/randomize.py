@@ -80,11 +80,16 @@ class Randomizer:
 
         Raises:
           ValueError: drawn values have another shape or are not finite.
+          ValueError, TypeError: a draw raises an error, as for bounds of another shape.
         """
         drawn = {}
         for name, draw in self.mapping.items():
             nominal = self._nominal[name]
-            values = np.asarray(draw(random, nominal.copy()), nominal.dtype)
+            try:
+                values = np.asarray(draw(random, nominal.copy()), nominal.dtype)
+            except (TypeError, ValueError, OverflowError) as error:
+                kind = TypeError if isinstance(error, TypeError) else ValueError
+                raise kind(f"randomize[{name!r}], which is {draw!r}: {error}") from error
             if values.shape != nominal.shape or not np.isfinite(values).all():
                 raise ValueError(
                     f"randomize[{name!r}] drew an array of shape {values.shape}; expected finite "

@@ -21,10 +21,13 @@ from limberjack.rl.contract import SimulatedPhysics, Task
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.streams import States
 
-__all__ = ["Snapshot", "bad_rows", "origin_of"]
+__all__ = ["Snapshot", "as_snapshot", "bad_rows", "origin_of"]
 
 _VERSION, _NUMBERS = "MuJoCo", "numbers of the model"
 _MAX_VALUE = 1e10  # mjMAXVAL: MuJoCo replaces a state with larger values by the default state
+_KEY_LENGTH = 624  # numbers of a RandomState's key, of which its position counts the used ones
+# Types of a snapshot's parts on which its checks rely.
+_KINDS = {"origin": dict, "physics": dict, "streams": list, "frames": dict}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +65,13 @@ class Snapshot:
 
     def check(self, origin: dict[str, object], size: int) -> None:
         """Raises ValueError if the task, model, version or number of environments differs."""
+        for name, kind in _KINDS.items():
+            value = getattr(self, name, None)
+            if not isinstance(value, kind):
+                raise ValueError(
+                    f"the snapshot's {name} is {value!r}; expected a {kind.__name__}, as in a "
+                    "snapshot of this environment; nothing was restored"
+                )
         for what, expected in origin.items():
             found = self.origin.get(what)
             if what == _NUMBERS and isinstance(found, dict) and isinstance(expected, dict):
@@ -100,6 +110,11 @@ class Snapshot:
             _check_form(self.frames, frames, size)
         counters = {"step_count": self.step_count, "begins": self.begins}
         _check_form(counters, {"step_count": np.zeros(1, int), "begins": np.zeros(1, bool)}, size)
+        if (self.step_count < 0).any():
+            raise ValueError(
+                f"'step_count' of the snapshot is {self.step_count}; expected numbers of at least "
+                "0; nothing was restored"
+            )
         for row, states in enumerate(self.streams):
             _check_streams(row, states, streams)
 
@@ -111,6 +126,13 @@ class Snapshot:
                 f"the snapshot is of step {running.max()} of an episode, and episodes end after "
                 f"{math.ceil(step_limit)} steps here: restore it where the time limit is longer"
             )
+
+
+def as_snapshot(given: object) -> Snapshot:
+    """The snapshot that is to be restored; raises TypeError for anything else."""
+    if not isinstance(given, Snapshot):
+        raise TypeError(f"snapshot is {given!r}; expected a Snapshot, as snapshot() returns it")
+    return given
 
 
 def origin_of(
@@ -170,8 +192,12 @@ def _check_streams(row: int, streams: object, count: int) -> None:
             f"{count} states of a RandomState; nothing was restored"
         )
     for state in streams:
+        stream = np.random.RandomState(0)
         try:
-            np.random.RandomState(0).set_state(state)
+            stream.set_state(state)
+            _, _, position, *_ = stream.get_state(legacy=True)
+            if not 0 <= int(position) <= _KEY_LENGTH:  # NumPy would read beyond the key
+                raise ValueError(f"its position is {position}; expected 0 to {_KEY_LENGTH}")
         except (TypeError, ValueError, LookupError) as error:
             raise ValueError(
                 f"the snapshot holds no valid RandomState for environment {row}: {error}; "

@@ -17,10 +17,25 @@ from limberjack.rl.randomize import stream_beside
 from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["States", "Streams"]
+__all__ = ["States", "Streams", "stream_of"]
 
 # Any: results of `RandomState.get_state`, of the task's stream and of the one for model fields.
 States = tuple[Any, ...]
+
+
+def stream_of(task: Task) -> np.random.RandomState:
+    """The stream from which a task draws its episodes.
+
+    Raises:
+      TypeError: it has none, since not all tasks are subclasses of `base.Task`.
+    """
+    stream = getattr(task, "random", getattr(task, "_random", None))
+    if not isinstance(stream, np.random.RandomState):
+        raise TypeError(
+            f"task {type(task).__name__} has no numpy.random.RandomState `random`, which snapshots "
+            "and randomize need: derive it from limberjack.suite.base.Task"
+        )
+    return stream
 
 
 class Streams:

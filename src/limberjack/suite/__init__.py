@@ -27,6 +27,7 @@ from limberjack.suite._registration import (
     require,
     unregister,
 )
+from limberjack.utils.keywords import keywords
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -184,7 +185,7 @@ def load_batch(
       ValueError: there is no such domain or task, or a number is out of range.
       TypeError: there is no such keyword.
     """
-    if "random" in (task_kwargs or {}):
+    if "random" in keywords("task_kwargs", task_kwargs):
         raise TypeError(
             "load_batch does not accept 'random' in task_kwargs: pass seed instead, from which "
             "each row gets its own"
@@ -220,9 +221,9 @@ def build_environment(
     if task_name not in factories:
         message = f"Level {task_name!r} does not exist in domain {domain_name!r}."
         raise ValueError(_no_choice(task_name, factories, message))
-    kwargs = dict(task_kwargs or {})
+    kwargs = keywords("task_kwargs", task_kwargs)
     if environment_kwargs is not None:
-        kwargs["environment_kwargs"] = dict(environment_kwargs)
+        kwargs["environment_kwargs"] = keywords("environment_kwargs", environment_kwargs)
     of_environment = kwargs.get("environment_kwargs")
     where = f"{domain_name}:{task_name}"
     _check_keywords(where, kwargs, factories[task_name])
