@@ -122,7 +122,7 @@ class ArmTask(base.Task[Physics]):
 
     EPISODE_FIELDS = ("body_pos", "body_quat")  # the target's pose
 
-    def __init__(self, fully_observable: bool, random: base.Random = None) -> None:
+    def __init__(self, fully_observable: bool, random: base.Seed = None) -> None:
         """Creates the task.
 
         Args:

@@ -12,6 +12,7 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _chain, base, common
 from limberjack.suite import _locomotion as locomotion
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [
@@ -60,9 +61,7 @@ def get_model_and_assets(num_poles: int = 1) -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def balance(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Keep an upright pole upright."""
     return _environment(Balance(False, False, random), time_limit, environment_kwargs)
@@ -70,9 +69,7 @@ def balance(
 
 @SUITE.add("benchmarking")
 def balance_sparse(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Keep an upright pole upright, rewarded only within narrow bounds."""
     return _environment(Balance(False, True, random), time_limit, environment_kwargs)
@@ -80,9 +77,7 @@ def balance_sparse(
 
 @SUITE.add("benchmarking")
 def swingup(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Swing a hanging pole up and balance it."""
     return _environment(Balance(True, False, random), time_limit, environment_kwargs)
@@ -90,9 +85,7 @@ def swingup(
 
 @SUITE.add("benchmarking")
 def swingup_sparse(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Swing a hanging pole up and balance it, rewarded only within narrow bounds."""
     return _environment(Balance(True, True, random), time_limit, environment_kwargs)
@@ -100,9 +93,7 @@ def swingup_sparse(
 
 @SUITE.add()
 def two_poles(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Swing up two poles, one on the end of the other."""
     return _environment(Balance(True, False, random), time_limit, environment_kwargs, num_poles=2)
@@ -111,17 +102,17 @@ def two_poles(
 @SUITE.add()
 def three_poles(
     time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
+    random: Seed = None,
     num_poles: int = 3,
     sparse: bool = False,
-    environment_kwargs: base.Kwargs = None,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Swing up a chain of three poles, or of `num_poles`."""
     return _environment(Balance(True, sparse, random), time_limit, environment_kwargs, num_poles)
 
 
 def _environment(
-    task: base.Task, time_limit: float, kwargs: base.Kwargs, num_poles: int = 1
+    task: base.Task, time_limit: float, kwargs: Kwargs, num_poles: int = 1
 ) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets(num_poles))
     return control.Environment(physics, task, time_limit=time_limit, **kwargs or {})
@@ -157,7 +148,7 @@ class Balance(base.Task[Physics]):
     _CART_RANGE = (-0.25, 0.25)  # metres
     _ANGLE_COSINE_RANGE = (0.995, 1)  # up to 5.7 degrees from upright
 
-    def __init__(self, swing_up: bool, sparse: bool, random: base.Random = None) -> None:
+    def __init__(self, swing_up: bool, sparse: bool, random: Seed = None) -> None:
         """Creates the task.
 
         Args:

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from limberjack.rl import control
 from limberjack.suite import base, common, humanoid
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.humanoid import _RUN_SPEED, _STAND_HEIGHT, _WALK_SPEED  # noqa: F401
 from limberjack.utils import containers
 
@@ -37,9 +38,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add()
 def stand(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Stand up and stand still."""
     return _environment(0, time_limit, random, environment_kwargs)
@@ -47,9 +46,7 @@ def stand(
 
 @SUITE.add()
 def walk(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Walk in any direction at 1 m/s or more."""
     return _environment(_WALK_SPEED, time_limit, random, environment_kwargs)
@@ -57,16 +54,14 @@ def walk(
 
 @SUITE.add()
 def run(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run in any direction, up to 10 m/s."""
     return _environment(_RUN_SPEED, time_limit, random, environment_kwargs)
 
 
 def _environment(
-    move_speed: float, time_limit: float, random: base.Random, kwargs: base.Kwargs
+    move_speed: float, time_limit: float, random: Seed, kwargs: Kwargs
 ) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets())
     task = HumanoidCMU(move_speed=move_speed, random=random)
@@ -87,7 +82,7 @@ class Physics(humanoid.Physics):
 class HumanoidCMU(humanoid.Humanoid):
     """Stand, or move at least at a given speed."""
 
-    def __init__(self, move_speed: float, random: base.Random = None) -> None:
+    def __init__(self, move_speed: float, random: Seed = None) -> None:
         """Creates the task; `move_speed` and `random` are those of `humanoid.Humanoid`."""
         super().__init__(move_speed, pure_state=False, random=random)
         self.planner_cost = None  # the planner has none for this body

@@ -16,6 +16,7 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.suite import _chain, base, common
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers
 
 __all__ = [
@@ -88,9 +89,7 @@ def _draw(random: np.random.RandomState, joints: int) -> list[float]:
 
 @SUITE.add()
 def lqr_2_1(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Bring two balls to rest by pushing the first."""
     return _environment(2, 1, time_limit, random, environment_kwargs)
@@ -98,16 +97,14 @@ def lqr_2_1(
 
 @SUITE.add()
 def lqr_6_2(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Bring six balls to rest by pushing the first two."""
     return _environment(6, 2, time_limit, random, environment_kwargs)
 
 
 def _environment(
-    n_bodies: int, n_actuators: int, time_limit: float, random: base.Random, kwargs: base.Kwargs
+    n_bodies: int, n_actuators: int, time_limit: float, random: Seed, kwargs: Kwargs
 ) -> control.Environment:
     xml = ElementTree.tostring(_chain_of(n_bodies, n_actuators))
     physics = Physics.from_shared_xml(xml, common.ASSETS)
@@ -132,7 +129,7 @@ class LQRLevel(base.Task[Physics]):
     _TERMINAL_TOL = 1e-6  # norm of the state below which the episode ends
 
     def __init__(
-        self, control_cost_coef: float, random: base.Random = None, drawn_springs: int = 0
+        self, control_cost_coef: float, random: Seed = None, drawn_springs: int = 0
     ) -> None:
         """Creates the task.
 

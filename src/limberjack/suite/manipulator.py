@@ -13,7 +13,7 @@ from limberjack.suite import _planar_arm, base
 from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
 from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics, is_close
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import containers
 from limberjack.utils.arrays import Quantity
 
@@ -71,7 +71,7 @@ def make_model(use_peg: bool, insert: bool) -> tuple[bytes, dict[str, bytes]]:
 def bring_ball(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Bring the ball to a target in the air."""
@@ -82,7 +82,7 @@ def bring_ball(
 def bring_peg(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Bring the peg to a target pose in the air."""
@@ -93,7 +93,7 @@ def bring_peg(
 def insert_ball(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Put the ball into the cup."""
@@ -104,7 +104,7 @@ def insert_ball(
 def insert_peg(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Put the peg into the slot."""
@@ -116,7 +116,7 @@ def _environment(
     insert: bool,
     fully_observable: bool,
     time_limit: float,
-    random: Random,
+    random: Seed,
     kwargs: Kwargs,
 ) -> control.Environment:
     return control.Environment(
@@ -135,7 +135,7 @@ class Bring(_planar_arm.ArmTask):
     STARTS = _STARTS
 
     def __init__(
-        self, use_peg: bool, insert: bool, fully_observable: bool, random: Random = None
+        self, use_peg: bool, insert: bool, fully_observable: bool, random: Seed = None
     ) -> None:
         """Creates the task.
 

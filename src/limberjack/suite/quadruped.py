@@ -17,7 +17,7 @@ from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
 from limberjack.suite._zoom import zoom
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [
@@ -25,7 +25,7 @@ __all__ = [
     "make_model", "run", "walk",
 ]  # fmt: skip
 
-_TIME_LIMIT = _DEFAULT_TIME_LIMIT = 20  # seconds
+_DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds
 
 _RUN_SPEED = 5  # metres per second; forward speed at which running is fully rewarded
@@ -112,7 +112,7 @@ def make_model(
 
 @SUITE.add()
 def walk(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Walk forward at 0.5 m/s or more."""
     model = make_model(floor_size=_DEFAULT_TIME_LIMIT * _WALK_SPEED)
@@ -121,7 +121,7 @@ def walk(
 
 @SUITE.add()
 def run(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run forward, up to 5 m/s."""
     model = make_model(floor_size=_DEFAULT_TIME_LIMIT * _RUN_SPEED)
@@ -130,7 +130,7 @@ def run(
 
 @SUITE.add()
 def escape(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Climb out of a bowl of rough terrain."""
     model = make_model(floor_size=_ESCAPE_FLOOR, terrain=True, rangefinders=True)
@@ -139,7 +139,7 @@ def escape(
 
 @SUITE.add()
 def fetch(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Bring a ball to the target at the origin."""
     model = make_model(walls_and_ball=True)
@@ -290,7 +290,7 @@ class Move(_Task):
     GOAL = ("upright", "movement")
     planner_cost = "limberjack.planner.single_stage.locomotion:Quadruped"
 
-    def __init__(self, desired_speed: float, random: Random = None) -> None:
+    def __init__(self, desired_speed: float, random: Seed = None) -> None:
         """Rewards a forward speed of `desired_speed`, m/s; 0 rewards any, and being upright."""
         self._desired_speed = desired_speed
         super().__init__(random=random)

@@ -12,7 +12,7 @@ from limberjack.suite import _planar_arm, base
 from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
 from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
@@ -51,7 +51,7 @@ def make_model(n_boxes: int) -> tuple[bytes, dict[str, bytes]]:
 def stack_2(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Stack two boxes."""
@@ -62,7 +62,7 @@ def stack_2(
 def stack_4(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Stack four boxes."""
@@ -70,7 +70,7 @@ def stack_4(
 
 
 def _environment(
-    n_boxes: int, fully_observable: bool, time_limit: float, random: Random, kwargs: Kwargs
+    n_boxes: int, fully_observable: bool, time_limit: float, random: Seed, kwargs: Kwargs
 ) -> control.Environment:
     return control.Environment(
         Physics.from_shared_xml(*make_model(n_boxes)),
@@ -87,7 +87,7 @@ class Stack(_planar_arm.ArmTask):
     GOAL = ("box_is_close", "hand_is_far")
     planner_cost = "limberjack.planner.stacker.stack:Stack"
 
-    def __init__(self, n_boxes: int, fully_observable: bool, random: Random = None) -> None:
+    def __init__(self, n_boxes: int, fully_observable: bool, random: Seed = None) -> None:
         """Creates the task.
 
         Args:
