@@ -46,7 +46,7 @@ def get_model_and_assets(num_poles: int = 1) -> tuple[bytes, dict[str, bytes]]:
       ValueError: `num_poles` is not a whole number in range.
     """
     num_poles = _chain.checked_length("num_poles", num_poles)
-    root = ElementTree.fromstring(common.read_model("cartpole.xml"))
+    root = _chain.with_templates(common.read_model("cartpole.xml"))
     first = xml_tools.find_element(root, "body", "pole_1")
     _chain.repeat(first, range(2, num_poles + 1))
     if num_poles > 1:  # the floor is out of reach, and the cameras see all poles

@@ -71,7 +71,7 @@ def _chain_of(n_bodies: int, n_actuators: int) -> ElementTree.Element:
         raise ValueError(
             f"n_actuators is {n_actuators}; expected at most n_bodies, {n_bodies}: one for each"
         )
-    root = ElementTree.fromstring(common.read_model("lqr.xml"))
+    root = _chain.with_templates(common.read_model("lqr.xml"))
     counts = {"worldbody": n_bodies, "actuator": n_actuators, "tendon": n_bodies - 1}
     for section, count in counts.items():
         (parent,) = root.iterfind(section)

@@ -56,7 +56,7 @@ def get_model_and_assets(n_joints: int) -> tuple[bytes, dict[str, bytes]]:
 def _model(name: str, value: object) -> tuple[bytes, dict[str, bytes]]:
     """The model of a swimmer whose number of links is given by an argument of this name."""
     links = _chain.checked_length(name, value, _SHORTEST)
-    root = ElementTree.fromstring(common.read_model("swimmer.xml"))
+    root = _chain.with_templates(common.read_model("swimmer.xml"))
     head = xml_tools.find_element(root, "body", "head")
     # With every joint at its limit the chain closes to a circle.
     _chain.repeat(head, range(links - 1), limit=360.0 / links)
