@@ -92,7 +92,7 @@ def lqr_2_1(
     time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Bring two balls to rest by pushing the first."""
-    return _environment(2, 1, time_limit, random, environment_kwargs)
+    return _make_lqr(2, 1, _CONTROL_COST_COEF, time_limit, random, environment_kwargs)
 
 
 @SUITE.add()
@@ -100,17 +100,23 @@ def lqr_6_2(
     time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Bring six balls to rest by pushing the first two."""
-    return _environment(6, 2, time_limit, random, environment_kwargs)
+    return _make_lqr(6, 2, _CONTROL_COST_COEF, time_limit, random, environment_kwargs)
 
 
-def _environment(
-    n_bodies: int, n_actuators: int, time_limit: float, random: Seed, kwargs: Kwargs
+# dm_control's name and arguments, for chains of another length.
+def _make_lqr(
+    n_bodies: int,
+    n_actuators: int,
+    control_cost_coef: float,
+    time_limit: float,
+    random: Seed,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     xml = ElementTree.tostring(_chain_of(n_bodies, n_actuators))
     physics = Physics.from_shared_xml(xml, common.ASSETS)
-    task = LQRLevel(_CONTROL_COST_COEF, random, drawn_springs=n_bodies)
+    task = LQRLevel(control_cost_coef, random, drawn_springs=n_bodies)
     set_stream_fields(task, task.random, physics.simulation)
-    return control.Environment(physics, task, time_limit=time_limit, **kwargs or {})
+    return control.Environment(physics, task, time_limit, **environment_kwargs or {})
 
 
 class Physics(mujoco.Physics):
@@ -168,10 +174,7 @@ class LQRLevel(base.Task[Physics]):
 
     def get_observation(self, physics: Physics) -> collections.OrderedDict:
         """The whole state."""
-        obs = collections.OrderedDict()
-        obs["position"] = physics.position()
-        obs["velocity"] = physics.velocity()
-        return obs
+        return collections.OrderedDict(position=physics.position(), velocity=physics.velocity())
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Costs of positions and of controls, each half a weighted sum of squares; unbounded."""

@@ -30,9 +30,13 @@ __all__ = [
     "make_model",
 ]
 
+# dm_control's names, which task files import.
+_ARM_JOINTS, _TOUCH_SENSORS = _planar_arm._ARM_JOINTS, _planar_arm._TOUCH_SENSORS
+_CLOSE = _planar_arm._CLOSE
+
 _STARTS = ("in_hand", "in_target", "uniform")
-_START_PROBABILITIES = [0.1, 0.1, 1 - 0.1 - 0.1]
-_PROPS = ("ball", "target_ball", "cup", "peg", "target_peg", "slot")
+_P_IN_HAND, _P_IN_TARGET = 0.1, 0.1  # probabilities of two of them
+_ALL_PROPS = frozenset(("ball", "target_ball", "cup", "peg", "target_peg", "slot"))
 
 SUITE = containers.TaggedTasks()
 # Chosen by eye: starts in which the prop and its target are visible.
@@ -64,7 +68,7 @@ def make_model(use_peg: bool, insert: bool) -> tuple[bytes, dict[str, bytes]]:
     """
     used = ["peg", "target_peg", "slot"] if use_peg else ["ball", "target_ball", "cup"]
     used = used if insert else used[:2]
-    return _planar_arm.model_without("manipulator.xml", [p for p in _PROPS if p not in used])
+    return _planar_arm.model_without("manipulator.xml", _ALL_PROPS.difference(used))
 
 
 @SUITE.add("benchmarking", "hard")
@@ -175,7 +179,8 @@ class Bring(_planar_arm.ArmTask):
             body_pos[body, "x"], body_pos[body, "z"] = x, z
             body_quat[body, "qw"], body_quat[body, "qy"] = np.cos(angle / 2), np.sin(angle / 2)
 
-        start = self.random.choice(_STARTS, p=_START_PROBABILITIES)
+        probabilities = [_P_IN_HAND, _P_IN_TARGET, 1 - _P_IN_HAND - _P_IN_TARGET]
+        start = self.random.choice(_STARTS, p=probabilities)
         data = physics.named.data
         if start == "in_hand":
             physics.after_reset()
