@@ -232,7 +232,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "suite/cartpole.py": [
         (".prod(axis=-1)", ".max(axis=-1)"),
         ("margin=_FAST).min(axis=-1)", "margin=_FAST).mean(axis=-1)"),
-        ("1 - num_poles - 0.05", "-0.05"),
+        ("1 - n_poles - 0.05", "-0.05"),
     ],
     "suite/lqr.py": [
         ('root.iterfind("worldbody//joint")', 'root.iter("joint")'),
@@ -268,23 +268,23 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ('["grasp", ["xx", "zx"]]', '["grasp", ["xx", "xz"]]'),
         ('terms["grasping"] / 3', 'terms["grasping"] / 2'),
         ("[: 1 + self._insert]", "[:1]"),
-        ("[0.1, 0.1, 1 - 0.1 - 0.1]", "[0.1, 0.2, 1 - 0.1 - 0.2]"),
+        ("_P_IN_HAND, _P_IN_TARGET = 0.1, 0.1", "_P_IN_HAND, _P_IN_TARGET = 0.1, 0.2"),
         ("if position == physics.named", "if position is physics.named"),
     ],
     "suite/stacker.py": [
         ("self.random.randint(self._n_boxes)", "self.random.randint(1, self._n_boxes)"),
-        ('for dimension in "xyz"]', 'for dimension in "xzy"]'),
+        ('for axis in "xyz"]', 'for axis in "xzy"]'),
         ("box_size = 2 * physics", "box_size = physics"),
-        ("arrays.minimum_of(physics", "max(physics"),
+        ("arrays.minimum_of(to_target)", "max(to_target)"),
     ],
     "suite/quadruped.py": [
         ('arrays.to_frame(data.xpos["torso"]', 'arrays.to_frame(-data.xpos["torso"]'),
         ("readings == _NO_INTERSECTION, 1.0", "readings == _NO_INTERSECTION, 0.0"),
         ("ball[..., :3] - root[..., :3], ball[..., 3:]", "ball[..., :3], ball[..., 3:]"),
-        ("        physics.simulation.reset()\n", ""),
-        ("            pose[2] += _RISE\n", "            pose[2] = pose[2] + 2 * _RISE\n"),
+        ("    physics.simulation.reset()\n", ""),
+        ("        pose[2] += _RISE\n", "        pose[2] = pose[2] + 2 * _RISE\n"),
         ("_BALL_SPEED * self.random.randn(2)", "_BALL_SPEED * self.random.rand(2)"),
-        ("self._upright(physics, _ESCAPE_TILT)", "self._upright(physics)"),
+        ("_upright_reward(physics, _ESCAPE_TILT)", "_upright_reward(physics)"),
         ('(0.5 + 0.5 * terms["fetch"])', 'terms["fetch"]'),
     ],
     "suite/_zoom.py": [

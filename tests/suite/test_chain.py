@@ -9,18 +9,19 @@ import pytest
 
 from limberjack.suite import _chain, cartpole, swimmer
 
-_TEMPLATES = """
+_TEMPLATES = b"""
 <robot>
+  <!-- Not a template. -->
   <body name="first"/>
-  <body name="link_{i}" pos="{length} 0 0"><joint name="joint_{i}"/></body>
-  <motor name="motor_{i}" joint="joint_{i}"/>
-  <tendon name="tendon_{i}" to="link_{next}"/>
+  <!-- Links: <body name="link_{i}" pos="{length} 0 0"><joint name="joint_{i}"/></body> -->
+  <!-- <motor name="motor_{i}" joint="joint_{i}"/>
+       <tendon name="tendon_{i}" to="link_{next}"/> -->
 </robot>
 """
 
 
 def _repeated(count: int) -> ElementTree.Element:
-    root = ElementTree.fromstring(_TEMPLATES)
+    root = _chain.with_templates(_TEMPLATES)
     _chain.repeat(root, range(count), length=0.5)
     return root
 
@@ -35,13 +36,15 @@ def test_bodies_are_nested_in_each_other() -> None:
 
 def test_other_elements_follow_each_other_and_the_rest_stays() -> None:
     root = _repeated(2)
-    names = [element.get("name") for element in root]
+    names = [element.get("name") for element in root if element.tag is not ElementTree.Comment]
     assert names == ["first", "link_0", "motor_0", "tendon_0", "motor_1", "tendon_1"]
     assert [tendon.get("to") for tendon in root.findall("tendon")] == ["link_1", "link_2"]
 
 
 def test_a_chain_without_links_has_no_template_left() -> None:
-    assert [element.get("name") for element in _repeated(0)] == ["first"]
+    root = _repeated(0)
+    assert [element.get("name") for element in root if element.get("name")] == ["first"]
+    assert b"{i}" not in ElementTree.tostring(root)
 
 
 _BAD: list[Any] = [True, 3.0, "3", None, np.nan, -1, 481, 10**6]

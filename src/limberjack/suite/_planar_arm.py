@@ -1,7 +1,7 @@
 """The planar arm of the manipulator and the stacker, and the base class of their tasks."""
 
 import collections
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
@@ -54,15 +54,19 @@ OBSERVATIONS = {
 }
 
 _ARM_FILE = "./_planar_arm.xml"
-_ASSETS = {**common.ASSETS, _ARM_FILE: common.read_model(_ARM_FILE)}
 
 
-def model_without(filename: str, bodies: Sequence[str]) -> tuple[bytes, dict[str, bytes]]:
-    """A suite model without some of its bodies: its MJCF and the files that it includes."""
+def model_without(filename: str, bodies: Iterable[str]) -> tuple[bytes, dict[str, bytes]]:
+    """A suite model without some of its bodies: its MJCF and the files that it includes.
+
+    The arm is part of the MJCF, so that programs which edit it find the arm.
+    """
     root = ElementTree.fromstring(common.read_model(filename))
+    place = [section.get("file") for section in root].index(_ARM_FILE)
+    root[place : place + 1] = ElementTree.fromstring(common.read_model(_ARM_FILE))
     for name in bodies:
         xml_tools.remove_element(root, xml_tools.find_element(root, "body", name))
-    return ElementTree.tostring(root), _ASSETS
+    return ElementTree.tostring(root), common.ASSETS
 
 
 def is_close(distance: arrays.Quantity) -> arrays.Quantity:
@@ -122,7 +126,7 @@ class ArmTask(base.Task[Physics]):
 
     EPISODE_FIELDS = ("body_pos", "body_quat")  # the target's pose
 
-    def __init__(self, fully_observable: bool, random: base.Random = None) -> None:
+    def __init__(self, fully_observable: bool, random: base.Seed = None) -> None:
         """Creates the task.
 
         Args:

@@ -7,6 +7,7 @@ import numpy as np
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import base, common
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers
 
 __all__ = [
@@ -31,18 +32,12 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking", "easy")
 def catch(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Catch the ball and keep it in the cup."""
-    return control.Environment(
-        Physics.from_shared_xml(*get_model_and_assets()),
-        BallInCup(random=random),
-        time_limit=time_limit,
-        control_timestep=_CONTROL_TIMESTEP,
-        **environment_kwargs or {},
-    )
+    physics, task = Physics.from_shared_xml(*get_model_and_assets()), BallInCup(random)
+    kwargs = environment_kwargs or {}
+    return control.Environment(physics, task, time_limit, _CONTROL_TIMESTEP, **kwargs)
 
 
 class Physics(mujoco.Physics):
@@ -83,7 +78,3 @@ class BallInCup(base.Task[Physics]):
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """1 while the ball is in the cup, else 0."""
         return {"in_cup": physics.in_target()}
-
-    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
-        """The only term."""
-        return terms["in_cup"]

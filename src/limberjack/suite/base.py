@@ -16,11 +16,11 @@ from limberjack.rl.contract import Nested
 from limberjack.rl.reward_terms import reward_of_terms
 from limberjack.utils.arrays import Quantity
 
-__all__ = ["Kwargs", "Observed", "Picture", "Random", "Task"]
+__all__ = ["Kwargs", "Observed", "Picture", "Seed", "Task"]
 
 # Any: keyword arguments of `control.Environment`, which checks them.
 Kwargs = Mapping[str, Any] | None
-Random = np.random.RandomState | int | None  # a stream, its seed, or None for an arbitrary seed
+Seed = np.random.RandomState | int | None  # a seed, a stream, or None for an arbitrary seed
 
 # Limit for rejection sampling of starts: the suite's own tasks need a handful of attempts.
 _MAX_START_ATTEMPTS = 10_000
@@ -67,7 +67,7 @@ class Task(control.Task[_Physics]):
     # task.
     planner_cost: str | None = None
 
-    def __init__(self, random: Random = None) -> None:
+    def __init__(self, random: Seed = None) -> None:
         """Creates a task.
 
         Args:

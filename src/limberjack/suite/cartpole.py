@@ -12,6 +12,7 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _chain, base, common
 from limberjack.suite import _locomotion as locomotion
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [
@@ -44,25 +45,27 @@ def get_model_and_assets(num_poles: int = 1) -> tuple[bytes, dict[str, bytes]]:
     Raises:
       ValueError: `num_poles` is not a whole number in range.
     """
-    num_poles = _chain.checked_length("num_poles", num_poles)
-    root = ElementTree.fromstring(common.read_model("cartpole.xml"))
+    return _make_model(num_poles), common.ASSETS
+
+
+def _make_model(n_poles: int) -> bytes:
+    n_poles = _chain.checked_length("num_poles", n_poles)
+    root = _chain.with_templates(common.read_model("cartpole.xml"))
     first = xml_tools.find_element(root, "body", "pole_1")
-    _chain.repeat(first, range(2, num_poles + 1))
-    if num_poles > 1:  # the floor is out of reach, and the cameras see all poles
+    _chain.repeat(first, range(2, n_poles + 1))
+    if n_poles > 1:  # the floor is out of reach, and the cameras see all poles
         for tag, name, pos in (
-            ("geom", "floor", f"0 0 {1 - num_poles - 0.05}"),
-            ("camera", "fixed", f"0 {-1 - 2 * num_poles} 1"),
-            ("camera", "lookatcart", f"0 {-2 * num_poles} 2"),
+            ("geom", "floor", f"0 0 {1 - n_poles - 0.05}"),
+            ("camera", "fixed", f"0 {-1 - 2 * n_poles} 1"),
+            ("camera", "lookatcart", f"0 {-2 * n_poles} 2"),
         ):
             xml_tools.find_element(root, tag, name).set("pos", pos)
-    return ElementTree.tostring(root), common.ASSETS
+    return ElementTree.tostring(root)
 
 
 @SUITE.add("benchmarking")
 def balance(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Keep an upright pole upright."""
     return _environment(Balance(False, False, random), time_limit, environment_kwargs)
@@ -70,9 +73,7 @@ def balance(
 
 @SUITE.add("benchmarking")
 def balance_sparse(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Keep an upright pole upright, rewarded only within narrow bounds."""
     return _environment(Balance(False, True, random), time_limit, environment_kwargs)
@@ -80,9 +81,7 @@ def balance_sparse(
 
 @SUITE.add("benchmarking")
 def swingup(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Swing a hanging pole up and balance it."""
     return _environment(Balance(True, False, random), time_limit, environment_kwargs)
@@ -90,9 +89,7 @@ def swingup(
 
 @SUITE.add("benchmarking")
 def swingup_sparse(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Swing a hanging pole up and balance it, rewarded only within narrow bounds."""
     return _environment(Balance(True, True, random), time_limit, environment_kwargs)
@@ -100,9 +97,7 @@ def swingup_sparse(
 
 @SUITE.add()
 def two_poles(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Swing up two poles, one on the end of the other."""
     return _environment(Balance(True, False, random), time_limit, environment_kwargs, num_poles=2)
@@ -111,17 +106,17 @@ def two_poles(
 @SUITE.add()
 def three_poles(
     time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
+    random: Seed = None,
     num_poles: int = 3,
     sparse: bool = False,
-    environment_kwargs: base.Kwargs = None,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Swing up a chain of three poles, or of `num_poles`."""
     return _environment(Balance(True, sparse, random), time_limit, environment_kwargs, num_poles)
 
 
 def _environment(
-    task: base.Task, time_limit: float, kwargs: base.Kwargs, num_poles: int = 1
+    task: base.Task, time_limit: float, kwargs: Kwargs, num_poles: int = 1
 ) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets(num_poles))
     return control.Environment(physics, task, time_limit=time_limit, **kwargs or {})
@@ -157,7 +152,7 @@ class Balance(base.Task[Physics]):
     _CART_RANGE = (-0.25, 0.25)  # metres
     _ANGLE_COSINE_RANGE = (0.995, 1)  # up to 5.7 degrees from upright
 
-    def __init__(self, swing_up: bool, sparse: bool, random: base.Random = None) -> None:
+    def __init__(self, swing_up: bool, sparse: bool, random: Seed = None) -> None:
         """Creates the task.
 
         Args:
@@ -185,15 +180,16 @@ class Balance(base.Task[Physics]):
 
     def get_observation(self, physics: Physics) -> collections.OrderedDict:
         """Position of the cart, directions of the poles, and velocities."""
-        obs = collections.OrderedDict()
-        obs["position"] = physics.bounded_position()
-        obs["velocity"] = physics.velocity()
-        return obs
+        position, velocity = physics.bounded_position(), physics.velocity()
+        return collections.OrderedDict(position=position, velocity=velocity)
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Uprightness, central position, low effort and low velocity; or `balanced` if sparse."""
+        return self._terms(physics, self._sparse)
+
+    def _terms(self, physics: Physics, sparse: bool) -> dict[str, arrays.Quantity]:
         cosine, position = physics.pole_angle_cosine(), physics.cart_position()
-        if self._sparse:
+        if sparse:
             is_upright = rewards.tolerance(cosine, self._ANGLE_COSINE_RANGE).prod(axis=-1)
             return {"balanced": rewards.tolerance(position, self._CART_RANGE) * is_upright}
         slowness = rewards.tolerance(physics.angular_vel(), margin=_FAST).min(axis=-1)
@@ -204,9 +200,12 @@ class Balance(base.Task[Physics]):
             "centered": (1 + rewards.tolerance(position, margin=_FAR)) / 2,
         }
 
-    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
-        """The product of all terms, between 0 and 1."""
-        if self._sparse:
-            return terms["balanced"]
-        posture = terms["upright"] * terms["small_control"] * terms["small_velocity"]
-        return posture * terms["centered"]
+    # dm_control's name, which task files call and override.
+    def _get_reward(self, physics: Physics, sparse: bool) -> arrays.Quantity:
+        return self.reward_of(self._terms(physics, sparse))
+
+    def __init_subclass__(cls) -> None:
+        """Makes `_get_reward` the reward of a subclass that overrides it, as in dm_control."""
+        super().__init_subclass__()
+        if cls._get_reward is not Balance._get_reward and cls.get_reward is Balance.get_reward:
+            cls.get_reward = lambda self, physics: self._get_reward(physics, sparse=self._sparse)

@@ -10,6 +10,7 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers
 
 __all__ = ["OBSERVATIONS", "PICTURES", "SUITE", "Cheetah", "Physics", "get_model_and_assets", "run"]
@@ -33,9 +34,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def run(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run forward, up to 10 m/s."""
     physics = Physics.from_shared_xml(*get_model_and_assets())

@@ -14,7 +14,7 @@ from limberjack import mujoco
 from limberjack.mujoco.wrapper.mjbindings import enums
 from limberjack.rl import control
 from limberjack.suite import base, common
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards, xml_tools
 from limberjack.utils.arrays import Quantity
 
@@ -23,7 +23,7 @@ __all__ = [
     "get_model_and_assets", "make_model", "run", "stand", "trot", "walk",
 ]  # fmt: skip
 
-_DEFAULT_TIME_LIMIT = _LIMIT = 15  # seconds
+_DEFAULT_TIME_LIMIT = 15  # seconds
 _CONTROL_TIMESTEP = 0.015  # seconds
 _MAX_UPRIGHT_ANGLE = 30  # degrees; tilt up to which a part of the body counts as upright
 _MIN_UPRIGHT_COSINE = np.cos(np.deg2rad(_MAX_UPRIGHT_ANGLE))
@@ -83,7 +83,7 @@ def get_model_and_assets(
 
 @SUITE.add("no_reward_visualization")
 def stand(
-    time_limit: float = _LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Stand upright on all paws."""
     return _environment(Stand(random), _WALK_SPEED, time_limit, environment_kwargs)
@@ -91,7 +91,7 @@ def stand(
 
 @SUITE.add("no_reward_visualization")
 def walk(
-    time_limit: float = _LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Walk forward at 1 to 2 m/s."""
     return _environment(Move(_WALK_SPEED, random), _WALK_SPEED, time_limit, environment_kwargs)
@@ -99,7 +99,7 @@ def walk(
 
 @SUITE.add("no_reward_visualization")
 def trot(
-    time_limit: float = _LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Trot forward at 3 to 6 m/s."""
     return _environment(Move(_TROT_SPEED, random), _TROT_SPEED, time_limit, environment_kwargs)
@@ -107,7 +107,7 @@ def trot(
 
 @SUITE.add("no_reward_visualization")
 def run(
-    time_limit: float = _LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run forward at 9 to 18 m/s."""
     return _environment(Move(_RUN_SPEED, random), _RUN_SPEED, time_limit, environment_kwargs)
@@ -115,7 +115,7 @@ def run(
 
 @SUITE.add("no_reward_visualization", "hard")
 def fetch(
-    time_limit: float = _LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Take a thrown ball into the mouth and bring it to the target."""
     return _environment(Fetch(random), None, time_limit, environment_kwargs)
@@ -125,15 +125,10 @@ def _environment(
     task: "Stand", speed: float | None, time_limit: float, kwargs: Kwargs
 ) -> control.Environment:
     """The task, on a floor as long as `speed` covers in an episode; of fetch without a speed."""
-    size = {} if speed is None else {"floor_size": speed * _LIMIT}
+    size = {} if speed is None else {"floor_size": speed * _DEFAULT_TIME_LIMIT}
     model = get_model_and_assets(**size, remove_ball=speed is not None)
-    return control.Environment(
-        physics=Physics.from_shared_xml(*model),
-        task=task,
-        time_limit=time_limit,
-        control_timestep=_CONTROL_TIMESTEP,
-        **kwargs or {},
-    )
+    physics = Physics.from_shared_xml(*model)
+    return control.Environment(physics, task, time_limit, _CONTROL_TIMESTEP, **kwargs or {})
 
 
 class Physics(mujoco.Physics):
@@ -239,7 +234,7 @@ class Stand(base.Task[Physics]):
     GOAL = ("torso_height", "pelvis_height", "skull_upright", "torso_upright", "pelvis_upright")
     FACTORS: tuple[str, ...] = (*GOAL, "touch")  # the last is never below 0.9
 
-    def __init__(self, random: Random = None, observe_reward_factors: bool = False) -> None:
+    def __init__(self, random: Seed = None, observe_reward_factors: bool = False) -> None:
         """Creates the task, with the factors of the reward as an observation if that is asked."""
         self._observe_reward_factors = observe_reward_factors
         super().__init__(random=random)
@@ -306,7 +301,7 @@ class Move(Stand):
     GOAL = (*Stand.GOAL, "forward")
 
     def __init__(
-        self, move_speed: float, random: Random = None, observe_reward_factors: bool = False
+        self, move_speed: float, random: Seed = None, observe_reward_factors: bool = False
     ) -> None:
         """As `Stand`; from `move_speed`, metres per second, the speed is fully rewarded."""
         self._move_speed = move_speed

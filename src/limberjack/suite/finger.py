@@ -11,7 +11,7 @@ import numpy as np
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import base, common
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
@@ -20,7 +20,7 @@ __all__ = [
     "turn_easy", "turn_hard",
 ]  # fmt: skip
 
-_TIME_LIMIT = _DEFAULT_TIME_LIMIT = 20  # seconds
+_DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds
 
 _LINKS = ["proximal", "distal"]
@@ -50,7 +50,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def spin(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Keep the body spinning at 15 rad/s or more."""
     return _environment(Spin(random), time_limit, environment_kwargs)
@@ -58,7 +58,7 @@ def spin(
 
 @SUITE.add("benchmarking")
 def turn_easy(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Turn the body's tip into a target with a radius of 7 cm."""
     return _environment(Turn(_EASY_TARGET_SIZE, random), time_limit, environment_kwargs)
@@ -66,7 +66,7 @@ def turn_easy(
 
 @SUITE.add("benchmarking")
 def turn_hard(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Turn the body's tip into a target with a radius of 3 cm."""
     return _environment(Turn(_HARD_TARGET_SIZE, random), time_limit, environment_kwargs)
@@ -154,7 +154,7 @@ class Turn(_Task):
     planner_cost = "limberjack.planner.single_stage.reaching:Turn"
     EPISODE_FIELDS = ("site_pos", "site_size")
 
-    def __init__(self, target_radius: float, random: Random = None) -> None:
+    def __init__(self, target_radius: float, random: Seed = None) -> None:
         """Rewards a tip within `target_radius` of a random point of its circle, metres."""
         self._target_radius = target_radius
         super().__init__(random=random)
@@ -165,10 +165,8 @@ class Turn(_Task):
         model = physics.named.model
         x, z = physics.named.data.xanchor["hinge", ["x", "z"]]
         radius = model.geom_size["cap1"].sum()
-        model.site_pos["target", ["x", "z"]] = (
-            x + radius * np.sin(angle),
-            z + radius * np.cos(angle),
-        )
+        place = x + radius * np.sin(angle), z + radius * np.cos(angle)
+        model.site_pos["target", ["x", "z"]] = place
         model.site_size["target", 0] = self._target_radius
         super().initialize_episode(physics)
 

@@ -11,7 +11,7 @@ import numpy as np
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import base, common
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
@@ -19,7 +19,7 @@ __all__ = [
     "swim", "upright",
 ]  # fmt: skip
 
-_TIME_LIMIT = _DEFAULT_TIME_LIMIT = 40  # seconds
+_DEFAULT_TIME_LIMIT = 40  # seconds
 _CONTROL_TIMESTEP = 0.04  # seconds
 _JOINTS = ["tail1", "tail_twist", "tail2"]
 _JOINTS += [f"fin{side}_{axis}" for side in ("right", "left") for axis in ("roll", "pitch")]
@@ -48,7 +48,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def upright(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Turn upright and stay upright."""
     return _environment(Upright(random), time_limit, environment_kwargs)
@@ -56,7 +56,7 @@ def upright(
 
 @SUITE.add("benchmarking")
 def swim(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Swim until the mouth is in the target."""
     return _environment(Swim(random), time_limit, environment_kwargs)

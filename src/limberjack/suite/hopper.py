@@ -11,7 +11,7 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
@@ -20,7 +20,7 @@ __all__ = [
     "stand",
 ]  # fmt: skip
 
-_TIME_LIMIT = _DEFAULT_TIME_LIMIT = 20  # seconds
+_DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds
 
 _STAND_HEIGHT = 0.6  # metres from foot to torso at which standing is rewarded
@@ -44,7 +44,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def stand(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Stand with the torso high above the foot, with low effort."""
     return _environment(Hopper(False, random), time_limit, environment_kwargs)
@@ -52,7 +52,7 @@ def stand(
 
 @SUITE.add("benchmarking")
 def hop(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Hop forward at 2 m/s or more."""
     return _environment(Hopper(True, random), time_limit, environment_kwargs)
@@ -85,7 +85,7 @@ class Hopper(base.Task[Physics]):
 
     planner_cost = "limberjack.planner.single_stage.locomotion:Hopper"
 
-    def __init__(self, hopping: bool, random: Random = None) -> None:
+    def __init__(self, hopping: bool, random: Seed = None) -> None:
         """Rewards forward speed if `hopping`, else low effort."""
         self._hopping = hopping
         self.GOAL = ("standing", "hopping") if hopping else ("standing",)

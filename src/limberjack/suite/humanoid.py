@@ -14,6 +14,7 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
@@ -70,9 +71,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def stand(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Stand up and stand still."""
     return _environment(0, False, time_limit, random, environment_kwargs)
@@ -80,9 +79,7 @@ def stand(
 
 @SUITE.add("benchmarking")
 def walk(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Walk in any direction at 1 m/s or more."""
     return _environment(_WALK_SPEED, False, time_limit, random, environment_kwargs)
@@ -90,9 +87,7 @@ def walk(
 
 @SUITE.add("benchmarking")
 def run(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run in any direction, up to 10 m/s."""
     return _environment(_RUN_SPEED, False, time_limit, random, environment_kwargs)
@@ -100,16 +95,14 @@ def run(
 
 @SUITE.add()
 def run_pure_state(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run, observing only generalised positions and velocities."""
     return _environment(_RUN_SPEED, True, time_limit, random, environment_kwargs)
 
 
 def _environment(
-    move_speed: float, pure_state: bool, time_limit: float, random: base.Random, kwargs: base.Kwargs
+    move_speed: float, pure_state: bool, time_limit: float, random: Seed, kwargs: Kwargs
 ) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets())
     task = Humanoid(move_speed=move_speed, pure_state=pure_state, random=random)
@@ -168,7 +161,7 @@ class Humanoid(base.Task[Physics]):
     STARTS = ("face_up", "face_down", "on_side", "up")
     planner_cost: str | None = "limberjack.planner.humanoid.locomotion:Locomotion"
 
-    def __init__(self, move_speed: float, pure_state: bool, random: base.Random = None) -> None:
+    def __init__(self, move_speed: float, pure_state: bool, random: Seed = None) -> None:
         """Creates the task.
 
         Args:

@@ -8,8 +8,10 @@ from typing import ClassVar
 
 from limberjack.rl import control
 from limberjack.suite import base, common, humanoid
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.humanoid import _RUN_SPEED, _STAND_HEIGHT, _WALK_SPEED  # noqa: F401
 from limberjack.utils import containers
+from limberjack.utils.arrays import Quantity
 
 __all__ = [
     "OBSERVATIONS", "PICTURES", "SUITE", "HumanoidCMU", "Physics", "get_model_and_assets", "run",
@@ -37,42 +39,31 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add()
 def stand(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Stand up and stand still."""
-    return _environment(0, time_limit, random, environment_kwargs)
+    return _environment(HumanoidCMU(0, random), time_limit, environment_kwargs)
 
 
 @SUITE.add()
 def walk(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Walk in any direction at 1 m/s or more."""
-    return _environment(_WALK_SPEED, time_limit, random, environment_kwargs)
+    return _environment(HumanoidCMU(_WALK_SPEED, random), time_limit, environment_kwargs)
 
 
 @SUITE.add()
 def run(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run in any direction, up to 10 m/s."""
-    return _environment(_RUN_SPEED, time_limit, random, environment_kwargs)
+    return _environment(HumanoidCMU(_RUN_SPEED, random), time_limit, environment_kwargs)
 
 
-def _environment(
-    move_speed: float, time_limit: float, random: base.Random, kwargs: base.Kwargs
-) -> control.Environment:
+def _environment(task: base.Task, time_limit: float, kwargs: Kwargs) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets())
-    task = HumanoidCMU(move_speed=move_speed, random=random)
-    return control.Environment(
-        physics, task, time_limit=time_limit, control_timestep=_CONTROL_TIMESTEP, **kwargs or {}
-    )
+    return control.Environment(physics, task, time_limit, _CONTROL_TIMESTEP, **kwargs or {})
 
 
 class Physics(humanoid.Physics):
@@ -81,13 +72,20 @@ class Physics(humanoid.Physics):
     _TORSO = "thorax"
     _UP, _FRONT = "zy", "zz"
     _LIMBS: ClassVar = ["lhand", "lfoot", "rhand", "rfoot"]
-    thorax_upright = humanoid.Physics.torso_upright
+
+    def thorax_upright(self) -> Quantity:
+        """Cosine of the thorax's tilt, (...): 1 upright, -1 head down."""
+        return super().torso_upright()
+
+    def torso_upright(self) -> Quantity:
+        """As `thorax_upright`, which a subclass may override."""
+        return self.thorax_upright()
 
 
 class HumanoidCMU(humanoid.Humanoid):
     """Stand, or move at least at a given speed."""
 
-    def __init__(self, move_speed: float, random: base.Random = None) -> None:
+    def __init__(self, move_speed: float, random: Seed = None) -> None:
         """Creates the task; `move_speed` and `random` are those of `humanoid.Humanoid`."""
         super().__init__(move_speed, pure_state=False, random=random)
         self.planner_cost = None  # the planner has none for this body

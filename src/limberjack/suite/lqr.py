@@ -16,6 +16,7 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.suite import _chain, base, common
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers
 
 __all__ = [
@@ -70,7 +71,7 @@ def _chain_of(n_bodies: int, n_actuators: int) -> ElementTree.Element:
         raise ValueError(
             f"n_actuators is {n_actuators}; expected at most n_bodies, {n_bodies}: one for each"
         )
-    root = ElementTree.fromstring(common.read_model("lqr.xml"))
+    root = _chain.with_templates(common.read_model("lqr.xml"))
     counts = {"worldbody": n_bodies, "actuator": n_actuators, "tendon": n_bodies - 1}
     for section, count in counts.items():
         (parent,) = root.iterfind(section)
@@ -88,32 +89,34 @@ def _draw(random: np.random.RandomState, joints: int) -> list[float]:
 
 @SUITE.add()
 def lqr_2_1(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Bring two balls to rest by pushing the first."""
-    return _environment(2, 1, time_limit, random, environment_kwargs)
+    return _make_lqr(2, 1, _CONTROL_COST_COEF, time_limit, random, environment_kwargs)
 
 
 @SUITE.add()
 def lqr_6_2(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Bring six balls to rest by pushing the first two."""
-    return _environment(6, 2, time_limit, random, environment_kwargs)
+    return _make_lqr(6, 2, _CONTROL_COST_COEF, time_limit, random, environment_kwargs)
 
 
-def _environment(
-    n_bodies: int, n_actuators: int, time_limit: float, random: base.Random, kwargs: base.Kwargs
+# dm_control's name and arguments, for chains of another length.
+def _make_lqr(
+    n_bodies: int,
+    n_actuators: int,
+    control_cost_coef: float,
+    time_limit: float,
+    random: Seed,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     xml = ElementTree.tostring(_chain_of(n_bodies, n_actuators))
     physics = Physics.from_shared_xml(xml, common.ASSETS)
-    task = LQRLevel(_CONTROL_COST_COEF, random, drawn_springs=n_bodies)
+    task = LQRLevel(control_cost_coef, random, drawn_springs=n_bodies)
     set_stream_fields(task, task.random, physics.simulation)
-    return control.Environment(physics, task, time_limit=time_limit, **kwargs or {})
+    return control.Environment(physics, task, time_limit, **environment_kwargs or {})
 
 
 class Physics(mujoco.Physics):
@@ -132,7 +135,7 @@ class LQRLevel(base.Task[Physics]):
     _TERMINAL_TOL = 1e-6  # norm of the state below which the episode ends
 
     def __init__(
-        self, control_cost_coef: float, random: base.Random = None, drawn_springs: int = 0
+        self, control_cost_coef: float, random: Seed = None, drawn_springs: int = 0
     ) -> None:
         """Creates the task.
 
@@ -171,10 +174,7 @@ class LQRLevel(base.Task[Physics]):
 
     def get_observation(self, physics: Physics) -> collections.OrderedDict:
         """The whole state."""
-        obs = collections.OrderedDict()
-        obs["position"] = physics.position()
-        obs["velocity"] = physics.velocity()
-        return obs
+        return collections.OrderedDict(position=physics.position(), velocity=physics.velocity())
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Costs of positions and of controls, each half a weighted sum of squares; unbounded."""

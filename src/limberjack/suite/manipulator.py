@@ -13,7 +13,7 @@ from limberjack.suite import _planar_arm, base
 from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
 from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics, is_close
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import containers
 from limberjack.utils.arrays import Quantity
 
@@ -30,9 +30,13 @@ __all__ = [
     "make_model",
 ]
 
+# dm_control's names, which task files import.
+_ARM_JOINTS, _TOUCH_SENSORS = _planar_arm._ARM_JOINTS, _planar_arm._TOUCH_SENSORS
+_CLOSE = _planar_arm._CLOSE
+
 _STARTS = ("in_hand", "in_target", "uniform")
-_START_PROBABILITIES = [0.1, 0.1, 1 - 0.1 - 0.1]
-_PROPS = ("ball", "target_ball", "cup", "peg", "target_peg", "slot")
+_P_IN_HAND, _P_IN_TARGET = 0.1, 0.1  # probabilities of two of them
+_ALL_PROPS = frozenset(("ball", "target_ball", "cup", "peg", "target_peg", "slot"))
 
 SUITE = containers.TaggedTasks()
 # Chosen by eye: starts in which the prop and its target are visible.
@@ -64,14 +68,14 @@ def make_model(use_peg: bool, insert: bool) -> tuple[bytes, dict[str, bytes]]:
     """
     used = ["peg", "target_peg", "slot"] if use_peg else ["ball", "target_ball", "cup"]
     used = used if insert else used[:2]
-    return _planar_arm.model_without("manipulator.xml", [p for p in _PROPS if p not in used])
+    return _planar_arm.model_without("manipulator.xml", _ALL_PROPS.difference(used))
 
 
 @SUITE.add("benchmarking", "hard")
 def bring_ball(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Bring the ball to a target in the air."""
@@ -82,7 +86,7 @@ def bring_ball(
 def bring_peg(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Bring the peg to a target pose in the air."""
@@ -93,7 +97,7 @@ def bring_peg(
 def insert_ball(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Put the ball into the cup."""
@@ -104,7 +108,7 @@ def insert_ball(
 def insert_peg(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Put the peg into the slot."""
@@ -116,7 +120,7 @@ def _environment(
     insert: bool,
     fully_observable: bool,
     time_limit: float,
-    random: Random,
+    random: Seed,
     kwargs: Kwargs,
 ) -> control.Environment:
     return control.Environment(
@@ -135,7 +139,7 @@ class Bring(_planar_arm.ArmTask):
     STARTS = _STARTS
 
     def __init__(
-        self, use_peg: bool, insert: bool, fully_observable: bool, random: Random = None
+        self, use_peg: bool, insert: bool, fully_observable: bool, random: Seed = None
     ) -> None:
         """Creates the task.
 
@@ -175,7 +179,8 @@ class Bring(_planar_arm.ArmTask):
             body_pos[body, "x"], body_pos[body, "z"] = x, z
             body_quat[body, "qw"], body_quat[body, "qy"] = np.cos(angle / 2), np.sin(angle / 2)
 
-        start = self.random.choice(_STARTS, p=_START_PROBABILITIES)
+        probabilities = [_P_IN_HAND, _P_IN_TARGET, 1 - _P_IN_HAND - _P_IN_TARGET]
+        start = self.random.choice(_STARTS, p=probabilities)
         data = physics.named.data
         if start == "in_hand":
             physics.after_reset()

@@ -7,6 +7,7 @@ import numpy as np
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import base, common
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
@@ -32,9 +33,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def swingup(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Swing the pole up and hold it."""
     physics, task = Physics.from_shared_xml(*get_model_and_assets()), SwingUp(random=random)
@@ -77,7 +76,3 @@ class SwingUp(base.Task[Physics]):
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """1 while the pole is upright, else 0."""
         return {"upright": rewards.tolerance(physics.pole_vertical(), (_COSINE_BOUND, 1))}
-
-    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
-        """The only term."""
-        return terms["upright"]

@@ -8,6 +8,7 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
@@ -34,9 +35,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking", "easy")
 def easy(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Push with one control along x and one along y."""
     return _environment(PointMass(False, random), time_limit, environment_kwargs)
@@ -44,15 +43,13 @@ def easy(
 
 @SUITE.add()
 def hard(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Push with controls along two random directions, which are not observed."""
     return _environment(PointMass(True, random), time_limit, environment_kwargs)
 
 
-def _environment(task: base.Task, time_limit: float, kwargs: base.Kwargs) -> control.Environment:
+def _environment(task: base.Task, time_limit: float, kwargs: Kwargs) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets())
     return control.Environment(physics, task, time_limit=time_limit, **kwargs or {})
 
@@ -75,7 +72,7 @@ class PointMass(base.Task[Physics]):
 
     GOAL = ("near_target",)
 
-    def __init__(self, randomize_gains: bool, random: base.Random = None) -> None:
+    def __init__(self, randomize_gains: bool, random: Seed = None) -> None:
         """Creates the task; `randomize_gains` draws the controls' directions for each episode."""
         self._randomize_gains = randomize_gains
         self.EPISODE_FIELDS = ("wrap_prm",) if randomize_gains else ()
@@ -105,7 +102,3 @@ class PointMass(base.Task[Physics]):
         radius = physics.named.model.geom_size["target", "x"]
         near = rewards.tolerance(physics.mass_to_target_dist(), (0, radius), margin=radius)
         return {"near_target": near, "small_control": locomotion.low_effort(physics.control())}
-
-    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
-        """Product of the terms, between 0 and 1."""
-        return terms["near_target"] * terms["small_control"]

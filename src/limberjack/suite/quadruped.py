@@ -13,11 +13,13 @@ import mujoco as official
 import numpy as np
 
 from limberjack import mujoco
+from limberjack.mujoco import wrapper
+from limberjack.mujoco.wrapper.mjbindings import enums
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
 from limberjack.suite._zoom import zoom
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [
@@ -25,7 +27,7 @@ __all__ = [
     "make_model", "run", "walk",
 ]  # fmt: skip
 
-_TIME_LIMIT = _DEFAULT_TIME_LIMIT = 20  # seconds
+_DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds
 
 _RUN_SPEED = 5  # metres per second; forward speed at which running is fully rewarded
@@ -44,13 +46,10 @@ _SPAWN = 0.9  # fraction of the floor in which fetch starts
 _BALL_HEIGHT = 2  # metres; where the ball is dropped
 _BALL_SPEED = 5  # metres per second; standard deviation of each horizontal velocity of the ball
 
-_LEGS = ["front_left", "front_right", "back_right", "back_left"]
 _TOES = ["toe_front_left", "toe_back_left", "toe_back_right", "toe_front_right"]
 _WALLS = ["wall_px", "wall_py", "wall_nx", "wall_ny"]
-_HINGES = [f"{joint}_{leg}" for leg in _LEGS for joint in ("yaw", "pitch", "knee", "ankle")]
-_ON_TOES = [f"{kind}_toe_{leg}" for kind in ("force", "torque") for leg in _LEGS]
-_RANGEFINDERS = [f"rf_{row}{column}" for row in range(4) for column in range(5)]
 _NO_INTERSECTION = -1.0  # reading of a range finder that sees nothing
+_SENSORS = enums.mjtSensor
 
 SUITE = containers.TaggedTasks()
 # Chosen by eye: the quadruped stands, and in fetch the ball and the target are visible.
@@ -112,7 +111,7 @@ def make_model(
 
 @SUITE.add()
 def walk(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Walk forward at 0.5 m/s or more."""
     model = make_model(floor_size=_DEFAULT_TIME_LIMIT * _WALK_SPEED)
@@ -121,7 +120,7 @@ def walk(
 
 @SUITE.add()
 def run(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run forward, up to 5 m/s."""
     model = make_model(floor_size=_DEFAULT_TIME_LIMIT * _RUN_SPEED)
@@ -130,7 +129,7 @@ def run(
 
 @SUITE.add()
 def escape(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Climb out of a bowl of rough terrain."""
     model = make_model(floor_size=_ESCAPE_FLOOR, terrain=True, rangefinders=True)
@@ -139,7 +138,7 @@ def escape(
 
 @SUITE.add()
 def fetch(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Bring a ball to the target at the origin."""
     model = make_model(walls_and_ball=True)
@@ -154,7 +153,25 @@ def _environment(
 
 
 class Physics(mujoco.Physics):
-    """Measurements of the quadruped."""
+    """Measurements of the quadruped, or of another body with sensors of the same types."""
+
+    def _reload_from_data(self, data: wrapper.MjData) -> None:
+        for name in ("_hinge_names", "_sensor_types_to_names"):  # another model's
+            vars(self).pop(name, None)
+        super()._reload_from_data(data)
+
+    @functools.cached_property
+    def _hinge_names(self) -> list[str]:
+        hinges = np.flatnonzero(self.model.jnt_type == enums.mjtJoint.mjJNT_HINGE)
+        return [self.model.id2name(hinge, "joint") for hinge in hinges.tolist()]
+
+    def _get_sensor_names(self, *sensor_types: int) -> list[str]:
+        """Names of the sensors of these types, in the model's order."""
+        known = vars(self).setdefault("_sensor_types_to_names", {})
+        if sensor_types not in known:
+            ids = np.flatnonzero(np.isin(self.model.sensor_type, sensor_types)).tolist()
+            known[sensor_types] = [self.model.id2name(index, "sensor") for index in ids]
+        return known[sensor_types]
 
     def torso_upright(self) -> np.ndarray:
         """Cosine of the torso's tilt, (...): 1 upright, -1 upside down."""
@@ -166,8 +183,8 @@ class Physics(mujoco.Physics):
 
     def egocentric_state(self) -> np.ndarray:
         """Angles and velocities of the hinges, and activations of the actuators, (..., 44)."""
-        qpos, qvel = self.named.data.qpos, self.named.data.qvel
-        return arrays.concat((qpos[_HINGES], qvel[_HINGES], self.data.act))
+        hinges, data = self._hinge_names, self.named.data
+        return arrays.concat((data.qpos[hinges], data.qvel[hinges], self.data.act))
 
     def toe_positions(self) -> np.ndarray:
         """Toes in the torso's frame, (..., 4, 3), metres, anticlockwise from the front left."""
@@ -176,15 +193,18 @@ class Physics(mujoco.Physics):
 
     def force_torque(self) -> np.ndarray:
         """Inverse hyperbolic sine of the forces, then the torques, on the toes, (..., 24)."""
-        return np.arcsinh(self.named.data.sensordata[_ON_TOES])
+        sensors = self._get_sensor_names(_SENSORS.mjSENS_FORCE, _SENSORS.mjSENS_TORQUE)
+        return np.arcsinh(self.named.data.sensordata[sensors])
 
     def imu(self) -> np.ndarray:
         """Acceleration, m/s^2, and angular velocity, rad/s, of the torso in its frame, (..., 6)."""
-        return self.named.data.sensordata[["imu_accel", "imu_gyro"]]
+        sensors = self._get_sensor_names(_SENSORS.mjSENS_GYRO, _SENSORS.mjSENS_ACCELEROMETER)
+        return self.named.data.sensordata[sensors]
 
     def rangefinder(self) -> np.ndarray:
         """Hyperbolic tangent of the distances in metres, (..., 20); 1 where nothing is seen."""
-        readings = self.named.data.sensordata[_RANGEFINDERS]
+        sensors = self._get_sensor_names(_SENSORS.mjSENS_RANGEFINDER)
+        readings = self.named.data.sensordata[sensors]
         return np.where(readings == _NO_INTERSECTION, 1.0, np.tanh(readings))
 
     def origin_distance(self) -> np.ndarray:
@@ -231,83 +251,77 @@ class Physics(mujoco.Physics):
         # One product of matrices, as in dm_control; `to_frame` may round differently.
         return np.matmul(rows, frame.reshape(*frame.shape[:-1], 3, 3))
 
-    def _has_contacts(self, pose: np.ndarray) -> bool:
-        """Whether the root touches anything in a pose, (7,), which is set; computes no forces."""
-        model, data = self.model._model, self.data._data
-        self.named.data.qpos["root"] = pose
+
+# Names and arguments of this function and the next two are dm_control's: task files call them.
+def _find_non_contacting_height(
+    physics: mujoco.Physics, orientation: np.ndarray, x_pos: float = 0.0, y_pos: float = 0.0
+) -> None:
+    """Resets to the lowest pose without contacts, in steps of a centimetre from the ground."""
+    pose, qpos = np.array([x_pos, y_pos, 0.0, *orientation]), physics.named.data.qpos
+    model, data = physics.model._model, physics.data._data
+    physics.simulation.reset()
+    for _ in range(_MAX_RISES):
+        # A test of contacts takes a tenth of the time of a reset; the last one stays.
+        qpos["root"] = pose
         official.mj_kinematics(model, data)
         official.mj_collision(model, data)
-        return data.ncon > 0
+        if not data.ncon:
+            with contextlib.suppress(control.PhysicsError), physics.reset_context():
+                qpos["root"] = pose
+            return
+        pose[2] += _RISE
+    raise RuntimeError(
+        f"the quadruped has contacts at every height up to {pose[2]:.0f} m; check whether a "
+        "change of the model rules out a start"
+    )
 
 
-class _Task(base.Task[Physics]):
-    """A task that begins above the ground and observes the body."""
-
-    def _rise(self, physics: Physics, quaternion: np.ndarray, x: float = 0, y: float = 0) -> None:
-        """Resets to the lowest pose without contacts, in steps of a centimetre from the ground.
-
-        Raises:
-          RuntimeError: there are contacts at every height.
-        """
-        pose = np.array([x, y, 0.0, *quaternion])
-        physics.simulation.reset()
-        for _ in range(_MAX_RISES):
-            # A test of contacts takes a tenth of the time of a reset; the last one stays.
-            if not physics._has_contacts(pose):
-                with contextlib.suppress(control.PhysicsError), physics.reset_context():
-                    physics.named.data.qpos["root"] = pose
-                return
-            pose[2] += _RISE
-        raise RuntimeError(
-            f"the quadruped has contacts at every height up to {pose[2]:.0f} m; check whether a "
-            "change of the model rules out a start"
-        )
-
-    def _random_orientation(self) -> np.ndarray:
-        """A uniformly distributed unit quaternion, (4,)."""
-        orientation = self.random.randn(4)
-        return orientation / np.linalg.norm(orientation)
-
-    def _upright(self, physics: Physics, tilt: float = 0) -> arrays.Quantity:
-        """1 for a tilt of at most `tilt` degrees, decreasing to 0 upside down, (...)."""
-        # A product is a number where the quantity is an array without axes, as `torso_upright`.
-        return locomotion.upright(physics.torso_upright(), np.cos(np.deg2rad(tilt))) * 1.0
-
-    def get_observation(self, physics: Physics) -> collections.OrderedDict:
-        """State of the body, without its position and heading."""
-        obs = collections.OrderedDict()
-        obs["egocentric_state"] = physics.egocentric_state()
-        obs["torso_velocity"] = physics.torso_velocity()
-        obs["torso_upright"] = physics.torso_upright()
-        obs["imu"] = physics.imu()
-        obs["force_torque"] = physics.force_torque()
-        return obs
+def _common_observations(physics: Physics) -> collections.OrderedDict:
+    """State of the body, without its position and heading."""
+    obs = collections.OrderedDict()
+    obs["egocentric_state"] = physics.egocentric_state()
+    obs["torso_velocity"] = physics.torso_velocity()
+    obs["torso_upright"] = physics.torso_upright()
+    obs["imu"] = physics.imu()
+    obs["force_torque"] = physics.force_torque()
+    return obs
 
 
-class Move(_Task):
+def _upright_reward(physics: Physics, deviation_angle: float = 0) -> arrays.Quantity:
+    """1 for a tilt of at most `deviation_angle` degrees, decreasing to 0 upside down, (...)."""
+    return locomotion.upright(physics.torso_upright(), np.cos(np.deg2rad(deviation_angle)))
+
+
+class Move(base.Task[Physics]):
     """Move forward at least at a given speed."""
 
     GOAL = ("upright", "movement")
     planner_cost = "limberjack.planner.single_stage.locomotion:Quadruped"
 
-    def __init__(self, desired_speed: float, random: Random = None) -> None:
+    def __init__(self, desired_speed: float, random: Seed = None) -> None:
         """Rewards a forward speed of `desired_speed`, m/s; 0 rewards any, and being upright."""
         self._desired_speed = desired_speed
         super().__init__(random=random)
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws the torso's orientation."""
-        self._rise(physics, self._random_orientation())
+        orientation = self.random.randn(4)
+        _find_non_contacting_height(physics, orientation / np.linalg.norm(orientation))
         super().initialize_episode(physics)
+
+    def get_observation(self, physics: Physics) -> collections.OrderedDict:
+        """State of the body."""
+        return _common_observations(physics)
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Factors of the reward: uprightness and forward speed."""
         forward = physics.torso_velocity().T[0]  # `[..., 0]` would give an array, not a number
         movement = locomotion.speed(forward, self._desired_speed, value_at_margin=0.5)
-        return {"upright": self._upright(physics), "movement": movement}
+        # A product is a number where the quantity is an array without axes, as for `torso_upright`.
+        return {"upright": _upright_reward(physics) * 1.0, "movement": movement}
 
 
-class Escape(_Task):
+class Escape(base.Task[Physics]):
     """Climb out of a bowl of rough terrain, which is drawn for each episode."""
 
     EPISODE_FIELDS = ("hfield_data",)
@@ -320,7 +334,8 @@ class Escape(_Task):
         terrain = self._draw_terrain(size, 2 * model.hfield_size[_HEIGHTFIELD_ID, 0])
         model.hfield_data[start : start + size**2] = terrain.ravel()
         super().initialize_episode(physics)
-        self._rise(physics, self._random_orientation())
+        orientation = self.random.randn(4)
+        _find_non_contacting_height(physics, orientation / np.linalg.norm(orientation))
 
     def _draw_terrain(self, size: int, length: float) -> np.ndarray:
         """Heights from 0 to 1 on a square grid, (size, size), for a terrain of this length."""
@@ -332,7 +347,7 @@ class Escape(_Task):
 
     def get_observation(self, physics: Physics) -> collections.OrderedDict:
         """State of the body, direction of the origin, and range finders."""
-        obs = super().get_observation(physics)
+        obs = _common_observations(physics)
         obs["origin"] = physics.origin()
         obs["rangefinder"] = physics.rangefinder()
         return obs
@@ -341,10 +356,10 @@ class Escape(_Task):
         """Factors of the reward: uprightness and distance from the origin."""
         edge = physics.model.hfield_size[..., _HEIGHTFIELD_ID, 0]
         escape = locomotion.speed(physics.origin_distance(), edge) * 1.0
-        return {"upright": self._upright(physics, _ESCAPE_TILT), "escape": escape}
+        return {"upright": _upright_reward(physics, _ESCAPE_TILT) * 1.0, "escape": escape}
 
 
-class Fetch(_Task):
+class Fetch(base.Task[Physics]):
     """Bring a ball to the target at the origin."""
 
     GOAL = ("fetch",)
@@ -355,14 +370,15 @@ class Fetch(_Task):
         half = uniform(0, 2 * np.pi) / 2
         radius = _SPAWN * physics.named.model.geom_size["floor", 0]
         position = uniform(-radius, radius, size=2)
-        self._rise(physics, np.array([np.cos(half), 0, 0, np.sin(half)]), *position)
+        orientation = np.array([np.cos(half), 0, 0, np.sin(half)])
+        _find_non_contacting_height(physics, orientation, *position)
         data.qpos["ball_root"][:3] = *uniform(-radius, radius, size=2), _BALL_HEIGHT
         data.qvel["ball_root"][:2] = _BALL_SPEED * self.random.randn(2)
         super().initialize_episode(physics)
 
     def get_observation(self, physics: Physics) -> collections.OrderedDict:
         """State of the body, and ball and target as seen from the torso."""
-        obs = super().get_observation(physics)
+        obs = _common_observations(physics)
         obs["ball_state"] = physics.ball_state()
         obs["target_position"] = physics.target_position()
         return obs
@@ -374,7 +390,7 @@ class Fetch(_Task):
         arena = geom_size["floor", 0] * np.sqrt(2)
         reach = site_size["workspace", 0] + geom_size["ball", 0]
         return {
-            "upright": self._upright(physics),
+            "upright": _upright_reward(physics) * 1.0,
             "reach": within(physics.self_to_ball_distance(), (0, reach), arena),
             "fetch": within(physics.ball_to_target_distance(), (0, site_size["target", 0]), arena),
         }

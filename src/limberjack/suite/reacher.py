@@ -7,6 +7,7 @@ import numpy as np
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import base, common
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
@@ -36,9 +37,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking", "easy")
 def easy(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Reach a target with a radius of 5 cm."""
     return _environment(Reacher(_BIG_TARGET, random), time_limit, environment_kwargs)
@@ -46,15 +45,13 @@ def easy(
 
 @SUITE.add("benchmarking")
 def hard(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Reach a target with a radius of 1.5 cm."""
     return _environment(Reacher(_SMALL_TARGET, random), time_limit, environment_kwargs)
 
 
-def _environment(task: base.Task, time_limit: float, kwargs: base.Kwargs) -> control.Environment:
+def _environment(task: base.Task, time_limit: float, kwargs: Kwargs) -> control.Environment:
     physics = Physics.from_shared_xml(*get_model_and_assets())
     return control.Environment(physics, task, time_limit=time_limit, **kwargs or {})
 
@@ -79,7 +76,7 @@ class Reacher(base.Task[Physics]):
     planner_cost = "limberjack.planner.single_stage.reaching:Reacher"
     EPISODE_FIELDS = ("geom_size", "geom_pos")  # the target's
 
-    def __init__(self, target_size: float, random: base.Random = None) -> None:
+    def __init__(self, target_size: float, random: Seed = None) -> None:
         """Creates the task; `target_size` is the radius of the target, metres."""
         self._target_size = target_size
         super().__init__(random=random)
@@ -108,7 +105,3 @@ class Reacher(base.Task[Physics]):
         sizes = physics.named.model.geom_size
         radii = sizes["target", "x"] + sizes["finger", "x"]
         return {"at_target": rewards.tolerance(physics.finger_to_target_dist(), (0, radii))}
-
-    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
-        """The only term."""
-        return terms["at_target"]

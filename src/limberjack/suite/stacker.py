@@ -12,7 +12,7 @@ from limberjack.suite import _planar_arm, base
 from limberjack.suite._planar_arm import CONTROL_TIMESTEP as _CONTROL_TIMESTEP
 from limberjack.suite._planar_arm import TIME_LIMIT as _TIME_LIMIT
 from limberjack.suite._planar_arm import Physics
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
@@ -26,9 +26,12 @@ __all__ = [
     "stack_4",
 ]
 
+# dm_control's names, which task files import.
+_ARM_JOINTS, _CLOSE = _planar_arm._ARM_JOINTS, _planar_arm._CLOSE
+
 _BOXES = 4  # in the model's file
 _HAND_AWAY = 0.1  # metres; distance from the target beyond which the hand counts as removed
-_HAND_MARGIN = 0.01  # metres
+_HAND_MARGIN = _CLOSE  # metres
 
 SUITE = containers.TaggedTasks()
 # Chosen by eye: a start in which boxes and target are visible.
@@ -51,7 +54,7 @@ def make_model(n_boxes: int) -> tuple[bytes, dict[str, bytes]]:
 def stack_2(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Stack two boxes."""
@@ -62,7 +65,7 @@ def stack_2(
 def stack_4(
     fully_observable: bool = True,
     time_limit: float = _TIME_LIMIT,
-    random: Random = None,
+    random: Seed = None,
     environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Stack four boxes."""
@@ -70,7 +73,7 @@ def stack_4(
 
 
 def _environment(
-    n_boxes: int, fully_observable: bool, time_limit: float, random: Random, kwargs: Kwargs
+    n_boxes: int, fully_observable: bool, time_limit: float, random: Seed, kwargs: Kwargs
 ) -> control.Environment:
     return control.Environment(
         Physics.from_shared_xml(*make_model(n_boxes)),
@@ -87,7 +90,7 @@ class Stack(_planar_arm.ArmTask):
     GOAL = ("box_is_close", "hand_is_far")
     planner_cost = "limberjack.planner.stacker.stack:Stack"
 
-    def __init__(self, n_boxes: int, fully_observable: bool, random: Random = None) -> None:
+    def __init__(self, n_boxes: int, fully_observable: bool, random: Seed = None) -> None:
         """Creates the task.
 
         Args:
@@ -97,14 +100,14 @@ class Stack(_planar_arm.ArmTask):
         """
         self._n_boxes = n_boxes
         self.STARTS = tuple(f"level_{level}" for level in range(n_boxes))
-        self._boxes = [f"box{i}" for i in range(n_boxes)]
-        self._box_joints = [f"{box}_{dimension}" for box in self._boxes for dimension in "xyz"]
+        self._box_names = [f"box{i}" for i in range(n_boxes)]
+        self._box_joint_names = [f"{box}_{axis}" for box in self._box_names for axis in "xyz"]
         super().__init__(fully_observable, random)
 
     @property
     def boxes(self) -> list[str]:
         """Names of the boxes, which are bodies and sites."""
-        return list(self._boxes)
+        return list(self._box_names)
 
     def initialize_episode(self, physics: Physics) -> None:
         """Draws random poses of arm, target and boxes, without contacts, at rest."""
@@ -119,7 +122,7 @@ class Stack(_planar_arm.ArmTask):
         physics.named.model.body_pos["target", "z"] = half_size * half_sizes_up
         physics.named.model.body_pos["target", "x"] = uniform(-0.37, 0.37)
         qpos = physics.named.data.qpos
-        for box in self._boxes:
+        for box in self._box_names:
             qpos[f"{box}_x"] = uniform(0.1, 0.3)
             qpos[f"{box}_z"] = uniform(0, 0.7)
             qpos[f"{box}_y"] = uniform(0, 2 * np.pi)
@@ -133,22 +136,19 @@ class Stack(_planar_arm.ArmTask):
     def observe_scene(self, physics: Physics) -> collections.OrderedDict:
         """Poses and velocities of the boxes, and the target's position."""
         obs = collections.OrderedDict()
-        obs["box_pos"] = physics.body_2d_pose(self._boxes)
-        obs["box_vel"] = physics.joint_vel(self._box_joints)
+        obs["box_pos"] = physics.body_2d_pose(self._box_names)
+        obs["box_vel"] = physics.joint_vel(self._box_joint_names)
         obs["target_pos"] = physics.body_2d_pose("target", orientation=False)
         return obs
 
     def reward_terms(self, physics: Physics) -> dict[str, arrays.Quantity]:
         """Closeness of the nearest box to the target, and distance of the hand from it."""
         box_size = 2 * physics.named.model.geom_size["target", "x"]
-        nearest = arrays.minimum_of(physics.site_distance(box, "target") for box in self._boxes)
+        to_target = (physics.site_distance(box, "target") for box in self._box_names)
+        nearest = arrays.minimum_of(to_target)
         hand = physics.site_distance("grasp", "target")
         return {
             # Relative to the box size, which may be randomised per row.
             "box_is_close": rewards.tolerance(nearest / box_size, margin=1),
             "hand_is_far": rewards.tolerance(hand, (_HAND_AWAY, np.inf), margin=_HAND_MARGIN),
         }
-
-    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
-        """Product of the terms, between 0 and 1."""
-        return terms["box_is_close"] * terms["hand_is_far"]

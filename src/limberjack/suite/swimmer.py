@@ -12,6 +12,7 @@ import numpy as np
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _chain, base, common
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
@@ -55,7 +56,7 @@ def get_model_and_assets(n_joints: int) -> tuple[bytes, dict[str, bytes]]:
 def _model(name: str, value: object) -> tuple[bytes, dict[str, bytes]]:
     """The model of a swimmer whose number of links is given by an argument of this name."""
     links = _chain.checked_length(name, value, _SHORTEST)
-    root = ElementTree.fromstring(common.read_model("swimmer.xml"))
+    root = _chain.with_templates(common.read_model("swimmer.xml"))
     head = xml_tools.find_element(root, "body", "head")
     # With every joint at its limit the chain closes to a circle.
     _chain.repeat(head, range(links - 1), limit=360.0 / links)
@@ -70,9 +71,7 @@ def _model(name: str, value: object) -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def swimmer6(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Swim to the target with six links."""
     return swimmer(6, time_limit, random, environment_kwargs)
@@ -80,9 +79,7 @@ def swimmer6(
 
 @SUITE.add("benchmarking")
 def swimmer15(
-    time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Swim to the target with fifteen links."""
     return swimmer(15, time_limit, random, environment_kwargs)
@@ -91,18 +88,13 @@ def swimmer15(
 def swimmer(
     n_links: int = 3,
     time_limit: float = _DEFAULT_TIME_LIMIT,
-    random: base.Random = None,
-    environment_kwargs: base.Kwargs = None,
+    random: Seed = None,
+    environment_kwargs: Kwargs = None,
 ) -> control.Environment:
     """Swim to the target with `n_links` links; not a registered task."""
-    physics = Physics.from_shared_xml(*_model("n_links", n_links))
-    return control.Environment(
-        physics,
-        Swimmer(random=random),
-        time_limit=time_limit,
-        control_timestep=_CONTROL_TIMESTEP,
-        **environment_kwargs or {},
-    )
+    physics, task = Physics.from_shared_xml(*_model("n_links", n_links)), Swimmer(random)
+    kwargs = environment_kwargs or {}
+    return control.Environment(physics, task, time_limit, _CONTROL_TIMESTEP, **kwargs)
 
 
 class Physics(mujoco.Physics):
@@ -164,7 +156,3 @@ class Swimmer(base.Task[Physics]):
         distance = physics.nose_to_target_dist()
         near = rewards.tolerance(distance, (0, radius), margin=5 * radius, sigmoid="long_tail")
         return {"near": near}
-
-    def reward_of(self, terms: dict[str, arrays.Quantity]) -> arrays.Quantity:
-        """The nearness."""
-        return terms["near"]

@@ -12,7 +12,7 @@ from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.suite import _locomotion as locomotion
 from limberjack.suite import base, common
-from limberjack.suite.base import Kwargs, Random
+from limberjack.suite.base import Kwargs, Seed
 from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
@@ -21,7 +21,7 @@ __all__ = [
     "stand", "walk",
 ]  # fmt: skip
 
-_TIME_LIMIT = _DEFAULT_TIME_LIMIT = 25  # seconds
+_DEFAULT_TIME_LIMIT = 25  # seconds
 _CONTROL_TIMESTEP = 0.025  # seconds
 
 _STAND_HEIGHT = 1.2  # metres; torso height at which standing is fully rewarded
@@ -49,7 +49,7 @@ def get_model_and_assets() -> tuple[bytes, dict[str, bytes]]:
 
 @SUITE.add("benchmarking")
 def stand(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Stand up and stay upright; moving is not penalised."""
     return _environment(PlanarWalker(0, random), time_limit, environment_kwargs)
@@ -57,7 +57,7 @@ def stand(
 
 @SUITE.add("benchmarking")
 def walk(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Walk forward at 1 m/s or more."""
     return _environment(PlanarWalker(_WALK_SPEED, random), time_limit, environment_kwargs)
@@ -65,7 +65,7 @@ def walk(
 
 @SUITE.add("benchmarking")
 def run(
-    time_limit: float = _TIME_LIMIT, random: Random = None, environment_kwargs: Kwargs = None
+    time_limit: float = _DEFAULT_TIME_LIMIT, random: Seed = None, environment_kwargs: Kwargs = None
 ) -> control.Environment:
     """Run forward at 8 m/s or more."""
     return _environment(PlanarWalker(_RUN_SPEED, random), time_limit, environment_kwargs)
@@ -102,7 +102,7 @@ class PlanarWalker(base.Task[Physics]):
 
     planner_cost = "limberjack.planner.single_stage.locomotion:Walker"
 
-    def __init__(self, move_speed: float, random: Random = None) -> None:
+    def __init__(self, move_speed: float, random: Seed = None) -> None:
         """Rewards a forward speed of `move_speed`, m/s; 0 rewards standing alone."""
         self._move_speed = move_speed
         self.GOAL = ("standing", "upright", "movement") if move_speed else ("standing", "upright")
