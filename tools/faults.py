@@ -429,8 +429,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return light if _is_like(light, model) else model", "return light"),
     ],
     "mujoco/compiled.py": [
-        ("    _last_used.move_to_end(source)\n", ""),
-        ("while len(sizes) > 1 and", "while"),
+        ("    _last_used.pop(source, None)\n", ""),
+        ("in kept[:-1]:", "in kept:"),
     ],
     "mujoco/fields.py": [
         ('"key_qvel": "nv"', '"key_qvel": "nq"'),

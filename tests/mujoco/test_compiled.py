@@ -42,6 +42,22 @@ def test_unused_models_are_dropped_when_their_total_size_is_too_large(
     assert models[2]() is None
 
 
+def test_the_model_used_longest_ago_is_dropped_first_and_the_last_one_never(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(kept_models, "_last_used", {})
+    size = mujoco.mj_sizeModel(_compile())
+    monkeypatch.setattr(kept_models, "_MOST_KEPT", int(2.5 * size))
+    models = [weakref.ref(compiled(("old", i), _compile)) for i in range(2)]
+    compiled(("old", 0), _compile)
+    compiled(("old", 2), _compile)
+    assert [model() is None for model in models] == [False, True]
+    monkeypatch.setattr(kept_models, "_MOST_KEPT", size // 2)
+    large = weakref.ref(compiled(("large", 0), _compile))
+    gc.collect()
+    assert large() is not None
+
+
 def test_a_second_load_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     for domain, task in suite.ALL_TASKS:
         suite.load(domain, task).close()
