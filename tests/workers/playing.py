@@ -31,6 +31,7 @@ __all__ = [
     "seeds_of",
     "unpicklable",
 ]
+    "real_time_signal",
 
 TASK = ("pendulum", "swingup")
 
@@ -147,6 +148,11 @@ def scores_slowly(setup: Setup, seeds: tuple[int, ...]) -> object:
 def plain(seed: int) -> Environment:
     """An environment that a function of a module makes."""
     return plain_domain.make(seed)
+def real_time_signal(setup: Setup, seeds: tuple[int, ...]) -> None:
+    """Ends the process by a signal that has no name in Python."""
+    os.kill(os.getpid(), 40)
+
+
 
 
 def heavy_plain(seed: int) -> Environment:
