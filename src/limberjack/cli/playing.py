@@ -17,6 +17,7 @@ from limberjack.cli.output import (
     SEEDS,
     complain,
     console,
+    worded,
     table,
 )
 from limberjack.cli.progress import Episodes, show_episodes
@@ -143,7 +144,7 @@ class Playing:
             complain(f"interrupted: {done}")
             return INTERRUPTED
         if isinstance(failure, (PolicyError, PhysicsError, *self.expected)):
-            complain(f"{failure}; {done}")
+            complain(f"{worded(failure)}; {done}")
             return FAILED
         return None
 
