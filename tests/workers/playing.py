@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,19 +20,22 @@ __all__ = [
     "BatchedMemory",
     "Deadly",
     "Hungry",
+    "Locked",
     "Memory",
     "Unlucky",
     "damped",
     "exit_status",
     "heavy_plain",
+    "locked",
+    "memory",
     "pid",
     "plain",
     "print_and_seeds",
+    "real_time_signal",
     "scores_slowly",
     "seeds_of",
     "unpicklable",
 ]
-    "real_time_signal",
 
 TASK = ("pendulum", "swingup")
 
@@ -50,6 +54,16 @@ class Memory:
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
         self.steps += 1
         return np.sin(self.steps) * np.cos(observation["velocity"])
+
+
+class Locked(Memory):
+    """The same with a part that cannot be copied."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+
+
+memory, locked = Memory(), Locked()
 
 
 class BatchedMemory:
@@ -134,6 +148,11 @@ def exit_status(setup: Setup, seeds: tuple[int, ...]) -> None:
         os._exit(7)
 
 
+def real_time_signal(setup: Setup, seeds: tuple[int, ...]) -> None:
+    """Ends the process by a signal that has no name in Python."""
+    os.kill(os.getpid(), 40)
+
+
 def unpicklable(setup: Setup, seeds: tuple[int, ...]) -> object:
     """A result that cannot be sent."""
     return lambda: None
@@ -148,11 +167,6 @@ def scores_slowly(setup: Setup, seeds: tuple[int, ...]) -> object:
 def plain(seed: int) -> Environment:
     """An environment that a function of a module makes."""
     return plain_domain.make(seed)
-def real_time_signal(setup: Setup, seeds: tuple[int, ...]) -> None:
-    """Ends the process by a signal that has no name in Python."""
-    os.kill(os.getpid(), 40)
-
-
 
 
 def heavy_plain(seed: int) -> Environment:
