@@ -133,9 +133,10 @@ def test_a_folder_with_other_results_is_refused_and_left_alone(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_the_folder_of_another_command_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "result.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"holds a result.json but no episodes.jsonl"):
+@pytest.mark.parametrize("name", ["result.json", "report.html", "returns.png", "episode-3.npz"])
+def test_the_folder_of_another_command_is_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("{}")
+    with pytest.raises(ValueError, match=rf"holds {name} but no episodes.jsonl"):
         _evaluate(out=tmp_path)
 
 
