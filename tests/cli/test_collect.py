@@ -151,7 +151,7 @@ def test_a_full_disk_is_one_line_and_nothing_is_half_written(tmp_path: Path) -> 
     )
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
-    assert "File too large: 'out/seeds-0000000000-0000000064.parquet'" in done.stderr
+    assert f"File too large: '{tmp_path}/out/seeds-0000000000-0000000064.parquet'" in done.stderr
     assert done.stderr.endswith(
         "; 0 of 70 episodes are in out: the same command continues from there\n"
     )

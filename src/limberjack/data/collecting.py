@@ -87,11 +87,12 @@ def collect(
       ImportError: the extra `data` is missing.
     """
     asked = _checked_seeds(seeds, shard)
+    directory = Path(out).absolute()  # a policy may change the working directory
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
     scaled = scale.setup(domain, task, policy, time_limit, len(asked))
     setup = scaled or prepare(domain, task, policy, time_limit=time_limit, num_threads=num_threads)
     recipe, processor = _recipe(setup, kept or Kept())
-    with Folder(Path(out), recipe, shard) as folder:
+    with Folder(directory, recipe, shard) as folder:
         missing = folder.plan(asked)
         if not missing:
             return
