@@ -91,6 +91,11 @@ def collect(
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
     scaled = scale.setup(domain, task, policy, time_limit, len(asked))
     setup = scaled or prepare(domain, task, policy, time_limit=time_limit, num_threads=num_threads)
+    if setup.identity["time_limit"] is None:
+        raise ValueError(
+            f"{domain} {task} has no time limit, so an episode might never end: give it a "
+            "time_limit (--time-limit SECONDS)"
+        )
     recipe, processor = _recipe(setup, kept or Kept())
     with Folder(directory, recipe, shard) as folder:
         missing = folder.plan(asked)
