@@ -85,8 +85,7 @@ def evaluate(
       OSError: a file cannot be written.
     """
     asked = _checked_seeds(seeds)
-    # A policy may change the working directory.
-    directory = None if out is None else Path(out).absolute()
+    directory = None if out is None else Path(out).absolute()  # a policy may change folders
     mine = asked if shard is None else _of_shard(asked, shard, directory)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
     factory = factory_of(domain, task, time_limit)

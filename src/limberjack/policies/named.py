@@ -58,8 +58,7 @@ def is_stateful_object(policy: object) -> bool:
     Raises:
       PolicyError: there is nothing of that name.
     """
-    is_named = isinstance(policy, str) and policy not in BUILT_IN
-    target = _found(policy) if is_named else policy
+    target = _found(policy) if isinstance(policy, str) and policy not in BUILT_IN else policy
     if inspect.isclass(target):
         return False
     return hasattr(target, "reset") or hasattr(target, "reset_batch")
@@ -125,7 +124,7 @@ def batch_functions(name: str, target: object) -> tuple[_ActBatch, _ResetBatch |
 
 
 def _found(name: str) -> object:
-    """What MODULE:CALLABLE names; a class as it is."""
+    """The function, object or class that MODULE:CALLABLE names."""
     module_name, colon, path = name.partition(":")
     if not (module_name and colon and path):
         raise PolicyError(
