@@ -334,15 +334,15 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return values if numbers.ndim else values[None]", "return values"),
     ],
     "mujoco/batch_simulation.py": [
-        ("self._call(-nstep, rows)", "self._call(nstep, rows)"),
+        ("self._call(-_at_least_one(nstep), rows)", "self._call(_at_least_one(nstep), rows)"),
         ("self._call(START, rows)", "self._call(FORWARD, rows)"),
         ("key = -1 if keyframe is None else keyframe", "key = -1"),
         (
             "mujoco.mj_extractState(model, whole, STATE, part, signature)",
             "part[:] = whole[: part.size]",
         ),
-        ("lazy.set_const(None if row is None else np.array([row]))", "pass"),
-        ("            lazy.set_const(rows)\n", "            pass\n"),
+        ("self.set_constants(None if row is None else np.array([row]))", "pass"),
+        ("        self.set_constants(rows)\n", ""),
         ("            lazy.forget_calls()\n", "            pass\n"),
         ("ReadOnly.of(field, _COMMON.format(name)) if is_array else field, False", "field, False"),
         ("            forget()\n", "            pass\n"),
@@ -370,7 +370,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            model.opt.disableflags = self._flags_before\n", ""),
     ],
     "mujoco/replicas.py": [
-        ("        one.legacy_step = like.legacy_step\n", ""),
+        ("        vars(one).update(like._attributes())\n", ""),
         ("one.simulation.sets_constants = like", "one.simulation.sets_constants = False and like"),
         (
             "            values[row] = read_field(model, name)\n",

@@ -50,6 +50,49 @@ def test_arguments_that_cannot_be_parsed_are_status_2(arguments: list[str]) -> N
     assert "Traceback" not in result.output
 
 
+_SHELL = [sys.executable, "-m", "limberjack", "list"]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="redirects with a POSIX shell")
+@pytest.mark.parametrize(("closed", "lines"), [(">&-", 0), ("2>&-", 50)])
+def test_a_closed_stream_is_no_error(closed: str, lines: int) -> None:
+    done = subprocess.run(
+        ["sh", "-c", f"{shlex.join(_SHELL)} {closed}"], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert done.stdout.count("\n") >= lines
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="names of files are bytes on Linux only")
+def test_a_folder_whose_name_is_no_text_is_written_to(tmp_path: Path) -> None:
+    done = call(*_RUN, "--out", "a\udcff", directory=tmp_path, MUJOCO_GL="disable")
+    assert done.returncode == 0, done.stderr
+    assert "a\\udcff/report.html" in done.stdout
+    assert (tmp_path / "a\udcff" / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("import sys; sys.exit(0)", "--import a_module: raised SystemExit(0)"),
+        ("int('x')", "--import a_module: invalid literal for int() with base 10: 'x'"),
+    ],
+)
+def test_a_module_that_cannot_be_imported_is_named(
+    source: str, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "a_module.py").write_text(source)
+    done = call("--import", "a_module", "list", directory=tmp_path)
+    assert (done.returncode, done.stderr) == (2, f"limberjack: {message}\n")
+
+
+def test_a_relative_import_is_refused() -> None:
+    result = invoke("--import", ".domains", "list")
+    assert result.exit_code == 2
+    assert result.stderr == "limberjack: --import .domains: expected the full name of a module\n"
+
+
 # Any: Typer's own classes of commands.
 _PROGRAM: Any = typer.main.get_command(app)
 _HELP_PAGES = [[], *([name] for name in _PROGRAM.commands)]

@@ -29,6 +29,13 @@ def test_the_table_names_the_contestants_and_their_reference() -> None:
     assert re.match(recommended, lines[-1])
 
 
+def test_more_environments_than_fit_are_one_line_and_status_2() -> None:
+    result = invoke("bench", "pendulum", "swingup", "--num-envs", "1000000000")
+    assert result.exit_code == 2
+    assert result.stderr.startswith("limberjack: num_envs is 1000000000, which takes ")
+    assert result.stderr.count("\n") == 1
+
+
 def test_an_unknown_task_is_status_2_with_a_suggestion() -> None:
     done = invoke("bench", "stacker", "stak_2")
     assert done.exit_code == 2

@@ -78,6 +78,7 @@ def test_shards_and_workers_share_a_folder(tmp_path: Path) -> None:
         (["--seeds", "5:5"], "--seeds is 5:5, which holds no seed"),
         (["--policy", "radnom"], "Did you mean 'random'?"),
         (["--time-limit", "0"], "time_limit is 0.0; expected a positive number"),
+        (["--time-limit", "inf"], "pendulum swingup has no time limit, so an episode might never"),
         (["--out", "a_file"], "a_file"),
         (["--out", "damaged"], "is damaged or no file of a dataset"),
         (["--shard", "3/2"], "--shard is '3/2'"),
@@ -151,7 +152,7 @@ def test_a_full_disk_is_one_line_and_nothing_is_half_written(tmp_path: Path) -> 
     )
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
-    assert "File too large: 'out/seeds-0000000000-0000000064.parquet'" in done.stderr
+    assert f"File too large: '{tmp_path}/out/seeds-0000000000-0000000064.parquet'" in done.stderr
     assert done.stderr.endswith(
         "; 0 of 70 episodes are in out: the same command continues from there\n"
     )

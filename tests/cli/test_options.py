@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from limberjack.cli.options import named_task, shard_named
+from limberjack.cli.options import named_task, seeds_from, shard_named
 from tests.cli.conftest import invoke
 
 
@@ -32,6 +32,14 @@ def test_a_task_named_by_none_or_both_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         named_task(*arguments)
+
+
+def test_the_seeds_of_episodes_follow_each_other_up_to_the_last_one() -> None:
+    assert list(seeds_from(4, 3)) == [4, 5, 6]
+    assert seeds_from(2**32 - 1, 1)[-1] == 2**32 - 1
+    for first, episodes in ((2**32 - 1, 2), (0, 10**12)):
+        with pytest.raises(ValueError, match=r"the last episode's seed is .* expected below"):
+            seeds_from(first, episodes)
 
 
 def test_a_shard_is_named_by_its_number_and_that_of_all() -> None:

@@ -62,3 +62,40 @@ def test_a_policy_is_found_in_the_working_directory_of_the_program(
     found = output.find_policy("policy_of_a_test:act", suite.load("humanoid", "stand"))
     assert callable(found)
     sys.modules.pop("policy_of_a_test", None)
+
+
+def test_names_that_look_like_markup_are_shown_as_they_are(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    rows = output.table("policy")
+    rows.add_row("sb3:[/red][bold]x :heart: .zip")
+    assert "sb3:[/red][bold]x :heart: .zip" in _printed(rows, capsys)[-1]
+
+
+def test_what_a_terminal_would_obey_is_shown_escaped(capsys: pytest.CaptureFixture[str]) -> None:
+    output.complain("a\x1b[2J title\x07 of a dataset\N{RIGHT-TO-LEFT OVERRIDE}, 40 N·m")
+    expected = "limberjack: a\\x1b[2J title\\x07 of a dataset\\u202e, 40 N·m\n"
+    assert capsys.readouterr().err == expected
+
+
+def test_an_error_is_shown_after_its_notes(capsys: pytest.CaptureFixture[str]) -> None:
+    error = FileNotFoundError("no weights")
+    error.add_note("policy 'a:b', step 3 of the episode with seed 4")
+    output.complain(error)
+    expected = "limberjack: policy 'a:b', step 3 of the episode with seed 4: no weights\n"
+    assert capsys.readouterr().err == expected
+
+
+def test_a_working_directory_that_was_removed_is_not_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    before = list(sys.path)
+    output.append_working_directory()
+    assert sys.path == before
+
+
+def test_a_stream_that_was_closed_before_the_start_is_no_terminal() -> None:
+    assert not output.is_terminal(None)

@@ -81,16 +81,7 @@ def test_the_time_limit_of_the_command_line_is_that_of_the_result(tmp_path: Path
     assert json.loads((tmp_path / "result.json").read_text())["time_limit"] == 0.1
 
 
-@pytest.mark.parametrize(
-    ("seeds", "time_limit", "message"),
-    [
-        (range(2**32 - 1, 2**32 + 1), None, "the last episode's seed is 4294967296"),
-        (range(1), float("inf"), "--time-limit is inf"),
-    ],
-)
-def test_arguments_that_cannot_be_played_are_refused_before_any_episode(
-    seeds: range, time_limit: float | None, message: str, tmp_path: Path
-) -> None:
-    with pytest.raises(ValueError, match=message):
-        _made(seeds, time_limit, tmp_path / "out")
+def test_episodes_without_an_end_are_refused_before_any_is_played(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="--time-limit is inf"):
+        _made(range(1), float("inf"), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []

@@ -221,7 +221,12 @@ def test_a_mistake_on_the_command_line_is_one_line_and_status_2(
             "returned nan at index [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, "
             "18, 19, 20]; expected finite numbers; 1 of 3 episodes finished\n",
         ),
-        ("Diverging", 1, "limberjack: the simulation diverged; 1 of 3 episodes finished\n"),
+        (
+            "Diverging",
+            1,
+            "limberjack: policy 'my_policies:Diverging', step 4 of the episode with seed 1: the "
+            "simulation diverged; 1 of 3 episodes finished\n",
+        ),
     ],
 )
 def test_a_run_that_is_cut_short_keeps_the_finished_episodes(

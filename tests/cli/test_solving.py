@@ -80,6 +80,9 @@ def test_recordings_name_all_that_they_depend_on(whole: Path) -> None:
     [
         (["--time-limit", "0.1"], "was recorded with time_limit 0.05, and this call has 0.1: "),
         (["--shard", "2/1"], "--shard is '2/1'; expected K/N with K from 1 to N"),
+        # Before a list of them is made, which would fill the memory.
+        (["--episodes", "1000000000000"], "the last episode's seed is 999999999999; expected"),
+        (["--episodes", "1000000000000", "--shard", "1/2"], "the last episode's seed is"),
         (["--workers", "2", "--time-limit", "0.1"], "was recorded with time_limit 0.05"),
     ],
 )
@@ -91,6 +94,12 @@ def test_what_cannot_be_joined_is_one_line_and_status_2(
     assert message in result.stderr
     assert result.stderr.count("\n") == 1
     assert _files(whole) == before
+
+
+def test_a_recording_under_the_name_of_another_seed_is_refused(whole: Path, tmp_path: Path) -> None:
+    (tmp_path / "episode-2.npz").write_bytes((whole / "episode-1.npz").read_bytes())
+    result = _solve(tmp_path, status=2)
+    assert "episode-2.npz was recorded with seed 1, and this call has 2: " in result.stderr
 
 
 def test_recordings_of_another_planner_or_processor_are_refused_by_name(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-__all__ = ["Failing", "Killing", "Remembering"]
+__all__ = ["Failing", "Killing", "Remembering", "moving"]
 
 
 class Remembering:
@@ -48,3 +48,9 @@ class Failing:
     def act(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """The action."""
         return np.zeros(2 if self.episodes == 70 else 1)
+
+
+def moving(observation: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Changes the working directory, as libraries of settings do."""
+    os.chdir("/")
+    return np.zeros(1)

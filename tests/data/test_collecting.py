@@ -51,6 +51,15 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return found
 
 
+def test_files_are_written_where_they_were_asked_for_though_the_policy_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _collect(Path("out"), range(65), "tests.data.policies:moving")
+    assert Path.cwd() != tmp_path
+    assert len(load(tmp_path / "out")) == 65
+
+
 def test_episodes_are_those_of_their_seeds_with_everything_that_was_asked_for(
     tmp_path: Path,
 ) -> None:

@@ -27,6 +27,16 @@ def test_reduced_observations_can_be_replayed(tmp_path: Path) -> None:
     assert replay(load(tmp_path), 1) is None
 
 
+def test_a_forged_length_takes_no_more_time_and_memory_than_the_episodes(
+    pendulums: Dataset, tmp_path: Path
+) -> None:
+    facts = {**pendulums.recipe.facts, "time_limit": 4e7}
+    recipe = dataclasses.replace(pendulums.recipe, facts=facts)
+    path = tmp_path / pendulums.shards[0].path.name
+    path.write_bytes(encode(recipe, list(pendulums.shards[0].episodes())))
+    assert "the episode has 10 steps, and more now" in str(replay(load(tmp_path), 1))
+
+
 def _with_one_bit(values: np.ndarray, row: int) -> np.ndarray:
     changed = values.copy()
     changed.reshape(len(changed), -1).view(np.uint8)[row, 0] ^= 1
@@ -88,7 +98,7 @@ def test_an_episode_of_another_length_is_a_difference(pendulums: Dataset, tmp_pa
     (tmp_path / "seeds-0000000069-0000000070.parquet").write_bytes(
         encode(pendulums.recipe, [episode])
     )
-    assert "seed 69: the episode has 7 steps, and 10 now" in str(replay(load(tmp_path), 1))
+    assert "seed 69: the episode has 7 steps, and more now" in str(replay(load(tmp_path), 1))
 
 
 def test_other_versions_and_another_model_are_named(pendulums: Dataset) -> None:

@@ -133,10 +133,25 @@ def test_a_folder_with_other_results_is_refused_and_left_alone(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_the_folder_of_another_command_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "result.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"holds a result.json but no episodes.jsonl"):
+@pytest.mark.parametrize("name", ["result.json", "report.html", "returns.png", "episode-3.npz"])
+def test_the_folder_of_another_command_is_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text("{}")
+    with pytest.raises(ValueError, match=rf"holds {name} but no episodes.jsonl"):
         _evaluate(out=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def _moving(observation: Any) -> np.ndarray:
+    os.chdir("/")
+    return np.zeros(21)
+
+
+def test_files_are_written_where_they_were_asked_for_though_the_policy_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _evaluate(_moving, out="out")
+    assert _result(tmp_path / "out")["episodes_asked_for"] == 3
 
 
 def test_a_policy_whose_source_has_changed_is_another_policy(

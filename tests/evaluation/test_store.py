@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -151,6 +152,45 @@ def test_a_damaged_line_is_named_by_its_number_in_the_file(tmp_path: Path) -> No
         file.write("[1, 2]\n")
     with pytest.raises(ValueError, match="line 3 is no episode"):
         Store(tmp_path, _OURS)
+
+
+_LINE = {"policy": "zero", "seed": 4, "total": 1.0, "length": 10, "final_reward": 0.5}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "[" * 100_000,
+        json.dumps({**_LINE, "policy": ["zero"]}),
+        json.dumps({**_LINE, "seed": "4"}),
+        json.dumps({**_LINE, "seed": True}),
+        json.dumps({**_LINE, "total": None}),
+        json.dumps({**_LINE, "total": float("nan")}),
+        json.dumps({**_LINE, "total": 10**400}),
+        json.dumps({**_LINE, "diverged": "no"}),
+        json.dumps({**_LINE, "start": {}}),
+        json.dumps({**_LINE, "more": 1}),
+        json.dumps({"policy": "zero"}),
+    ],
+)
+def test_a_forged_line_is_refused_by_its_number(line: str, tmp_path: Path) -> None:
+    store = Store(tmp_path, _OURS)
+    store.add("zero", [_SCORE])
+    store.close()
+    with (tmp_path / "episodes.jsonl").open("a", encoding="utf-8") as file:
+        file.write(line + "\n")
+    with pytest.raises(ValueError, match="line 3 is no episode"):
+        Store(tmp_path, _OURS)
+
+
+def test_a_return_that_is_no_number_is_refused_with_its_seed(tmp_path: Path) -> None:
+    store = Store(tmp_path, _OURS)
+    with pytest.raises(ValueError, match="'zero': the return of the episode with seed 4 is nan"):
+        store.add("zero", [_SCORE, Score(4, float("nan"), 10, 0.0)])
+    store.close()
+    again = Store(tmp_path, _OURS)
+    assert again.scores["zero"] == {3: _SCORE}  # what came before is kept
+    again.close()
 
 
 def test_without_a_folder_episodes_are_kept_in_memory_only(tmp_path: Path) -> None:

@@ -49,6 +49,16 @@ def test_alone_the_row_is_that_of_the_seed_and_the_others_are_copies() -> None:
     assert begun == [([70 % 64], [70])]
 
 
+def test_an_error_before_episodes_names_the_policy_and_the_seeds() -> None:
+    def fail(*_: object) -> None:
+        raise KeyError("no weights")
+
+    policy = batched.alone("a policy", lambda observations: np.zeros((64, 2)), fail)
+    with pytest.raises(KeyError) as caught:
+        policy(_SPEC, 70)
+    assert caught.value.__notes__ == ["policy 'a policy', before the episodes with seeds [70]"]
+
+
 def test_episodes_of_one_policy_alone_do_not_mix() -> None:
     policy = batched.alone("a policy", lambda observations: np.zeros((64, 2)) + np.nan)
     first, second = policy(_SPEC, 1), policy(_SPEC, 2)

@@ -8,6 +8,7 @@ import pytest
 from dm_env import specs
 
 from limberjack import policies
+from limberjack.policies.named import is_stateful_object
 
 _SPEC = specs.BoundedArray((3,), float, [-1.0, 0.5, -3.0], [1.0, 2.0, -1.0])
 
@@ -37,6 +38,18 @@ number = 7
 
 def ramp(observation):
     return observation["ramp"]
+
+def ending(observation):
+    raise SystemExit(3)
+
+class Unready:
+    def reset(self):
+        raise KeyError("no weights")
+    act = ramp
+
+class Unmade(Counting):
+    def __init__(self):
+        raise OSError("no weights")
 """
 
 
@@ -102,6 +115,49 @@ def test_an_error_in_the_module_is_raised_as_it_is(module: str, tmp_path: Path) 
     (tmp_path / "broken.py").write_text("1 / 0\n")
     with pytest.raises(ZeroDivisionError):
         policies.find("broken:act")
+
+
+@pytest.mark.parametrize("source", ["int('x')", "raise SystemExit(0)"])
+def test_an_error_in_the_module_names_the_policy(
+    source: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "ending.py").write_text(source)
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 (its note is what counts)
+        policies.find("ending:act")
+    said = [*getattr(caught.value, "__notes__", []), str(caught.value)]
+    assert said[0].startswith("policy 'ending:act', as its module is imported")
+
+
+def test_an_error_outside_of_a_step_names_the_policy_too(module: str) -> None:
+    with pytest.raises(OSError, match="no weights") as caught:
+        policies.find(f"{module}:Unmade")
+    assert caught.value.__notes__ == [f"policy '{module}:Unmade', as its object is made"]
+    policy = policies.find(f"{module}:Unready")
+    with pytest.raises(KeyError, match="no weights") as lost:
+        policy(_SPEC, 8)
+    assert lost.value.__notes__ == [f"policy '{module}:Unready', before the episode with seed 8"]
+
+
+def test_a_policy_that_ends_the_program_has_failed(module: str) -> None:
+    act = policies.find(f"{module}:ending")(_SPEC, 8)
+    message = "'policies_of_a_user:ending', step 0 of the episode with seed 8: raised SystemExit"
+    with pytest.raises(policies.PolicyError, match=message):
+        act({})
+
+
+def test_only_an_object_shares_its_state_among_its_uses(module: str) -> None:
+    stateful = [f"{module}:ready", policies.find, f"{module}:Counting", f"{module}:ramp", "random"]
+    assert [is_stateful_object(policy) for policy in stateful] == [True, False, False, False, False]
+
+
+@pytest.mark.parametrize("shape", [(), (2, 2)])
+def test_an_action_of_any_shape_that_is_not_finite_is_refused(
+    module: str, shape: tuple[int, ...]
+) -> None:
+    spec = specs.BoundedArray(shape, float, -1.0, 1.0)
+    act = policies.find(f"{module}:ramp")(spec, 8)
+    with pytest.raises(policies.PolicyError, match=r"returned nan at index \[0"):
+        act({"ramp": np.full(shape, np.nan)})
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Films from Python; tests of the command are in cli/test_record.py."""
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -82,7 +83,7 @@ def test_rows_of_a_function_begin_with_their_own_seeds(
         np.testing.assert_array_equal(first[top : top + 16, left : left + 24], picture)
 
 
-@pytest.mark.parametrize(("seconds", "frames"), [(None, 26), (0.1, 6), (9.0, 26)])
+@pytest.mark.parametrize(("seconds", "frames"), [(None, 26), (0.1, 6), (9.0, 26), (1e-30, 2)])
 def test_seconds_cut_an_episode_short_and_do_not_lengthen_that_of_a_function(
     seconds: float | None, frames: int, films: list[_Frames], tmp_path: Path
 ) -> None:
@@ -128,6 +129,19 @@ class _Turning:
         return np.array([2.0 if self.steps < 3 else -2.0])
 
 
+class _TurningBatch:
+    """The same for batches."""
+
+    def reset_batch(self, rows: np.ndarray, seeds: np.ndarray) -> None:
+        pass
+
+    def act_batch(self, observations: Any) -> np.ndarray:
+        return np.zeros((64, 1))
+
+
+_ready, _ready_for_batches = _Turning(), _TurningBatch()
+
+
 def test_a_policy_may_be_an_object_or_class(films: list[_Frames], tmp_path: Path) -> None:
     out = tmp_path / "film.mp4"
     for policy in (_Turning, _Turning(), lambda observation: np.array([2.0])):
@@ -136,10 +150,23 @@ def test_a_policy_may_be_an_object_or_class(films: list[_Frames], tmp_path: Path
     frames = [film.frames for film in films]
     np.testing.assert_array_equal(frames[0], frames[1])
     np.testing.assert_array_equal(frames[0], frames[2])
-    with pytest.raises(
-        ValueError, match="give its class, so that each row has an object of its own"
-    ):
-        recording.record(plain_domain.make, out=out, policy=_Turning(), rows=2, **_SIZE)
+    for policy in (_Turning(), f"{__name__}:_ready", f"{__name__}:_ready_for_batches"):
+        with pytest.raises(
+            ValueError, match="give its class, so that each row has an object of its own"
+        ):
+            recording.record(plain_domain.make, out=out, policy=policy, rows=2, **_SIZE)
+
+
+def test_a_film_is_written_where_it_was_asked_for_though_the_policy_moves(
+    films: list[_Frames], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def moving(observation: Any) -> np.ndarray:
+        os.chdir("/")
+        return np.array([2.0])
+
+    monkeypatch.chdir(tmp_path)
+    recording.record(plain_domain.make, out="film.mp4", policy=moving, seconds=0.02, **_SIZE)
+    assert (tmp_path / "film.mp4").exists()
 
 
 def _none(seed: int) -> Environment | None:

@@ -46,6 +46,14 @@ def test_a_chart_of_a_constant_and_one_of_nothing_can_be_drawn() -> None:
         assert "inf" not in chart
 
 
+@pytest.mark.parametrize(
+    "values", [[1e17, 1e17], [-1.7e308, 1.7e308], [-1e300, 1e300], [0.0, 5e-324], [np.inf, np.nan]]
+)
+def test_a_chart_of_extreme_values_can_be_drawn(values: list[float]) -> None:
+    html = line_chart("extreme", np.array([0.0, 1.0]), [Line("one", np.array(values))])
+    assert "<svg" in html
+
+
 def test_lines_have_names_unless_they_are_very_many() -> None:
     seconds = np.arange(5.0)
     lines = [Line(f"line {i}", seconds + i) for i in range(65)]

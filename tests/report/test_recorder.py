@@ -105,6 +105,57 @@ def test_a_result_that_cannot_be_written_is_the_callers_error(
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
 
 
+class _Film:
+    """A film that is not drawn."""
+
+    def __init__(self, path: Path, control_timestep: float) -> None:
+        self._path = path
+
+    def add(self, physics: object) -> None:
+        pass
+
+    def finish(self) -> None:
+        self._path.write_text("new")
+
+    def discard(self) -> None:
+        pass
+
+
+def test_a_film_is_put_beside_the_result_that_it_belongs_to(
+    environment: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("limberjack.report.recorder.Film", _Film)
+    film = tmp_path / "video.mp4"
+    for before in (None, "old"):
+        if before is not None:
+            film.write_text(before)
+        with report.Recorder(tmp_path, _about(environment)) as recorder:
+            _played(recorder, environment)
+            # A run that is killed in a later episode leaves the folder as it was.
+            assert (film.read_text() if film.exists() else None) == before
+            recorder.write(_about(environment), _EPISODES, "abc")
+            assert film.read_text() == "new"
+            names = ["result.json", "return.png", "video.mp4", "report.html"]
+            assert [path.name for path in recorder.written] == names
+
+
+def test_files_are_written_where_they_were_asked_for_though_the_policy_moves(
+    environment: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with report.Recorder(Path("out"), _about(environment)) as recorder:
+        monkeypatch.chdir("/")
+        _played(recorder, environment)
+        recorder.write(_about(environment), _EPISODES, "abc")
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+@pytest.mark.skipif(not Path("/proc/self").exists(), reason="needs Linux's /proc")
+def test_a_directory_that_cannot_be_written_is_refused_at_once() -> None:
+    with pytest.raises(OSError, match=r"/proc/self"):
+        report.Recorder(Path("/proc/self"), _RUN)
+
+
 def test_a_directory_is_one_recorders_and_of_one_task_and_policy(tmp_path: Path) -> None:
     pytest.importorskip("fcntl", reason="no locks on this system")
     with report.Recorder(tmp_path, _RUN) as first:

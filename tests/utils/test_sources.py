@@ -34,6 +34,14 @@ def test_any_python_file_of_the_package_changes_the_hash(package: Path) -> None:
     assert hash_of_module(module.__name__) != before
 
 
+def test_what_editors_leave_in_a_package_is_no_source(package: Path) -> None:
+    module = importlib.import_module("hashed.inner.policy")
+    before = hash_of_module(module.__name__)
+    (package / ".#network.py").symlink_to("user@host.123:456")  # Emacs's lock of an open file
+    (package / "folder.py").mkdir()
+    assert hash_of_module(module.__name__) == before
+
+
 def test_a_module_in_no_package_stands_for_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

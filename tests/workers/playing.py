@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,14 +20,18 @@ __all__ = [
     "BatchedMemory",
     "Deadly",
     "Hungry",
+    "Locked",
     "Memory",
     "Unlucky",
     "damped",
     "exit_status",
     "heavy_plain",
+    "locked",
+    "memory",
     "pid",
     "plain",
     "print_and_seeds",
+    "real_time_signal",
     "scores_slowly",
     "seeds_of",
     "unpicklable",
@@ -49,6 +54,16 @@ class Memory:
     def act(self, observation: Mapping[str, Any]) -> np.ndarray:
         self.steps += 1
         return np.sin(self.steps) * np.cos(observation["velocity"])
+
+
+class Locked(Memory):
+    """The same with a part that cannot be copied."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+
+
+memory, locked = Memory(), Locked()
 
 
 class BatchedMemory:
@@ -131,6 +146,11 @@ def exit_status(setup: Setup, seeds: tuple[int, ...]) -> None:
     """Ends the process."""
     if seeds[0] == 64:
         os._exit(7)
+
+
+def real_time_signal(setup: Setup, seeds: tuple[int, ...]) -> None:
+    """Ends the process by a signal that has no name in Python."""
+    os.kill(os.getpid(), 40)
 
 
 def unpicklable(setup: Setup, seeds: tuple[int, ...]) -> object:

@@ -1,10 +1,13 @@
 """Processes of this machine, and what happens where they die."""
 
 import concurrent.futures
+import errno
 import os
 import socket
+import sys
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +17,15 @@ from limberjack.workers import Setup, State, Unit, WorkError, prepare, units_of
 from limberjack.workers.pool import Pool
 
 from .killing import is_alive, kill_often
-from .playing import TASK, exit_status, pid, scores_slowly, seeds_of, unpicklable
+from .playing import (
+    TASK,
+    exit_status,
+    pid,
+    real_time_signal,
+    scores_slowly,
+    seeds_of,
+    unpicklable,
+)
 
 _KILLS = 20
 _POLICY = "tests.workers.playing:BatchedMemory"
@@ -86,6 +97,31 @@ def test_a_failure_is_not_tried_again() -> None:
         f"'no such\\nthing'; on node {socket.gethostname()}"
     )
     assert pool._lost == 0
+
+
+def test_a_worker_that_cannot_be_started_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, "too many processes")
+
+    monkeypatch.setattr("subprocess.Popen", refuse)
+    setup = prepare(*TASK, "random")
+    with Pool(1) as pool, pytest.raises(WorkError, match="too many processes; on node "):
+        list(pool.results(seeds_of, _units(setup, range(1))))
+
+
+def test_a_signal_without_a_name_is_an_end_like_any_other() -> None:
+    setup = prepare(*TASK, "random")
+    with Pool(1) as pool, pytest.raises(WorkError, match=r"the last one by signal 40$"):
+        list(pool.results(real_time_signal, _units(setup, range(1))))
+
+
+def test_entries_of_the_search_path_that_are_no_texts_do_not_matter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "path", [*sys.path, Path("somewhere")])
+    setup = prepare(*TASK, "random")
+    with Pool(1) as pool:
+        assert [seeds for _, seeds in pool.results(seeds_of, _units(setup, range(1)))] == [(0,)]
 
 
 def test_what_has_no_pickle_is_one_line() -> None:

@@ -1,7 +1,7 @@
 """Messages between the driver and a worker, and the end of a worker."""
 
 import io
-import os
+import json
 import pickle
 import signal
 import subprocess
@@ -13,6 +13,7 @@ import pytest
 
 from limberjack.workers import prepare
 from limberjack.workers.attempt import Answer
+from limberjack.workers.pool import _PROGRAM
 from limberjack.workers.process import LENGTH, read_message, write_message
 
 from .playing import TASK, print_and_seeds, scores_slowly
@@ -21,10 +22,8 @@ from .playing import TASK, print_and_seeds, scores_slowly
 @pytest.fixture
 def worker() -> Iterator["subprocess.Popen[bytes]"]:
     """A process that waits for units."""
-    program = "from limberjack.workers.process import main; main()"
     process = subprocess.Popen(
-        [sys.executable, "-P", "-c", program],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        [sys.executable, "-P", "-c", _PROGRAM, json.dumps(sys.path)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -1,5 +1,6 @@
 """Policies on their way to a worker."""
 
+import concurrent.futures
 import os
 import pickle
 import subprocess
@@ -42,6 +43,21 @@ def test_objects_and_the_main_program_are_refused(monkeypatch: pytest.MonkeyPatc
         ship("__main__:act")
     with pytest.raises(PolicyError, match="there is no module 'nowhere'"):
         ship("nowhere:act")
+
+
+def test_each_thread_has_an_object_of_its_own() -> None:
+    environment, shipped = suite.load(*TASK), ship("tests.workers.playing:memory")
+    with concurrent.futures.ThreadPoolExecutor(1) as executor:
+        found = executor.submit(unpack, shipped, environment, None).result()
+        assert found.alone is not None
+        found.alone(environment.action_spec(), 0)(environment.reset().observation)
+        assert not hasattr(playing.memory, "steps")
+        message = "'tests.workers.playing:locked' is an object that cannot be copied"
+        with pytest.raises(PolicyError, match=message):
+            executor.submit(
+                unpack, ship("tests.workers.playing:locked"), environment, None
+            ).result()
+    assert unpack(ship("tests.workers.playing:locked"), environment, None).alone is not None
 
 
 def test_a_process_without_the_module_imports_what_was_shipped(

@@ -5,8 +5,8 @@ def _list() -> None: ...
 """
 
 import importlib
+import io
 import itertools
-import os
 import signal
 import sys
 from collections.abc import Callable
@@ -17,7 +17,12 @@ import typer.core
 
 import limberjack
 from limberjack import registry
-from limberjack.cli.output import INTERRUPTED, TERMINATED, misuse_reported
+from limberjack.cli.output import (
+    INTERRUPTED,
+    TERMINATED,
+    append_working_directory,
+    misuse_reported,
+)
 
 __all__ = ["app", "command", "main"]
 
@@ -103,6 +108,8 @@ def main() -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, terminate)
+    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may be no text
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         app(prog_name="limberjack")
     except SystemExit as end:
@@ -113,13 +120,19 @@ def main() -> None:
 
 def _import(modules: list[str]) -> None:
     """Imports modules that register domains; the working directory is searched last."""
-    if modules and os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
+    if not modules:
+        return
+    from limberjack.policies.kinds import Locating
+
+    append_working_directory()
     for module in modules:
         before = set(registry.domains())
         with misuse_reported():
+            if module.startswith("."):
+                raise ValueError(f"--import {module}: expected the full name of a module")
             try:
-                importlib.import_module(module)
+                with Locating(f"--import {module}"):
+                    importlib.import_module(module)
             except ModuleNotFoundError as error:
                 raise ValueError(f"--import {module}: {error}") from None
             names = [domain.import_name for domain in registry.domains().values()]

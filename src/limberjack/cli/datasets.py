@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limberjack.cli.output import FAILED, complain, console, misuse_reported
+from limberjack.cli.output import FAILED, complain, console, misuse_reported, visible
 from limberjack.cli.summaries import add_summaries, summaries_table
 
 if TYPE_CHECKING:
@@ -44,13 +44,13 @@ def print_information(information: "Information") -> None:
     seeds, size = information.seeds, information.nbytes
     observed = "float32" if kept.float32 else "float64"
     more = [name for name in ("flat", "states") if getattr(kept, name)]
-    typer.echo(
+    lines = [
         f"{facts['domain']} {facts['task']}: {len(seeds)} episodes of seeds {seeds[0]} to "
-        f"{seeds[-1]}, {information.steps:,} steps of {facts['control_timestep']:g} s"
-    )
-    typer.echo(
+        f"{seeds[-1]}, {information.steps:,} steps of {facts['control_timestep']:g} s",
         f"{size / 1e6:,.1f} MB in {len(information.files)} files, {size / information.steps:.0f} "
-        f"bytes a step; {', '.join([f'observations in {observed}', *more])}"
-    )
-    typer.echo(", ".join(f"{name} {value}" for name, value in facts["versions"].items()))
-    typer.echo(f"model {facts['fingerprint']}, policy {facts['policy_sha256']}")
+        f"bytes a step; {', '.join([f'observations in {observed}', *more])}",
+        ", ".join(f"{name} {value}" for name, value in facts["versions"].items()),
+        f"model {facts['fingerprint']}, policy {facts['policy_sha256']}",
+    ]
+    for line in lines:
+        typer.echo(visible(line))

@@ -30,6 +30,7 @@ from limberjack.cli.output import (
     console,
     misuse_reported,
     search_working_directory,
+    worded,
 )
 from limberjack.cli.progress import Units, show_units
 from limberjack.cli.summaries import add_summaries, summaries_table
@@ -158,7 +159,7 @@ def _failures_reported(progress: Units, out: Path | None) -> Iterator[None]:
         if progress.finished is None:
             complain(error)
             raise typer.Exit(MISUSED) from None
-        complain(f"{error}; {_done(progress, out)}")
+        complain(f"{worded(error)}; {_done(progress, out)}")
         raise typer.Exit(FAILED) from None
     except Exception as error:
         if progress.finished is None and isinstance(error, ValueError):

@@ -21,6 +21,7 @@ __all__ = [
     "TimeLimit",
     "Workers",
     "named_task",
+    "seeds_from",
     "seeds_of",
     "shard_named",
 ]
@@ -124,6 +125,18 @@ def named_task(domain: str, task: str | None) -> tuple[str, str]:
         )
     tasks = ", ".join(sorted(row.task for row in known[domain].rows))
     raise ValueError(f"got {domain} without a task; choose one of: {tasks}")
+
+
+def seeds_from(first: int, episodes: int) -> range:
+    """The seeds of so many episodes, each one more than the one before.
+
+    Raises:
+      ValueError: the last one is too large.
+    """
+    seeds = range(first, first + episodes)
+    if seeds[-1] >= SEEDS:
+        raise ValueError(f"the last episode's seed is {seeds[-1]}; expected below {SEEDS}")
+    return seeds
 
 
 def seeds_of(given: str) -> range:

@@ -4,7 +4,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 import rich.box
 import rich.console
@@ -23,12 +23,16 @@ __all__ = [
     "MISUSED",
     "SEEDS",
     "TERMINATED",
+    "append_working_directory",
     "complain",
     "console",
     "find_policy",
+    "is_terminal",
     "misuse_reported",
     "search_working_directory",
     "table",
+    "visible",
+    "worded",
 ]
 
 # Exit statuses.
@@ -55,9 +59,15 @@ def search_working_directory(policy: str) -> None:
     """
     from limberjack import policies
 
-    named = ":" in policy and not policies.is_saved_model(policy)
-    if named and os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
+    if ":" in policy and not policies.is_saved_model(policy):
+        append_working_directory()
+
+
+def append_working_directory() -> None:
+    """Lets Python import from the working directory, after all other places."""
+    with contextlib.suppress(FileNotFoundError):  # the directory has been removed
+        if os.getcwd() not in sys.path:
+            sys.path.append(os.getcwd())
 
 
 def table(*columns: str) -> rich.table.Table:
@@ -70,8 +80,14 @@ def table(*columns: str) -> rich.table.Table:
 
 
 def console() -> rich.console.Console:
-    """Standard output."""
-    return rich.console.Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH)
+    """Standard output; a cell such as the file `[red].zip` is shown as it is."""
+    width = None if is_terminal(sys.stdout) else _PIPE_WIDTH
+    return rich.console.Console(width=width, markup=False, emoji=False)
+
+
+def is_terminal(stream: TextIO | None) -> bool:
+    """Whether a person sees a stream; None where it was closed before the program began."""
+    return stream is not None and stream.isatty()
 
 
 @contextlib.contextmanager
@@ -79,11 +95,22 @@ def misuse_reported() -> Iterator[None]:
     """Turns an error in the arguments into one line and exit status 2."""
     try:
         yield
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, MemoryError) as error:  # too many environments, for example
         complain(error)
         raise typer.Exit(MISUSED) from None
 
 
 def complain(what: object) -> None:
     """Writes a note or an error to standard error, as one line."""
-    typer.echo(f"limberjack: {' '.join(str(what).split())}", err=True)
+    text = worded(what) if isinstance(what, BaseException) else str(what)
+    typer.echo(f"limberjack: {visible(' '.join(text.split()))}", err=True)
+
+
+def visible(text: str) -> str:
+    """A text that may come from anyone, with escapes for characters that a terminal would obey."""
+    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
+
+
+def worded(error: BaseException) -> str:
+    """An error after its notes, such as the policy, the step and the seed."""
+    return ": ".join([*getattr(error, "__notes__", []), str(error)])

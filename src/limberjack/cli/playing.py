@@ -14,10 +14,10 @@ import typer
 from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
-    SEEDS,
     complain,
     console,
     table,
+    worded,
 )
 from limberjack.cli.progress import Episodes, show_episodes
 from limberjack.cli.typed import command_line
@@ -52,8 +52,6 @@ class Playing:
         from limberjack import report
 
         self._policy_name = policy
-        if seeds[-1] >= SEEDS:
-            raise ValueError(f"the last episode's seed is {seeds[-1]}; expected below {SEEDS}")
         if time_limit is not None and math.isinf(time_limit):
             raise ValueError(f"--time-limit is {time_limit}; expected a number of seconds")
         self._where = (domain, task)
@@ -143,7 +141,7 @@ class Playing:
             complain(f"interrupted: {done}")
             return INTERRUPTED
         if isinstance(failure, (PolicyError, PhysicsError, *self.expected)):
-            complain(f"{failure}; {done}")
+            complain(f"{worded(failure)}; {done}")
             return FAILED
         return None
 

@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING
 import rich.console
 import rich.progress
 
+from limberjack.cli.output import is_terminal
+
 if TYPE_CHECKING:
     from limberjack.workers import State
 
@@ -44,8 +46,9 @@ def progress_bar(
         "{task.description}",
         rich.progress.BarColumn(),
         *columns,
-        console=rich.console.Console(stderr=True),
-        disable=not _is_terminal(),
+        # Names of policies may look like markup: sb3:[red].zip.
+        console=rich.console.Console(stderr=True, markup=False, emoji=False),
+        disable=not is_terminal(sys.stderr),
         transient=True,
         auto_refresh=auto_refresh,
     )
@@ -211,8 +214,3 @@ def show_parts() -> Iterator[Callable[[str, float, float], None]]:
             bar.refresh()
 
         yield show
-
-
-def _is_terminal() -> bool:
-    """Whether a person sees standard error."""
-    return sys.stderr.isatty()

@@ -16,6 +16,7 @@ from limberjack.cli.output import (
     SEEDS,
     complain,
     search_working_directory,
+    worded,
 )
 from limberjack.cli.progress import show_episodes
 
@@ -142,7 +143,7 @@ def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]
         complain(f"interrupted: {path} is not written")
         raise typer.Exit(INTERRUPTED) from None
     except (ImportError, OSError, PhysicsError, RenderingError) as error:
-        complain(f"no {path}: {error}")
+        complain(f"no {path}: {worded(error)}")
         raise typer.Exit(FAILED) from None
     except ValueError as error:
         if not begun:
@@ -150,5 +151,5 @@ def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]
             raise typer.Exit(MISUSED) from None
         if not isinstance(error, PolicyError):
             raise
-        complain(f"no {path}: {error}")
+        complain(f"no {path}: {worded(error)}")
         raise typer.Exit(FAILED) from None

@@ -13,6 +13,7 @@ from limberjack.cli.options import (
     TaskName,
     TimeLimit,
     named_task,
+    seeds_from,
 )
 from limberjack.cli.output import find_policy, misuse_reported
 from limberjack.cli.playing import Playing
@@ -55,7 +56,7 @@ def _run(
     may be in the working directory.
     """
     with misuse_reported():
-        seeds = range(seed, seed + episodes)
+        seeds = seeds_from(seed, episodes)
         run = _Run(*named_task(domain, task), seeds, policy, time_limit, out)
     raise typer.Exit(run.finish())
 

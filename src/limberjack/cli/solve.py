@@ -16,6 +16,7 @@ from limberjack.cli.options import (
     TimeLimit,
     Workers,
     named_task,
+    seeds_from,
     shard_named,
 )
 from limberjack.cli.output import misuse_reported
@@ -78,7 +79,7 @@ def _solve(
     for `limberjack replay`, and the same command continues where an earlier one was killed.
     """
     with misuse_reported():
-        part, seeds = shard_named(shard, out), range(seed, seed + episodes)
+        part, seeds = shard_named(shard, out), seeds_from(seed, episodes)
         if part is not None and not _seeds_of(part, seeds):
             typer.echo(f"shard {shard} has no episode: there are fewer blocks of 64 than shards")
             raise typer.Exit

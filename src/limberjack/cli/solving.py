@@ -236,14 +236,17 @@ class Solving(Playing):
             path = self._out / self._names[seed]
             if path.exists():
                 recording = Recording.load(path)
-                self._check_facts(path, recording.about)
+                self._check_facts(path, recording.about, seed)
                 self._ended[seed] = Episode(seed, recording.about.get("start"), recording.rewards)
 
-    def _check_facts(self, path: Path, about: "Facts") -> None:
-        """Raises ValueError unless a recording is that of an episode of this call."""
+    def _check_facts(self, path: Path, about: "Facts", seed: int) -> None:
+        """Raises ValueError unless a recording is that of the seed's episode in this call."""
         from limberjack.workers.identity import advice_on, first_mismatch
 
-        mismatch = first_mismatch(self._facts, about, self._scale.any_processor)
+        if not isinstance(about.get("start"), str | None):
+            raise ValueError(f"{path} was recorded with start {about['start']!r}: remove that file")
+        expected = {**self._facts, "seed": seed}
+        mismatch = first_mismatch(expected, about, self._scale.any_processor)
         if mismatch is not None:
             name, expected, found = mismatch
             raise ValueError(

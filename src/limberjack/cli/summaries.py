@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import rich.table
 
-from limberjack.cli.output import table
+from limberjack.cli.output import table, visible
 
 if TYPE_CHECKING:
     from limberjack.evaluation import Summary
@@ -26,9 +26,9 @@ def add_summaries(
     rows: rich.table.Table, name: str, summary: "Summary", strata: "Mapping[str, Summary]"
 ) -> None:
     """Adds the row of all episodes, and one for each kind of start."""
-    rows.add_row(name, "", *_cells(summary))
+    rows.add_row(visible(name), "", *_cells(summary))
     for start, of_start in strata.items():
-        rows.add_row("", start, *_cells(of_start))
+        rows.add_row("", visible(start), *_cells(of_start))
     rows.add_section()
 
 

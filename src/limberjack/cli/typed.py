@@ -7,5 +7,6 @@ __all__ = ["command_line"]
 
 
 def command_line() -> str:
-    """The command of this process, quoted for a shell."""
-    return shlex.join(["limberjack", *sys.argv[1:]])
+    """The command of this process, quoted for a shell; bytes that are no text are replaced."""
+    typed = shlex.join(["limberjack", *sys.argv[1:]])
+    return typed.encode("utf-8", "surrogateescape").decode("utf-8", "replace")

@@ -86,12 +86,12 @@ def collect(
       OSError: a file cannot be written.
       ImportError: the extra `data` is missing.
     """
-    asked = _checked_seeds(seeds, shard)
+    asked, directory = _checked_seeds(seeds, shard), Path(out).absolute()  # a policy may move
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
     scaled = scale.setup(domain, task, policy, time_limit, len(asked))
     setup = scaled or prepare(domain, task, policy, time_limit=time_limit, num_threads=num_threads)
     recipe, processor = _recipe(setup, kept or Kept())
-    with Folder(Path(out), recipe, shard) as folder:
+    with Folder(directory, recipe, shard) as folder:
         missing = folder.plan(asked)
         if not missing:
             return
@@ -110,10 +110,15 @@ def collect(
 
 
 def _recipe(setup: Setup, kept: Kept) -> tuple[Recipe, str]:
-    """The recipe of a setup's episodes, and the processor here."""
+    """The recipe of a setup's episodes, which must end, and the processor here."""
+    facts = setup.identity
+    if facts["time_limit"] is None:
+        raise ValueError(
+            f"{facts['domain']} {facts['task']} has no time limit, so an episode might never end: "
+            "give it a time_limit (--time-limit SECONDS)"
+        )
     here = setup.opened()
-    versions = {**setup.identity["versions"], "pyarrow": PYARROW}
-    facts = {**setup.identity, "versions": versions}
+    facts = {**facts, "versions": {**facts["versions"], "pyarrow": PYARROW}}
     return recipe_of(facts, here.environment, kept), here.processor
 
 

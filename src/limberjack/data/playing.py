@@ -8,6 +8,7 @@ plays one episode at a time is played alone first, and its actions again in a ba
 """
 
 import contextlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import dm_env
@@ -38,6 +39,7 @@ def play(
     kept: Kept,
     num_threads: int | None = None,
     on_steps: _OnSteps | None = None,
+    most_steps: int | None = None,
 ) -> list[Episode]:
     """The episodes of the seeds, in their order, without the kinds of their starts.
 
@@ -48,6 +50,7 @@ def play(
       kept: what is kept of each step.
       num_threads: number of threads that step the rows; by default one per usable core.
       on_steps: called after each step of the batch with the number of rows that it stepped.
+      most_steps: after so many, episodes are returned without their ends; None for none.
 
     Raises:
       ValueError: the task cannot run in batches.
@@ -58,8 +61,9 @@ def play(
         running = np.arange(len(seeds))
         time_step = batch.reset(seeds=list(seeds))
         actor.begin(batch.task.action_spec(batch.single), running, seeds)
-        steps = _Steps(batch, kept, time_step.observation)
-        while running.size:
+        most = math.ceil(batch.step_limit)
+        steps = _Steps(batch, kept, time_step.observation, min(most, most_steps or most))
+        while running.size and not steps.are_full:
             actions = actor.act(time_step.observation, running)
             time_step = batch.step(actions)
             steps.add(running, actions, time_step)
@@ -73,12 +77,16 @@ class _Steps:
     """Arrays of all rows and steps, of which an episode is a view."""
 
     def __init__(
-        self, batch: BatchEnvironment, kept: Kept, observation: Mapping[str, np.ndarray]
+        self,
+        batch: BatchEnvironment,
+        kept: Kept,
+        observation: Mapping[str, np.ndarray],
+        most: int,
     ) -> None:
-        """Keeps the starts of a batch that was reset."""
+        """Keeps the starts of a batch that was reset, and makes room for so many steps."""
         self._batch = batch
         self._kept = kept
-        rows, most = batch.num_envs, int(np.ceil(batch.step_limit))
+        rows = batch.num_envs
         first = self._in_form(observation)
         self._observations = {
             name: np.empty((rows, most + 1, *value.shape[1:]), kept.observed_type(value.dtype))
@@ -97,6 +105,11 @@ class _Steps:
             self._states = np.empty((rows, most + 1, *saved["state"].shape[1:]))
         self._step = 0
         self._observe(np.arange(rows), first)
+
+    @property
+    def are_full(self) -> bool:
+        """Whether there is no room for another step."""
+        return self._step == self._actions.shape[1]
 
     def add(self, running: np.ndarray, actions: np.ndarray, time_step: dm_env.TimeStep) -> None:
         """Keeps a step of the rows that are running."""

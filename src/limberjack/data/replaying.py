@@ -55,7 +55,9 @@ def replay(
         for shard in dataset.shards:
             recorded = list(shard.episodes())
             actor = Recorded({episode.seed: episode.actions for episode in recorded})
-            found = play(environment, actor, shard.seeds, recipe.kept, num_threads, on_steps)
+            # Not up to the recipe's length, which anyone may have written: it could take days.
+            most = max(shard.lengths) + 1
+            found = play(environment, actor, shard.seeds, recipe.kept, num_threads, on_steps, most)
             for one, again in zip(recorded, found, strict=True):
                 start = kind_of_start(full_length, one.seed)
                 difference = _difference(one, dataclasses.replace(again, start=start), recipe)
@@ -106,7 +108,9 @@ def other_versions(recipe: Recipe, environment: Environment | None) -> str:
 def _difference(recorded: Episode, found: Episode, recipe: Recipe) -> str | None:
     """The first column and step in which two episodes differ."""
     if recorded.length != found.length:
-        return f"the episode has {recorded.length} steps, and {found.length} now"
+        has_ended = found.terminated[-1] or found.truncated[-1]
+        now = str(found.length) if has_ended else "more"
+        return f"the episode has {recorded.length} steps, and {now} now"
     ours, theirs = (columns_of(episode, recipe) for episode in (recorded, found))
     for name in ours:
         difference = _differing(name, ours[name], theirs[name])

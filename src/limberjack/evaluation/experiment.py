@@ -84,7 +84,8 @@ def evaluate(
       WorkError: a policy failed in a worker, or workers were lost or refused; the same.
       OSError: a file cannot be written.
     """
-    asked, directory = _checked_seeds(seeds), None if out is None else Path(out)
+    asked = _checked_seeds(seeds)
+    directory = None if out is None else Path(out).absolute()  # a policy may change folders
     mine = asked if shard is None else _of_shard(asked, shard, directory)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
     factory = factory_of(domain, task, time_limit)

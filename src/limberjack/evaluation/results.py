@@ -12,14 +12,11 @@ from pathlib import Path
 from limberjack import report
 from limberjack.evaluation import statistics
 from limberjack.evaluation.statistics import Score, Summary
-from limberjack.evaluation.store import RESULT
+from limberjack.evaluation.store import PAGE, PICTURE, RESULT
 from limberjack.report import Facts
 from limberjack.utils.files import replacing
 
-__all__ = ["PAGE", "PICTURE", "Evaluation", "write"]
-
-PAGE = "report.html"
-PICTURE = "returns.png"
+__all__ = ["Evaluation", "write"]
 
 _PLACEHOLDER = "line-"  # followed by a number, it stands for a line of result.json
 

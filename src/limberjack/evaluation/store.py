@@ -20,6 +20,7 @@ major or minor version, another fingerprint, or a processor that rounds differen
 import collections
 import dataclasses
 import json
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -28,16 +29,30 @@ from typing import BinaryIO
 from limberjack.evaluation.statistics import Score
 from limberjack.policies.actors import Found
 from limberjack.report import Facts
+from limberjack.report.folder import RECORDINGS
 from limberjack.utils.files import Hold, flush_folder
 from limberjack.workers.identity import advice_on, first_mismatch, processor
 
-__all__ = ["EPISODES", "RESULT", "Store"]
+__all__ = ["EPISODES", "PAGE", "PICTURE", "RESULT", "Store"]
 
 EPISODES = "episodes.jsonl"
 RESULT = "result.json"
+PAGE = "report.html"
+PICTURE = "returns.png"
 
 _SHARD = "episodes-{}-of-{}.jsonl"
 _VERSIONS = "versions"
+# What entries of a line must be.
+_KINDS: dict[str, type | tuple[type, ...]] = {
+    "policy": str,
+    "seed": int,
+    "total": float,
+    "length": int,
+    "final_reward": float,
+    "diverged": bool,
+    "start": (str, type(None)),
+    "processor": (str, type(None)),
+}
 
 
 class Store:
@@ -86,10 +101,12 @@ class Store:
         if directory is None:
             return
         self.path = directory / (EPISODES if shard is None else _SHARD.format(*shard))
-        if (directory / RESULT).exists() and not any(directory.glob("episodes*.jsonl")):
+        patterns = (RESULT, PAGE, PICTURE, RECORDINGS)
+        others = [path.name for pattern in patterns for path in directory.glob(pattern)]
+        if others and not any(directory.glob("episodes*.jsonl")):
             raise ValueError(
-                f"{directory} holds a {RESULT} but no {EPISODES}, so its results are not those of "
-                "an evaluation: choose another folder"
+                f"{directory} holds {others[0]} but no {EPISODES}, so it is not the folder of an "
+                "evaluation: choose another folder"
             )
         directory.mkdir(parents=True, exist_ok=True)
         try:
@@ -115,6 +132,7 @@ class Store:
         """Saves episodes that have just ended: they are on the disk when this returns.
 
         Raises:
+          ValueError: a return is not a finite number.
           OSError: the file cannot be written, or another process has written to it.
         """
         self._check_alone()
@@ -165,6 +183,11 @@ class Store:
                 self._write({_VERSIONS: versions})
             self.versions.append(versions)
         for score in scores:
+            if not math.isfinite(score.total):
+                raise ValueError(
+                    f"policy {policy!r}: the return of the episode with seed {score.seed} is "
+                    f"{score.total}; expected a task whose rewards are finite numbers"
+                )
             entry = {"policy": policy, **dataclasses.asdict(score)}
             if score.processor is None:
                 del entry["processor"]
@@ -216,8 +239,8 @@ class Store:
                 yield versions, None, None
                 continue
             try:
-                policy = entry.pop("policy")
-                score = Score(**entry)
+                _check_kinds(entry)
+                policy, score = entry.pop("policy"), Score(**entry)
             except (KeyError, TypeError):
                 raise _damaged(path, number) from None
             yield versions, policy, score
@@ -234,10 +257,23 @@ class Store:
             )
 
 
+def _check_kinds(entry: Facts) -> None:
+    """Raises TypeError if a value is of another kind than `add` writes."""
+    for name, value in entry.items():
+        kind = _KINDS.get(name, object)
+        is_number = not isinstance(value, float) or math.isfinite(value)
+        if (
+            not isinstance(value, kind)
+            or (kind is int and isinstance(value, bool))
+            or not is_number
+        ):
+            raise TypeError(name)
+
+
 def _parsed(path: Path, number: int, line: bytes) -> Facts:
     try:
         entry = json.loads(line)
-    except ValueError:
+    except (RecursionError, ValueError):
         entry = None
     if not isinstance(entry, dict):
         raise _damaged(path, number)

@@ -10,6 +10,7 @@ observation is called for row after row; an object with `reset` keeps the state 
 plays one at a time.
 """
 
+import copy
 import dataclasses
 import hashlib
 import inspect
@@ -19,7 +20,13 @@ from pathlib import Path
 from limberjack import policies
 from limberjack.policies import Policy, PolicyError
 from limberjack.policies.batched import Actor, Batched, EachRow
-from limberjack.policies.named import batch_functions, instance_of, policy_of, target_named
+from limberjack.policies.named import (
+    batch_functions,
+    instance_of,
+    is_stateful_object,
+    policy_of,
+    target_named,
+)
 from limberjack.policies.saved import load_model
 from limberjack.rl.control import Environment
 from limberjack.utils.sources import hash_of_files, hash_of_module, hash_of_source
@@ -44,6 +51,8 @@ def find(
     environment: Environment | None,
     num_threads: int | None = None,
     files: Mapping[Path, bytes] | None = None,
+    *,
+    is_shared: bool = False,
 ) -> Found:
     """The policy of a name; see `limberjack.policies` for the names.
 
@@ -53,6 +62,8 @@ def find(
       environment: that it is to act in; None where neither the planner nor a model is asked for.
       num_threads: that the planner simulates with; by default the cores that it may use.
       files: of a saved model, as `policies.saved.read_model` returns them; None to read them.
+      is_shared: other threads use the policy too, so an object with the state of episodes is
+        copied.
 
     Raises:
       PolicyError: there is none, or it cannot be used here.
@@ -66,7 +77,10 @@ def find(
     if ":" not in policy:
         found = policies.find(policy)
         return Found(policy, _hash(inspect.getsource(found).encode()), EachRow(found), None)
-    found = _of_object(policy, target_named(policy))
+    target = target_named(policy)
+    if is_shared and is_stateful_object(policy):
+        target = _copied(policy, target)
+    found = _of_object(policy, target)
     return dataclasses.replace(found, sha256=hash_of_module(policy.partition(":")[0]))
 
 
@@ -82,6 +96,16 @@ def _of_object(name: str, target: object) -> Found:
     if getattr(target, "reset", None) is not None:
         return Found(name, sha256, None, policy)
     return Found(name, sha256, EachRow(policy), None)
+
+
+def _copied(name: str, target: object) -> object:
+    try:
+        return copy.deepcopy(target)
+    except Exception as error:  # of any class: it is the user's object
+        raise PolicyError(
+            f"policy {name!r} is an object that cannot be copied ({error}), and threads would "
+            "share its state: name its class, or give each worker one thread in its own process"
+        ) from error
 
 
 def _of_planner(environment: Environment | None, num_threads: int | None) -> Found:

@@ -23,7 +23,7 @@ from typing import Protocol
 import numpy as np
 from dm_env import specs
 
-from limberjack.policies.kinds import Act, Policy, PolicyError
+from limberjack.policies.kinds import Act, Locating, Policy, PolicyError
 
 __all__ = ["ROWS", "Actor", "Batched", "EachRow", "alone"]
 
@@ -96,17 +96,15 @@ class Batched:
         self._steps[rows] = 0
         self._shown_in[rows] = self._seeds[rows] % ROWS
         if self._reset_batch is not None:
-            self._reset_batch(self._shown_in[rows], self._seeds[rows])
+            with Locating(f"policy {self._name!r}, before the episodes with seeds {list(seeds)}"):
+                self._reset_batch(self._shown_in[rows], self._seeds[rows])
 
     def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
         """See `Actor`."""
         places = self._shown_in[rows]
         shown = {n: _spread(values[rows], places) for n, values in observation.items()}
-        try:
+        with Locating(self._where(rows[0])):
             returned = self._act_batch(_like(observation, shown))
-        except Exception as error:
-            error.add_note(self._where(rows[0]))
-            raise
         returned = self._checked(returned, rows)
         self._steps[rows] += 1
         num_envs = len(next(iter(observation.values())))

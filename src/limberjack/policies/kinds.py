@@ -16,7 +16,7 @@ from dm_env import specs
 
 from limberjack.rl.control import Environment
 
-__all__ = ["Act", "EnvironmentPolicy", "Policy", "PolicyError"]
+__all__ = ["Act", "EnvironmentPolicy", "Locating", "Policy", "PolicyError"]
 
 Act = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 # Begins an episode: takes the spec of actions and the episode's seed.
@@ -25,6 +25,29 @@ Policy = Callable[[specs.BoundedArray, int], Act]
 
 class PolicyError(ValueError):
     """A policy cannot be found or used, or returned something that is not an action."""
+
+
+class Locating:
+    """A context in which a user's code runs; its errors get a note that says where it was called.
+
+    Those that would end a program without a message, such as that of `sys.exit()`, become a
+    `PolicyError` instead.
+    """
+
+    __slots__ = ("_where",)
+
+    def __init__(self, where: str) -> None:
+        """Takes the note: the policy, and the step and the seed."""
+        self._where = where
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, (EOFError, SystemExit)):
+            raise PolicyError(f"{self._where}: raised {error!r}") from error
+        if isinstance(error, Exception):
+            error.add_note(self._where)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,11 +17,18 @@ from dm_env import specs
 
 from limberjack.policies.batched import alone
 from limberjack.policies.built_in import BUILT_IN
-from limberjack.policies.kinds import Act, Policy, PolicyError
+from limberjack.policies.kinds import Act, Locating, Policy, PolicyError
 from limberjack.utils.sources import defined_in
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["batch_functions", "instance_of", "name_of", "policy_of", "target_named"]
+__all__ = [
+    "batch_functions",
+    "instance_of",
+    "is_stateful_object",
+    "name_of",
+    "policy_of",
+    "target_named",
+]
 
 _ActBatch = Callable[[Mapping[str, np.ndarray]], object]
 _ResetBatch = Callable[[np.ndarray, np.ndarray], object]
@@ -39,14 +46,22 @@ def target_named(name: str) -> object:
     Raises:
       PolicyError: there is nothing of that name, or the class needs arguments.
     """
-    module_name, colon, path = name.partition(":")
-    if not (module_name and colon and path):
-        raise PolicyError(
-            f"policy is {name!r}; expected zero, random, planner, MODULE:CALLABLE or sb3:PATH."
-            f"{did_you_mean(name, BUILT_IN)}"
-        )
-    target = _find_attribute(name, _import_module(name, module_name), path)
+    target = _found(name)
     return instance_of(name, target) if inspect.isclass(target) else target
+
+
+def is_stateful_object(policy: object) -> bool:
+    """Whether a policy, or what MODULE:CALLABLE names, is one object with the state of episodes.
+
+    A class is not: each use of it has an object of its own.
+
+    Raises:
+      PolicyError: there is nothing of that name.
+    """
+    target = _found(policy) if isinstance(policy, str) and policy not in BUILT_IN else policy
+    if inspect.isclass(target):
+        return False
+    return hasattr(target, "reset") or hasattr(target, "reset_batch")
 
 
 def instance_of(name: str, kind: type) -> object:
@@ -64,7 +79,8 @@ def instance_of(name: str, kind: type) -> object:
         ) from error
     except ValueError:  # a class without a readable signature: the call below will raise
         pass
-    return kind()
+    with Locating(f"policy {name!r}, as its object is made"):
+        return kind()
 
 
 def policy_of(name: str, target: object) -> Policy:
@@ -107,9 +123,21 @@ def batch_functions(name: str, target: object) -> tuple[_ActBatch, _ResetBatch |
     return act_batch, reset_batch
 
 
+def _found(name: str) -> object:
+    """The function, object or class that MODULE:CALLABLE names."""
+    module_name, colon, path = name.partition(":")
+    if not (module_name and colon and path):
+        raise PolicyError(
+            f"policy is {name!r}; expected zero, random, planner, MODULE:CALLABLE or sb3:PATH."
+            f"{did_you_mean(name, BUILT_IN)}"
+        )
+    return _find_attribute(name, _import_module(name, module_name), path)
+
+
 def _import_module(name: str, module_name: str) -> ModuleType:
     try:
-        return importlib.import_module(module_name)
+        with Locating(f"policy {name!r}, as its module is imported"):
+            return importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         missing = error.name or ""
         if module_name == missing or module_name.startswith(f"{missing}."):
@@ -146,16 +174,14 @@ def _checking_policy(
 ) -> Policy:
     def begin(spec: specs.BoundedArray, seed: int) -> Act:
         if reset is not None:
-            reset()
+            with Locating(f"policy {name!r}, before the episode with seed {seed}"):
+                reset()
         steps = itertools.count()
 
         def checked(observation: Mapping[str, np.ndarray]) -> np.ndarray:
             where = f"policy {name!r}, step {next(steps)} of the episode with seed {seed}"
-            try:
+            with Locating(where):
                 returned = act(observation)
-            except Exception as error:
-                error.add_note(where)
-                raise
             return _checked_action(where, returned, spec)
 
         return checked
@@ -182,7 +208,7 @@ def _checked_action(where: str, returned: object, spec: specs.BoundedArray) -> n
         )
     finite = np.isfinite(action)
     if not finite.all():
-        bad = np.argwhere(~finite).squeeze(-1).tolist()
+        bad = np.flatnonzero(~finite).tolist()
         raise PolicyError(
             f"{where}: returned {action[~finite][0]} at index {bad}; expected finite numbers"
         )

@@ -20,6 +20,7 @@ from limberjack.factories import Factory, Make, factory_of
 from limberjack.mujoco import TextOverlay
 from limberjack.mujoco.simulation import STATE
 from limberjack.policies import Act, EnvironmentPolicy, Policy
+from limberjack.policies.named import is_stateful_object
 from limberjack.report.folder import FILM, RESULT
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.control import Environment
@@ -154,7 +155,7 @@ def _checked_path(path: Path) -> Path:
             f"the film is {path}, and that folder's {RESULT} belongs to its present {FILM}: choose "
             "another name or folder"
         )
-    return path
+    return path.absolute()  # a policy may change the working directory
 
 
 class _Stage:
@@ -170,7 +171,7 @@ class _Stage:
         self._film: Film | None = None
         limit = self._environment.step_limit
         if seconds is not None:
-            wanted = math.ceil(seconds / self._environment.control_timestep() - 1e-9)
+            wanted = max(1, math.ceil(seconds / self._environment.control_timestep() - 1e-9))
             limit = wanted if limit is None else min(limit, wanted)
         if limit is None:
             self._environment.close()
@@ -188,16 +189,17 @@ class _Stage:
         Raises:
           ValueError: there is no such policy, or it cannot act in several rows.
         """
-        if rows > 1 and not isinstance(policy, str | type) and hasattr(policy, "reset"):
-            raise ValueError(
-                f"policy {policies.name_of(policy)!r} is an object with the state of one episode: "
-                "give its class, so that each row has an object of its own"
-            )
         first = policies.find(policy, self._environment)
         if rows > 1 and isinstance(first, EnvironmentPolicy):
             raise ValueError(f"policy {policy!r} acts in one environment; leave out the rows")
         if policies.is_saved_model(policy):  # loaded once; its episodes are independent
             return [first] * rows
+        if rows > 1 and is_stateful_object(policy):
+            name = policy if isinstance(policy, str) else policies.name_of(policy)
+            raise ValueError(
+                f"policy {name!r} is an object with the state of one episode: give its class, so "
+                "that each row has an object of its own"
+            )
         return [first, *(policies.find(policy) for _ in range(rows - 1))]
 
     def set_view(

@@ -25,6 +25,7 @@ _X_INTERVALS, _Y_INTERVALS = 5, 4  # between ticks, about
 _COLOURS = 8  # of the page; more lines are drawn in shades
 _MOST_NAMED = 64  # lines in a legend; more than these cannot be distinguished
 _MARGIN = 0.05  # of the range, above and below the lines
+_LARGEST, _NARROWEST = 1e300, 1e-300  # of values and of ranges, whose ticks are numbers
 _DASH = 7.0  # pixels
 _GRID = 401  # points at which lines are compared; the dashes are coarser
 _TOUCHING = 0.005  # of the chart's height; lines nearer than this hide each other
@@ -32,7 +33,7 @@ _HIDDEN = 0.1  # share of a line that others may hide before it is drawn between
 
 
 class Line(NamedTuple):
-    """A quantity over time; points that are not finite are left out."""
+    """A quantity over time; points that are not finite, or beyond 1e300, are left out."""
 
     name: str
     values: np.ndarray  # (n,)
@@ -82,6 +83,7 @@ def line_chart(
       high: the top of the chart at least.
       axis: the quantity from left to right; charts of the same one show the same moment.
     """
+    lines = [line._replace(values=_drawable(line.values)) for line in lines]
     low, high = _range(lines, low, high)
     until = float(max([at[-1], *(line.at[-1] for line in lines if line.at is not None)])) or 1.0
     x_ticks = [(tick / until, f"{tick:g}") for tick in _ticks(0.0, until, _X_INTERVALS)]
@@ -104,14 +106,20 @@ def line_chart(
     )
 
 
+def _drawable(values: np.ndarray) -> np.ndarray:
+    """The values, with NaN in the place of those whose differences might be infinite."""
+    return np.where(abs(values) <= _LARGEST, values, np.nan)
+
+
 def _range(lines: Sequence[Line], low: float | None, high: float | None) -> tuple[float, float]:
     """The values at the bottom and at the top of the chart, a little beyond those of the lines."""
     values = np.concatenate([line.values for line in lines])
     values = values[np.isfinite(values)]
     ends = [end for end in (low, high) if end is not None]
     least, most = (float(f([*values, *ends])) if len(values) or ends else 0.0 for f in (min, max))
-    if least == most:
-        least, most = least - 0.5, most + 0.5
+    if most - least < _NARROWEST:
+        half = max(0.5, _MARGIN * abs(most))
+        least, most = least - half, most + half
     margin = _MARGIN * (most - least)
     return least - margin, most + margin
 

@@ -27,7 +27,7 @@ from limberjack.report.result import Facts, as_result, write_result
 from limberjack.report.trace import Trace
 from limberjack.rl.control import Environment
 from limberjack.rollout import Episode, Step
-from limberjack.utils.files import Hold
+from limberjack.utils.files import Hold, partial_path
 from limberjack.video import Film, Rendered
 
 __all__ = ["Recorder"]
@@ -54,20 +54,24 @@ class Recorder:
 
         Raises:
           ValueError: another process writes there, or it holds other results.
-          OSError: it cannot be made.
+          OSError: it cannot be made or written to.
         """
         directory.mkdir(parents=True, exist_ok=True)
         self._hold = Hold(directory)
         try:
             check_folder(directory, run, recordings)
+            trial = partial_path(directory / _RESULT)  # fails now, not after the last episode
+            trial.touch()
+            trial.unlink()
         except BaseException:
             self._hold.release()
             raise
         self.written: list[Path] = []
-        self._directory = directory
+        self._directory = directory.absolute()  # a policy may change the working directory
         self._command = command
         self._reasons: dict[str, list[str]] = {}  # names of the files left out, by the reason
         self._film: Film | None = None
+        self._is_filmed = False  # to the end of the episode
         self._trace: Trace | None = None
         self._physics: Rendered | None = None
 
@@ -114,24 +118,17 @@ class Recorder:
             self._trace.add_plan(stage, terms)
 
     def finish_film(self) -> None:
-        """Write the unfinished film, if there is one."""
-        film, self._film = self._film, None
-        if film is None:
-            return
-        try:
-            film.finish()
-            self.written.append(self._directory / _FILM)
-        except OSError as error:
-            self._leave_out(_FILM, error)
+        """End the film, if there is one; `write` puts it beside the result that it belongs to."""
+        self._is_filmed = self._film is not None
 
     def drop_film(self) -> None:
-        """Remove the unfinished film, if there is one."""
-        film, self._film = self._film, None
+        """Remove the film, if it is not in its place."""
+        film, self._film, self._is_filmed = self._film, None, False
         if film is not None:
             film.discard()
 
     def write(self, run: Facts, episodes: Sequence[Episode], model_fingerprint: str) -> None:
-        """Write result.json, return.png and report.html, and remove files of an earlier run.
+        """Write result.json, return.png, video.mp4 and report.html, and no files of earlier runs.
 
         Args:
           run: the facts of the run; has 'domain', 'task', 'policy' and 'control_timestep'.
@@ -141,14 +138,13 @@ class Recorder:
         Raises:
           OSError: a file cannot be written.
         """
-        self.drop_film()
         write_result(self._directory / _RESULT, run, episodes, model_fingerprint)
-        self.written.insert(0, self._directory / _RESULT)
+        self.written.append(self._directory / _RESULT)
+        for name in (_PLOT, _FILM, _PAGE):  # of an earlier run
+            (self._directory / name).unlink(missing_ok=True)
         if episodes:
             self._write_plot(run, episodes)
-        for path in (self._directory / name for name in (_PLOT, _FILM, _PAGE)):
-            if path not in self.written:
-                path.unlink(missing_ok=True)
+        self._write_film()
         if episodes:
             self._write_page(as_result(run, episodes, model_fingerprint), episodes)
 
@@ -160,7 +156,17 @@ class Recorder:
         except ImportError as error:
             self._leave_out(_PLOT, error)
         else:
-            self.written.insert(1, path)
+            self.written.append(path)
+
+    def _write_film(self) -> None:
+        film = self._film
+        if film is not None and self._is_filmed:
+            try:
+                film.finish()
+                self.written.append(self._directory / _FILM)
+            except OSError as error:
+                self._leave_out(_FILM, error)
+        self.drop_film()
 
     def _write_page(self, result: Facts, episodes: Sequence[Episode]) -> None:
         if self._trace is None:

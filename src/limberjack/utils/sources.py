@@ -14,7 +14,7 @@ import hashlib
 import inspect
 import os
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 __all__ = [
@@ -78,9 +78,9 @@ def source_of_module(name: str) -> Source | None:
         package = ".".join(parents[:depth])
         beginning = getattr(sys.modules.get(package), "__file__", None)
         if beginning is not None and Path(beginning).stem == "__init__":
-            return _source(package, Path(beginning).parent.rglob("*.py"))
+            return _source(package, _files_in(Path(beginning).parent))
     if len(parents) > 1:  # a namespace package
-        return _source(name.rpartition(".")[0], [Path(file), *Path(file).parent.rglob("*.py")])
+        return _source(name.rpartition(".")[0], [Path(file), *_files_in(Path(file).parent)])
     return _source("", [Path(file)])
 
 
@@ -106,6 +106,12 @@ def defined_in(target: object) -> type:
         target = target.func
     # Typed as a class: a function has the same `__module__`, `__qualname__` and source.
     return target if hasattr(target, "__qualname__") else type(target)  # pyright: ignore[reportReturnType]
+
+
+def _files_in(folder: Path) -> Iterator[Path]:
+    """The Python files of a folder and those below it."""
+    # Without folders, and without links to nothing, with which editors lock a file.
+    return (path for path in folder.rglob("*.py") if path.is_file())
 
 
 def _source(package: str, files: Iterable[Path]) -> Source:

@@ -33,7 +33,9 @@ _ATTEMPTS = 3  # workers that a unit may lose before it ends the run
 
 _LOOK = 1.0  # seconds between two reports of the state
 
+# Ctrl-C is the driver's business, while a worker imports too.
 _PROGRAM = (
+    "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN); "
     "import json, sys; sys.path[:] = json.loads(sys.argv.pop()); "
     "from limberjack.workers.process import main; main()"
 )
@@ -46,11 +48,19 @@ class _Lost:
 
     def __init__(self, returncode: int) -> None:
         if returncode < 0:
-            self.how = f"signal {signal.Signals(-returncode).name}"
+            self.how = f"signal {_name_of(-returncode)}"
         elif returncode == OUT_OF_MEMORY:
             self.how = "out of memory"
         else:
             self.how = f"exit status {returncode}"
+
+
+def _name_of(number: int) -> str:
+    """The name of a signal; its number where it has none, as most real-time signals."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return str(number)
 
 
 class _Worker(threading.Thread):
@@ -84,7 +94,12 @@ class _Worker(threading.Thread):
     def run(self) -> None:
         """The thread's loop."""
         while (given := self._given.get()) is not None:
-            answer = self._played(*given)
+            try:
+                answer = self._played(*given)
+            # A function without a name, a result of an unknown class, too many open files: without
+            # an answer, the driver would wait for ever.
+            except Exception as error:
+                answer = Failed(described(error))
             self.state = "idle"
             self._answers.put((self, answer))
         if self._process is not None:
@@ -104,8 +119,6 @@ class _Worker(threading.Thread):
             return pickle.loads(read_message(streams[1]))
         except (EOFError, OSError):
             return _Lost(_ended(process))
-        except Exception as error:  # a function without a name, or a result of an unknown class
-            return Failed(described(error))
 
     def _living(self) -> "subprocess.Popen[bytes] | None":
         """The process, which is started if there is none; None while closing."""
@@ -117,8 +130,9 @@ class _Worker(threading.Thread):
                 self._sent.clear()
                 if self._process is not None:
                     _ended(self._process)
+                places = [place for place in sys.path if isinstance(place, str)]
                 self._process = subprocess.Popen(
-                    [sys.executable, "-P", "-c", _PROGRAM, json.dumps(sys.path)],
+                    [sys.executable, "-P", "-c", _PROGRAM, json.dumps(places)],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                 )

@@ -11,7 +11,6 @@ import contextlib
 import os
 import pickle
 import queue
-import signal
 import struct
 import sys
 import threading
@@ -33,7 +32,6 @@ _OOM_SCORE = "500"
 def main() -> None:
     """Plays units until the input ends."""
     answers, units = _private_streams()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the driver's business
     _offer_to_be_killed_first()
     messages: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     threading.Thread(target=_receive, args=(units, messages), daemon=True).start()

@@ -12,6 +12,7 @@ import dataclasses
 import importlib
 import inspect
 import sys
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -77,7 +78,9 @@ def unpack(shipped: Shipped, environment: Environment, num_threads: int | None) 
     module = shipped.name.partition(":")[0]
     if module not in sys.modules and not _has(module):
         import_shipped(module, shipped.source)
-    found = actors.find(shipped.name, environment, num_threads)
+    # Threads of an executor, such as those of a worker of Dask, are not the main one.
+    is_shared = threading.current_thread() is not threading.main_thread()
+    found = actors.find(shipped.name, environment, num_threads, is_shared=is_shared)
     if source_of_module(module) is None:  # imported from what was shipped
         return dataclasses.replace(found, sha256=shipped.source.sha256)
     return found
