@@ -12,6 +12,7 @@ from collections.abc import Iterable
 import mujoco.batch
 import numpy as np
 
+from limberjack.mujoco.wrapper.model import empty_model
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
@@ -196,7 +197,7 @@ def fields_of_rows() -> frozenset[str]:
 def check_randomizable(name: str) -> None:
     """Raises ValueError unless rows of a batch may differ in this model field."""
     known = mujoco.batch.MODEL_FIELDS
-    is_array = isinstance(getattr(_empty_model(), str(name), None), np.ndarray)
+    is_array = isinstance(getattr(empty_model(), str(name), None), np.ndarray)
     if name not in known and not is_array:
         raise ValueError(
             f"MjModel has no field {name!r} to randomise.{did_you_mean(name, sorted(known))} "
@@ -232,17 +233,12 @@ def have_constants(names: Iterable[str]) -> bool:
 @functools.cache
 def of_floats() -> tuple[str, ...]:
     """Fields of MjModel that are floating-point arrays."""
-    model = _empty_model()
+    model = empty_model()
     found = ((name, getattr(model, name)) for name in dir(model) if not name.startswith("_"))
     return tuple(n for n, f in found if isinstance(f, np.ndarray) and f.dtype.kind == "f")
 
 
 def _is_value(name: str) -> bool:
     """Whether a field of MjModel is floating point, or an integer field that holds values."""
-    field = getattr(_empty_model(), name)
+    field = getattr(empty_model(), name)
     return np.issubdtype(field.dtype, np.floating) or name.endswith(_VALUES)
-
-
-@functools.cache
-def _empty_model() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string("<mujoco/>")

@@ -14,6 +14,8 @@ from types import UnionType
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.wrapper.model import empty_model
+
 __all__ = ["changed_fields", "checksums", "derived_fields"]
 
 
@@ -53,20 +55,16 @@ def derived_fields(fields: Iterable[str]) -> frozenset[str]:
 @functools.cache
 def _array_names() -> tuple[str, ...]:
     """Array fields of MjModel, which are the same for all models."""
-    return _names_of(_empty_model(), np.ndarray)
+    return _names_of(empty_model(), np.ndarray)
 
 
 @functools.cache
 def _option_names() -> tuple[str, ...]:
     """Fields of a model's options, as 'opt.gravity'."""
     kinds = np.ndarray | int | float
-    return tuple(f"opt.{name}" for name in _names_of(_empty_model().opt, kinds))
+    return tuple(f"opt.{name}" for name in _names_of(empty_model().opt, kinds))
 
 
 def _names_of(struct: object, kinds: type | UnionType) -> tuple[str, ...]:
     names = (name for name in dir(struct) if not name.startswith("_"))
     return tuple(name for name in names if isinstance(getattr(struct, name), kinds))
-
-
-def _empty_model() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string("<mujoco/>")

@@ -126,3 +126,10 @@ def test_a_model_that_was_not_compiled_last_is_not_written(tmp_path: Path) -> No
     with pytest.raises(ValueError, match="most recently loaded"):
         core.save_last_parsed_model_to_xml(str(tmp_path / "model.xml"), first)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_model_that_mujoco_itself_has_parsed_since_is_not_mixed_up(tmp_path: Path) -> None:
+    first = wrapper.MjModel.from_xml_string(XML)
+    mujoco.MjModel.from_xml_string("<mujoco/>")
+    with pytest.raises(ValueError, match="most recently loaded"):
+        core.save_last_parsed_model_to_xml(str(tmp_path / "model.xml"), first)

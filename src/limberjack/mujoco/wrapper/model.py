@@ -24,6 +24,7 @@ from limberjack.utils.suggest import did_you_mean
 __all__ = [
     "Error",
     "MjModel",
+    "empty_model",
     "fixed_field",
     "is_structure",
     "object_type_number",
@@ -43,6 +44,10 @@ _NO_TEXTURES = (
 
 # The most recently compiled model, the only one that MuJoCo can save as XML.
 _last_compiled: dict[str, mujoco.MjModel] = {}
+_NOT_LAST = (
+    "Only the model that was most recently loaded from an XML file or string can be saved to an "
+    "XML file."
+)
 
 
 class Error(ValueError):
@@ -226,17 +231,17 @@ def save_last_parsed_model_to_xml(xml_path: str, check_model: MjModel | None = N
     """
     last = _last_compiled.get("model")
     if last is None or (check_model is not None and check_model._model is not last):
-        raise ValueError(
-            "Only the model that was most recently loaded from an XML file or string can be saved "
-            "to an XML file."
-        )
-    mujoco.mj_saveLastXML(str(xml_path), last)
+        raise ValueError(_NOT_LAST)
+    try:
+        mujoco.mj_saveLastXML(str(xml_path), last)
+    except mujoco.FatalError as error:  # MuJoCo itself has parsed another one
+        raise ValueError(_NOT_LAST) from error
 
 
 @functools.cache
 def is_structure(name: str) -> bool:
     """Whether a field of MjModel is structural and must not be written."""
-    field = getattr(_empty_model(), name, None)
+    field = getattr(empty_model(), name, None)
     is_integer = isinstance(field, np.ndarray) and field.dtype.kind in "iu"
     return is_integer and not name.endswith(_VALUES)
 
@@ -249,8 +254,10 @@ def fixed_field(model: mujoco.MjModel, name: str) -> np.ndarray:
 
 
 @functools.cache
-def _empty_model() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string("<mujoco/>")
+def empty_model() -> mujoco.MjModel:
+    """A model without objects, which has every field."""
+    # Not parsed from XML, which would make it the model that `mj_saveLastXML` writes.
+    return mujoco.MjSpec().compile()
 
 
 def object_type_number(object_type: str | int) -> int:
