@@ -370,7 +370,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            model.opt.disableflags = self._flags_before\n", ""),
     ],
     "mujoco/replicas.py": [
-        ("        vars(one).update(like._attributes())\n", ""),
+        ("        one.__dict__.update(like._attributes())\n", ""),
         ("one.simulation.sets_constants = like", "one.simulation.sets_constants = False and like"),
         (
             "            values[row] = read_field(model, name)\n",

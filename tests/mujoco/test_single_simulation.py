@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -100,7 +101,7 @@ def _interrupted_at(line: int, call: Callable[[], None]) -> bool:
     """Calls with an interrupt before the n-th line of its own code; whether it came that far."""
     left = line
 
-    def trace(frame: FrameType, event: str, _: object) -> object:
+    def trace(frame: FrameType, event: str, _: object) -> Any:  # any trace function
         nonlocal left
         if frame.f_code is not SingleSimulation.forward_without_actuation.__code__:
             return None

@@ -276,7 +276,10 @@ class NamedFields:
           names: the model's axes.
           indexer: creates the indexer of a field; the arguments are those of `FieldIndexer`.
         """
-        vars(self).update(_struct_name=struct_name, _read=read, _names=names, _indexer=indexer)
+        self._struct_name = struct_name
+        self._read = read
+        self._names = names
+        self._indexer = indexer
 
     def __getattr__(self, name: str) -> FieldIndexer:
         if name.startswith("_"):
@@ -298,6 +301,9 @@ class NamedFields:
         return indexer
 
     def __setattr__(self, name: str, value: object) -> None:
+        if name.startswith("_"):
+            super().__setattr__(name, value)
+            return
         struct = self._struct_name.removeprefix("Mj").lower()
         raise AttributeError(
             f"named.{struct}.{name} cannot be replaced; set its elements: "

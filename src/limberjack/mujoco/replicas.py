@@ -69,7 +69,7 @@ class Replicas(Generic[_P]):
     @staticmethod
     def _set_up(one: _P, like: _P) -> None:
         """Copies settings from one physics to another, `legacy_step` among them."""
-        vars(one).update(like._attributes())
+        one.__dict__.update(like._attributes())
         one.simulation.sets_constants = like.simulation.sets_constants
 
     @contextlib.contextmanager
