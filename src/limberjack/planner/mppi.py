@@ -24,9 +24,8 @@ import numpy as np
 
 from limberjack.mujoco.simulation import NOT_FIELDS
 from limberjack.planner.control_law import ControlLaw
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import Cost, cost_for
 from limberjack.planner.history import History
-from limberjack.planner.library import cost_for
 from limberjack.planner.planning_model import enable_sleep, planning_model_of
 from limberjack.planner.rollouts import Budget, Rollouts, state_of
 from limberjack.planner.servos import Servos
