@@ -21,7 +21,7 @@ from report import Row, all_met, at_most, print_table, spread, summary, write_js
 
 from limberjack.evaluation import evaluate
 from limberjack.evaluation.distributed import play_unit
-from limberjack.planner.solving import solve
+from limberjack.recording.solving import solve
 from limberjack.utils.cores import usable_cores
 from limberjack.workers import Unit, Workers, open_workers, prepare, units_of
 

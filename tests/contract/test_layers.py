@@ -84,9 +84,9 @@ _STANDS_ALONE = (
     "limberjack.gpu.speed",
     "limberjack.notebook",
     "limberjack.planner.arm.roadmap",
-    "limberjack.planner.solving",
     "limberjack.recording.episodes",
     "limberjack.recording.films",
+    "limberjack.recording.solving",
     "limberjack.sb3",
 )
 

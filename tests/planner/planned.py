@@ -1,4 +1,4 @@
-"""The tasks that the planner plays; `test_library.py` checks that no other task names a cost."""
+"""The tasks that the planner plays; `test_cost.py` checks that no other task names a cost."""
 
 from limberjack import suite
 

@@ -93,7 +93,8 @@ def test_of_what_is_read_by_names_no_more_is_noted_than_that() -> None:
     named = physics.seen_through(history).named.data
 
     def whole() -> np.ndarray:
-        return np.array(history._kept["field_for_names", "site_xpos"])
+        kept = history._kept["field_for_names", "site_xpos"]
+        return np.array(kept.reshape(*kept.shape[:2], -1, 3))
 
     sites = ["grasp", "ball"]
     first = np.array(named.site_xpos[sites])

@@ -38,10 +38,8 @@ def _actions(env: Any, planner: Planner, steps: int) -> np.ndarray:
 
 def _measured(planner: Planner) -> None:
     """Gives a planner's budget a first measurement: of almost no time."""
-    budget = planner._budget
-    assert budget is not None
-    budget.begin()
-    budget.spent(budget.size())
+    planner._budget.begin()
+    planner._budget.spent(planner._budget.size())
 
 
 @every_task
@@ -183,8 +181,8 @@ def test_proposals_are_tried_again_until_it_is_time_for_others_or_the_stage_chan
     planner = Planner(env, num_threads=1, cost=Proposing(env.task))
     samples = planner._samples
 
-    def noting(now: Any) -> np.ndarray:
-        found = samples(now)
+    def noting(current: np.ndarray) -> np.ndarray:
+        found = samples(current)
         tried.append(found[1, :, 0])
         return found
 
@@ -361,6 +359,7 @@ def test_samples_that_diverge_or_cost_no_number_do_not_count() -> None:
     env.reset()
     planner = Planner(env, num_threads=1, cost=Broken(env.task))
     assert np.isfinite(_actions(env, planner, 2)).all()
+    assert np.isfinite(planner.explain().terms["cost"])
 
 
 def test_what_is_no_environment_of_ours_is_refused() -> None:
@@ -389,7 +388,8 @@ def test_armature_is_that_of_the_plan_and_of_hinges_that_actuators_move() -> Non
     before = env.physics.named.model.dof_armature[["arm_root", "thumbtip", "box0_y"]].copy()
     planner = Planner(env, num_threads=1, settings=_small(env))
     added = planner.settings.armature
-    joints = planner._made[planner._size].batch.single.named.model.dof_armature
+    (rollouts,) = planner._rollouts.values()
+    joints = rollouts.physics.named.model.dof_armature
     np.testing.assert_array_equal(joints[["arm_root", "thumbtip"]], before[:2] + added)
     np.testing.assert_array_equal(joints[["box0_x", "box0_z", "box0_y"]], before[2])
     unchanged = env.physics.named.model.dof_armature[["arm_root", "thumbtip", "box0_y"]]

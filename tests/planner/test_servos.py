@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from limberjack import suite
+from limberjack.planner import Settings
 from limberjack.planner.control_law import ControlLaw
-from limberjack.planner.history import History
 from limberjack.planner.rollouts import Rollouts
 from limberjack.planner.servos import Servos
 
 _ROWS, _STEPS = 3, 6
-_LAW = {"gain": 2.0, "damping": 0.1, "tendons": True}
+_SETTINGS = Settings(gain=2.0, damping=0.1, tendons=True)
 
 
 def _targets(law: ControlLaw, count: int = _ROWS) -> np.ndarray:
@@ -21,13 +21,15 @@ def _targets(law: ControlLaw, count: int = _ROWS) -> np.ndarray:
     return law.within_limits(drawn)
 
 
-def _batch(task: tuple[str, str], law: ControlLaw | None = None) -> tuple[Rollouts, Servos | None]:
+def _batch(
+    task: tuple[str, str], law: ControlLaw | None = None, states: int = 1
+) -> tuple[Rollouts, Servos | None]:
     """A batch whose time step is the control step, in the starts of an episode each."""
     env = suite.load(*task, {"random": 0})
     twin = env.physics.copy()
     twin.model.opt.timestep = env.control_timestep()
     servos = None if law is None else Servos(twin.model.ptr, law)
-    batch = Rollouts(twin, _ROWS, 2, getattr(env.task, "EPISODE_FIELDS", ()))
+    batch = Rollouts(twin, _ROWS, 2, getattr(env.task, "EPISODE_FIELDS", ()), states)
     saved = []
     for seed in range(_ROWS):
         start = suite.load(*task, {"random": seed})
@@ -38,7 +40,7 @@ def _batch(task: tuple[str, str], law: ControlLaw | None = None) -> tuple[Rollou
 
 
 def _law(task: tuple[str, str]) -> ControlLaw:
-    return ControlLaw(suite.load(*task).physics.model._model, **_LAW)
+    return ControlLaw(suite.load(*task).physics.model._model, _SETTINGS)
 
 
 def _plan(targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -46,10 +48,10 @@ def _plan(targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return targets.swapaxes(0, 1), np.arange(float(len(targets)))
 
 
-def _arm() -> tuple[ControlLaw, Rollouts, Servos]:
+def _arm(states: int = 1) -> tuple[ControlLaw, Rollouts, Servos]:
     task = ("manipulator", "bring_ball")
     law = _law(task)
-    batch, servos = _batch(task, law)
+    batch, servos = _batch(task, law, states)
     assert servos is not None
     return law, batch, servos
 
@@ -64,26 +66,15 @@ def _read(seen: Any) -> dict[str, np.ndarray]:
 def test_servos_do_what_the_law_does(task: tuple[str, str]) -> None:
     law = _law(task)
     targets = _targets(law)
-    (by_law, _), (by_servos, servos) = _batch(task), _batch(task, law)
+    states = _STEPS // 2
+    (by_law, _), (by_servos, servos) = _batch(task, None, states), _batch(task, law, states)
     assert servos is not None
-    histories = [History(one.simulation, _STEPS // 2) for one in (by_law, by_servos)]
-    batches = by_law.physics, by_servos.physics
-    seen = [b.seen_through(h) for b, h in zip(batches, histories, strict=True)]
-    for one in seen:
-        _read(one)  # says what is to be noted
-    for history in histories:
-        history.begin()
-    for step, wanted in enumerate(targets):
-        data = by_law.physics.data
-        by_law.physics.set_control(law.controls(wanted, data.qpos, data.qvel))
-        by_law.step(1)
-        assert not by_law.diverged().any()
-        if step % 2:
-            histories[0].record(step // 2)
-    diverged = servos.follow(by_servos, histories[1], *_plan(targets), substeps=1, interval=2)
-    assert diverged.shape == (_ROWS,)
-    assert not diverged.any()
-    expected, found = _read(seen[0]), _read(seen[1])
+    for follower, batch in ((law, by_law), (servos, by_servos)):
+        _read(batch.seen)  # says what is to be noted
+        diverged = follower.follow(batch, *_plan(targets), substeps=1, interval=2)
+        assert diverged.shape == (_ROWS,)
+        assert not diverged.any()
+    expected, found = _read(by_law.seen), _read(by_servos.seen)
     for name, values in expected.items():
         # A servo rounds otherwise than the law: gain * target - (gain / gear) * (gear * angle).
         # After six steps that is 1e-11; a gain that is off by a thousandth makes 1e-3.
@@ -92,17 +83,14 @@ def test_servos_do_what_the_law_does(task: tuple[str, str]) -> None:
 
 
 def test_the_last_state_is_looked_at_last_and_others_at_equal_distances() -> None:
-    law, batch, servos = _arm()
-    history = History(batch.simulation, 2)
-    seen = batch.physics.seen_through(history)
+    law, batch, servos = _arm(states=2)
     start = batch.physics.data.time.copy()
-    seen.data.time  # noqa: B018  # says that it is to be noted
-    history.begin()
-    servos.follow(batch, history, *_plan(_targets(law)), substeps=3, interval=4)
+    batch.seen.data.time  # noqa: B018  # says that it is to be noted
+    servos.follow(batch, *_plan(_targets(law)), substeps=3, interval=4)
     steps = np.array([2, 6]) * 3  # of time
     expected = start + 0.01 * steps[:, None]
     # MuJoCo adds the time steps one by one.
-    np.testing.assert_allclose(seen.data.time.reshape(2, _ROWS), expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(batch.seen.data.time.reshape(2, _ROWS), expected, rtol=0, atol=1e-12)
 
 
 def test_who_diverges_is_told_and_the_others_do_not_notice() -> None:
@@ -110,8 +98,7 @@ def test_who_diverges_is_told_and_the_others_do_not_notice() -> None:
     for speed in (0.0, 1e9):
         law, batch, servos = _arm()
         batch.physics.data.qvel[1] += speed
-        history = History(batch.simulation, 1)
-        diverged = servos.follow(batch, history, *_plan(_targets(law)), 2, _STEPS)
+        diverged = servos.follow(batch, *_plan(_targets(law)), 2, _STEPS)
         assert diverged.tolist() == [False, speed > 0, False]
         ends.append(batch.physics.data.qpos[[0, 2]].copy())
     np.testing.assert_array_equal(*ends)
@@ -119,11 +106,9 @@ def test_who_diverges_is_told_and_the_others_do_not_notice() -> None:
 
 def test_what_cannot_be_recorded_is_named() -> None:
     law, batch, servos = _arm()
-    history = History(batch.simulation, 1)
-    batch.physics.seen_through(history).data.state  # noqa: B018
-    history.begin()
+    batch.seen.data.state  # noqa: B018
     with pytest.raises(ValueError, match=r"step_cost reads .*state.*plan without Settings\(servos"):
-        servos.follow(batch, history, *_plan(_targets(law)), 1, _STEPS)
+        servos.follow(batch, *_plan(_targets(law)), 1, _STEPS)
 
 
 _ARM = """
@@ -136,7 +121,7 @@ _ARM = """
 
 def _servo(actuator: str) -> mujoco.MjModel:
     model = mujoco.MjModel.from_xml_string(_ARM.format(actuator))
-    Servos(model, ControlLaw(model, gain=2.0, damping=0.5))
+    Servos(model, ControlLaw(model, Settings(gain=2.0, damping=0.5)))
     return model
 
 

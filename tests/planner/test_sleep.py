@@ -5,7 +5,7 @@ import numpy as np
 
 from limberjack import suite
 from limberjack.planner.planning_model import enable_sleep
-from limberjack.planner.rollouts import Rollouts, state_of
+from limberjack.planner.rollouts import Rollouts
 
 _ROWS, _STEPS = 6, 90
 
@@ -23,7 +23,7 @@ def _start(seed: int) -> dict[str, np.ndarray]:
     env.reset()
     for _ in range(200):  # boxes have fallen, and most lie still
         env.step(np.zeros(5))
-    return state_of(env.physics, env.task.EPISODE_FIELDS)
+    return env.physics.simulation.save(None, env.task.EPISODE_FIELDS)
 
 
 def _rolled_out(

@@ -124,7 +124,7 @@ class Solving(Playing):
 
     def _play_elsewhere(self) -> BaseException | None:
         """Workers play what is missing; this process writes it."""
-        from limberjack.planner.solving import recordings
+        from limberjack.recording.solving import recordings
         from limberjack.rollout import Episode
 
         assert self._setup is not None

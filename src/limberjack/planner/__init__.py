@@ -10,8 +10,7 @@
 For your own task, pass `cost=`, an instance of a subclass of `Cost`. See docs/planner.md.
 """
 
-from limberjack.planner.cost import Cost
-from limberjack.planner.library import cost_for
+from limberjack.planner.cost import Cost, cost_for
 from limberjack.planner.mppi import Planner
 from limberjack.planner.settings import Settings
 

@@ -1,12 +1,12 @@
 """The control law that follows a plan's targets.
 
-    law = ControlLaw(model, gain=1.5, damping=0.0)
+    law = ControlLaw(model, settings)
     controls = law.controls(targets_at(knots, 0.3), qpos, qvel)  # (..., nu)
+    diverged = law.follow(rollouts, plans, phases, substeps=4, interval=1)
 
 A plan is a spline of targets: joint angles for actuators that turn a joint, on request the mean
-angle for one that turns several by a fixed tendon, controls for others.
-A plan of angles stays good when the state differs from the predicted one; a plan of torques does
-not. It knows nothing of costs or planning.
+angle for one that turns several by a fixed tendon, controls for others. A plan of angles stays
+good when the state differs from the predicted one; a plan of torques does not.
 """
 
 from typing import Any
@@ -14,48 +14,50 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.planner.rollouts import Rollouts
+from limberjack.planner.settings import Settings
+from limberjack.planner.spline import targets_at
+
 __all__ = ["ControlLaw", "joints_of_tendon"]
+
+_UNLIMITED = -np.inf, np.inf
 
 
 class ControlLaw:
     """A proportional law with damping, within the controls' limits."""
 
-    def __init__(self, model: Any, gain: float, damping: float, tendons: bool = False) -> None:
-        """Takes a raw `mujoco.MjModel` and the law's constants; see `Settings`."""
-        turned = [_joints_of(model, actuator, tendons) for actuator in range(model.nu)]
+    def __init__(self, model: Any, settings: Settings) -> None:
+        """Takes a raw `mujoco.MjModel`, and the settings' gain, damping and tendons."""
+        turned = [_joints_of(model, actuator, settings.tendons) for actuator in range(model.nu)]
         # An actuator that is a servo already takes its target as control.
         is_motor = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE.value
-        follows = is_motor & np.array([len(of) > 0 for of in turned], bool)
-        self.follows: np.ndarray = follows
+        self.follows: np.ndarray = is_motor & np.array([len(of) > 0 for of in turned], bool)
         # Factors of a state that give the actuators' angles, or their velocities.
         self._positions = np.zeros((model.nq, model.nu))
         self._velocities = np.zeros((model.nv, model.nu))
-        first = np.zeros(model.nu, int)  # the joint whose limits count
-        for actuator in np.flatnonzero(follows):
-            first[actuator] = turned[actuator][0][0]
+        limited = model.actuator_ctrllimited.astype(bool)
+        limits = np.where(limited[:, None], model.actuator_ctrlrange, _UNLIMITED)
+        self.low, self.high = limits.T
+        ranges = limits.copy()
+        for actuator in np.flatnonzero(self.follows):
+            first = turned[actuator][0][0]  # the joint whose limits count
+            ranges[actuator] = model.jnt_range[first] if model.jnt_limited[first] else _UNLIMITED
             for joint, part in turned[actuator]:
                 self._positions[model.jnt_qposadr[joint], actuator] = part
                 self._velocities[model.jnt_dofadr[joint], actuator] = part
         self._angles, self._rates = _picked(self._positions), _picked(self._velocities)
-        self.gain: np.ndarray = np.where(follows, gain, 1.0)
-        self.damping: np.ndarray = np.where(follows, damping, 0.0)
-        self._is_damped = bool(self.damping.any())
-        limited = model.actuator_ctrllimited.astype(bool)[:, None]
-        limits = np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf])
-        self.low, self.high = limits[:, 0], limits[:, 1]
-        joint_limited = model.jnt_limited[first].astype(bool)[:, None]
-        ranges = np.where(joint_limited, model.jnt_range[first], [-np.inf, np.inf])
+        self.gain: np.ndarray = np.where(self.follows, settings.gain, 1.0)
+        self.damping: np.ndarray = np.where(self.follows, settings.damping, 0.0)
         # A target may lie beyond a joint's limit, so that the joint is pressed against it.
-        reach = 1.0 / gain
-        self._lowest = np.where(follows, ranges[:, 0] - reach, self.low)
-        self._highest = np.where(follows, ranges[:, 1] + reach, self.high)
-        half = np.where(limited[:, 0], (self.high - self.low) / 2, 1.0)
+        reach = self.follows / settings.gain
+        self._lowest, self._highest = ranges[:, 0] - reach, ranges[:, 1] + reach
+        half = np.where(limited, (self.high - self.low) / 2, 1.0)
         # Scale of the noise of each target.
-        self.scale: np.ndarray = np.where(follows, 1.0, half)
+        self.scale: np.ndarray = np.where(self.follows, 1.0, half)
 
     def held(self, qpos: np.ndarray) -> np.ndarray:
         """The targets that keep the current angles, and no control elsewhere, (nu,)."""
-        return np.clip(qpos @ self._positions, self._lowest, self._highest)
+        return self.within_limits(qpos @ self._positions)
 
     def within_limits(self, targets: np.ndarray) -> np.ndarray:
         """Targets that make sense, (..., nu): angles and controls within their ranges."""
@@ -65,17 +67,43 @@ class ControlLaw:
         """Controls of the actuators, (..., nu), for targets (..., nu) and the state."""
         wanted = targets - _turned(qpos, self._positions, self._angles)
         wanted *= self.gain
-        if self._is_damped:
+        if self.damping.any():
             wanted -= self.damping * _turned(qvel, self._velocities, self._rates)
         np.maximum(wanted, self.low, out=wanted)
         return np.minimum(wanted, self.high, out=wanted)
 
+    def follow(
+        self,
+        rollouts: Rollouts,
+        plans: np.ndarray,
+        phases: np.ndarray,
+        substeps: int,
+        interval: int,
+    ) -> np.ndarray:
+        """Follows a plan in each simulation, and records states; returns which diverged, (N,).
+
+        Args:
+          rollouts: N simulations.
+          plans: splines of targets, (N, knots, nu).
+          phases: of the control steps in these, (steps,).
+          substeps: time steps of a control step.
+          interval: control steps from one recorded state to the next; the last state is recorded.
+        """
+        batch, history = rollouts.physics, rollouts.history
+        qpos, qvel = batch.data.qpos, batch.data.qvel
+        history.begin()
+        for step, targets in enumerate(targets_at(plans, phases), 1 - len(phases)):
+            batch.set_control(self.controls(targets, qpos, qvel))
+            rollouts.simulation.step(substeps)
+            if step % interval == 0:  # counted from the end
+                history.record(step // interval - 1)
+        return rollouts.diverged()
+
 
 def _picked(parts: np.ndarray) -> np.ndarray | None:
     """Which number of a state each actuator turns, (nu,); None if it is not just one of them."""
-    is_whole = bool(((parts == 0.0) | (parts == 1.0)).all())
-    is_one = bool((parts.sum(axis=0) == 1.0).all())
-    return parts.argmax(axis=0) if is_whole and is_one else None
+    is_one = ((parts == 0.0) | (parts == 1.0)).all() and (parts.sum(axis=0) == 1.0).all()
+    return parts.argmax(axis=0) if is_one else None
 
 
 def _turned(state: np.ndarray, parts: np.ndarray, picked: np.ndarray | None) -> np.ndarray:

@@ -15,16 +15,21 @@
 `terms` receives a batch of the environment's own `Physics`, so all measurements of the domain and
 the task, including `task.get_reward(physics)`, are available with the states as leading axis. It
 receives all states of all plans at once, because NumPy takes hardly longer for many.
+
+A task names its cost in `planner_cost`, as "module:Class"; `cost_for(task)` makes one.
 """
 
+import importlib
+import inspect
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from limberjack.planner.settings import Settings
 
-__all__ = ["Cost"]
+__all__ = ["Cost", "cost_for", "sources_for"]
 
 
 class Cost:
@@ -69,17 +74,19 @@ class Cost:
           physics: N states from rollouts of plans, as a batch of simulations. Read-only; the terms
             of a state must not depend on the other states.
         """
-        raise NotImplementedError(
-            f"{type(self).__name__} defines neither terms(physics), which returns the cost's terms "
-            "by name, nor step_cost(physics), which returns the cost of each state of a batch, "
-            "shape (N,)"
-        )
+        return {"cost": self.step_cost(physics)}
 
     def step_cost(self, physics: Any) -> np.ndarray:
         """The cost of each state, (N,): the weighted sum of the terms.
 
         A plan's cost is the mean over its control steps.
         """
+        if type(self).terms is Cost.terms:
+            raise NotImplementedError(
+                f"{type(self).__name__} defines neither terms(physics), which returns the cost's "
+                "terms by name, nor step_cost(physics), which returns the cost of each state of a "
+                "batch, shape (N,)"
+            )
         return sum(self.weighted_terms(physics).values(), start=np.zeros(()))
 
     def weighted_terms(self, physics: Any) -> dict[str, np.ndarray]:
@@ -108,14 +115,51 @@ class Cost:
         return None
 
     def continued(self, plan: np.ndarray) -> np.ndarray:
-        """The targets of the knot after a plan's last one, (nu,); by default those of the last one.
+        """The targets of the knot after the last one of an anchored plan (knots, nu), (nu,).
 
-        Called when the time of a plan's first anchored knot has passed.
-
-        Args:
-          plan: the current plan, (knots, nu).
+        By default those of the last one. Called when the time of the first knot has passed.
         """
         return plan[-1]
 
     def followed(self, targets: np.ndarray) -> None:
         """Called at each control step with the current targets, (nu,)."""
+
+
+def cost_for(task: object) -> Cost:
+    """An instance of the cost that a task names in `planner_cost`.
+
+    Raises:
+      ValueError: the task names no cost, or one that cannot be found; the message has advice.
+    """
+    name, kind = getattr(task, "planner_cost", None), type(task).__name__
+    if name is None:
+        raise ValueError(
+            f"the planner knows no cost for tasks of type {kind}: write a subclass of "
+            "limberjack.planner.Cost whose step_cost(physics) returns the cost of each state of a "
+            "batch, shape (N,), and pass it as Planner(env, cost=...), or name it in the task as "
+            "planner_cost = 'module:Class'; see docs/planner.md and examples/planner_cost.py"
+        )
+    module, _, named = str(name).partition(":")
+    try:
+        found = getattr(importlib.import_module(module), named)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(
+            f"planner_cost of {kind} is {name!r}; expected 'module:Class' of a "
+            f"limberjack.planner.Cost: {error}"
+        ) from error
+    if not (isinstance(found, type) and issubclass(found, Cost)):
+        raise ValueError(
+            f"planner_cost of {kind} is {name!r}, not a subclass of limberjack.planner.Cost"
+        )
+    return found(task)
+
+
+def sources_for(task: object) -> list[Path]:
+    """Source files on which plans for a task depend: the planner's package and the cost's module.
+
+    Raises:
+      ValueError: see `cost_for`.
+    """
+    files = sorted(Path(__file__).parent.rglob("*.py"))
+    own = Path(inspect.getfile(type(cost_for(task)))).resolve()
+    return files if own in [file.resolve() for file in files] else [*files, own]

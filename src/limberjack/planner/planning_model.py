@@ -28,6 +28,14 @@ def planning_model_of(physics: Any, settings: Settings) -> Any:
     return planning
 
 
+def _actuated_hinges(model: Any) -> np.ndarray:
+    """The degrees of freedom that are hinges of bodies that actuators move, (n,)."""
+    moved = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT.value
+    trees = model.dof_treeid[model.jnt_dofadr[model.actuator_trnid[moved, 0]]]
+    hinges = model.jnt_dofadr[model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE.value]
+    return hinges[np.isin(model.dof_treeid[hinges], trees)]
+
+
 def enable_sleep(model: Any) -> None:
     """Lets MuJoCo skip bodies at rest until they are touched, in a raw `mujoco.MjModel`.
 
@@ -47,14 +55,11 @@ def enable_sleep(model: Any) -> None:
                 "without Settings(sleep=True)"
             )
         joints, parts = map(list, zip(*coupled, strict=True))
-        dofs = model.jnt_dofadr[joints]
         # MuJoCo estimates the stiffness of joints in another way: this corrects for it.
-        estimates = (
-            model.tendon_invweight0[tendon] / parts[0] ** 2,
-            model.dof_invweight0[dofs].sum(),
-        )
+        as_tendon = model.tendon_invweight0[tendon] / parts[0] ** 2
+        as_joints = model.dof_invweight0[model.jnt_dofadr[joints]].sum()
         stiff = model.eq_solimp[equality, :2]
-        stiff[:] = stiff / (stiff + (1.0 - stiff) * estimates[0] / estimates[1])
+        stiff[:] = stiff / (stiff + (1.0 - stiff) * as_tendon / as_joints)
         model.eq_type[equality] = mujoco.mjtEq.mjEQ_JOINT.value
         model.eq_objtype[equality] = mujoco.mjtObj.mjOBJ_JOINT.value
         model.eq_obj1id[equality], model.eq_obj2id[equality] = joints
@@ -62,14 +67,3 @@ def enable_sleep(model: Any) -> None:
         length = model.eq_data[equality, 0]
         model.eq_data[equality, :5] = length / parts[0], -parts[1] / parts[0], 0.0, 0.0, 0.0
     model.opt.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP.value
-
-
-def _actuated_hinges(model: Any) -> np.ndarray:
-    """Whether a degree of freedom is a hinge of a body that actuators move, (nv,)."""
-    joints = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE.value)
-    hinges = model.jnt_dofadr[joints]
-    moved = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT.value
-    trees = model.dof_treeid[model.jnt_dofadr[model.actuator_trnid[moved, 0]]]
-    found = np.zeros(model.nv, bool)
-    found[hinges[np.isin(model.dof_treeid[hinges], trees)]] = True
-    return found

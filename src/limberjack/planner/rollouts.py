@@ -1,11 +1,9 @@
 """`Rollouts`: simulations of plans in parallel, all from the same state.
 
-rollouts = Rollouts(planning_physics, samples=64, num_threads=4, own_fields=("body_pos",))
-rollouts.load(saved)
-for controls in plans:
-    rollouts.physics.set_control(controls)
-    rollouts.step(2)
-diverged = rollouts.diverged()
+    rollouts = Rollouts(planning_physics, samples=64, num_threads=4, own_fields=("body_pos",))
+    rollouts.load(saved)
+    diverged = law.follow(rollouts, plans, phases, substeps=4, interval=1)
+    rollouts.seen.head_height()  # (states * samples,), of the states that were recorded
 
 `Budget` chooses how many samples fit into a time budget.
 """
@@ -18,105 +16,105 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.simulation import NOT_FIELDS
-from limberjack.utils.arrays import any_of
+from limberjack.planner.history import History
 
-__all__ = ["Budget", "Rollouts", "state_of"]
+__all__ = ["Budget", "Rollouts"]
 
 
 class Rollouts:
-    """See the module's docstring."""
+    """Simulations of plans; see the module's docstring.
+
+    Attributes:
+      physics: the simulations, (samples, ...).
+      simulation: steps them.
+      history: the record of their states.
+      seen: the recorded states as a physics, (states * samples, ...), to be read only.
+    """
 
     def __init__(
-        self, physics: Any, samples: int, num_threads: int, own_fields: Sequence[str]
+        self,
+        physics: Any,
+        samples: int,
+        num_threads: int,
+        own_fields: Sequence[str],
+        states: int = 1,
     ) -> None:
-        """Makes as many simulations of a `Physics` as there are samples; see `replicate`."""
+        """Makes as many simulations of a `Physics` as samples, with a record of `states` states."""
         replicas = physics.replicate(samples, num_threads, own_fields)
-        self.physics = replicas.physics  # the batch, (samples, ...)
-        self.simulation = replicas.simulation  # steps the batch
-        self.single = replicas.single  # a single simulation of the same model
+        self.physics, self.simulation = replicas.physics, replicas.simulation
+        self.history = History(self.simulation, states)
+        self.seen = self.physics.seen_through(self.history)
+        self._records: dict[str, np.ndarray] = {}  # of `roll_out`, written over by the next one
 
     def load(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Sets all simulations to the one saved state.
+        """Sets all simulations to the one saved state, in which none has diverged.
 
         Quantities that follow from the state are those of before, until they are stepped.
         """
         simulation = self.simulation
-        values = {name: value for name, value in saved.items() if name not in NOT_FIELDS}
-        simulation.set_fields({name: value[0] for name, value in values.items()})
+        values = {name: value[0] for name, value in saved.items() if name not in NOT_FIELDS}
+        simulation.set_fields(values)
         if simulation.remembers:  # such as the time for which bodies have been at rest
             simulation.reset()
         simulation.state[...] = saved["state"]
-
-    def step(self, nstep: int) -> None:
-        """Advances all of them by `nstep` time steps."""
-        self.simulation.step(nstep)
-
-    def forget_divergence(self) -> None:
-        """Resets the record of divergence."""
-        self.simulation.warnings[...] = 0
+        simulation.warnings[...] = 0
 
     def diverged(self) -> np.ndarray:
-        """Whether each has diverged since `forget_divergence`, (samples,)."""
-        warnings = self.simulation.warnings
-        if not any_of(warnings):
-            return np.zeros(len(warnings), bool)
-        return warnings.any(axis=-1)
+        """Whether each has diverged since `load`, (samples,)."""
+        return self.simulation.warnings.any(axis=-1)
 
     def roll_out(
-        self, controls: np.ndarray, fields: Sequence[str], out: dict[str, np.ndarray] | None = None
+        self, controls: np.ndarray, fields: Sequence[str]
     ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        """Advances all by time steps whose controls are known, with a record of them.
+        """Advances all by time steps with controls, (samples, steps, nu), and records fields.
 
         Threads take whole simulations, so that none waits for the others between steps. Afterwards
         all but the state may belong to the state before the last step.
 
-        Args:
-          controls: (samples, steps, nu).
-          fields: of the data, to be recorded after each step.
-          out: records of an earlier call of the same size, to be written over.
-
         Returns:
-          The records by field, (samples, steps, ...) each, and which diverged, (samples,): those
-          stop, and their last record is repeated.
+          The records by field, (samples, steps, ...) each, until the next call; and which diverged,
+          (samples,): those stop, and their last record is repeated.
 
         Raises:
           ValueError: a field cannot be recorded.
         """
-        self.forget_divergence()
         time_item = mujoco.mjtState.mjSTATE_TIME.value
         items = {name: time_item if name == "time" else name for name in fields}
-        given = {items[name]: array for name, array in (out or {}).items() if name in items}
-        record = list(items.values())
+        record, steps = list(items.values()), controls.shape[1]
+        before = {items[name]: array for name, array in self._records.items() if name in items}
+        out = {item: array for item, array in before.items() if array.shape[1] == steps}
         found = self.simulation.call_directly(
-            lambda batch: batch.rollout(controls.shape[1], controls, record=record, out=given)
+            lambda batch: batch.rollout(steps, controls, record=record, out=out)
         )
-        return {name: found[item] for name, item in items.items()}, self.diverged()
-
-
-def state_of(physics: Any, fields: Sequence[str]) -> dict[str, np.ndarray]:
-    """The current state of a single simulation, and fields of its model, for `load`."""
-    saved = physics.simulation.save(None, fields)
-    return {name: value for name, value in saved.items() if name not in ("before", "call")}
+        self._records = {name: found[item] for name, item in items.items()}
+        return dict(self._records), self.diverged()
 
 
 class Budget:
     """Number of samples of a planning step that fit into a time budget.
 
     Depends on the clock, so what is planned within a budget cannot be repeated.
+
+    Attributes:
+      sizes: numbers of samples to choose from.
     """
 
-    def __init__(self, max_ms: float, sizes: Sequence[int]) -> None:
-        """Args: max_ms: milliseconds of a planning step; sizes: numbers of samples to choose from.
+    def __init__(self, max_ms: float | None, samples: int) -> None:
+        """All samples, or with a limit of milliseconds at least an eighth of them.
 
         Raises:
           ValueError, TypeError: max_ms is not a positive number.
         """
-        if isinstance(max_ms, bool) or not isinstance(max_ms, int | float | np.number):
+        if max_ms is None:
+            self.sizes, self._seconds = [samples], np.inf
+        elif isinstance(max_ms, bool) or not isinstance(max_ms, int | float | np.number):
             raise TypeError(f"max_ms is of type {type(max_ms).__name__}; expected a number")
-        if not (np.isfinite(max_ms) and max_ms > 0):
+        elif not (np.isfinite(max_ms) and max_ms > 0):
             raise ValueError(f"max_ms is {max_ms!r}; expected a positive number of milliseconds")
-        self._seconds, self._sizes = 1e-3 * float(max_ms), sorted(sizes)
-        self._per_sample: float | None = None  # seconds
+        else:
+            self.sizes = sorted({max(2, samples // part) for part in (1, 2, 4, 8)})
+            self._seconds = 1e-3 * float(max_ms)
+        self._per_sample = np.inf  # seconds; not measured yet
         self._began = self._simulated = 0.0
 
     def begin(self) -> None:
@@ -130,12 +128,11 @@ class Budget:
         """
         self._simulated = time.perf_counter()
         left = self._began + self._seconds - self._simulated
-        per_sample = np.inf if self._per_sample is None else self._per_sample
-        fitting = [size for size in self._sizes if size * per_sample <= left]
-        return max(fitting, default=self._sizes[0])
+        fitting = [size for size in self.sizes if size * self._per_sample <= left]
+        return max(fitting, default=self.sizes[0])
 
     def spent(self, size: int) -> None:
         """Ends the planning step, of which `size` samples were simulated since `size()`."""
         latest = (time.perf_counter() - self._simulated) / size
-        before = latest if self._per_sample is None else self._per_sample
+        before = latest if np.isinf(self._per_sample) else self._per_sample
         self._per_sample = before + 0.2 * (latest - before)  # a running mean

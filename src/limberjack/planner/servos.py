@@ -1,7 +1,7 @@
 """Servos in the planning model, which follow a plan's targets within one call of MuJoCo.
 
-    servos = Servos(model, law)  # changes the plan's model
-    diverged = servos.follow(batch, history, plans, places, substeps=4, interval=2)
+    servos = Servos(model, law)  # changes the planning model
+    diverged = servos.follow(rollouts, plans, phases, substeps=4, interval=2)
 
 A motor that the law turns to an angle becomes a servo of MuJoCo's with the law's constants. It
 follows the target at each time step, where the law holds its controls for a control step. All
@@ -14,7 +14,6 @@ import mujoco
 import numpy as np
 
 from limberjack.planner.control_law import ControlLaw
-from limberjack.planner.history import History
 from limberjack.planner.rollouts import Rollouts
 from limberjack.planner.spline import knot_weights
 
@@ -28,7 +27,7 @@ _OF_THE_STATE = {
 
 
 class Servos:
-    """The servos of a plan's model."""
+    """The servos of a planning model."""
 
     def __init__(self, model: Any, law: ControlLaw) -> None:
         """Turns the motors of a raw `mujoco.MjModel` that the law turns to angles into servos.
@@ -38,7 +37,6 @@ class Servos:
         """
         self._follows = law.follows
         self._strength = np.where(law.follows, model.actuator_gainprm[:, 0], 1.0)
-        self._records: dict[int, dict[str, np.ndarray]] = {}  # by number of plans
         for motor in np.flatnonzero(law.follows).tolist():
             is_plain = model.actuator_gaintype[motor] == mujoco.mjtGain.mjGAIN_FIXED.value
             is_plain &= model.actuator_dyntype[motor] == mujoco.mjtDyn.mjDYN_NONE.value
@@ -67,50 +65,36 @@ class Servos:
 
     def follow(
         self,
-        batch: Rollouts,
-        history: History,
+        rollouts: Rollouts,
         plans: np.ndarray,
-        places: np.ndarray,
+        phases: np.ndarray,
         substeps: int,
         interval: int,
     ) -> np.ndarray:
-        """Follows a plan in each simulation; returns which diverged, (num_envs,).
-
-        Args:
-          batch: simulations of the model.
-          history: records the states after each interval, the last at the end.
-          plans: splines of targets, (num_envs, knots, nu).
-          places: in these, of the control steps, (steps,).
-          substeps: time steps of a control step, in which a target holds.
-          interval: control steps.
-        """
-        steps = len(places)
+        """Follows a plan in each simulation, and records states; see `ControlLaw.follow`."""
+        rollouts.history.begin()
+        steps = len(phases)
         # One more time step, after which what follows from the last state is known.
         at = np.minimum(np.arange(steps * substeps + 1) // substeps, steps - 1)
-        controls = knot_weights(plans.shape[1], places[at]) @ plans
+        controls = knot_weights(plans.shape[1], phases[at]) @ plans
         first = ((steps - 1) % interval + 1) * substeps
-        ends = slice(first, steps * substeps + 1, interval * substeps)
-        starts = slice(first - 1, steps * substeps, interval * substeps)
-        fields = history.fields
-        recorded = [*fields, "actuator_force"] if "ctrl" in fields else fields
+        fields = rollouts.history.fields
         try:
-            before = self._records.get(len(plans))
-            records, diverged = batch.roll_out(controls, recorded, before)
+            records, diverged = rollouts.roll_out(controls, [*fields, "actuator_force"])
         except ValueError as error:
             raise ValueError(
                 f"step_cost reads what cannot be recorded along the way ({error}): plan without "
                 "Settings(servos=True)"
             ) from error
-        self._records[len(plans)] = records
 
         def values_of(field: str, columns: slice) -> np.ndarray:
-            shape = records[field].shape
-            values = records[field].reshape(*shape[:2], -1)
-            values = values[:, starts if field in _OF_THE_STATE else ends, columns]
-            if field == "ctrl" and self._follows[columns].any():  # the law's controls
-                said = records["actuator_force"][:, starts, columns] / self._strength[columns]
-                values = np.where(self._follows[columns], said, values)
+            early = field in _OF_THE_STATE
+            times = slice(first - early, steps * substeps + 1 - early, interval * substeps)
+            values = records[field].reshape(*records[field].shape[:2], -1)[:, times, columns]
+            if field == "ctrl":  # the law's controls
+                force = records["actuator_force"][:, times, columns] / self._strength[columns]
+                values = np.where(self._follows[columns], force, values)
             return values.swapaxes(0, 1)
 
-        history.record_all(values_of)
+        rollouts.history.record_all(values_of)
         return diverged

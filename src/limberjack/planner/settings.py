@@ -7,7 +7,6 @@ A setting that cannot be used is refused when it is made, with the value and wha
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
@@ -43,13 +42,12 @@ class Settings:
       flowing: whether proposals begin at the targets of the current plan. A moving joint lags
         behind its target, so a target at its current position would stop it abruptly.
       proposal_interval: planning steps between calls of `proposals`, unless the cost's stage
-        changes. In between, the last proposals are used again, shifted in time. Not for anchored
-        plans.
+        changes. In between, the last ones are used again, shifted in time. Not for anchored plans.
       cost_interval: control steps between evaluations of a plan's cost. With short steps, every
         second one is enough and halves the time spent outside MuJoCo.
       servos: whether servos in the planning model follow the targets at each time step, instead of
-        the control law at each control step. A rollout is then one call without Python in between
-        and without synchronisation of threads: on four threads it takes a quarter less.
+        the control law at each control step. Threads then do not wait for each other between
+        steps: on four threads a rollout takes a quarter less.
       sleep: whether bodies at rest are left out of the planning model's physics until touched, like
         MuJoCo's sleeping islands: with four boxes this saves a fifth of a plan's time.
     """
@@ -80,15 +78,16 @@ class Settings:
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
                 raise ValueError(f"{name} is {value!r}; expected a whole number from {least} up")
-        numbers = ["horizon", "gain", "noise", "finest", "temperature"]
-        for name in numbers if self.timestep is None else [*numbers, "timestep"]:
+        positive = ("horizon", "gain", "noise", "finest", "temperature", "timestep")
+        expected = dict.fromkeys(positive, "a positive number")
+        expected |= dict.fromkeys(("damping", "armature"), "a number from 0 up")
+        for name, what in expected.items():
             value = getattr(self, name)
-            if not (_is_number(value) and value > 0):
-                raise ValueError(f"{name} is {value!r}; expected a positive number")
-        for name in ("damping", "armature"):
-            value = getattr(self, name)
-            if not (_is_number(value) and value >= 0):
-                raise ValueError(f"{name} is {value!r}; expected a number from 0 up")
+            is_number = isinstance(value, int | float | np.number) and np.isfinite(value)
+            if name == "timestep" and value is None:
+                continue
+            if not is_number or value < 0 or (value == 0 and name in positive):
+                raise ValueError(f"{name} is {value!r}; expected {what}")
         if self.anchored and self.proposal_interval > 1:
             raise ValueError(
                 f"proposal_interval is {self.proposal_interval}; expected 1, as plans are anchored"
@@ -102,7 +101,3 @@ class Settings:
     def spacing(self) -> float:
         """Time between knots, seconds."""
         return self.horizon / (self.knots - (2 if self.anchored else 1))
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number) and bool(np.isfinite(value))

@@ -109,7 +109,7 @@ def _copied(name: str, target: object) -> object:
 
 
 def _of_planner(environment: Environment | None, num_threads: int | None) -> Found:
-    from limberjack.planner.library import sources_for
+    from limberjack.planner.cost import sources_for
 
     assert environment is not None
     try:

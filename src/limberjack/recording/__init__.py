@@ -7,7 +7,8 @@
     played.save(Path("episode.npz"))
 
 A film shows an episode (`films.py`). A recording holds its actions, rewards, observations and
-states (`episodes.py`), from which `replay` repeats it bit for bit.
+states (`episodes.py`), from which `replay` repeats it bit for bit. `solving.solve` records episodes
+of the planner, one per core.
 """
 
 from limberjack.recording.episodes import Recording, Transcript, record_episode, replay

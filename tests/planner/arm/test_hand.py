@@ -24,6 +24,7 @@ from limberjack.planner.arm.hand import (
 )
 from limberjack.planner.arm.kinematics import GRASP, direction, hand_places
 from limberjack.planner.control_law import ControlLaw
+from limberjack.planner.settings import Settings
 
 _ARM = np.array([0.3, 0.7, -0.4, 0.9])
 
@@ -91,7 +92,7 @@ def test_a_grasp_that_presses_too_little_costs() -> None:
 
 def test_targets_raised_by_the_sag_hold_the_arm_against_gravity() -> None:
     physics, gain = _physics(), 5.0
-    data, law = physics.named.data, ControlLaw(physics.model.ptr, gain, 0.0, False)
+    data, law = physics.named.data, ControlLaw(physics.model.ptr, Settings(gain=gain))
     targets = np.append(_ARM + sag(physics, gain), -1.0)
     physics.set_control(law.controls(targets, physics.position(), physics.velocity()))
     physics.forward()

@@ -1,13 +1,18 @@
-"""Repetition of a humanoid's gait."""
+"""Postures, strides, and repetition of a humanoid's gait."""
 
 from typing import Any
 
 import numpy as np
 
 from limberjack import suite
-from limberjack.planner import cost_for
-from limberjack.planner.humanoid.gait import Gait
+from limberjack.planner import Settings, cost_for
+from limberjack.planner.humanoid.gait import Gait, postures, strides
 from limberjack.planner.humanoid.locomotion import actuators
+
+_NAMES = [
+    "abdomen_y",
+    *(f"{s}_{j}" for s in ("left", "right") for j in ("hip_y", "knee", "ankle_y")),
+]
 
 
 def _humanoid() -> tuple[Any, Any]:
@@ -44,7 +49,7 @@ def test_a_steady_gait_goes_on() -> None:
 
     for time in range(35):
         gait.add(at(np.array(time)))
-    assert len(gait) == 35
+    assert gait.is_known
     # Sines of multiples of pi, and their sums, round.
     np.testing.assert_allclose(gait.middle(10), 0.0, atol=1e-12)
     times = np.array([-2.0, -1.0, 0.0, 4.0, 9.0, 14.0])
@@ -76,3 +81,20 @@ def test_a_runner_proposes_what_it_did() -> None:
     assert found.shape[1:] == (cost.settings.knots, physics.model.nu)
     # A mean of two values weighted by parts of 1 rounds, and so does a distance from the middle.
     np.testing.assert_allclose(found, np.broadcast_to(found[0, 0], found.shape), atol=1e-12)
+
+
+def test_strides_swing_both_legs_in_turn_and_keep_the_trunk_straight() -> None:
+    settings = Settings(horizon=0.6, knots=13)
+    plans = strides(_NAMES, settings, np.random.default_rng(0))
+    assert plans.shape == (24, 13, len(_NAMES))
+    assert not plans[..., 0].any()
+    left, right = plans[..., 1], plans[..., 4]
+    assert np.mean([np.corrcoef(a, b)[0, 1] for a, b in zip(left, right, strict=True)]) < -0.5
+    assert (plans[..., [2, 5]] < 0).all()  # knees bend backwards only
+
+
+def test_postures_are_held_and_the_same_for_both_sides_or_random() -> None:
+    plans = postures(_NAMES, 4, np.random.default_rng(0))
+    np.testing.assert_array_equal(plans, np.repeat(plans[:, :1], 4, axis=1))
+    np.testing.assert_array_equal(plans[:6, :, 1:4], plans[:6, :, 4:7])
+    assert (plans[6:, 0, 1] != plans[6:, 0, 4]).all()

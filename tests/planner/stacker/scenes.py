@@ -7,7 +7,7 @@ import numpy as np
 from limberjack import suite
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_poses
-from limberjack.planner.stacker.boxes import HALF
+from limberjack.planner.stacker.tower import HALF
 
 __all__ = ["DOWN", "TOP", "place_boxes", "point_hand", "scene"]
 

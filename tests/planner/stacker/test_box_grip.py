@@ -1,7 +1,5 @@
 """Grips on a box: firm, slipping and missing ones."""
 
-import dataclasses
-
 import numpy as np
 
 from limberjack.planner.stacker.box_grip import HIGH, Grip, fetching, how_held, ready
@@ -13,7 +11,7 @@ _FIRM = Grip(
 
 def _held(has: bool, **changes: float) -> float:
     changed = {name: np.array(value) for name, value in changes.items()}
-    return float(how_held(dataclasses.replace(_FIRM, **changed), has))
+    return float(how_held(_FIRM._replace(**changed), has))
 
 
 def test_a_firm_grip_holds() -> None:
@@ -37,16 +35,15 @@ def test_nothing_is_held_by_fingers_that_are_open_shut_or_elsewhere() -> None:
 
 
 def test_who_is_there_should_close_and_who_is_not_should_not() -> None:
-    there, far = _FIRM, dataclasses.replace(_FIRM, ahead=HIGH + 0.06)
-    open_there, open_far = (dataclasses.replace(grip, closed=0.0) for grip in (there, far))
+    there, far = _FIRM, _FIRM._replace(ahead=HIGH + 0.06)
+    open_there, open_far = (grip._replace(closed=0.0) for grip in (there, far))
     assert fetching(there) < fetching(open_there) < fetching(open_far) < fetching(far)
 
 
 def test_fingers_that_come_to_a_box_are_neither_wide_open_nor_closed() -> None:
     assert ready(0.0) > 0.0 > ready(np.radians(24.0))
-    there = dataclasses.replace(_FIRM, ahead=HIGH + 0.06)
+    there = _FIRM._replace(ahead=HIGH + 0.06)
     costs = [
-        float(fetching(dataclasses.replace(there, closed=np.radians(angle))))
-        for angle in (-10.0, 6.0, 24.0)
+        float(fetching(there._replace(closed=np.radians(angle)))) for angle in (-10.0, 6.0, 24.0)
     ]
     assert min(costs) == costs[1]

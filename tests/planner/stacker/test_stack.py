@@ -7,9 +7,8 @@ import pytest
 
 from limberjack import suite
 from limberjack.planner.stacker.box_grip import HIGH
-from limberjack.planner.stacker.boxes import HALF
 from limberjack.planner.stacker.stack import Stack, Stage
-from limberjack.planner.stacker.tower import ALOFT
+from limberjack.planner.stacker.tower import ALOFT, HALF
 
 from .scenes import TOP, place_boxes, point_hand, scene
 
@@ -126,6 +125,17 @@ def test_a_hand_that_comes_nearer_is_given_time() -> None:
     for height in (0.3, 0.2, 0.12, 0.07):
         point_hand(physics, 0.2, height)
         assert _after(cost, physics, 15) is Stage.FETCH
+
+
+def test_patience_begins_again_with_another_goal_and_after_a_retreat() -> None:
+    cost, physics = _updated([(0.3, HALF), (0.2, HALF)])
+    assert _after(cost, physics, 15) is Stage.FETCH
+    place_boxes(physics, [(0.0, HALF)])  # it stands: box1 comes onto it
+    assert _after(cost, physics, 20) is Stage.FETCH
+    assert _after(cost, physics, 1) is Stage.RETREAT
+    # It waits in the meantime.
+    assert [_after(cost, physics, 1) for _ in range(20)] == [Stage.RETREAT] * 11 + [Stage.FETCH] * 9
+    assert _after(cost, physics, 1) is Stage.RETREAT
 
 
 def test_a_tower_that_stands_ends_a_retreat() -> None:

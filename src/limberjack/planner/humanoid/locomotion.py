@@ -6,7 +6,7 @@ high head, an upright torso, and feet below the capture point, where the body wo
 stands up first, as for standing, and moves only then.
 
 A run has a target speed beyond reach, and repeats its own gait: each step continues with the
-mirrored motion of the step before (`gait.py`). Other plans are tried too (`strides.py`).
+mirrored motion of the step before. `gait.py` has the plans that are proposed.
 """
 
 import dataclasses
@@ -16,8 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from limberjack.planner.cost import Cost
-from limberjack.planner.humanoid.gait import Gait
-from limberjack.planner.humanoid.strides import postures, strides
+from limberjack.planner.humanoid.gait import STEP, Gait, postures, strides
 from limberjack.planner.settings import Settings
 from limberjack.planner.spline import targets_at
 from limberjack.utils import arrays
@@ -26,7 +25,6 @@ __all__ = ["Locomotion", "Stage", "actuators"]
 
 _FALLING = 0.3  # seconds; time constant of an inverted pendulum as high as the hips
 _CONTROL_STEP = 0.025  # seconds; the task's
-_STEP = 14  # control steps from one foot's strike to the other's: 0.35 s, as a human runs
 
 # To stand, few wide samples do. Moving takes many samples, and a damped control law: without it,
 # light limbs oscillate at the rate of control, which costs effort.
@@ -38,26 +36,6 @@ _WALK = dataclasses.replace(
 _RUN = dataclasses.replace(
     _WALK, knots=7, anchored=True, timestep=_CONTROL_STEP / 3, temperature=0.15
 )
-
-
-@dataclasses.dataclass(frozen=True)
-class _Pace:
-    """Target speed and how much it counts."""
-
-    settings: Settings
-    aim: float  # metres per second; 0 to stand
-    haste: float = 1.0  # cost of the whole lack of speed
-    fall: float = 0.0  # cost of the square of a metre's imbalance, besides half a metre's
-
-    @classmethod
-    def of(cls, speed: float) -> "_Pace":
-        """The pace for a task's speed, metres per second."""
-        if not speed:
-            return cls(_STAND, 0.0)
-        if speed <= 2.0:
-            return cls(_WALK, 1.2 * speed)  # the speed must hold throughout a stride
-        # A faster body gains little, and falls; a tenth of a metre of imbalance is normal.
-        return cls(_RUN, 4.0, haste=6.0, fall=5.0)
 
 
 class Stage(enum.Enum):
@@ -89,16 +67,22 @@ class Locomotion(Cost):
     def __init__(self, task: Any) -> None:
         """Takes a `humanoid.Humanoid` task."""
         super().__init__(task)
-        self._pace = _Pace.of(task.move_speed)
-        self.settings = self._pace.settings
+        speed, runs = task.move_speed, task.move_speed > 2.0  # metres per second
+        self.settings = _RUN if runs else _WALK if speed else _STAND
+        # The target speed; 0 to stand. A walk must hold its speed throughout a stride; a faster
+        # run than 4 m/s gains little, and falls.
+        self._aim = 4.0 if runs else 1.2 * speed
+        # Costs of the whole lack of speed, and of the square of a metre's imbalance besides half a
+        # metre's: a tenth of a metre is normal in a run.
+        self._haste, self._fall = (6.0, 5.0) if runs else (1.0, 0.0)
         self._per_knot = self.settings.spacing / _CONTROL_STEP  # control steps
-        self._stage = Stage.STAND
-        self._gait: Gait | None = None  # while it runs
         self._names: list[str] = []  # of the actuators
+        self.reset()
 
     def reset(self) -> None:
         """Stands up first."""
-        self._stage, self._gait = Stage.STAND, None
+        self._stage = Stage.STAND
+        self._gait: Gait | None = None  # while it runs
 
     def stage(self) -> Stage:
         """The current stage."""
@@ -108,10 +92,9 @@ class Locomotion(Cost):
         """Moves once the body is steady, until it falls."""
         self._names = self._names or actuators(physics)
         is_due, following = _TRANSITIONS[self._stage]
-        if self._pace.aim and is_due(physics):
-            self._stage, self._gait = following, None
-            if self.settings.anchored and following is Stage.MOVE:
-                self._gait = Gait(self._names)
+        if self._aim and is_due(physics):
+            runs = self.settings.anchored and following is Stage.MOVE
+            self._stage, self._gait = following, Gait(self._names) if runs else None
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
         """Terms of being up, of moving, and the missing reward."""
@@ -129,7 +112,7 @@ class Locomotion(Cost):
     def _reward(self, physics: Any) -> np.ndarray:
         """The task's reward, (N,); without its speed while standing up."""
         terms = self.task.reward_terms(physics)
-        if self._pace.aim and self._stage is Stage.STAND:
+        if self._aim and self._stage is Stage.STAND:
             terms["movement"] = 1.0
         return self.task.reward_of(terms)
 
@@ -139,33 +122,26 @@ class Locomotion(Cost):
         imbalance = _imbalance(physics, velocity)
         if self._stage is Stage.STAND:
             return arrays.norm(imbalance) + 0.3 * is_up * arrays.norm(velocity[..., :2])
-        pace = self._pace
         heading = physics.named.data.xmat["torso", ["xx", "yx"]]
         length = np.maximum(arrays.norm(heading), 1e-6)
         ahead = _along(velocity, heading) / length
-        short = np.maximum(pace.aim - ahead, 0.0) / pace.aim
-        forward = _along(imbalance, heading) / length - _FALLING * np.minimum(ahead, pace.aim)
+        short = np.maximum(self._aim - ahead, 0.0) / self._aim
+        forward = _along(imbalance, heading) / length - _FALLING * np.minimum(ahead, self._aim)
         sideways = imbalance[..., 0] * heading[..., 1] - imbalance[..., 1] * heading[..., 0]
         forward, sideways = np.abs(forward), np.abs(sideways) / length
-        fall = 0.5 * (sideways + forward) + pace.fall * (forward**2 + sideways**2)
+        fall = 0.5 * (sideways + forward) + self._fall * (forward**2 + sideways**2)
         # More than standing still would cost: otherwise staying down would pay.
-        down = pace.haste + 0.5 + arrays.norm(imbalance)
-        return is_up * (pace.haste * short + fall) + (1.0 - is_up) * down
+        down = self._haste + 0.5 + arrays.norm(imbalance)
+        return is_up * (self._haste * short + fall) + (1.0 - is_up) * down
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Postures to stand up; strides, and then the body's own gait, to move."""
         if self._stage is Stage.STAND:
             return postures(self._names, self.settings.knots, random)
-        if self._gait is None or len(self._gait) < 2 * _STEP:
+        if self._gait is None or not self._gait.is_known:
             return strides(self._names, self.settings, random)
         times = self._per_knot * (np.arange(self.settings.knots) - self.phase)
-        middle = self._gait.middle(_STEP)
-        found = [self._gait.repeated(times, _STEP)]
-        for _ in range(11):  # a little quicker and larger
-            step = _STEP + int(random.integers(-1, 2))
-            again = self._gait.repeated(times * random.uniform(0.95, 1.1), step)
-            found.append(middle + random.uniform(0.95, 1.2) * (again - middle))
-        return np.array(found)
+        return self._gait.proposals(times, random)
 
     def followed(self, targets: np.ndarray) -> None:
         """Stores the targets in the gait."""
@@ -176,7 +152,7 @@ class Locomotion(Cost):
         """The mirrored targets of a step before, (nu,)."""
         if self._gait is None:
             return super().continued(plan)
-        return self._gait.mirrored(targets_at(plan, len(plan) - _STEP / self._per_knot))
+        return self._gait.mirrored(targets_at(plan, len(plan) - STEP / self._per_knot))
 
 
 def actuators(physics: Any) -> list[str]:

@@ -1,11 +1,10 @@
-"""The hand's grip on one of the stacker's boxes, and the cost of getting there.
+"""`Grip`: the hand's grip on one of the stacker's boxes, and the cost of getting there.
 
 grip = grip_of(physics.named.data, "box0")
 how_held(grip, has=False)  # 0 to 1
 """
 
-import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,8 +18,7 @@ _CLOSING = np.radians(14.0) - OPEN_ANGLE  # by which fingers around a box have c
 _NEARLY = np.radians(8.0)  # of fingers that come to a box: there is room, and they close sooner
 
 
-@dataclasses.dataclass(frozen=True)
-class Grip:
+class Grip(NamedTuple):
     """Position of the hand relative to a box, (...) each."""
 
     ahead: Any  # position of the box along the hand, metres from the grasp site
@@ -31,8 +29,7 @@ class Grip:
     tilt: Any  # 0 for a hand that points down, up to 2
 
 
-@dataclasses.dataclass(frozen=True)
-class _Hold:
+class _Hold(NamedTuple):
     """Limits of a good hold."""
 
     lowest: float  # of the grasp above the box's centre, metres
@@ -53,8 +50,7 @@ def grip_of(data: Any, box: str) -> Grip:
     square = (side[..., 0] * hand[..., 0] + side[..., 6] * hand[..., 6]) ** 2
     speeds = data.qvel[["thumb", "finger"]]
     turning = np.abs(speeds[..., 0] + speeds[..., 1]) / 2
-    askew = square * (1.0 - square)
-    return Grip(ahead, aside, askew, closing(data), turning, 1.0 + hand[..., 8])
+    return Grip(ahead, aside, square * (1.0 - square), closing(data), turning, 1.0 + hand[..., 8])
 
 
 def how_held(grip: Grip, has: bool) -> np.ndarray:
@@ -69,8 +65,7 @@ def how_held(grip: Grip, has: bool) -> np.ndarray:
     # Too deep in the hand is twice as bad: a box cannot be put down from there.
     beyond = np.maximum(grip.ahead - hold.highest, 0.0)
     slip = beyond + 2.0 * np.maximum(hold.lowest - grip.ahead, 0.0)
-    firm = near(np.hypot(slip, grip.aside), hold.slack)
-    firm *= near(grip.askew, 0.1) * closed
+    firm = near(np.hypot(slip, grip.aside), hold.slack) * (near(grip.askew, 0.1) * closed)
     return np.minimum(PLAY * firm, 1.0)
 
 

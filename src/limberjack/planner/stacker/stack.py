@@ -12,24 +12,24 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from limberjack.planner.arm.hand import (
-    ARM,
-    CLOSED,
-    LONGEST,
-    OPEN,
-    PLANE,
-    SETTINGS,
-    near,
-    outward_speed,
-)
+from limberjack.planner.arm.hand import ARM, CLOSED, LONGEST, OPEN, PLANE, near, outward_speed
 from limberjack.planner.arm.proposals import Proposal, plans_of
 from limberjack.planner.cost import Cost
+from limberjack.planner.stacker import moves
 from limberjack.planner.stacker.box_grip import PRESS, fetching, grip_of, how_held
-from limberjack.planner.stacker.boxes import FLAT, HALF, haste, lies_too_low, turned
-from limberjack.planner.stacker.lifted import leaving
-from limberjack.planner.stacker.moves import FREE_OF_TOWER, OVER, UNDER_HAND, Moves
-from limberjack.planner.stacker.patience import Patience, plans_to, refuge, shelter
-from limberjack.planner.stacker.tower import ALOFT, FREE, FROM_WALL, PLACED, Tower
+from limberjack.planner.stacker.moves import FREE_OF_TOWER, OVER, STACKING, UNDER_HAND
+from limberjack.planner.stacker.tower import (
+    ALOFT,
+    FLAT,
+    FREE,
+    FROM_WALL,
+    HALF,
+    PLACED,
+    Tower,
+    length,
+    lies_too_low,
+    turned,
+)
 from limberjack.utils import arrays
 
 __all__ = ["Stack", "Stage"]
@@ -37,6 +37,9 @@ __all__ = ["Stack", "Stage"]
 _HAS, _LOST = 0.7, 0.3  # of how well a box is held, to have it and to keep it
 _LYING = 0.03  # metres; a box higher than this does not lie on the floor
 _CAUGHT = 14  # planning steps; a box that is aloft for longer lies on the arm
+_PATIENCE = 20  # planning steps without progress, 0.6 s; then the arm retreats
+_PROGRESS = 0.9  # of the least distance so far: a shorter one is progress
+_RETREAT = 12  # planning steps
 
 
 class Stage(enum.Enum):
@@ -53,20 +56,7 @@ class Stage(enum.Enum):
 class Stack(Cost):
     """Cost of a tower up to the target, with the hand away from it."""
 
-    settings = dataclasses.replace(
-        SETTINGS,
-        samples=36,
-        horizon=0.45,
-        # A new plan reaches a target at the next knot at the earliest.
-        knots=9,
-        temperature=0.1,
-        armature=1e-3,
-        flowing=True,
-        cost_interval=3,
-        proposal_interval=2,
-        servos=True,
-        sleep=True,
-    )
+    settings = STACKING
     weights: ClassVar = {
         "shaken tower": 80.0,
         "boxes in the way": 4.0,
@@ -80,18 +70,18 @@ class Stack(Cost):
         super().__init__(task)
         self._boxes: list[str] = task.boxes
         if len(self._boxes) > 2:  # each takes time
-            self.settings = dataclasses.replace(self.settings, samples=32)
-        self._patience = Patience(plannings=20, part=0.9)  # 0.6 s
+            self.settings = dataclasses.replace(STACKING, samples=32)
         self.reset()
 
     def reset(self) -> None:
         """Discards the stage and the next box."""
-        self._tower = Tower(self._boxes)
-        self._firm = False  # the hand has the next box
-        self._backing = self._caught = self._tries = 0
-        self._falling = False
-        self._refuge = np.zeros(4)
-        self._patience.reset()
+        self._tower, self._tries, self._refuge = Tower(self._boxes), 0, np.zeros(4)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._firm = self._falling = False  # the hand has the next box; boxes fall
+        self._backing = self._caught = 0  # planning steps left, and with a box on the arm
+        self._await(None, np.inf)
 
     # In this order: the first that is due is the stage.
     _TRANSITIONS = (
@@ -115,14 +105,12 @@ class Stack(Cost):
         data, tower = physics.named.data, self._tower
         before = tower.next
         tower.update(data, before is not None and self._held(data) > _LOST)
-        self._backing = max(self._backing - 1, 0)
-        self._firm = self._firm and tower.next == before
         self.noise_scale = 1.0
         if tower.next is None:
-            self._backing = self._caught = 0
-            self._firm = self._falling = False
-            self._patience.reset()
+            self._begin()
             return
+        self._backing = max(self._backing - 1, 0)
+        self._firm = self._firm and tower.next == before
         self._firm = self._held(data) > (_LOST if self._firm else _HAS)
         if self._firm:
             self.noise_scale = 0.3  # a large one jerks the box
@@ -131,20 +119,14 @@ class Stack(Cost):
         is_early = physics.time() < 0.4  # seconds, in which boxes fall from their starts
         falling = is_early and bool((data.site_xpos[loose][:, 2] > ALOFT).any())
         if falling and not self._falling:
-            self._refuge = shelter(data)
+            self._refuge = moves.shelter(data)
         self._falling = falling
         if not falling:
-            self._await_progress(data)
+            self._retreat_without_progress(data)
 
-    def _await_progress(self, data: Any) -> None:
-        """Begins a retreat if neither the next box nor the hand has come nearer for long."""
-        tower = self._tower
-        box, hand = data.site_xpos[tower.next], data.site_xpos["grasp"]
-        lack = float(np.hypot(*(box - (tower.place if self._firm else hand))[PLANE]))
-        if self._patience.is_out((tower.next, self._firm, len(tower.placed)), lack):
-            tower.shunned, self._backing = tower.next, 12
-            self._refuge = refuge(data, box, self._tries)
-            self._tries += 1
+    def _held(self, data: Any) -> float:
+        """Quality of the hand's hold on the next box now, 0 to 1."""
+        return float(how_held(grip_of(data, str(self._tower.next)), self._firm))
 
     def _is_caught(self, data: Any, loose: list[str]) -> bool:
         """Whether a box beside the tower is aloft, or leans on the arm."""
@@ -153,9 +135,24 @@ class Stack(Cost):
         beside = np.abs(places[:, 0] - self._tower.place[0]) > FREE
         return bool(((leans | (places[:, 2] > ALOFT)) & beside).any())
 
-    def _held(self, data: Any) -> float:
-        """Quality of the hand's hold on the next box now, 0 to 1."""
-        return float(how_held(grip_of(data, str(self._tower.next)), self._firm))
+    def _retreat_without_progress(self, data: Any) -> None:
+        """Begins a retreat if neither the next box nor the hand has come nearer for long."""
+        tower = self._tower
+        box, hand = data.site_xpos[tower.next], data.site_xpos["grasp"]
+        lack = float(length((box - (tower.place if self._firm else hand))[PLANE]))
+        goal = tower.next, self._firm, len(tower.placed)
+        if goal != self._goal or lack < _PROGRESS * self._least:
+            self._await(goal, lack)
+        self._waited += 1
+        if self._waited > _PATIENCE:
+            self._await(None, np.inf)
+            tower.shunned, self._backing = tower.next, _RETREAT
+            self._refuge = moves.refuge(data, box, self._tries)
+            self._tries += 1
+
+    def _await(self, goal: Any, lack: float) -> None:
+        """Begins to wait for progress to a goal that is so many metres away."""
+        self._goal, self._least, self._waited = goal, lack, 0
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
         """The missing reward and tower, and the terms of the stage."""
@@ -170,24 +167,24 @@ class Stack(Cost):
         terms["hand at the floor"] = np.maximum(0.045 - hand[..., 2], 0.0)
         if stage is Stage.LEAVE:
             distance = arrays.norm(hand - data.site_xpos["target"])
-            return {**terms, "hand at the target": np.maximum(0.12 - distance, 0.0)}
+            return terms | {"hand at the target": np.maximum(0.12 - distance, 0.0)}
+        away = np.abs(data.qpos[ARM] - self._refuge).sum(axis=-1)
         if stage is Stage.DODGE:
-            return {**terms, "falling boxes": self._dodging(data)}
+            return terms | {"falling boxes": self._fallen(data) + 0.1 * away}
         if stage is Stage.RETREAT:
-            return {**terms, "retreat": np.abs(data.qpos[ARM] - self._refuge).sum(axis=-1)}
+            return terms | {"retreat": away}
         box = data.site_xpos[tower.next][..., ::2]
         if stage is Stage.SHAKE:
             height = np.maximum(waiting[..., 1] - _LYING, 0.0).sum(axis=-1)
-            height = height + np.maximum(box[..., 1] - _LYING, 0.0)
-            return {**terms, "boxes on the arm": height}
-        return {**terms, **self._moving(physics, box, others, waiting)}
+            return terms | {"boxes on the arm": height + np.maximum(box[..., 1] - _LYING, 0.0)}
+        return terms | self._moving(physics, box, others, waiting)
 
     def _moving(
         self, physics: Any, box: np.ndarray, others: np.ndarray, waiting: np.ndarray
     ) -> dict[str, np.ndarray]:
         """Terms of carrying and fetching, weighted by how well the box is held."""
         data, following = physics.named.data, str(self._tower.next)
-        offset = box - self._tower.place[PLANE]
+        offset, dofs = box - self._tower.place[PLANE], [f"{following}_x", f"{following}_z"]
         # It may be let go 8 mm above its place.
         above = np.maximum(offset[..., 1] - 0.008, np.maximum(-offset[..., 1], 0.0))
         standing = near(np.hypot(offset[..., 0], above), 2.0 * PLACED)
@@ -195,27 +192,27 @@ class Stack(Cost):
         # A box that leans on a finger at its place, by about 17 degrees, does not stand there.
         upright = 1.0 if self._firm else near(turned(data, following), 0.08)
         secure = np.maximum(how_held(grip, self._firm), standing * upright)
-        moved = self._moved(data, box)
+        speed = length(data.qvel[dofs])
+        # A box that is pushed, or lifted by its edge, gets lost.
+        moved = np.minimum(speed, 1.0) + 10.0 * np.maximum(box[..., 1] - _LYING, 0.0)
         carry = 1.0 - standing + _grasp(physics, standing) + grip.tilt
-        # A box that is not held firmly yet is not lifted.
-        carry += self._distance(data, box, others) + haste(data, following) if self._firm else moved
+        if self._firm:
+            # A box that is carried too fast, in m/s, or jerked, in m/s2, slips.
+            haste = 2.0 * np.maximum(speed - 1.3, 0.0)
+            haste = haste + 0.05 * np.maximum(length(data.qacc[dofs]) - 10.0, 0.0)
+            carry += self._distance(data, box, others) + haste
+        else:  # a box that is not held firmly yet is not lifted
+            carry += moved
         # A box that is not held costs more than any that is.
         fetch = 10.0 + fetching(grip) + moved + self._pushed(data, waiting)
         fetch += self._crowd(box, others) + self._over_tower(data.site_xpos["grasp"])
         return {"carry": secure * carry, "fetch": (1.0 - secure) * fetch}
 
-    def _dodging(self, data: Any) -> np.ndarray:
-        """Heights and speeds of falling boxes, and distance of the arm from shelter, (N,)."""
+    def _fallen(self, data: Any) -> np.ndarray:
+        """Heights and speeds of falling boxes, (N,)."""
         heights = np.maximum(data.site_xpos[self._boxes][..., 2] - _LYING, 0.0)
         speeds = np.abs(data.qvel[[f"{box}_x" for box in self._boxes]])
-        away = np.abs(data.qpos[ARM] - self._refuge).sum(axis=-1)
-        return (5.0 * heights + speeds).sum(axis=-1) + 0.1 * away
-
-    def _moved(self, data: Any, box: np.ndarray) -> np.ndarray:
-        """Motion of the next box, (N,): a box that is pushed, or lifted by its edge, gets lost."""
-        velocity = data.qvel[[f"{self._tower.next}_x", f"{self._tower.next}_z"]]
-        speed = np.hypot(velocity[..., 0], velocity[..., 1])
-        return np.minimum(speed, 1.0) + 10.0 * np.maximum(box[..., 1] - _LYING, 0.0)
+        return (5.0 * heights + speeds).sum(axis=-1)
 
     def _pushed(self, data: Any, waiting: np.ndarray) -> np.ndarray:
         """Motion of loose boxes, outwards or at all, and boxes on the arm, (N,)."""
@@ -245,14 +242,14 @@ class Stack(Cost):
 
     def _in_the_way(self, waiting: np.ndarray) -> np.ndarray:
         """Closeness of other loose boxes to the tower's place, (N,)."""
-        beside = np.abs(waiting[..., 0] - self._tower.places[0][0])
+        beside = np.abs(waiting[..., 0] - self._tower.places[0, 0])
         return ((waiting[..., 1] < ALOFT) * np.maximum(FREE - beside, 0.0)).sum(axis=-1)
 
     def _shaken(self, data: Any, placed: np.ndarray) -> np.ndarray:
         """Distances by which boxes have moved from their places, (N,)."""
-        moved = placed - np.array(self._tower.places[: len(self._tower.placed)])[:, PLANE]
-        gaps = np.hypot(moved[..., 0], moved[..., 1]) + 0.05 * turned(data, self._tower.placed)
-        return np.maximum(gaps - PLACED, 0.0).sum(axis=-1)
+        names = self._tower.placed
+        moved = length(placed - self._tower.places[: len(names), PLANE])
+        return np.maximum(moved + 0.05 * turned(data, names) - PLACED, 0.0).sum(axis=-1)
 
     def _distance(self, data: Any, box: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Distance of the next box from its place, over the tower, (N,)."""
@@ -269,13 +266,14 @@ class Stack(Cost):
         """Plans of the stage, and to keep still with any grasp."""
         data, stage = physics.named.data, self.stage()[0]
         now = data.qpos[ARM]
-        if stage in (Stage.DODGE, Stage.RETREAT, Stage.SHAKE):
-            plans = plans_to(self._refuge, self.settings, now, random)
-        elif stage is Stage.LEAVE:
-            plans = leaving(self.settings, data, random)
+        if stage is Stage.LEAVE:
+            plans = moves.leaving(data, random)
+        elif stage is Stage.CARRY:
+            plans = moves.carrying(self._tower, data, random)
+        elif stage is Stage.FETCH:
+            plans = moves.reaching(self._tower, data, random)
         else:
-            moves = Moves(self.settings, self._tower, data)
-            plans = (moves.carrying if stage is Stage.CARRY else moves.reaching)(random)
+            plans = moves.plans_to(self._refuge, now, random)
         still = [Proposal([], [grasp]) for grasp in (OPEN, PRESS, CLOSED)]
         found = np.concatenate([plans_of(now, still, self.settings.knots), plans])
         return found[random.permutation(len(found))]

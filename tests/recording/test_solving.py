@@ -5,8 +5,8 @@ import concurrent.futures
 import numpy as np
 
 from limberjack import suite
-from limberjack.planner.solving import solve
 from limberjack.recording.episodes import replay
+from limberjack.recording.solving import solve
 
 _TASK = ("manipulator", "bring_ball")
 
