@@ -52,7 +52,7 @@ def test_a_ball_behind_the_cup_is_approached_on_a_path_around_it() -> None:
         data.qpos[["ball_x", "ball_z"]] = x, 0.022
         physics.forward()
         cost.update(physics)
-        path = cost._guide.path
+        path = cost._fetch.path
         assert path is None or not path.is_straight
         blocked += path is not None
         assert cost.stage()[0] is Stage.FETCH

@@ -1,11 +1,15 @@
-"""Insertion of the ball: paths to it, its release, and its recovery from the arm."""
+"""Insertion of the ball: its release, and its recovery from the arm."""
+
+from typing import Any
 
 import numpy as np
-import pytest
 
+from limberjack import suite
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE
-from limberjack.planner.arm.kinematics import GRASP, hand_places
+from limberjack.planner.arm.kinematics import GRASP, hand_places, hand_poses
 from limberjack.planner.manipulator.fetch import Stage
+from limberjack.planner.manipulator.insert import Insert
+from limberjack.planner.manipulator.insert_ball import letting_fall
 
 from .scenes import scene
 
@@ -46,26 +50,50 @@ def test_an_arm_waits_with_an_open_hand_until_the_ball_has_rolled_in_or_missed()
     assert cost.stage()[0] is not Stage.RELEASE
 
 
-@pytest.mark.parametrize(("speed", "height"), [(0.0, None), (2.0, 0.04)])
-def test_a_path_leads_before_the_ball_or_to_where_a_rolling_one_is_awaited(
-    speed: float, height: float | None
-) -> None:
-    cost, physics = scene("insert_ball", 1003, _ARM, [0.1, 0.022, 0.0])
-    physics.named.data.qvel["ball_x"] = speed
-    goals = cost._insertion._goals(physics.named.data)
-    assert len(goals)
-    hands = hand_places(goals, GRASP + 0.06)
-    if height is not None:
-        # The arm's Jacobian is followed in a few steps.
-        np.testing.assert_allclose(hands[:, 1], height, atol=2e-3)
-        assert np.ptp(hands[:, 0]) > 0.2
-        return
-    assert np.abs(hands - [0.1, 0.022]).max() < 0.03
-
-
 def test_proposals_open_the_hand_above_the_mouth() -> None:
     place = hand_places(np.array(_ARM), GRASP)
     cost, physics = scene("insert_ball", 1003, _ARM, [*place, 0.0])
-    found = cost._insertion.proposals_in(physics.named.data, np.random.default_rng(0))
+    random = np.random.default_rng(0)
+    found = letting_fall(cost._receptacle, physics.named.data, random, 5)
     assert len(found) > 4
     assert {proposal.grasp[-1] for proposal in found} == {OPEN_ANGLE, cost._fetch.prop.grip.ready}
+
+
+def _env_with_ball_in_hand(x: float, z: float) -> Any:
+    """An upright cup at a place, and an arm that holds the ball."""
+    env = suite.load("manipulator", "insert_ball", task_kwargs={"random": 1058})
+    env.reset()
+    assert env.task.start(env.physics) == "in_hand"
+    for body in ("cup", "target_ball"):
+        env.physics.named.model.body_pos[body, ["x", "z"]] = x, z
+        env.physics.named.model.body_quat[body] = 1.0, 0.0, 0.0, 0.0
+    env.physics.forward()
+    return env
+
+
+def _above(x: float, z: float) -> np.ndarray:
+    """A pose of the hand, which points down, at a place."""
+    now = np.array([-1.5, -0.5, -0.5, -0.5])
+    return hand_poses(np.random.default_rng(0), np.array([x, z]), GRASP, now, 1, np.pi, 0.1)[0]
+
+
+def test_a_ball_that_is_let_go_above_the_mouth_gets_in_and_one_beside_it_does_not() -> None:
+    env = _env_with_ball_in_hand(0.25, 0.15)
+    physics = env.physics
+    release = Insert(env.task)._release
+    state = physics.get_state()
+    assert release.works(physics, _above(0.25, 0.15 + 0.13))
+    assert not release.works(physics, _above(0.1, 0.15 + 0.13))
+    np.testing.assert_array_equal(physics.get_state(), state)
+
+
+def test_beside_the_arms_base_a_path_leads_to_where_the_release_works() -> None:
+    env = _env_with_ball_in_hand(0.05, 0.25)
+    cost, physics = Insert(env.task), env.physics
+    cost.update(physics)  # finds the walls
+    release, path = cost._release, None
+    for trial in range(60):
+        physics.data.time = 0.03 * trial
+        path = path or release._path(physics)
+    assert path is not None
+    assert release.works(physics, path.next_points(1)[-1])

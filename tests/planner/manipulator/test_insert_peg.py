@@ -7,6 +7,7 @@ from limberjack.planner.arm.hand import ARM, PLANE, TIP_ASIDE, TIP_REACH
 from limberjack.planner.arm.kinematics import hand_places
 from limberjack.planner.arm.proposals import plans_of
 from limberjack.planner.arm.roadmap import find_path
+from limberjack.planner.manipulator.insert_peg import pushing_in
 from limberjack.planner.manipulator.props import HAND
 from limberjack.planner.manipulator.receptacles import Receptacle
 
@@ -24,7 +25,7 @@ def test_an_arm_that_rakes_is_led_there_even_straight() -> None:
         cost.update(physics)
     goal, spot = cost._fetch.rake.goal, cost._fetch.rake.spot
     assert goal is not None
-    end = cost._guide.path.next_points(1)[-1]
+    end = cost._fetch.path.next_points(1)[-1]
     tips = [hand_places(end, TIP_REACH, aside) for aside in (TIP_ASIDE, -TIP_ASIDE)]
     start = spot._start(physics.named.data, goal)[PLANE]
     assert min(np.hypot(*(tip - start)) for tip in tips) < 0.07
@@ -35,15 +36,15 @@ def test_a_path_through_the_slot_is_not_taken() -> None:
     for _ in range(3):
         cost.update(physics)
     assert cost._fetch.is_blocked
-    poses = np.array(cost._guide.path.next_points(1))
-    assert (clearance(poses, HAND, cost._fetch.walls)[:, 0] > -0.005).all()
+    poses = np.array(cost._fetch.path.next_points(1))
+    assert (clearance(poses, HAND, cost._fetch.approach.walls)[:, 0] > -0.005).all()
 
 
 def test_the_arm_stretches_under_a_peg_that_lies_on_it() -> None:
     cost, physics = scene("insert_peg", *_ON_ARM)
     for _ in range(40):
         cost.update(physics)
-    end = cost._guide.path.next_points(1)[-1]
+    end = cost._fetch.path.next_points(1)[-1]
     assert np.abs(end[1:]).max() < 0.6 < np.abs(physics.named.data.qpos[ARM][1:]).max()
 
 
@@ -63,7 +64,7 @@ def test_a_peg_that_is_all_the_way_in_is_pushed_no_further() -> None:
     data.qpos[cost.task.object_joints[:2]] -= (up + 0.002) * axis + beside * across
     physics.forward()
     now = data.qpos[ARM]
-    proposals = cost._insertion.proposals_in(data, np.random.default_rng(0))
+    proposals = pushing_in(slot, data, np.random.default_rng(0), 5)
     assert len(proposals) > 0
     for path in plans_of(now, proposals, 5):
         np.testing.assert_array_equal(path[:, :4], np.repeat(now[None], 5, axis=0))

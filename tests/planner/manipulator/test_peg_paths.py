@@ -3,9 +3,8 @@
 import numpy as np
 
 from limberjack.planner.arm.kinematics import PINCH, hand_places, hand_poses
-from limberjack.planner.manipulator.grips import HANDLE
 from limberjack.planner.manipulator.peg_paths import PegPaths
-from limberjack.planner.manipulator.props import grasp_of
+from limberjack.planner.manipulator.props import HANDLE, grasp_of
 
 from .scenes import lying_peg
 

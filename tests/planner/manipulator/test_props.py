@@ -1,4 +1,4 @@
-"""The ball and the peg as objects to grasp."""
+"""The ball and the peg, and their grips."""
 
 from typing import Any
 
@@ -8,9 +8,23 @@ import pytest
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, TIPS, in_hand
 from limberjack.planner.arm.kinematics import GRASP, PINCH, direction, hand_places, hand_poses
 from limberjack.planner.arm.proposals import approaches, plans_of
-from limberjack.planner.manipulator.fetch import Fetch
-from limberjack.planner.manipulator.grips import HANDLE, pose_of
-from limberjack.planner.manipulator.props import Ball, Peg, across, grasp_of, is_on_arm, prop_of
+from limberjack.planner.manipulator.props import (
+    BALL,
+    HANDLE,
+    Ball,
+    Grip,
+    Peg,
+    across,
+    against_hand,
+    downwards,
+    grasp_of,
+    grasp_place,
+    height_above_ground,
+    in_world,
+    is_on_arm,
+    pose_of,
+    prop_of,
+)
 
 from .scenes import lying_peg, scene
 
@@ -71,25 +85,6 @@ def test_a_prop_is_firm_only_between_closed_fingers(task: str) -> None:
         assert least <= prop.firmness(data, prop.offset(data)) <= most
 
 
-@pytest.mark.parametrize("task", ["bring_ball", "bring_peg"])
-def test_poses_around_a_prop_have_it_ahead_of_the_hand(task: str) -> None:
-    prop, physics = _prop(task)
-    data = physics.named.data
-    data.qpos[prop.joints] = 0.1, 0.1, 0.0
-    physics.forward()
-    poses = [pose_of(data, prop.name)]
-    fetch, random = Fetch(prop, prop.settings), np.random.default_rng(0)
-    (found,) = fetch.poses_around(poses, data.qpos[ARM], random, 6, 0.06, 0.5)
-    assert 0 < len(found) <= 6
-    for pose in found:
-        data.qpos[ARM] = pose
-        physics.forward()
-        ahead, aside = prop.offset(data)
-        slack = 1.5 * prop.grip.slack
-        assert 0.06 - 0.006 <= ahead <= 0.06 + slack + 0.006
-        assert abs(aside) < 0.006
-
-
 def test_a_swung_peg_costs_and_a_swung_ball_does_not() -> None:
     peg, physics = _prop("bring_peg")
     physics.named.data.qvel[peg.joints] = 4.0, 0.0, 12.0
@@ -117,3 +112,50 @@ def test_a_peg_is_raked_towards_the_side_of_its_handle() -> None:
         cost, physics = scene("bring_peg", 1000, _ARM, [0.45, 0.1, angle])
         goals.append(prop_of(cost.task).rake_goal(physics.named.data))
     assert goals[0] == -goals[1] != 0.0
+
+
+@pytest.mark.parametrize("grip", [BALL, HANDLE])
+def test_fingers_come_wider_than_the_object_and_press_narrower(grip: Grip) -> None:
+    assert grip.ready < grip.firm < grip.shut
+
+
+def test_a_grip_is_firm_with_the_object_between_closed_fingers_or_a_little_deeper() -> None:
+    _, physics = scene("bring_ball", 1000, _ARM, [0.0, 0.3, 0.0])
+    data = physics.named.data
+    data.qpos[["thumb", "finger"]] = BALL.firm
+    ahead, aside = np.array([0.0, BALL.slack, -0.05, 0.0]), np.array([0.0, 0.0, 0.0, 0.05])
+    firm = BALL.firmness(data, (ahead, aside))
+    assert firm[0] == firm[1] == pytest.approx(1.0)  # angles round
+    assert (firm[2:] < 0.01).all()
+    data.qpos[["thumb", "finger"]] = BALL.ready
+    assert BALL.firmness(data, (0.0, 0.0)) == 0.0
+
+
+def test_a_peg_is_grasped_at_its_handle() -> None:
+    handle = hand_places(np.array(_ARM), GRASP)
+    _, physics = scene("bring_peg", 1000, _ARM, [*handle, np.pi - sum(_ARM)])
+    data = physics.named.data
+    # Sines and cosines round.
+    np.testing.assert_allclose(
+        in_hand(data, grasp_place(data, "peg", HANDLE)), [0.0, 0.0], atol=1e-9
+    )
+    assert HANDLE.forward is not None
+    forward = in_world(pose_of(data, "peg")[1], HANDLE.forward)
+    assert against_hand(data, forward) == pytest.approx(0.0, abs=1e-9)
+    assert against_hand(data, -forward) == pytest.approx(2.0)
+
+
+def test_height_and_down_follow_the_walls() -> None:
+    places = np.array([[0.0, 0.0, 0.1], [0.5, 0.0, 0.1], [-0.5, 0.0, 0.1]])
+    np.testing.assert_allclose(height_above_ground(places), [0.1, 0.0, 0.0], atol=1e-15)  # rounds
+    side = np.sqrt(0.5)
+    expected = [[0, 0, -1], [side, 0, -side], [-side, 0, -side]]
+    np.testing.assert_allclose(downwards(places), expected, atol=1e-15)  # sines and cosines round
+
+
+def test_the_pose_of_a_site_is_a_copy() -> None:
+    _, physics = scene("bring_ball", 1000, _ARM, [0.0, 0.3, 0.0])
+    place, _ = pose_of(physics.named.data, "ball")
+    physics.named.data.qpos["ball_x"] = 0.2
+    physics.forward()
+    assert place[0] == 0.0

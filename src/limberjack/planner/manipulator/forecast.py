@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from limberjack.planner.arm.hand import ARM
-from limberjack.planner.manipulator.grips import Pose, pose_of
+from limberjack.planner.manipulator.props import Pose, pose_of
 from limberjack.planner.settings import Settings
 from limberjack.rl.control import PhysicsError
 

@@ -1,81 +1,55 @@
-"""`BallInsertion` and `Release`: how the ball gets into the cup.
+"""`Release`: a ball gets into the cup even where it does not just fall in, or off the arm.
 
-insertion, release = BallInsertion(fetch, cup), Release(task, fetch, cup)
-path = insertion.path_to_object(data, attempt=0)
-release.update(physics)  # whether the arm waits for the ball, or shakes it off
+    release = Release(task, fetch, cup)
+    release.update(physics)  # whether the arm waits for the ball, or shakes it off
+    release.seek(physics)    # leads the arm to where the ball rolls in, and opens the hand there
 
-While a ball still rolls, the arm comes around the cup to where it can be taken. A ball that does
-not just fall in is released at a pose that was tested in the planner's simulation (`releases.py`).
-A ball that lies on the arm is shaken off.
+Where nothing is above the mouth, a ball that is released there falls in (`letting_fall`). Elsewhere,
+such as below the arm's own base or where the hand cannot come from above, it may still roll in from
+beside, off the open fingers and over the rim. Geometry does not tell which poses achieve that, so
+they are tried: the arm is put there in the planner's own simulation, and the fingers open. A ball
+that lies on the arm is shaken off.
 """
 
+import contextlib
 from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, fingers
-from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses, nudged
+from limberjack.planner.arm.collision import clearance
+from limberjack.planner.arm.hand import ARM, OPEN, OPEN_ANGLE, PLANE, fingers, in_hand
+from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_places, hand_poses
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, plans_of
 from limberjack.planner.arm.roadmap import find_path
-from limberjack.planner.manipulator.fetch import Fetch
-from limberjack.planner.manipulator.grips import BACK, height_above_ground, pose_of
-from limberjack.planner.manipulator.guide import GOALS, Guide, few_of
-from limberjack.planner.manipulator.props import HAND, Ball
+from limberjack.planner.manipulator.fetch import ARRIVED, Fetch
+from limberjack.planner.manipulator.forecast import restored
+from limberjack.planner.manipulator.props import Ball, height_above_ground
 from limberjack.planner.manipulator.receptacles import Receptacle
-from limberjack.planner.manipulator.releases import Releases
+from limberjack.rl.control import PhysicsError
 
-__all__ = ["BallInsertion", "Release"]
+__all__ = ["Release", "letting_fall"]
 
 _SHAKES = 10  # plannings that a ball lies on the arm before it is shaken off, and while it is
+_WAITS = 25  # plannings that the arm keeps still after the hand has opened
+_ENOUGH = 3  # poses from which the ball gets in; a path leads to the nearest of them
+_HOLDS = 15  # times that the arm is put back while a ball falls
 
 
-class BallInsertion:
-    """Paths and proposals for the ball."""
-
-    attempts = 4  # searches for a path after which the ball is approached in another pose
-    long = 20  # plannings before the mouth after which insertion is tried from elsewhere
-    noise_scale = 1.0  # of plans before the mouth
-    over = (0.02,)  # metres above the place before the mouth, at which a path ends
-    held = (Ball.held,)  # distances from the wrist to be kept clear of the walls, metres
-    close = False  # whether a path may end close to the walls
-
-    def __init__(self, fetch: Fetch, cup: Receptacle) -> None:
-        self._fetch, self._cup = fetch, cup
-
-    def path_to_object(self, data: Any, attempt: int) -> Path | None:
-        """The arm's path around the cup to before the ball; the shortest for attempt 0."""
-        fetch = self._fetch
-        if fetch.rake.goal is not None:
-            return None
-        goals = self._goals(data)
-        if attempt:
-            goals = few_of(fetch.draws, goals)
-        return find_path(data.qpos[ARM], goals, HAND, fetch.walls)
-
-    def _goals(self, data: Any) -> np.ndarray:
-        """Arm joints before the ball, or where a rolling ball can be taken, (n, 4)."""
-        now, random = data.qpos[ARM], self._fetch.draws
-        if not self._fetch.is_fast(data):
-            return self._fetch.poses_around([pose_of(data, "ball")], now, random, GOALS, BACK)[0]
-        places = [np.array([x, 0.04]) for x in random.uniform(-0.3, 0.3, 16)]  # metres
-        found = [hand_poses(random, place, GRASP, now, 8, np.pi, 0.8) for place in places]
-        takes = np.concatenate(found)[self._fetch.is_clear(np.concatenate(found))]
-        return nudged(takes, -BACK * direction(takes.sum(axis=-1)), 0.0)
-
-    def proposals_in(self, data: Any, random: np.random.Generator) -> list[Proposal]:
-        """Proposals to let the ball fall."""
-        now, grip = data.qpos[ARM], self._cup.grip
-        proposals: list[Proposal] = []
-        for let_go in (OPEN_ANGLE, grip.ready):
-            proposals.append(Proposal([now], [let_go]))
-            proposals.append(Proposal([now], [grip.shut, let_go]))
-            for _ in range(8):
-                up, beside = random.uniform([-0.05, -0.016], [0.03, 0.016])
-                for pose in self._cup.poses(data, random, self._cup.before + up, beside, 1):
-                    proposals.append(Proposal([pose], [grip.shut, let_go]))
-                    proposals.append(Proposal([pose], [let_go], 2))
-        return proposals
+def letting_fall(
+    cup: Receptacle, data: Any, random: np.random.Generator, knots: int
+) -> list[Proposal]:
+    """Proposals to let the ball fall from here and from places above the mouth."""
+    now, grip = data.qpos[ARM], cup.grip
+    proposals: list[Proposal] = []
+    for let_go in (OPEN_ANGLE, grip.ready):
+        proposals.append(Proposal([now], [let_go]))
+        proposals.append(Proposal([now], [grip.shut, let_go]))
+        for up, beside in (random.uniform([-0.05, -0.016], [0.03, 0.016]) for _ in range(8)):
+            for pose in cup.poses(data, random, cup.before + up, beside, 1):
+                proposals.append(Proposal([pose], [grip.shut, let_go]))
+                proposals.append(Proposal([pose], [let_go], 2))
+    return proposals
 
 
 class Release:
@@ -83,12 +57,12 @@ class Release:
 
     def __init__(self, task: Any, fetch: Fetch, cup: Receptacle) -> None:
         self._task, self._fetch, self._cup = task, fetch, cup
-        self._releases = Releases("ball", fetch.prop.joints[:2], cup)
         self.is_due = False  # whether the ball is released at a tested pose
         self.waits = 0  # plannings in which the arm still keeps a pose with an open hand
         self.shakes = 0  # plannings in which the ball is still shaken off
         self._kept = np.zeros(4)  # the arm's joints while it waits
         self._lies_for = 0  # plannings in which the ball has been lying on the arm
+        self._poses: list[np.ndarray] = []  # from which the ball gets in
 
     @property
     def is_busy(self) -> bool:
@@ -115,25 +89,81 @@ class Release:
         if self._lies_for > _SHAKES:
             self._lies_for, self.shakes = 0, _SHAKES
 
-    def seek(self, physics: Any, guide: Guide) -> None:
+    def seek(self, physics: Any) -> None:
         """Leads the arm to a pose from which the ball rolls in, and opens the hand there.
 
         It opens where the arm is still and near the end of its path, and then waits for the ball.
         """
-        data = physics.named.data
-        now = data.qpos[ARM]
-        if guide.path is None:
-            guide.follow(self._releases.path(physics, self._fetch.walls))
+        data, fetch = physics.named.data, self._fetch
+        path = fetch.path
+        if path is None:
+            fetch.path = self._path(physics)
             return
-        left = guide.left(now)
         is_still = np.abs(data.qvel[ARM]).max() < 0.5  # radians per second
-        if left < 0.5 and is_still and self._releases.works(physics):
-            guide.path, self.waits, self._kept = None, 25, now.copy()
-        elif not guide.advances(left):
-            self._releases.reset()
-            guide.path = None
-        elif guide.is_astray(now):
-            guide.path = None
+        if path.left < ARRIVED and is_still and self.works(physics):
+            fetch.path, self.waits, self._kept = None, _WAITS, data.qpos[ARM].copy()
+        elif path.is_stalled:
+            fetch.path, self._poses = None, []
+        elif path.is_astray:
+            fetch.path = None
+
+    def _path(self, physics: Any) -> Path | None:
+        """A path to a pose that works; a few are tried at each call, None until one is found."""
+        data, walls = physics.named.data, self._fetch.approach.walls
+        now = data.qpos[ARM].copy()
+        random = np.random.default_rng(round(1000 * physics.time()))
+        for pose in self._drawn(data, random):
+            if len(self._poses) >= _ENOUGH:
+                break
+            shaken = pose + random.normal(0.0, 0.02, (2, 4))  # it must also work beside
+            if all(self.works(physics, each) for each in (pose, *shaken)):
+                self._poses.append(pose)
+        if len(self._poses) < _ENOUGH:
+            return None
+        found = find_path(now, np.array(self._poses), Ball.held, walls)
+        if found is None:
+            self._poses = []
+        return found
+
+    def works(self, physics: Any, pose: np.ndarray | None = None) -> bool:
+        """Whether the ball gets in if released at a pose (4,), by default the current one.
+
+        It must be within 2 cm of its place after 0.6 seconds.
+        """
+        data, joints = physics.named.data, self._fetch.prop.joints[:2]
+        ahead, aside = (float(d) for d in in_hand(data, data.site_xpos["ball"]))
+        kept: np.ndarray = data.qpos[ARM].copy() if pose is None else pose
+        is_in = False
+        with restored(physics), contextlib.suppress(PhysicsError):
+            data.qpos[ARM] = kept
+            data.qpos[joints] = hand_places(kept, GRASP + ahead, aside)
+            data.qvel[:] = 0.0
+            physics.set_control(np.array([0.0, 0.0, 0.0, 0.0, OPEN]))
+            for _ in range(_HOLDS):
+                physics.step(round(0.6 / _HOLDS / physics.timestep()))
+                data.qpos[ARM], data.qvel[ARM] = kept, 0.0
+            physics.forward()
+            is_in = bool(np.abs(self._cup.offset(data, "ball")).max() < 0.02)
+        return is_in
+
+    def _drawn(self, data: Any, random: np.random.Generator) -> np.ndarray:
+        """Poses around the mouth that point to it and are clear of the walls, (n, 4).
+
+        Four at each of 16 places, up and beside in the mouth's frame in metres; the hand may point
+        elsewhere by 0.6 radians.
+        """
+        now, target = data.qpos[ARM], data.site_xpos[self._cup.target][PLANE]
+        axis, across = self._cup.axes(data)
+        ahead = float(in_hand(data, data.site_xpos["ball"])[0])
+        mouth = target + 0.7 * self._cup.before * axis
+        poses = []
+        for up, beside in random.uniform([0.09, -0.14], [0.2, 0.14], (16, 2)):
+            place = target + up * axis + beside * across
+            angle = angle_of(mouth - place)
+            poses.extend(hand_poses(random, place, GRASP + ahead, now, 4, angle, 0.6))
+        found = np.array(poses).reshape(-1, 4)
+        gaps = clearance(found, Ball.held, self._fetch.approach.walls)
+        return found[(gaps[:, 0] > -0.001) & (gaps[:, 1:].min(axis=1) > 0)]
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
         """Terms of shaking, or of an arm that keeps still with an open hand, (N,) each."""

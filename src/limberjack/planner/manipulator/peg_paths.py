@@ -18,7 +18,7 @@ from limberjack.planner.arm.kinematics import direction, nudged
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, plans_of
 from limberjack.planner.manipulator.detours import Detours
-from limberjack.planner.manipulator.grips import HANDLE, Pose, in_world
+from limberjack.planner.manipulator.props import HANDLE, Pose, in_world
 
 __all__ = ["PegPaths"]
 

@@ -1,7 +1,7 @@
-"""`Ball` and `Peg`: the manipulator's props as objects to grasp.
+"""The manipulator's ball and peg: how the hand holds, takes, rakes and brings each of them.
 
-    prop = prop_of(env.task)         # Ball or Peg, which have the same methods
-    ahead, aside = prop.offset(data) # metres, from the point of the grasp
+    prop = prop_of(env.task)          # Ball or Peg, which have the same methods
+    ahead, aside = prop.offset(data)  # metres, from the point of the grasp
     places, angles, tilt = prop.grasps([pose_of(data, prop.name)], tilt=0.5)
 
 Quantities are those of a batch, (N,), or of one simulation.
@@ -14,29 +14,123 @@ import numpy as np
 
 from limberjack.planner.arm.collision import Obstacle, clearance
 from limberjack.planner.arm.geometry import GEOMETRY
-from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, TIPS, in_hand, near, outward_speed
-from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses
-from limberjack.planner.manipulator.grips import (
-    BACK,
-    BALL,
-    BALL_SETTINGS,
-    HANDLE,
-    PEG_SETTINGS,
-    Pose,
-    against_hand,
-    downwards,
-    grasp_place,
-    height_above_ground,
-    in_world,
-    pose_of,
+from limberjack.planner.arm.hand import (
+    ARM,
+    OPEN_ANGLE,
+    PLANE,
+    SETTINGS,
+    TIPS,
+    finger_angle,
+    fingers,
+    in_hand,
+    near,
+    outward_speed,
 )
+from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses
 from limberjack.utils import arrays
 
-__all__ = ["BLADE", "HAND", "LIES", "Ball", "Peg", "across", "grasp_of", "is_on_arm", "prop_of"]
+__all__ = [
+    "BACK", "BALL", "BLADE", "HAND", "HANDLE", "LIES", "PRESS", "Ball", "Grip", "Peg", "Pose",
+    "across", "against_hand", "downwards", "grasp_of", "grasp_place", "height_above_ground",
+    "in_world", "is_on_arm", "pose_of", "prop_of",
+]  # fmt: skip
 
+PRESS = 0.25  # control of the grasp under which an object may slip
+BACK = 0.06  # metres; how far the hand stands off before it closes in
 HAND = GRASP + 0.02  # metres; from the wrist to the end of a hand on which a peg may lie
 LIES = 0.08  # metres above the ground; a peg that is higher does not lie on it
 BLADE = np.array([GEOMETRY.radii[-1]])  # metres; the radius of a peg
+
+_BALL_SETTINGS = dataclasses.replace(
+    SETTINGS,
+    samples=40,
+    # Lighter fingers are pressed through the object that they should grasp.
+    armature=0.001,
+    # A good plan among many bad ones is rare, and must not be lost in their mean.
+    temperature=0.1,
+    # Fingers that come with the right opening close soon: at most at 2 radians per second.
+    tendons=True,
+    cost_interval=3,
+    proposal_interval=3,
+    servos=True,
+)
+# A peg is taken between floor and fingers, where only true weights and short time steps tell. With
+# no armature at all light fingers shake: a held object is 13 mm off after 0.2 seconds, else 2.5.
+_PEG_SETTINGS = dataclasses.replace(
+    _BALL_SETTINGS,
+    samples=36,
+    horizon=0.4,
+    proposal_interval=2,
+    armature=0.0002,
+    timestep=0.01 / 3,
+    flowing=True,
+)
+
+Pose = tuple[np.ndarray, np.ndarray]  # place (3,) and frame (9,) of a site
+
+
+def pose_of(data: Any, site: str) -> Pose:
+    """Position and frame of a site."""
+    return data.site_xpos[site].copy(), data.site_xmat[site].copy()
+
+
+def in_world(frame: np.ndarray, vector: tuple[float, float]) -> np.ndarray:
+    """A vector (x, z) of a frame (..., 9), in the world, (..., 3)."""
+    x, z = vector
+    return x * frame[..., 0::3] + z * frame[..., 2::3]
+
+
+def against_hand(data: Any, forward: np.ndarray) -> Any:
+    """One less the cosine between the hand and a direction, (..., 3) -> (...)."""
+    hand = data.site_xmat["grasp"]
+    return 1.0 - forward[..., 0] * hand[..., 2] - forward[..., 2] * hand[..., 8]
+
+
+def height_above_ground(place: np.ndarray) -> np.ndarray:
+    """Height of a position above the floor or a wall, (..., 3) -> (...), metres."""
+    return place[..., 2] - np.maximum(np.abs(place[..., 0]) - 0.4, 0.0)
+
+
+def downwards(place: np.ndarray) -> np.ndarray:
+    """The direction to the floor or, beside it, the wall, (..., 3) -> (..., 3)."""
+    part = np.clip((np.abs(place[..., 0]) - 0.38) / 0.05, 0.0, 1.0) * np.sign(place[..., 0])
+    turned = part * np.pi / 4
+    return np.stack([np.sin(turned), 0.0 * turned, -np.cos(turned)], axis=-1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Grip:
+    """A way to hold an object. Vectors are (x, z) in the frame of the object's site."""
+
+    place: tuple[float, float]  # of the grasp site, metres
+    # Direction of the hand; None for a ball, which may be held from any side.
+    forward: tuple[float, float] | None
+    width: float  # metres from the hand's middle line to a fingertip that touches the object
+    slack: float  # metres by which the object may be nearer to the fingertips
+    ready: float  # angle of the fingers with which the hand comes, radians
+    firm: float  # the same around the object
+    shut: float  # the target of that angle which holds the object
+
+    def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
+        """1 where an object at an offset in the hand is between the closed fingers, 0 far off."""
+        ahead, aside = offset
+        ahead = ahead - np.clip(ahead, 0.0, self.slack)
+        closed = np.clip((fingers(data) - self.ready) / (self.firm - self.ready), 0.0, 1.0)
+        return near(np.hypot(ahead, aside), 0.012) * closed
+
+
+# The fingertips are at these distances from the hand's middle line, in metres.
+BALL = Grip((0.0, 0.0), None, 0.03, 0.015, *map(finger_angle, (0.038, 0.03, 0.011)))
+# By the handle, the fingertips between pommel and guard: anywhere else they slip off. Fingers that
+# press more squeeze it out.
+HANDLE = Grip(
+    (0.0, GEOMETRY.peg_grasp), (0.0, -1.0), 0.013, 0.0, *map(finger_angle, (0.02, 0.013, 0.01))
+)
+
+
+def grasp_place(data: Any, site: str, grip: Grip) -> np.ndarray:
+    """Position at which the grasp site belongs for a grip on an object's site, (..., 3), metres."""
+    return data.site_xpos[site] + in_world(data.site_xmat[site], grip.place)
 
 
 @dataclasses.dataclass
@@ -47,15 +141,16 @@ class Ball:
       joints: names of its joints: along x, along z and about y.
       held, reach: from the wrist to the far end of the held object, and to the point of the hand
         that `grasps` puts at a place, metres.
+      attempts: searches for a path after which the object is approached in another pose.
     """
 
     joints: list[str]
-    name, grip, settings = "ball", BALL, BALL_SETTINGS
-    held, reach = GRASP + 0.022, GRASP
+    name, grip, settings = "ball", BALL, _BALL_SETTINGS
+    held, reach, attempts = GRASP + 0.022, GRASP, 4
 
     def offset(self, data: Any) -> tuple[Any, Any]:
         """Distances of the ball ahead and aside of the point of the grasp, (N,) each, metres."""
-        return in_hand(data, grasp_place(data, self.name, self.grip))
+        return in_hand(data, data.site_xpos["ball"])
 
     def misalignment(self, data: Any) -> Any:
         """One less the cosine between the hand and straight down, 0 up to 20 degrees, (...)."""
@@ -63,15 +158,15 @@ class Ball:
 
     def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
         """1 where the ball is right between the closed fingers, 0 far from there, (N,)."""
-        return self.grip.firmness(data, offset)
+        return BALL.firmness(data, offset)
 
     def opening(self, offset: tuple[Any, Any]) -> float:
         """The fingers' angle with which the hand comes, radians."""
-        return self.grip.ready
+        return BALL.ready
 
     def chased(self, data: Any) -> Any:
         """Cost of the motion of the ball while it is not held, (N,)."""
-        return outward_speed(data, self.joints[0], self.name)
+        return outward_speed(data, self.joints[0], "ball")
 
     def swung(self, data: Any) -> list[np.ndarray]:
         """Costs of the motion of the ball while it is held: none."""
@@ -87,8 +182,8 @@ class Ball:
 
     def poses_at_target(self, data: Any, random: np.random.Generator, count: int) -> np.ndarray:
         """Arm joints that have the ball at the target, (n, 4), n <= count."""
-        place, now = data.site_xpos["target_ball"][PLANE], data.qpos[ARM]
-        return hand_poses(random, place, GRASP, now, count)
+        place = data.site_xpos["target_ball"][PLANE]
+        return hand_poses(random, place, GRASP, data.qpos[ARM], count)
 
     def grasps(self, objects: list[Pose], tilt: float) -> tuple[np.ndarray, Any, float]:
         """For each pose the place of the hand, (n, 2), its angle, (n,), and the play of that.
@@ -104,8 +199,8 @@ class Peg:
     """The peg, which the hand takes by its handle, from straight on; attributes as of `Ball`."""
 
     joints: list[str]
-    name, grip, settings = "peg", HANDLE, PEG_SETTINGS
-    held, reach = GRASP + GEOMETRY.peg, PINCH
+    name, grip, settings = "peg", HANDLE, _PEG_SETTINGS
+    held, reach, attempts = GRASP + GEOMETRY.peg, PINCH, 8
 
     # Radians that a peg at the target may lean about the point between its middle and its tip,
     # which are then 0.05 sin(lean / 2) off each: up to 0.4 the reward is 1, at 0.8 it is 0.6. As
@@ -124,7 +219,7 @@ class Peg:
 
     def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
         """1 where the handle is right between the closed fingers, and along the hand, (N,)."""
-        return self.grip.firmness(data, offset) * near(self.misalignment(data), 0.15)
+        return HANDLE.firmness(data, offset) * near(self.misalignment(data), 0.15)
 
     def opening(self, offset: tuple[Any, Any]) -> np.ndarray:
         """The fingers' angle with which the hand comes, or releases a peg too deep in it, (N,)."""
@@ -137,7 +232,7 @@ class Peg:
         """Cost of the peg's motion while it is not held; a hand that comes too fast kicks it."""
         speed = arrays.norm(data.qvel[self.joints][..., :2])
         lies = height_above_ground(data.site_xpos["peg"]) < LIES
-        return outward_speed(data, self.joints[0], self.name) + np.minimum(speed, 2.0) * lies
+        return outward_speed(data, self.joints[0], "peg") + np.minimum(speed, 2.0) * lies
 
     def swung(self, data: Any) -> list[np.ndarray]:
         """Costs of the speed and the spin of a held peg, which may slip, (N,) each."""
@@ -164,16 +259,15 @@ class Peg:
         middle, frame = pose_of(data, "target_peg")
         between = 0.0, -0.025  # metres in the frame of a peg: it turns about this point
         place = (middle + in_world(frame, between))[PLANE]
-        forward = GRASP + self.grip.place[1] - between[1]
+        forward = GRASP + HANDLE.place[1] - between[1]
         wanted = angle_of(_forward(frame)[PLANE]), self._leans[self._lean]
-        now, width = data.qpos[ARM], self.grip.width
-        return hand_poses(random, place, forward, now, count, *wanted, width=width)
+        now = data.qpos[ARM]
+        return hand_poses(random, place, forward, now, count, *wanted, width=HANDLE.width)
 
     def grasps(self, objects: list[Pose], tilt: float) -> tuple[np.ndarray, Any, float]:
         """For each pose the place of the hand, (n, 2), its angle, (n,), and the play of that."""
-        grasps = [grasp_of(peg) for peg in objects]
-        places, angles = np.array([g[0] for g in grasps]), np.array([g[1] for g in grasps])
-        return places, angles, min(tilt, 0.3)  # a peg slips from a hand that is turned more
+        places, angles = zip(*map(grasp_of, objects), strict=True)
+        return np.array(places), np.array(angles), min(tilt, 0.3)  # more turned, a peg slips
 
 
 def prop_of(task: Any) -> Ball | Peg:

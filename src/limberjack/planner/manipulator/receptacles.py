@@ -9,7 +9,6 @@ or of one simulation.
 """
 
 import dataclasses
-import functools
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,16 @@ import numpy as np
 from limberjack.planner.arm.collision import Obstacle
 from limberjack.planner.arm.hand import ARM, PLANE, PLAY, in_frame, in_hand, near
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_poses
-from limberjack.planner.manipulator.grips import BALL, HANDLE, Grip, grasp_place, in_world
+from limberjack.planner.manipulator.props import (
+    BALL,
+    HAND,
+    HANDLE,
+    Ball,
+    Grip,
+    Peg,
+    grasp_place,
+    in_world,
+)
 
 __all__ = ["Receptacle"]
 
@@ -32,9 +40,14 @@ class Receptacle:
     sites: tuple[str, ...]
     grip: Grip  # of the hand that holds the object
     before: float  # how far up the first site is before it goes in
+    over: tuple[float, ...]  # above that, where a path may end; lower ones may be nearer to the arm
+    held: tuple[float, ...]  # distances from the wrist to be kept clear of the walls on the path
     width: float  # how far beside the axis it may be then
     side: float  # how far beside the axis object and hand are clear of the walls
     falls: tuple[float, float]  # how far up and beside the object falls into its place by itself
+    is_narrow: bool  # whether a path may end close to the walls
+    patience: int  # plannings before the mouth after which insertion is tried from elsewhere
+    noise_scale: float  # of plans before the mouth
 
     @classmethod
     def for_object(cls, name: str) -> "Receptacle":
@@ -63,10 +76,9 @@ class Receptacle:
     def distance(self, offsets: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """Distance that remains, around the walls and in along the axis, (N,), metres."""
         up, beside = offsets[0]
-        aside = functools.reduce(np.maximum, [np.abs(b) for _, b in offsets])
+        aside = np.max([np.abs(b) for _, b in offsets], axis=0)
         on_axis = np.clip(2.0 - aside / self.width, 0.0, 1.0) * (up > -self.width)
-        each = [np.hypot(u - self.before, b) for u, b in offsets]
-        before = functools.reduce(np.add, each) / len(each)
+        before = sum(np.hypot(u - self.before, b) for u, b in offsets) / len(offsets)
         below = np.clip((self.before - up) / 0.04 - 0.2, 0.0, 1.0)  # around the walls from there
         around = below * np.maximum(self.side - np.abs(beside), 0.0)
         outside = self.before + before + 1.5 * around
@@ -123,8 +135,34 @@ class Receptacle:
 
 
 # The fingers reach beyond the ball, so that it is released above the cup's rim.
-_CUP = Receptacle("cup", "target_ball", ("ball",), BALL, 0.112, 0.012, 0.09, (0.16, 0.018))
+_CUP = Receptacle(
+    body="cup",
+    target="target_ball",
+    sites=("ball",),
+    grip=BALL,
+    before=0.112,
+    over=(0.02,),
+    held=(Ball.held,),
+    width=0.012,
+    side=0.09,
+    falls=(0.16, 0.018),
+    is_narrow=False,
+    patience=20,
+    noise_scale=1.0,
+)
 # The slot is 0.8 mm wider than the peg, whose tip is round.
 _SLOT = Receptacle(
-    "slot", "target_peg", ("peg_tip", "peg"), HANDLE, 0.08, 0.004, 0.08, (0.02, 0.02)
+    body="slot",
+    target="target_peg",
+    sites=("peg_tip", "peg"),
+    grip=HANDLE,
+    before=0.08,
+    over=(0.02, -0.01),
+    held=(Peg.held, HAND),
+    width=0.004,
+    side=0.08,
+    falls=(0.02, 0.02),
+    is_narrow=True,
+    patience=60,
+    noise_scale=0.1,
 )
