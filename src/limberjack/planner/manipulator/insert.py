@@ -2,8 +2,8 @@
 
 The object is fetched as to bring it (`fetch.py`). The arm carries it before the mouth of the
 receptacle (`receptacles.py`), on a path around its walls. There a ball is released, and falls or
-rolls in (`insert_ball.py`); a peg is pushed in by small straight steps (`insert_peg.py`). A failed
-attempt is repeated from another pose. An object in its place is left there.
+rolls in (`release.py`); a peg is pushed in by small straight steps. A failed attempt is repeated
+from another pose. An object in its place is left there.
 """
 
 from typing import Any, ClassVar
@@ -11,20 +11,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from limberjack.planner.arm.hand import ARM, LONGEST, OPEN_ANGLE, PLANE, loose, sag
-from limberjack.planner.arm.kinematics import GRASP, hand_poses
+from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses, nudged
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, lifts, plans_of, straight_to
 from limberjack.planner.arm.roadmap import find_path, roadmap
 from limberjack.planner.cost import Cost
 from limberjack.planner.manipulator.approach import GOALS, Approach, few_of
 from limberjack.planner.manipulator.fetch import ARRIVED, PATIENCE, PER_RADIAN, Fetch, Stage
-from limberjack.planner.manipulator.insert_ball import Release, letting_fall
-from limberjack.planner.manipulator.insert_peg import pushing_in
 from limberjack.planner.manipulator.props import PRESS, Ball, prop_of
 from limberjack.planner.manipulator.receptacles import Receptacle
+from limberjack.planner.manipulator.release import Release
 
 __all__ = ["Insert"]
 
+_STEPS = (0.02, 0.04, 0.08) * 4  # metres; from one pose to the next along the axis, in proposals
 _FACING = 0.7  # cosine between hand and axis, from which on the hand faces the mouth
 
 
@@ -191,8 +191,10 @@ class Insert(Cost):
         proposals = [Proposal([now], [press])]
         up, beside = slot.offset(data, slot.sites[0])
         if np.hypot(up - slot.before, beside) < 0.06 or (up > 0 and abs(beside) < slot.width):
-            inserting = pushing_in if self._release is None else letting_fall
-            proposals.extend(inserting(slot, data, random, self.settings.knots))
+            if self._release is None:
+                proposals.extend(_pushing_in(slot, data, random, self.settings.knots))
+            else:
+                proposals.extend(_letting_fall(slot, data, random))
             poses = slot.poses(data, random, slot.before, 0.0, 2)
         else:
             poses = slot.poses(data, random, slot.before, 0.0, 6)
@@ -200,3 +202,48 @@ class Insert(Cost):
             proposals.extend(straight_to(high, press, 1, 3))
         proposals.extend(straight_to(poses, press, 1, 2, 4))
         return [*proposals, *lifts(random, data, press)[::2]]
+
+
+def _letting_fall(cup: Receptacle, data: Any, random: np.random.Generator) -> list[Proposal]:
+    """Proposals to let the ball fall from here and from places above the mouth."""
+    now, grip = data.qpos[ARM], cup.grip
+    proposals: list[Proposal] = []
+    for let_go in (OPEN_ANGLE, grip.ready):
+        proposals.append(Proposal([now], [let_go]))
+        proposals.append(Proposal([now], [grip.shut, let_go]))
+        for up, beside in (random.uniform([-0.05, -0.016], [0.03, 0.016]) for _ in range(8)):
+            for pose in cup.poses(data, random, cup.before + up, beside, 1):
+                proposals.append(Proposal([pose], [grip.shut, let_go]))
+                proposals.append(Proposal([pose], [let_go], 2))
+    return proposals
+
+
+def _pushing_in(
+    slot: Receptacle, data: Any, random: np.random.Generator, knots: int
+) -> list[Proposal]:
+    """Proposals that bring the peg over the slot, then along the axis into it."""
+    now, press = data.qpos[ARM], slot.grip.shut
+    (up, beside), (middle_up, middle_beside) = [(float(u), float(b)) for u, b in slot.offsets(data)]
+    lean = np.arctan2(middle_beside - beside, middle_up - up + 0.05)  # upright 5 cm further on
+    wrist = data.site_xpos["grasp"][PLANE] - GRASP * direction(now.sum())
+    x, z = wrist - data.site_xpos["peg_tip"][PLANE]
+    aside = max(abs(beside), abs(middle_beside))
+    top = min(up, slot.before)
+    before = [slot.before] if aside > 0.75 * slot.width and up > 0.06 else []
+    moves: list[np.ndarray] = []
+    turns: list[float] = []
+    # Metres and radians by which the proposals differ: the slot is narrow.
+    draws = random.normal(0.0, [0.0015, 0.01], (len(_STEPS), 2))
+    for step, (off, turn) in zip(_STEPS, draws, strict=True):
+        heights = [*before, *np.arange(top - step, -step, -step).tolist()][: knots - 1]
+        places = np.reshape([[height - up, off - beside] for height in heights], (-1, 2))
+        cos, sin = np.cos(turn + lean), np.sin(turn + lean)
+        turned = np.array([cos * x - sin * z, sin * x + cos * z])
+        moves.append(places @ slot.axes(data) + turned - [x, z])
+        turns.extend([turn + lean] * len(heights))
+    waypoints = nudged(now, np.concatenate(moves), np.array(turns))
+    proposals: list[Proposal] = []
+    for passed in np.split(waypoints, np.cumsum([len(some) for some in moves])[:-1]):
+        proposals.append(Proposal(passed, [press]))
+        proposals.append(Proposal(passed[:1], [press], 2))
+    return proposals

@@ -4,11 +4,11 @@
     release.update(physics)  # whether the arm waits for the ball, or shakes it off
     release.seek(physics)    # leads the arm to where the ball rolls in, and opens the hand there
 
-Where nothing is above the mouth, a ball that is released there falls in (`letting_fall`). Elsewhere,
-such as below the arm's own base or where the hand cannot come from above, it may still roll in from
-beside, off the open fingers and over the rim. Geometry does not tell which poses achieve that, so
-they are tried: the arm is put there in the planner's own simulation, and the fingers open. A ball
-that lies on the arm is shaken off.
+Where nothing is above the mouth, a ball that is released there falls in. Elsewhere, such as below
+the arm's own base or where the hand cannot come from above, it may still roll in from beside, off
+the open fingers and over the rim. Geometry does not tell which poses achieve that, so they are
+tried: the arm is put there in the planner's own simulation, and the fingers open. A ball that lies
+on the arm is shaken off.
 """
 
 import contextlib
@@ -28,28 +28,12 @@ from limberjack.planner.manipulator.props import Ball, height_above_ground
 from limberjack.planner.manipulator.receptacles import Receptacle
 from limberjack.rl.control import PhysicsError
 
-__all__ = ["Release", "letting_fall"]
+__all__ = ["Release"]
 
 _SHAKES = 10  # plannings that a ball lies on the arm before it is shaken off, and while it is
 _WAITS = 25  # plannings that the arm keeps still after the hand has opened
 _ENOUGH = 3  # poses from which the ball gets in; a path leads to the nearest of them
 _HOLDS = 15  # times that the arm is put back while a ball falls
-
-
-def letting_fall(
-    cup: Receptacle, data: Any, random: np.random.Generator, knots: int
-) -> list[Proposal]:
-    """Proposals to let the ball fall from here and from places above the mouth."""
-    now, grip = data.qpos[ARM], cup.grip
-    proposals: list[Proposal] = []
-    for let_go in (OPEN_ANGLE, grip.ready):
-        proposals.append(Proposal([now], [let_go]))
-        proposals.append(Proposal([now], [grip.shut, let_go]))
-        for up, beside in (random.uniform([-0.05, -0.016], [0.03, 0.016]) for _ in range(8)):
-            for pose in cup.poses(data, random, cup.before + up, beside, 1):
-                proposals.append(Proposal([pose], [grip.shut, let_go]))
-                proposals.append(Proposal([pose], [let_go], 2))
-    return proposals
 
 
 class Release:
