@@ -290,13 +290,12 @@ class Fetch:
             else:
                 rake = PER_RADIAN * path.remaining(data.qpos[ARM])
             return {"rake": 2.0 * _LOOSE + rake, **low}
-        fetch = self._approach(data) if path is None or self.has else self._led(data, path)
+        if path is None or self.has:
+            fetch = self._approach(data)
+        else:
+            unready = np.abs(fingers(data) - self.prop.grip.ready)
+            fetch = 2.0 + 1.5 * PER_RADIAN * path.remaining(data.qpos[ARM]) + 2.0 * unready
         return {"fetch": share * (_LOOSE + fetch), **low}
-
-    def _led(self, data: Any, path: Path) -> np.ndarray:
-        """Cost of the rest of the arm's path to the object, (N,)."""
-        unready = np.abs(fingers(data) - self.prop.grip.ready)
-        return 2.0 + 1.5 * PER_RADIAN * path.remaining(data.qpos[ARM]) + 2.0 * unready
 
     def _approach(self, data: Any) -> np.ndarray:
         """Cost of the distance from holding the object, (N,)."""
