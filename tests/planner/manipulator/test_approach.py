@@ -49,7 +49,7 @@ def test_poses_around_a_prop_have_it_ahead_of_the_hand(task: str) -> None:
         data.qpos[ARM] = pose
         physics.forward()
         ahead, aside = prop.offset(data)
-        slack = 1.5 * prop.grip.slack
+        slack = 1.5 * prop.slack
         assert 0.06 - 0.006 <= ahead <= 0.06 + slack + 0.006
         assert abs(aside) < 0.006
 

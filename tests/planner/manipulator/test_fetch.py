@@ -40,7 +40,7 @@ def test_an_object_counts_as_held_only_between_closed_fingers() -> None:
     place = hand_places(np.array(_ARM), GRASP)
     cost, physics = scene("bring_ball", 1000, _ARM, [*place, 0.0])
     data, fetch = physics.named.data, cost._fetch
-    for angle, held in ((fetch.prop.grip.firm, True), (fetch.prop.grip.ready, False)):
+    for angle, held in ((fetch.prop.firm, True), (fetch.prop.ready, False)):
         data.qpos[["thumb", "finger"]] = angle
         physics.forward()
         fetch.observe(data)

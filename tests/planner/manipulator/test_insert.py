@@ -37,7 +37,7 @@ def test_a_ball_held_before_the_mouth_is_inserted_and_one_elsewhere_carried() ->
     mouth = data.site_xpos[cup.target][PLANE] + cup.before * axis
     angle = float(np.arctan2(axis[0], -axis[1]))
     facing = hand_poses(np.random.default_rng(0), mouth, GRASP, data.qpos[ARM], 1, angle, 0.5)[0]
-    data.qpos[["thumb", "finger"]] = cost._fetch.prop.grip.firm
+    data.qpos[["thumb", "finger"]] = cost._fetch.prop.firm
     for pose, stage in ((np.array(_ARM), Stage.CARRY), (facing, Stage.INSERT)):
         cost.reset()
         data.qpos[ARM], data.qpos[["ball_x", "ball_z"]] = pose, hand_places(pose, GRASP)
@@ -66,7 +66,7 @@ def test_a_ball_behind_the_cup_is_approached_on_a_path_around_it() -> None:
 def test_a_ball_that_does_not_fall_in_is_released_elsewhere() -> None:
     place = hand_places(np.array(_ARM), GRASP)
     cost, physics = scene("insert_ball", 1003, _ARM, [*place, 0.0])
-    physics.named.data.qpos[["thumb", "finger"]] = cost._fetch.prop.grip.firm
+    physics.named.data.qpos[["thumb", "finger"]] = cost._fetch.prop.firm
     physics.forward()
     cost.update(physics)
     cost._trials = 4
@@ -79,7 +79,7 @@ def test_proposals_open_the_hand_above_the_mouth() -> None:
     cost, physics = scene("insert_ball", 1003, _ARM, [*place, 0.0])
     found = _letting_fall(cost._receptacle, physics.named.data, np.random.default_rng(0))
     assert len(found) > 4
-    assert {proposal.grasp[-1] for proposal in found} == {OPEN_ANGLE, cost._fetch.prop.grip.ready}
+    assert {proposal.grasp[-1] for proposal in found} == {OPEN_ANGLE, cost._fetch.prop.ready}
 
 
 def test_a_peg_that_is_all_the_way_in_is_pushed_no_further() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from limberjack.planner.arm.kinematics import PINCH, hand_places, hand_poses
 from limberjack.planner.manipulator.peg_paths import PegPaths
-from limberjack.planner.manipulator.props import HANDLE, grasp_of
+from limberjack.planner.manipulator.props import Peg, grasp_of
 
 from .scenes import lying_peg
 
@@ -24,7 +24,7 @@ def test_costs_end_with_those_of_hand_and_peg() -> None:
     paths.search_target(now, _UP, lambda: goals)
     assert paths.cost_to_target(now[None], near_cost)[0] > 3.0
     end = paths.plans(now, 40)[-1][-1]
-    assert end[4] == HANDLE.shut
+    assert end[4] == Peg.shut
     np.testing.assert_array_equal(paths.cost_to_target(end[None, :4], near_cost), near_cost)
     paths.forget()
     assert paths.plans(now, 5).shape == (0, 5, 5)
@@ -38,4 +38,4 @@ def test_the_path_to_a_peg_ends_around_it_with_an_open_hand() -> None:
     end = paths.plans(now, 40)[-1][-1]
     # Inverse kinematics and back, by sines and cosines: they round.
     np.testing.assert_allclose(hand_places(end[:4], PINCH), point, atol=1e-9)
-    assert end[4] == HANDLE.ready
+    assert end[4] == Peg.ready

@@ -1,4 +1,4 @@
-"""The ball and the peg, and their grips."""
+"""The ball and the peg as objects to grasp."""
 
 from typing import Any
 
@@ -9,10 +9,7 @@ from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, TIPS, in_hand
 from limberjack.planner.arm.kinematics import GRASP, PINCH, direction, hand_places, hand_poses
 from limberjack.planner.arm.proposals import approaches, plans_of
 from limberjack.planner.manipulator.props import (
-    BALL,
-    HANDLE,
     Ball,
-    Grip,
     Peg,
     across,
     against_hand,
@@ -51,18 +48,18 @@ def test_a_hand_comes_to_a_lying_peg_from_above_whichever_way_it_lies() -> None:
 
 def test_a_peg_too_deep_in_the_hand_is_given_back() -> None:
     offset = np.array([0.0, -0.03, -0.03, -0.2]), np.array([0.0, 0.0, 0.1, 0.0])
-    expected = [HANDLE.ready, OPEN_ANGLE, HANDLE.ready, HANDLE.ready]
+    expected = [Peg.ready, OPEN_ANGLE, Peg.ready, Peg.ready]
     assert Peg([]).opening(offset).tolist() == expected
-    assert Ball([]).opening(offset) == Ball.grip.ready
+    assert Ball([]).opening(offset) == Ball.ready
 
 
 def test_approaches_come_straight_on_and_close_at_the_peg() -> None:
     _, physics = _prop("bring_peg")
     point, angle = grasp_of(lying_peg(1.0))
     pose = hand_poses(np.random.default_rng(0), point, PINCH, np.zeros(4), 8, angle, 0.05)[0]
-    first = plans_of(np.zeros(4), approaches(pose[None], HANDLE.ready, HANDLE.shut), 5)[0]
+    first = plans_of(np.zeros(4), approaches(pose[None], Peg.ready, Peg.shut), 5)[0]
     np.testing.assert_array_equal(first[3, :4], pose)
-    assert first[:, 4].tolist() == [HANDLE.ready] * 4 + [HANDLE.shut]
+    assert first[:, 4].tolist() == [Peg.ready] * 4 + [Peg.shut]
     for joints, back in zip(first[1:4, :4], (0.06, 0.03, 0.0), strict=True):
         with physics.reset_context():
             physics.named.data.qpos[ARM] = joints
@@ -80,7 +77,7 @@ def test_a_prop_is_firm_only_between_closed_fingers(task: str) -> None:
     ):
         prop, physics = _prop(task, ahead)
         data = physics.named.data
-        data.qpos[["thumb", "finger"]] = getattr(prop.grip, angle)
+        data.qpos[["thumb", "finger"]] = getattr(prop, angle)
         physics.forward()
         assert least <= prop.firmness(data, prop.offset(data)) <= most
 
@@ -114,21 +111,21 @@ def test_a_peg_is_raked_towards_the_side_of_its_handle() -> None:
     assert goals[0] == -goals[1] != 0.0
 
 
-@pytest.mark.parametrize("grip", [BALL, HANDLE])
-def test_fingers_come_wider_than_the_object_and_press_narrower(grip: Grip) -> None:
-    assert grip.ready < grip.firm < grip.shut
+@pytest.mark.parametrize("prop", [Ball, Peg])
+def test_fingers_come_wider_than_the_object_and_press_narrower(prop: Any) -> None:
+    assert prop.ready < prop.firm < prop.shut
 
 
 def test_a_grip_is_firm_with_the_object_between_closed_fingers_or_a_little_deeper() -> None:
     _, physics = scene("bring_ball", 1000, _ARM, [0.0, 0.3, 0.0])
     data = physics.named.data
-    data.qpos[["thumb", "finger"]] = BALL.firm
-    ahead, aside = np.array([0.0, BALL.slack, -0.05, 0.0]), np.array([0.0, 0.0, 0.0, 0.05])
-    firm = BALL.firmness(data, (ahead, aside))
+    data.qpos[["thumb", "finger"]] = Ball.firm
+    ahead, aside = np.array([0.0, Ball.slack, -0.05, 0.0]), np.array([0.0, 0.0, 0.0, 0.05])
+    firm = Ball([]).firmness(data, (ahead, aside))
     assert firm[0] == firm[1] == pytest.approx(1.0)  # angles round
     assert (firm[2:] < 0.01).all()
-    data.qpos[["thumb", "finger"]] = BALL.ready
-    assert BALL.firmness(data, (0.0, 0.0)) == 0.0
+    data.qpos[["thumb", "finger"]] = Ball.ready
+    assert Ball([]).firmness(data, (0.0, 0.0)) == 0.0
 
 
 def test_a_peg_is_grasped_at_its_handle() -> None:
@@ -136,11 +133,8 @@ def test_a_peg_is_grasped_at_its_handle() -> None:
     _, physics = scene("bring_peg", 1000, _ARM, [*handle, np.pi - sum(_ARM)])
     data = physics.named.data
     # Sines and cosines round.
-    np.testing.assert_allclose(
-        in_hand(data, grasp_place(data, "peg", HANDLE)), [0.0, 0.0], atol=1e-9
-    )
-    assert HANDLE.forward is not None
-    forward = in_world(pose_of(data, "peg")[1], HANDLE.forward)
+    np.testing.assert_allclose(in_hand(data, grasp_place(data, "peg", Peg)), [0.0, 0.0], atol=1e-9)
+    forward = in_world(pose_of(data, "peg")[1], Peg.forward)
     assert against_hand(data, forward) == pytest.approx(0.0, abs=1e-9)
     assert against_hand(data, -forward) == pytest.approx(2.0)
 

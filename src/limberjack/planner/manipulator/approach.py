@@ -60,10 +60,10 @@ class Approach:
 
         The hand keeps `back` metres away. It is straight on to a peg to within `tilt` radians.
         """
-        wanted, grip = max(count, self._fewest), self.prop.grip
-        places, *turned = self.prop.grasps(objects, tilt)
-        each = places, self.prop.reach + back, now, self._spare * wanted, *turned
-        clear = {"width": grip.width, "slack": 1.5 * grip.slack}
+        wanted, prop = max(count, self._fewest), self.prop
+        places, *turned = prop.grasps(objects, tilt)
+        each = places, prop.reach + back, now, self._spare * wanted, *turned
+        clear = {"width": prop.width, "slack": 1.5 * prop.slack}
         found = hand_poses_each(random, *each, **clear)
         left = [poses[self.is_clear(poses)] for poses in found]
         return [poses[:: max(1, len(poses) // wanted)][:count] for poses in left]

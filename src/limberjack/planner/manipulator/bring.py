@@ -90,6 +90,6 @@ class Bring(Cost):
 
     def _carrying(self, data: Any, random: np.random.Generator) -> list[Proposal]:
         """Proposals to the target, upwards, and none."""
-        now, shut = data.qpos[ARM], self._fetch.prop.grip.shut
+        now, shut = data.qpos[ARM], self._fetch.prop.shut
         proposals = straight_to(self._fetch.prop.poses_at_target(data, random, 6), shut, 1, 2, 4)
         return [*proposals, *lifts(random, data, shut), Proposal([now], [shut])]

@@ -293,14 +293,14 @@ class Fetch:
         if path is None or self.has:
             fetch = self._approach(data)
         else:
-            unready = np.abs(fingers(data) - self.prop.grip.ready)
+            unready = np.abs(fingers(data) - self.prop.ready)
             fetch = 2.0 + 1.5 * PER_RADIAN * path.remaining(data.qpos[ARM]) + 2.0 * unready
         return {"fetch": share * (_LOOSE + fetch), **low}
 
     def _approach(self, data: Any) -> np.ndarray:
         """Cost of the distance from holding the object, (N,)."""
         ahead, aside = offset = self.prop.offset(data)
-        distance = np.hypot(ahead - np.clip(ahead, 0.0, self.prop.grip.slack), aside)
+        distance = np.hypot(ahead - np.clip(ahead, 0.0, self.prop.slack), aside)
         turn = self.prop.misalignment(data)
         # With the object beside it the hand must first back off: the fingers are in the way.
         beside = np.abs(aside) - 0.012 + 0.05 * turn
@@ -333,13 +333,13 @@ class Fetch:
                 plans = np.concatenate([self.paths.plans(now, knots), plans])
         if self.path is None:
             return plans
-        grasp = self.prop.grip.shut if self.has else OPEN_ANGLE
+        grasp = self.prop.shut if self.has else OPEN_ANGLE
         return np.concatenate([plans_on(self.path, now, grasp, knots), plans[:12]])
 
     def _reaching(self, data: Any, random: np.random.Generator) -> list[Proposal]:
         """Proposals to grasp the object: straight on to a peg at rest, else where it will be."""
-        now, grip = data.qpos[ARM], self.prop.grip
-        proposals = [Proposal([now], [grip.shut])]
+        now, prop = data.qpos[ARM], self.prop
+        proposals = [Proposal([now], [prop.shut])]
         if self.paths is None or self.forecast.poses:
             return proposals + self._meeting(data, random)
         back = nudged(now, -BACK * direction(now.sum()), 0.0)
@@ -347,22 +347,22 @@ class Fetch:
         peg = [pose_of(data, "peg")]
         for few, tilt in ((3, _ALIGNED), (2, 0.5)):
             (poses,) = self.approach.poses_around(peg, now, random, few, tilt=tilt)
-            proposals.extend(approaches(poses, grip.ready, grip.shut))
+            proposals.extend(approaches(poses, prop.ready, prop.shut))
         return proposals
 
     def _meeting(self, data: Any, random: np.random.Generator) -> list[Proposal]:
         """Proposals to the object's next poses, at once or from ahead; the hand closes there."""
-        now, grip = data.qpos[ARM], self.prop.grip
+        now, prop = data.qpos[ARM], self.prop
         proposals: list[Proposal] = []
         takes = self.approach.poses_around(self.forecast.met(data), now, random, _TAKES)
         for number, knot in enumerate(MEETS):
             poses = takes[min(number, len(takes) - 1)]
-            grasp = [grip.ready] * knot + [grip.shut]
+            grasp = [prop.ready] * knot + [prop.shut]
             for pose, before in zip(poses, drawn_back(poses, BACK), strict=True):
                 proposals.append(Proposal([pose], grasp, knot))
                 if not np.isfinite(before[0]):
                     continue
                 if knot > 1:
                     proposals.append(Proposal([before, pose], grasp, knot // 2))
-                proposals.append(Proposal([before], [grip.ready], knot))
+                proposals.append(Proposal([before], [prop.ready], knot))
         return proposals

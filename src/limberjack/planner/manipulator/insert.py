@@ -187,7 +187,7 @@ class Insert(Cost):
 
     def _carrying(self, data: Any, random: np.random.Generator) -> list[Proposal]:
         """Proposals that carry the object to the mouth, and in."""
-        now, slot, press = data.qpos[ARM], self._receptacle, self._fetch.prop.grip.shut
+        now, slot, press = data.qpos[ARM], self._receptacle, self._fetch.prop.shut
         proposals = [Proposal([now], [press])]
         up, beside = slot.offset(data, slot.sites[0])
         if np.hypot(up - slot.before, beside) < 0.06 or (up > 0 and abs(beside) < slot.width):
@@ -206,14 +206,14 @@ class Insert(Cost):
 
 def _letting_fall(cup: Receptacle, data: Any, random: np.random.Generator) -> list[Proposal]:
     """Proposals to let the ball fall from here and from places above the mouth."""
-    now, grip = data.qpos[ARM], cup.grip
+    now, ball = data.qpos[ARM], cup.prop
     proposals: list[Proposal] = []
-    for let_go in (OPEN_ANGLE, grip.ready):
+    for let_go in (OPEN_ANGLE, ball.ready):
         proposals.append(Proposal([now], [let_go]))
-        proposals.append(Proposal([now], [grip.shut, let_go]))
+        proposals.append(Proposal([now], [ball.shut, let_go]))
         for up, beside in (random.uniform([-0.05, -0.016], [0.03, 0.016]) for _ in range(8)):
             for pose in cup.poses(data, random, cup.before + up, beside, 1):
-                proposals.append(Proposal([pose], [grip.shut, let_go]))
+                proposals.append(Proposal([pose], [ball.shut, let_go]))
                 proposals.append(Proposal([pose], [let_go], 2))
     return proposals
 
@@ -222,7 +222,7 @@ def _pushing_in(
     slot: Receptacle, data: Any, random: np.random.Generator, knots: int
 ) -> list[Proposal]:
     """Proposals that bring the peg over the slot, then along the axis into it."""
-    now, press = data.qpos[ARM], slot.grip.shut
+    now, press = data.qpos[ARM], slot.prop.shut
     (up, beside), (middle_up, middle_beside) = [(float(u), float(b)) for u, b in slot.offsets(data)]
     lean = np.arctan2(middle_beside - beside, middle_up - up + 0.05)  # upright 5 cm further on
     wrist = data.site_xpos["grasp"][PLANE] - GRASP * direction(now.sum())

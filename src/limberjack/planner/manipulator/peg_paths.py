@@ -18,7 +18,7 @@ from limberjack.planner.arm.kinematics import direction, nudged
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, plans_of
 from limberjack.planner.manipulator.detours import Detours
-from limberjack.planner.manipulator.props import HANDLE, Pose, in_world
+from limberjack.planner.manipulator.props import Peg, Pose, in_world
 
 __all__ = ["PegPaths"]
 
@@ -82,7 +82,7 @@ class PegPaths:
             back = nudged(poses, -0.07 * direction(poses.sum(axis=-1)), 0.0)  # clear of the peg
             self._before = np.stack([back, poses], axis=1)
         place, frame = peg
-        line = np.stack([place + in_world(frame, HANDLE.place), place - 0.05 * frame[2::3]])
+        line = np.stack([place + in_world(frame, Peg.place), place - 0.05 * frame[2::3]])
         detours = Detours(_HAND, around=line[:, PLANE])
         self._to_peg = self._better(detours, now, self._before, self._to_peg)
 
@@ -103,9 +103,9 @@ class PegPaths:
     def plans(self, now: np.ndarray, knots: int) -> np.ndarray:
         """Targets along the shortest path, at several speeds, (n, knots, 5)."""
         if self._to_target:
-            path, grasp = self._to_target[0], HANDLE.shut
+            path, grasp = self._to_target[0], Peg.shut
         elif self._to_peg and self._to_peg[0].length > _AT_PEG:
-            path, grasp = self._to_peg[0], HANDLE.ready
+            path, grasp = self._to_peg[0], Peg.ready
         else:
             return np.zeros((0, knots, 5))
         strides = 0.3, 1.0, 3.0  # radians from one knot to the next

@@ -30,9 +30,9 @@ from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses
 from limberjack.utils import arrays
 
 __all__ = [
-    "BACK", "BALL", "BLADE", "HAND", "HANDLE", "LIES", "PRESS", "Ball", "Grip", "Peg", "Pose",
-    "across", "against_hand", "downwards", "grasp_of", "grasp_place", "height_above_ground",
-    "in_world", "is_on_arm", "pose_of", "prop_of",
+    "BACK", "BLADE", "HAND", "LIES", "PRESS", "Ball", "Peg", "Pose", "across", "against_hand",
+    "downwards", "grasp_of", "grasp_place", "height_above_ground", "in_world", "is_on_arm",
+    "pose_of", "prop_of",
 ]  # fmt: skip
 
 PRESS = 0.25  # control of the grasp under which an object may slip
@@ -98,54 +98,28 @@ def downwards(place: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(turned), 0.0 * turned, -np.cos(turned)], axis=-1)
 
 
-@dataclasses.dataclass(frozen=True)
-class Grip:
-    """A way to hold an object. Vectors are (x, z) in the frame of the object's site."""
-
-    place: tuple[float, float]  # of the grasp site, metres
-    # Direction of the hand; None for a ball, which may be held from any side.
-    forward: tuple[float, float] | None
-    width: float  # metres from the hand's middle line to a fingertip that touches the object
-    slack: float  # metres by which the object may be nearer to the fingertips
-    ready: float  # angle of the fingers with which the hand comes, radians
-    firm: float  # the same around the object
-    shut: float  # the target of that angle which holds the object
-
-    def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
-        """1 where an object at an offset in the hand is between the closed fingers, 0 far off."""
-        ahead, aside = offset
-        ahead = ahead - np.clip(ahead, 0.0, self.slack)
-        closed = np.clip((fingers(data) - self.ready) / (self.firm - self.ready), 0.0, 1.0)
-        return near(np.hypot(ahead, aside), 0.012) * closed
-
-
-# The fingertips are at these distances from the hand's middle line, in metres.
-BALL = Grip((0.0, 0.0), None, 0.03, 0.015, *map(finger_angle, (0.038, 0.03, 0.011)))
-# By the handle, the fingertips between pommel and guard: anywhere else they slip off. Fingers that
-# press more squeeze it out.
-HANDLE = Grip(
-    (0.0, GEOMETRY.peg_grasp), (0.0, -1.0), 0.013, 0.0, *map(finger_angle, (0.02, 0.013, 0.01))
-)
-
-
-def grasp_place(data: Any, site: str, grip: Grip) -> np.ndarray:
-    """Position at which the grasp site belongs for a grip on an object's site, (..., 3), metres."""
-    return data.site_xpos[site] + in_world(data.site_xmat[site], grip.place)
-
-
 @dataclasses.dataclass
 class Ball:
     """The ball, which the hand may take from any side, but best from above.
 
     Attributes:
       joints: names of its joints: along x, along z and about y.
+      place: position of the grasp site in the frame of the object's site, (x, z), metres.
+      forward: direction of the hand in that frame; None for an object that is held from any side.
+      width: from the hand's middle line to a fingertip that touches the object, metres.
+      slack: metres by which the object may be nearer to the fingertips.
+      ready, firm, shut: angles of the fingers, radians, as the hand comes and around the object;
+        the target of that angle which holds the object.
       held, reach: from the wrist to the far end of the held object, and to the point of the hand
         that `grasps` puts at a place, metres.
       attempts: searches for a path after which the object is approached in another pose.
     """
 
     joints: list[str]
-    name, grip, settings = "ball", BALL, _BALL_SETTINGS
+    name, settings = "ball", _BALL_SETTINGS
+    place, forward, width, slack = (0.0, 0.0), None, 0.03, 0.015
+    # The fingertips are at these distances from the hand's middle line, in metres.
+    ready, firm, shut = map(finger_angle, (0.038, 0.03, 0.011))
     held, reach, attempts = GRASP + 0.022, GRASP, 4
 
     def offset(self, data: Any) -> tuple[Any, Any]:
@@ -158,11 +132,11 @@ class Ball:
 
     def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
         """1 where the ball is right between the closed fingers, 0 far from there, (N,)."""
-        return BALL.firmness(data, offset)
+        return _enclosed(data, self, offset)
 
     def opening(self, offset: tuple[Any, Any]) -> float:
         """The fingers' angle with which the hand comes, radians."""
-        return BALL.ready
+        return self.ready
 
     def chased(self, data: Any) -> Any:
         """Cost of the motion of the ball while it is not held, (N,)."""
@@ -199,7 +173,11 @@ class Peg:
     """The peg, which the hand takes by its handle, from straight on; attributes as of `Ball`."""
 
     joints: list[str]
-    name, grip, settings = "peg", HANDLE, _PEG_SETTINGS
+    name, settings = "peg", _PEG_SETTINGS
+    # By the handle, the fingertips between pommel and guard: anywhere else they slip off. Fingers
+    # that press more squeeze it out.
+    place, forward, width, slack = (0.0, GEOMETRY.peg_grasp), (0.0, -1.0), 0.013, 0.0
+    ready, firm, shut = map(finger_angle, (0.02, 0.013, 0.01))
     held, reach, attempts = GRASP + GEOMETRY.peg, PINCH, 8
 
     # Radians that a peg at the target may lean about the point between its middle and its tip,
@@ -219,14 +197,14 @@ class Peg:
 
     def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
         """1 where the handle is right between the closed fingers, and along the hand, (N,)."""
-        return HANDLE.firmness(data, offset) * near(self.misalignment(data), 0.15)
+        return _enclosed(data, self, offset) * near(self.misalignment(data), 0.15)
 
     def opening(self, offset: tuple[Any, Any]) -> np.ndarray:
         """The fingers' angle with which the hand comes, or releases a peg too deep in it, (N,)."""
         ahead, aside = offset
         # A guard that is no more than 12 mm behind the fingertips keeps a peg in the hand.
         is_deep = (ahead < -0.012) & (ahead > -BACK) & (np.abs(aside) < BACK / 2)
-        return np.where(is_deep, OPEN_ANGLE, HANDLE.ready)
+        return np.where(is_deep, OPEN_ANGLE, self.ready)
 
     def chased(self, data: Any) -> Any:
         """Cost of the peg's motion while it is not held; a hand that comes too fast kicks it."""
@@ -259,15 +237,20 @@ class Peg:
         middle, frame = pose_of(data, "target_peg")
         between = 0.0, -0.025  # metres in the frame of a peg: it turns about this point
         place = (middle + in_world(frame, between))[PLANE]
-        forward = GRASP + HANDLE.place[1] - between[1]
+        forward = GRASP + self.place[1] - between[1]
         wanted = angle_of(_forward(frame)[PLANE]), self._leans[self._lean]
         now = data.qpos[ARM]
-        return hand_poses(random, place, forward, now, count, *wanted, width=HANDLE.width)
+        return hand_poses(random, place, forward, now, count, *wanted, width=self.width)
 
     def grasps(self, objects: list[Pose], tilt: float) -> tuple[np.ndarray, Any, float]:
         """For each pose the place of the hand, (n, 2), its angle, (n,), and the play of that."""
         places, angles = zip(*map(grasp_of, objects), strict=True)
         return np.array(places), np.array(angles), min(tilt, 0.3)  # more turned, a peg slips
+
+
+def grasp_place(data: Any, site: str, prop: type[Ball] | type[Peg]) -> np.ndarray:
+    """Position at which the grasp site belongs for an object of this site, (..., 3), metres."""
+    return data.site_xpos[site] + in_world(data.site_xmat[site], prop.place)
 
 
 def prop_of(task: Any) -> Ball | Peg:
@@ -309,5 +292,12 @@ def across(data: Any, turn: Any) -> np.ndarray:
 
 def _forward(frame: np.ndarray) -> np.ndarray:
     """Direction of a hand that holds a peg of this frame, (..., 9) -> (..., 3)."""
-    assert HANDLE.forward is not None
-    return in_world(frame, HANDLE.forward)
+    return in_world(frame, Peg.forward)
+
+
+def _enclosed(data: Any, prop: Ball | Peg, offset: tuple[Any, Any]) -> Any:
+    """1 where an object at an offset in the hand is between the closed fingers, 0 far off, (N,)."""
+    ahead, aside = offset
+    ahead = ahead - np.clip(ahead, 0.0, prop.slack)
+    closed = np.clip((fingers(data) - prop.ready) / (prop.firm - prop.ready), 0.0, 1.0)
+    return near(np.hypot(ahead, aside), 0.012) * closed
