@@ -71,6 +71,7 @@ def test_a_ball_that_is_let_go_above_the_mouth_gets_in_and_one_beside_it_does_no
     env = _env_with_ball_in_hand(0.25, 0.15)
     physics = env.physics
     release = Insert(env.task)._release
+    assert release is not None
     state = physics.get_state()
     assert release.works(physics, _above(0.25, 0.15 + 0.13))
     assert not release.works(physics, _above(0.1, 0.15 + 0.13))
@@ -82,6 +83,7 @@ def test_beside_the_arms_base_a_path_leads_to_where_the_release_works() -> None:
     cost, physics = Insert(env.task), env.physics
     cost.update(physics)  # finds the walls
     release, path = cost._release, None
+    assert release is not None
     for trial in range(60):
         physics.data.time = 0.03 * trial
         path = path or release._path(physics)
