@@ -24,7 +24,7 @@ def test_poses_around_an_object_are_clear_of_the_walls() -> None:
     _, physics = scene("insert_ball", 1003, _ARM, [0.0, 0.3, 0.0])
     data, cup = physics.named.data, Receptacle.for_object("ball")
     place, frame = pose_of(data, "target_ball")
-    approach = Approach(Ball(["ball_x", "ball_z", "ball_y"]), spare=2)
+    approach = Approach(Ball(["ball_x", "ball_z", "ball_y"]))
     beside = [(place + np.array([0.06, 0.0, 0.0]), frame)]
     now, random = data.qpos[ARM], np.random.default_rng(0)
     (anyhow,) = approach.poses_around(beside, now, random, 40)

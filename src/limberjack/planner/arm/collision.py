@@ -19,8 +19,8 @@ import numpy as np
 from limberjack.planner.arm.geometry import GEOMETRY
 
 __all__ = [
-    "LIMITS", "Obstacle", "clearance", "corners", "direction_of", "hand_gap", "hand_height",
-    "has_room", "is_clear", "is_off_ground", "within_limits",
+    "LIMITS", "NOTHING", "Obstacle", "clearance", "corners", "direction_of", "hand_gap",
+    "hand_height", "has_room", "is_clear", "is_off_ground", "within_limits",
 ]  # fmt: skip
 
 # Limits of shoulder, elbow and wrist, less a margin in which the limits' springs push back.
@@ -54,6 +54,9 @@ class Obstacle(NamedTuple):
 
     ends: np.ndarray
     radii: np.ndarray
+
+
+NOTHING = Obstacle(np.zeros((0, 2, 2)), np.zeros(0))
 
 
 def clearance(poses: np.ndarray, held: float, obstacle: Obstacle) -> np.ndarray:

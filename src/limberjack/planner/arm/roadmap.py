@@ -63,7 +63,7 @@ def find_path(
     # The root turns without jumps.
     chain = np.concatenate([chain[:1], chain[0] + _between(chain[:-1], chain[1:]).cumsum(axis=0)])
     path = Path(_shortened(chain, scene), joint_sum, view=_VIEW)
-    path.see(_sights(path.points, scene))
+    path.sight = _sights(path.points, scene)
     return path
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm.collision import Obstacle, clearance
+from limberjack.planner.arm.collision import NOTHING, Obstacle, clearance
 from limberjack.planner.arm.hand import ARM, PLANE
 from limberjack.planner.arm.kinematics import (
     GRASP,
@@ -40,11 +40,11 @@ def few_of(random: np.random.Generator, poses: np.ndarray) -> np.ndarray:
 
 
 class Approach:
-    """Poses and paths to an object; `spare` times as many are drawn as are wanted, or `fewest`."""
+    """Poses and paths to an object; see the module's docstring."""
 
-    def __init__(self, prop: Ball | Peg, spare: int = 1, fewest: int = 1) -> None:
-        self.prop, self._spare, self._fewest = prop, spare, fewest
-        self.walls = Obstacle(np.zeros((0, 2, 2)), np.zeros(0))
+    def __init__(self, prop: Ball | Peg) -> None:
+        self.prop = prop
+        self.walls = NOTHING
         self.draws = np.random.default_rng(0)  # for searches, other than the planner's stream
 
     def poses_around(
@@ -60,9 +60,11 @@ class Approach:
 
         The hand keeps `back` metres away. It is straight on to a peg to within `tilt` radians.
         """
-        wanted, prop = max(count, self._fewest), self.prop
+        prop, is_walled = self.prop, self.walls is not NOTHING
+        wanted = max(count, prop.fewest) if is_walled else count
+        drawn = 2 * wanted if is_walled else wanted  # some are in the walls
         places, *turned = prop.grasps(objects, tilt)
-        each = places, prop.reach + back, now, self._spare * wanted, *turned
+        each = places, prop.reach + back, now, drawn, *turned
         clear = {"width": prop.width, "slack": 1.5 * prop.slack}
         found = hand_poses_each(random, *each, **clear)
         left = [poses[self.is_clear(poses)] for poses in found]
@@ -70,7 +72,7 @@ class Approach:
 
     def is_clear(self, poses: np.ndarray) -> np.ndarray:
         """In which poses (n, 4) the hand is not in the walls, (n,)."""
-        if not len(self.walls.radii):
+        if self.walls is NOTHING:
             return np.ones(len(poses), bool)
         return clearance(poses, HAND, self.walls)[:, 0] > TOUCHING
 

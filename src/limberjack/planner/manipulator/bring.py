@@ -12,7 +12,6 @@ import numpy as np
 from limberjack.planner.arm.hand import ARM, LONGEST, PLANE, loose, sag
 from limberjack.planner.arm.proposals import Proposal, lifts, straight_to
 from limberjack.planner.cost import Cost
-from limberjack.planner.manipulator.approach import Approach
 from limberjack.planner.manipulator.fetch import Fetch, Stage
 from limberjack.planner.manipulator.props import PRESS, Peg, downwards, prop_of
 
@@ -32,8 +31,7 @@ class Bring(Cost):
 
     def reset(self) -> None:
         """Discards the stage, the forecast and the paths."""
-        prop = prop_of(self.task)
-        self._fetch = Fetch(prop, self.settings, Approach(prop))
+        self._fetch = Fetch(prop_of(self.task), self.settings)
         self._sag = np.zeros(4)  # radians by which gravity bends the arm away from its targets
 
     def stage(self) -> tuple[Stage, Any]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.planner.arm.collision import clearance
+from limberjack.planner.arm.collision import NOTHING, clearance
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLAY, fingers
 from limberjack.planner.arm.kinematics import direction, drawn_back, nudged
 from limberjack.planner.arm.path import Path
@@ -81,12 +81,11 @@ class Fetch:
       patience: plannings until another path is searched.
     """
 
-    def __init__(self, prop: Ball | Peg, settings: Settings, approach: Approach) -> None:
-        """Begins an episode."""
-        self.prop, self.approach, self._knots = prop, approach, settings.knots
+    def __init__(self, prop: Ball | Peg, settings: Settings) -> None:
+        self.prop, self.approach, self._knots = prop, Approach(prop), settings.knots
         self.forecast = Forecast(prop.name, prop.joints, settings)
         self.rake = Rake(prop)
-        self.paths = None if isinstance(prop, Ball) else PegPaths(approach.draws)
+        self.paths = None if isinstance(prop, Ball) else PegPaths(self.approach.draws)
         self.has = False
         self.path: Path | None = None
         self.patience = 0
@@ -141,7 +140,7 @@ class Fetch:
 
     def update(self, physics: Any) -> None:
         """Decides the stage, after `observe`, and the path to an object that is not held."""
-        data, walls = physics.named.data, self.approach.walls
+        data = physics.named.data
         self.patience -= 1
         self._watch_arm(data)
         if self.has:
@@ -157,7 +156,7 @@ class Fetch:
         if self.has:
             return
         is_blocked = self.paths is not None and self._search(self.paths, data)
-        if len(walls.radii):
+        if self.approach.walls is not NOTHING:
             self._go_around(data, is_blocked)
 
     def _watch_arm(self, data: Any) -> None:
@@ -191,7 +190,7 @@ class Fetch:
             self._near_for = 0
 
     def _choose_spot(self, data: Any) -> None:
-        """Decides where a peg is raked, unless the arm makes it fall; another spot, another path"""
+        """Decides where a peg is raked, unless the arm makes it fall; each spot has its path."""
         rake, spot = self.rake, self.rake.spot
         if self.lies_on_arm:
             rake.goal, rake.misses = None, 0
@@ -222,7 +221,7 @@ class Fetch:
 
             paths.search_peg(now, peg, straight_on)
         along = paths.plans(now, 24)[:1, 1:, : len(ARM)]
-        if not len(self.approach.walls.radii) or not len(along):
+        if self.approach.walls is NOTHING or not len(along):
             return False
         (poses,) = along
         between = np.concatenate([poses[1:], (poses[1:] + poses[:-1]) / 2])

@@ -16,7 +16,7 @@ from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, lifts, plans_of, straight_to
 from limberjack.planner.arm.roadmap import find_path, roadmap
 from limberjack.planner.cost import Cost
-from limberjack.planner.manipulator.approach import GOALS, Approach, few_of
+from limberjack.planner.manipulator.approach import GOALS, few_of
 from limberjack.planner.manipulator.fetch import ARRIVED, PATIENCE, PER_RADIAN, Fetch, Stage
 from limberjack.planner.manipulator.props import PRESS, Ball, prop_of
 from limberjack.planner.manipulator.receptacles import Receptacle
@@ -45,10 +45,8 @@ class Insert(Cost):
     def reset(self) -> None:
         """Discards the stage, the forecast and the paths."""
         prop, slot = prop_of(self.task), self._receptacle
-        is_ball = isinstance(prop, Ball)
-        approach = Approach(prop, spare=2, fewest=1 if is_ball else 8)
-        self._fetch = Fetch(prop, self.settings, approach)
-        self._release = Release(self.task, self._fetch, slot) if is_ball else None
+        self._fetch = fetch = Fetch(prop, self.settings)
+        self._release = Release(self.task, fetch, slot) if isinstance(prop, Ball) else None
         self._sag = np.zeros(4)  # radians by which gravity bends the arm away from its targets
         self._stands_at = np.full(3, np.nan)  # place of the receptacle, metres
         self._is_in = self._at_mouth = False

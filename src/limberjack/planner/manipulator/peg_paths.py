@@ -94,11 +94,11 @@ class PegPaths:
 
     def cost_to_peg(self, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
         """Cost of the rest of the path to the peg and, at its end, of the hand, (N,)."""
-        return _cost(self._to_peg, joints, near_cost, _AT_PEG, 1.0, 1.0)
+        return _cost(self._to_peg, joints, near_cost, (_AT_PEG, 1.0, 1.0))
 
     def cost_to_target(self, joints: np.ndarray, near_cost: np.ndarray) -> np.ndarray:
         """Cost of the rest of the path to the target and, at its end, of the peg, (N,)."""
-        return _cost(self._to_target, joints, near_cost, 0.4, 1.2, 2.0)
+        return _cost(self._to_target, joints, near_cost, (0.4, 1.2, 2.0))
 
     def plans(self, now: np.ndarray, knots: int) -> np.ndarray:
         """Targets along the shortest path, at several speeds, (n, knots, 5)."""
@@ -113,17 +113,14 @@ class PegPaths:
 
 
 def _cost(
-    paths: list[Path],
-    joints: np.ndarray,
-    near_cost: np.ndarray,
-    near: float,
-    per_radian: float,
-    besides: float,
+    paths: list[Path], joints: np.ndarray, near_cost: np.ndarray, scales: tuple[float, float, float]
 ) -> np.ndarray:
     """Cost of the rest of the shortest path and, within `near` radians of its end, the other, (N,).
 
-    Twice as far from the end the other does not count, and being far costs `besides`.
+    Twice as far from the end the other does not count. The scales are `near`, the cost per radian,
+    and a cost of being far.
     """
+    near, per_radian, besides = scales
     if not paths:
         return near_cost
     left = paths[0].remaining(joints)

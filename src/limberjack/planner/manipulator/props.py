@@ -113,6 +113,7 @@ class Ball:
       held, reach: from the wrist to the far end of the held object, and to the point of the hand
         that `grasps` puts at a place, metres.
       attempts: searches for a path after which the object is approached in another pose.
+      fewest: number of poses around the object that are drawn at least where there are walls.
     """
 
     joints: list[str]
@@ -120,7 +121,8 @@ class Ball:
     place, forward, width, slack = (0.0, 0.0), None, 0.03, 0.015
     # The fingertips are at these distances from the hand's middle line, in metres.
     ready, firm, shut = map(finger_angle, (0.038, 0.03, 0.011))
-    held, reach, attempts = GRASP + 0.022, GRASP, 4
+    held, reach = GRASP + 0.022, GRASP
+    attempts, fewest = 4, 1
 
     def offset(self, data: Any) -> tuple[Any, Any]:
         """Distances of the ball ahead and aside of the point of the grasp, (N,) each, metres."""
@@ -178,7 +180,8 @@ class Peg:
     # that press more squeeze it out.
     place, forward, width, slack = (0.0, GEOMETRY.peg_grasp), (0.0, -1.0), 0.013, 0.0
     ready, firm, shut = map(finger_angle, (0.02, 0.013, 0.01))
-    held, reach, attempts = GRASP + GEOMETRY.peg, PINCH, 8
+    held, reach = GRASP + GEOMETRY.peg, PINCH
+    attempts, fewest = 8, 8
 
     # Radians that a peg at the target may lean about the point between its middle and its tip,
     # which are then 0.05 sin(lean / 2) off each: up to 0.4 the reward is 1, at 0.8 it is 0.6. As
