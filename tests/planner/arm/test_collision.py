@@ -6,7 +6,7 @@ import numpy as np
 
 from limberjack import suite
 from limberjack.planner.arm.collision import (
-    Obstacle,
+    NOTHING,
     clearance,
     hand_gap,
     hand_height,
@@ -60,8 +60,7 @@ def test_poses_that_are_clear_have_no_contact_and_others_have() -> None:
 def test_points_and_capsules_agree_on_floor_and_walls() -> None:
     random = np.random.default_rng(1)
     poses = random.uniform([-np.pi, -2.7, -2.7, -2.3], [np.pi, 2.7, 2.7, 2.3], (3000, 4))
-    nothing = Obstacle(np.zeros((0, 2, 2)), np.zeros(0))
-    gaps = clearance(poses, 0.098, nothing)
+    gaps = clearance(poses, 0.098, NOTHING)
     clear = is_clear(poses, 0.098)
     assert 100 < clear.sum() < 2900
     assert gaps[clear][:, 2].min() > -0.006

@@ -35,7 +35,7 @@ def test_going_straight_to_points_behind_a_bend_costs_more_unless_they_are_in_si
     path = Path(np.array([[0.0, 0, 0, 0], [0.0, 2, 0, 0], [0.5, 0, 0, 0]]), joint_sum)
     begin = np.zeros((1, 4))
     blocked = path.remaining(begin)[0]
-    path.see(np.full(len(path.points), len(path.points) - 1))
+    path.sight = np.full(len(path.points), len(path.points) - 1)
     assert path.remaining(begin)[0] < 0.7 < blocked
 
 
@@ -45,4 +45,27 @@ def test_points_that_are_covered_are_not_ahead() -> None:
     first = path.next_points(1)[0]
     assert first[1] > 0.5
     np.testing.assert_array_equal(path.next_points(1)[-1], _BENT[-1])
-    assert path.astray(np.array([[0.0, 0.8, 0, 0]]))[0] < 0.06
+    path.advance(np.array([0.0, 0.8, 0, 0]))
+    assert not path.is_astray
+
+
+def test_an_arm_that_makes_no_headway_for_long_is_stalled() -> None:
+    path = Path(np.array([[0.0, 0, 0, 0], [3.0, 0, 0, 0]]), joint_sum)
+
+    def is_stalled(left: float) -> bool:
+        path.advance(np.array([3.0 - left, 0, 0, 0]))
+        # As far as its points are apart, for joints between two of them.
+        assert path.left == pytest.approx(left, abs=0.05)
+        return path.is_stalled
+
+    assert not any(is_stalled(2.0) for _ in range(29))
+    assert not is_stalled(1.7)  # headway
+    assert not any(is_stalled(1.7) for _ in range(28))
+    assert is_stalled(1.7)
+
+
+def test_an_arm_far_off_the_path_is_astray() -> None:
+    path = Path(_BENT, joint_sum)
+    for off, is_astray in (((0.5, 0.0), False), ((0.5, 0.5), True)):
+        path.advance(np.array([off[0], 0.0, off[1], 0.0]))
+        assert path.is_astray == is_astray

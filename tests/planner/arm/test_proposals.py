@@ -6,12 +6,14 @@ import pytest
 from limberjack import suite
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE
 from limberjack.planner.arm.kinematics import GRASP, direction, hand_places, hand_poses
+from limberjack.planner.arm.path import Path, joint_sum
 from limberjack.planner.arm.proposals import (
     Proposal,
     approaches,
     lifts,
     plans_along,
     plans_of,
+    plans_on,
     straight_to,
 )
 
@@ -63,6 +65,16 @@ def test_plans_of_many_equal_waypoints_are_the_same_as_proposals(duration: int) 
     np.testing.assert_array_equal(plans_along(_NOW, paths[0], 5, [0.1, 0.2], duration), along[0])
     still = plans_along(_NOW, [], 5, [0.1])
     np.testing.assert_array_equal(still, np.repeat([[*_NOW, 0.1]], 5, axis=0))
+
+
+def test_plans_lead_along_a_path_at_several_speeds_with_a_grasp() -> None:
+    end = _NOW + np.array([1.0, 0.0, 0.0, 0.0])
+    plans = plans_on(Path(np.stack([_NOW, end]), joint_sum), _NOW, -0.3, 5)
+    assert (plans[..., 4] == -0.3).all()
+    np.testing.assert_array_equal(plans[:, 0, :4], np.repeat(_NOW[None], len(plans), axis=0))
+    speeds = plans[:, 1, 0]
+    assert (np.diff(speeds) >= 0).all()
+    assert 0.0 < speeds[0] < speeds[-1] == 1.0
 
 
 def test_lifts_end_above_the_hand_with_it_turned_little() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from limberjack import suite
 from limberjack.planner import cost_for
 from limberjack.planner.arm.hand import ARM
-from limberjack.planner.manipulator.grips import Pose
+from limberjack.planner.manipulator.props import Pose
 
 __all__ = ["lying_peg", "scene"]
 

@@ -37,7 +37,7 @@ def test_a_ball_that_starts_in_the_hand_is_carried_and_its_distance_costs() -> N
     env.reset()
     assert env.task.start(env.physics) == "in_hand"
     cost, physics = Bring(env.task), env.physics
-    physics.named.data.qpos[["thumb", "finger"]] = cost._fetch.prop.grip.firm
+    physics.named.data.qpos[["thumb", "finger"]] = cost._fetch.prop.firm
     physics.forward()
     cost.update(physics)
     assert cost.stage()[0] is Stage.CARRY

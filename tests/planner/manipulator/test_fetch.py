@@ -3,13 +3,9 @@
 import numpy as np
 import pytest
 
-from limberjack.planner.arm.collision import clearance
 from limberjack.planner.arm.hand import ARM
 from limberjack.planner.arm.kinematics import GRASP, hand_places
-from limberjack.planner.manipulator.fetch import TOUCHING, Fetch, Stage
-from limberjack.planner.manipulator.grips import BALL_SETTINGS, pose_of
-from limberjack.planner.manipulator.props import HAND, Ball
-from limberjack.planner.manipulator.receptacles import Receptacle
+from limberjack.planner.manipulator.fetch import Stage
 from limberjack.utils.arrays import rows_of_a_batch
 
 from .scenes import scene
@@ -44,33 +40,18 @@ def test_an_object_counts_as_held_only_between_closed_fingers() -> None:
     place = hand_places(np.array(_ARM), GRASP)
     cost, physics = scene("bring_ball", 1000, _ARM, [*place, 0.0])
     data, fetch = physics.named.data, cost._fetch
-    for angle, held in ((fetch.prop.grip.firm, True), (fetch.prop.grip.ready, False)):
+    for angle, held in ((fetch.prop.firm, True), (fetch.prop.ready, False)):
         data.qpos[["thumb", "finger"]] = angle
         physics.forward()
         fetch.observe(data)
         assert fetch.has == held
 
 
-def test_poses_around_an_object_are_clear_of_the_walls() -> None:
-    _, physics = scene("insert_ball", 1003, _ARM, [0.0, 0.3, 0.0])
-    data, cup = physics.named.data, Receptacle.for_object("ball")
-    place, frame = pose_of(data, "target_ball")
-    fetch = Fetch(Ball(["ball_x", "ball_z", "ball_y"]), BALL_SETTINGS, spare=2)
-    beside = [(place + np.array([0.06, 0.0, 0.0]), frame)]
-    now, random = data.qpos[ARM], np.random.default_rng(0)
-    (anyhow,) = fetch.poses_around(beside, now, random, 40)
-    fetch.walls = cup.walls(physics)
-    (clear,) = fetch.poses_around(beside, now, random, 40)
-    assert (clearance(anyhow, HAND, fetch.walls)[:, 0] <= TOUCHING).any()
-    assert len(clear) <= 40
-    assert (clearance(clear, HAND, fetch.walls)[:, 0] > TOUCHING).all()
-
-
 @pytest.mark.parametrize("task", ["bring_ball", "bring_peg"])
 def test_a_hand_nearer_to_an_object_costs_less(task: str) -> None:
     ahead = hand_places(np.array(_ARM), GRASP + 0.1)
     cost, physics = scene(task, 1000, _ARM, [*ahead, np.pi - sum(_ARM)])
-    fetch, batch = cost._fetch, physics.replicate(2, 1, []).physics
+    batch = physics.replicate(2, 1, []).physics
     data, joints = batch.named.data, cost.task.object_joints
     data.qpos[ARM] = _ARM
     data.qpos[joints] = np.stack(
@@ -78,6 +59,6 @@ def test_a_hand_nearer_to_an_object_costs_less(task: str) -> None:
     )
     batch.forward()
     with rows_of_a_batch(2):
-        terms = fetch.terms(data, lambda held: (held, 0.0 * held))
+        terms = cost.terms(batch)
     assert terms["fetch"][0] < terms["fetch"][1]
     assert list(terms) == ["carry", "fetch", "hand at the floor"]

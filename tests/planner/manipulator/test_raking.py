@@ -35,7 +35,7 @@ def test_a_peg_that_does_not_move_is_raked_from_elsewhere_without_a_pause() -> N
     for _ in range(150):
         cost.update(physics)
         spots.append(cost._fetch.rake.spot)
-        assert not cost._fetch.withdraws
+        assert not cost._fetch._withdraws
     assert len(set(spots)) > 2
     assert cost._fetch.rake.goal is not None
 
@@ -49,14 +49,14 @@ def test_a_peg_that_leans_on_the_slot_is_raked_by_an_end_that_a_fingertip_reache
     chosen = list(dict.fromkeys(spot for spot in spots if spot is not None))
     # It leans with the handle up, and so may fall; of the others a fingertip reaches the tip first.
     assert chosen == [Spot("peg_grasp", "there"), Spot("peg_tip", "there")]
-    assert not cost._fetch.withdraws
+    assert not cost._fetch._withdraws
 
 
 def test_a_fingertip_that_comes_nearer_makes_headway() -> None:
     cost, physics = scene("insert_peg", *_LEANING)
     data, rake = physics.named.data, Rake(cost._fetch.prop)
     walls = Receptacle.for_object("peg").walls(physics)
-    situation = {"walls": walls, "is_led": False, "moves": False, "falls": False}
+    situation = {"walls": walls, "is_led": False, "moves": False}
     rake.goal = -0.12
     rake.choose_spot(data, **situation)
     first = rake.spot
@@ -73,14 +73,15 @@ def test_a_fingertip_that_comes_nearer_makes_headway() -> None:
 
 def test_a_peg_is_raked_after_failed_searches_for_a_path_but_not_while_it_falls() -> None:
     cost, physics = scene("insert_peg", *_LEANING)
-    data, rake = physics.named.data, Rake(cost._fetch.prop)
-    walls = Receptacle.for_object("peg").walls(physics)
-    rake.choose_spot(data, walls, False, False, False)
+    data, fetch = physics.named.data, cost._fetch
+    rake = fetch.rake
+    fetch._choose_spot(data)
     assert rake.goal is None
     rake.misses = 2
-    rake.choose_spot(data, walls, False, False, False)
+    fetch._choose_spot(data)
     assert rake.goal is not None
-    rake.choose_spot(data, walls, False, False, True)
+    fetch._carried_for = 20
+    fetch._choose_spot(data)
     assert rake.goal is rake.spot is None
     assert rake.misses == 0
 

@@ -19,8 +19,8 @@ import numpy as np
 from limberjack.planner.arm.geometry import GEOMETRY
 
 __all__ = [
-    "LIMITS", "Obstacle", "clearance", "corners", "direction_of", "hand_gap", "hand_height",
-    "has_room", "is_clear", "is_off_ground", "within_limits",
+    "LIMITS", "NOTHING", "Obstacle", "clearance", "corners", "direction_of", "hand_gap",
+    "hand_height", "has_room", "is_clear", "is_off_ground", "within_limits",
 ]  # fmt: skip
 
 # Limits of shoulder, elbow and wrist, less a margin in which the limits' springs push back.
@@ -56,6 +56,9 @@ class Obstacle(NamedTuple):
     radii: np.ndarray
 
 
+NOTHING = Obstacle(np.zeros((0, 2, 2)), np.zeros(0))
+
+
 def clearance(poses: np.ndarray, held: float, obstacle: Obstacle) -> np.ndarray:
     """Distances of poses (n, 4) from the obstacle, themselves, and the ground, (n, 4), metres.
 
@@ -72,11 +75,9 @@ def clearance(poses: np.ndarray, held: float, obstacle: Obstacle) -> np.ndarray:
     radii = (_RADII[:, None] + obstacle.radii).ravel(), _RADII[_PAIRS].sum(axis=0)
     gaps = _gaps(first, second) - np.concatenate(radii)
     ground = _height(lines[..., 1:]).min(axis=0) - _RADII[1:]
-    found = np.empty((len(poses), 4))
-    found[:, 0] = gaps[:, : parts * others].min(axis=1, initial=np.inf)  # there may be no obstacle
-    found[:, 1] = gaps[:, parts * others :].min(axis=1)
-    found[:, 2], found[:, 3] = ground[:, :3].min(axis=1), ground[:, 3:].min(axis=1)
-    return found
+    around = gaps[:, : parts * others].min(axis=1, initial=np.inf)  # there may be no obstacle
+    arm = gaps[:, parts * others :].min(axis=1)
+    return np.stack([around, arm, ground[:, :3].min(axis=1), ground[:, 3:].min(axis=1)], axis=1)
 
 
 def is_clear(joints: np.ndarray, reach: float) -> np.ndarray:

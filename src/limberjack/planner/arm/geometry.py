@@ -22,7 +22,7 @@ class ArmGeometry:
     base_height: float  # of the root's axis above the floor
     lengths: tuple[float, float, float]  # of the three links
     radii: tuple[float, ...]  # of three links, the hand, two palms and, last, the peg's blade
-    limits: tuple[float, float, float]  # of shoulder, elbow and wrist, the same to both sides
+    limits: tuple[float, ...]  # of shoulder, elbow and wrist, the same to both sides
     floor: float  # half its width; at its edges the walls rise at 45 degrees
     hand: float  # length of the hand's own link
     knuckle: tuple[float, float]  # a finger's joint: from the hand's middle line, and the wrist
@@ -41,16 +41,13 @@ class ArmGeometry:
         chain = ("middle_arm", "lower_arm", "hand")
         upper, middle, lower = (float(body(name).pos[2]) for name in chain)
         thick = ("upper_arm", *chain, "palm1", "palm2", "blade")
-        radii = tuple(float(geom(name).size[0]) for name in thick)
-        limits = (float(joint(f"arm_{name}").range[1]) for name in ("shoulder", "elbow", "wrist"))
         thumb, tip = body("thumb").pos, body("thumbtip").pos + geom("thumbtip2").pos
         handle, peg_middle = float(site("peg_grasp").pos[2]), float(site("peg").pos[2])
-        shoulder, elbow, wrist = limits
         return cls(
             base_height=float(body("upper_arm").pos[2]),
             lengths=(upper, middle, lower),
-            radii=radii,
-            limits=(shoulder, elbow, wrist),
+            radii=tuple(float(geom(name).size[0]) for name in thick),
+            limits=tuple(float(joint(f"arm_{j}").range[1]) for j in ("shoulder", "elbow", "wrist")),
             floor=float(geom("floor").size[0]),
             hand=2.0 * float(geom("hand").size[1]),
             knuckle=(float(thumb[0]), float(thumb[2])),

@@ -1,7 +1,6 @@
 """Inverse kinematics of the planar arm: joint angles that put the hand at a point.
 
     joints = hand_poses(random, point=(0.2, 0.1), forward=0.065, now=qpos[:4], count=8)  # (n, 4)
-    each = hand_poses_each(random, points, 0.065, qpos[:4], count=8)  # as many such arrays
 
 Points are (x, z) in metres. Angles are measured as the joints': 0 points up, growing from x to -x
 over the top. The arm has four joints for three numbers, so a pose leaves one free, which is drawn.
@@ -98,8 +97,6 @@ def hand_poses_each(
     if width is not None:
         clear &= has_room(pointing, width)
     usable, far = usable[clear], np.abs(usable - start).max(axis=-1)[clear]
-    if rows == 1:
-        return [usable[_chosen(random, far, count)]]
     ends = row[clear].searchsorted(np.arange(rows + 1))
     return [
         usable[b:e][_chosen(random, far[b:e], count)] for b, e in itertools.pairwise(ends.tolist())
@@ -160,7 +157,10 @@ def drawn_back(poses: np.ndarray, by: float) -> np.ndarray:
 
 
 def nudged(joints: np.ndarray, by: np.ndarray, turn: np.ndarray | float) -> np.ndarray:
-    """Joints (..., 4) that move the wrist by metres (..., 2) and turn the hand, turning least."""
+    """Joints (..., 4) that move the wrist by metres (..., 2) and turn the hand, turning least.
+
+    Newton's method, by least squares that ignore directions in which the arm hardly moves.
+    """
     goal = _axes(joints)[..., 3] + by[..., 0] + 1j * by[..., 1]
     angle = joints.sum(axis=-1) + turn
     wanted = np.broadcast_to(joints, (*goal.shape, 4))
@@ -173,7 +173,6 @@ def nudged(joints: np.ndarray, by: np.ndarray, turn: np.ndarray | float) -> np.n
         left = goal - axes[..., 3]
         error[..., 0, 0], error[..., 0, 1] = left.real, left.imag
         error[..., 0, 2] = angle - wanted.sum(axis=-1)
-        # Least squares that ignore directions in which the arm hardly moves.
         across, strengths, along = np.linalg.svd(jacobian, full_matrices=False)
         weak = strengths < 0.02 * strengths[..., :1]
         shares = (error @ across)[..., 0, :] / np.where(weak, np.inf, strengths)

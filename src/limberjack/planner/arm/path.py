@@ -3,6 +3,8 @@
     path = Path(waypoints, joint_time)  # (n, 4)
     path.remaining(joints)              # (N, 4) -> (N,), radians to the end
     path.ahead(0.3, count=4)            # joints 0.3, 0.6, ... radians along the path, (4, 4)
+    path.advance(now)                   # at each planning of an arm that follows it
+    path.left, path.is_stalled, path.is_astray
 
 The remaining length is that from the nearest point of the path, plus the distance to it. Points
 beyond a bend cost more to go to directly: there is a reason for the bend. Searches return paths,
@@ -17,10 +19,21 @@ import numpy as np
 __all__ = ["Path", "joint_sum", "joint_time"]
 
 _TIMES = np.array([0.67, 0.75, 1.0, 1.0])  # of a radian of each joint at full speed, to the wrist's
+_ASTRAY = 0.8  # radians; an arm so far off its path needs another one
+_HEADWAY, _IDLE = 0.1, 30  # radians by which what is left must decrease within so many plannings
 
 
 class Path:
-    """Waypoints, and the arc length along them, `length`, radians."""
+    """Waypoints, and the arc length along them, `length`, radians.
+
+    Attributes:
+      sight: for each point the last one to which the arm can go straight, (n,); if it is None,
+        these are the points up to the first bend.
+      left: arc length from the arm to the end when it last advanced, radians.
+      is_straight: whether the path leads straight to its end.
+      is_stalled: whether the arm makes no headway.
+      is_astray: whether the arm is far off the path.
+    """
 
     def __init__(
         self,
@@ -32,12 +45,15 @@ class Path:
     ) -> None:
         self.waypoints, self.via = waypoints, via
         self.goal = waypoints[-1:] if goal is None else goal
+        self.is_straight = len(waypoints) == 2
         self._distance, self._view = distance, view
         lengths = distance(waypoints[:-1], waypoints[1:])
         self._ends = np.concatenate([[0.0], lengths.cumsum()])
-        self.length = float(self._ends[-1])
+        self.length = self.left = float(self._ends[-1])
+        self.is_stalled = self.is_astray = False
         self._covered = 0  # points
-        self._sight: np.ndarray | None = None
+        self.sight: np.ndarray | None = None
+        self._least, self._idle = np.inf, 0  # arc length left at the last headway; plannings since
 
     @functools.cached_property
     def _places(self) -> np.ndarray:
@@ -53,37 +69,27 @@ class Path:
         """Joints at arc lengths, (n,) -> (n, 4)."""
         return np.stack([np.interp(places, self._ends, j) for j in self.waypoints.T], axis=-1)
 
-    @property
-    def is_straight(self) -> bool:
-        """Whether the path leads straight to its end."""
-        return len(self.waypoints) == 2
-
-    def see(self, sight: np.ndarray) -> None:
-        """Sets, for each point, the last one to which the arm can go straight, (n,).
-
-        By default these are the points up to the first bend.
-        """
-        self._sight = sight
-
-    def advance(self, joints: np.ndarray) -> None:
-        """Marks as covered the points before the one nearest to the current joints, (4,)."""
-        self._covered += int(self._aside(joints[None])[0].argmin())
+    def advance(self, now: np.ndarray) -> None:
+        """Covers the points before the one nearest to the arm's joints, (4,); measures headway."""
+        self._covered += int(self._aside(now[None])[0].argmin())
+        self.left = float(self.remaining(now[None])[0])
+        self.is_astray = bool(self._aside(now[None]).min() > _ASTRAY)
+        if self.left < self._least - _HEADWAY:
+            self._least, self._idle = self.left, 0
+        self._idle += 1
+        self.is_stalled = self._idle >= _IDLE
 
     def remaining(self, joints: np.ndarray) -> np.ndarray:
         """Arc length from joints to the end, by the nearest point, (N, 4) -> (N,), radians."""
         aside = self._aside(joints)
         places = self._places[self._window]
-        if self._sight is None:
+        if self.sight is None:
             is_behind = places > self._ends[1]
         else:
-            is_behind = np.arange(len(places)) > self._sight[self._covered] - self._covered
+            is_behind = np.arange(len(places)) > self.sight[self._covered] - self._covered
         # Going straight to points out of sight costs more beyond 0.35 radians.
         cut = is_behind * np.maximum(aside - 0.35, 0.0)
         return (1.3 * aside + 5.0 * cut + (self.length - places)).min(axis=-1)
-
-    def astray(self, joints: np.ndarray) -> np.ndarray:
-        """Distance of joints from the path, (N, 4) -> (N,), radians."""
-        return self._aside(joints).min(axis=-1)
 
     def ahead(self, stride: float, count: int) -> np.ndarray:
         """Joints at multiples of an arc length from the beginning, (count, 4)."""

@@ -12,8 +12,11 @@ from numpy.typing import ArrayLike
 
 from limberjack.planner.arm.hand import ARM, PLANE
 from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses_each, nudged
+from limberjack.planner.arm.path import Path
 
-__all__ = ["Proposal", "approaches", "lifts", "plans_along", "plans_of", "straight_to"]
+__all__ = [
+    "Proposal", "approaches", "lifts", "plans_along", "plans_of", "plans_on", "straight_to"
+]  # fmt: skip
 
 
 class Proposal(NamedTuple):
@@ -51,6 +54,13 @@ def plans_along(
     paths = given.reshape(int(np.prod(several)), count, 4)
     proposals = [Proposal(path, grasp, duration) for path in paths]
     return plans_of(now, proposals, knots).reshape(*several, knots, 5)
+
+
+def plans_on(path: Path, now: np.ndarray, grasp: float, knots: int) -> np.ndarray:
+    """Targets along a path at several speeds, with a grasp, (n, knots, 5)."""
+    strides = 2, 4, 7, 12, 18, 26  # points of the path from one knot to the next
+    ahead = [path.next_points(stride)[:knots] for stride in strides]
+    return plans_of(now, [Proposal(points, [grasp]) for points in ahead], knots)
 
 
 def lifts(random: np.random.Generator, data: Any, press: float) -> list[Proposal]:

@@ -39,16 +39,16 @@ def find_path(
         return None
     # Parts that are within the margin at the start may be so close there, and have to get away.
     least = clearance(now[None], held, obstacle)[0] - 0.001
+    at_goals = clearance(goals, held, obstacle)
     most = np.full(len(least), _MARGIN)
     # Fingers may be near the floor all along, on which the object may lie.
-    floor = np.median(clearance(goals, held, obstacle)[:, 3])
-    most[3] = min(least[3], floor - 0.001, _MARGIN)
+    most[3] = min(least[3], np.median(at_goals[:, 3]) - 0.001, _MARGIN)
     scene = _Scene(held, obstacle, now, least, most)
-    is_free = scene.is_free(goals)
+    is_free = scene.is_free(goals, at_goals)
     if close and not is_free.any():
-        usual = np.quantile(clearance(goals, held, obstacle), 0.75, axis=0) - 0.001
+        usual = np.quantile(at_goals, 0.75, axis=0) - 0.001
         scene = dataclasses.replace(scene, most=np.minimum(most, np.maximum(usual, -0.004)))
-        is_free = scene.is_free(goals)
+        is_free = scene.is_free(goals, at_goals)
     goals = goals[is_free]
     if not len(goals):
         return None
@@ -63,7 +63,7 @@ def find_path(
     # The root turns without jumps.
     chain = np.concatenate([chain[:1], chain[0] + _between(chain[:-1], chain[1:]).cumsum(axis=0)])
     path = Path(_shortened(chain, scene), joint_sum, view=_VIEW)
-    path.see(_sights(path.points, scene))
+    path.sight = _sights(path.points, scene)
     return path
 
 

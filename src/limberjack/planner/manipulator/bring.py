@@ -13,8 +13,7 @@ from limberjack.planner.arm.hand import ARM, LONGEST, PLANE, loose, sag
 from limberjack.planner.arm.proposals import Proposal, lifts, straight_to
 from limberjack.planner.cost import Cost
 from limberjack.planner.manipulator.fetch import Fetch, Stage
-from limberjack.planner.manipulator.grips import PRESS, downwards
-from limberjack.planner.manipulator.props import Peg, prop_of
+from limberjack.planner.manipulator.props import PRESS, Peg, downwards, prop_of
 
 __all__ = ["Bring"]
 
@@ -43,17 +42,16 @@ class Bring(Cost):
         """Decides the stage, and searches for paths of a peg."""
         data, fetch = physics.named.data, self._fetch
         fetch.observe(data)
-        if fetch.paths is not None:
-            self._sag = sag(physics, self.settings.gain)
-        fetch.watch_arm(data)
         fetch.update(physics)
-        if fetch.has and isinstance(fetch.prop, Peg):
-            self._search_target(fetch.prop, data)
+        if isinstance(fetch.prop, Peg):
+            self._sag = sag(physics, self.settings.gain)
+            if fetch.has:
+                self._search_target(fetch.prop, data)
 
     def _search_target(self, peg: Peg, data: Any) -> None:
         """Searches for a path to the target; for a leaning peg if no other is found."""
         assert self._fetch.paths is not None
-        up, draws = -downwards(data.site_xpos["grasp"])[PLANE], self._fetch.draws
+        up, draws = -downwards(data.site_xpos["grasp"])[PLANE], self._fetch.approach.draws
         is_found = self._fetch.paths.search_target(
             data.qpos[ARM], up, lambda: peg.poses_at_target(data, draws, 24)
         )
@@ -62,28 +60,34 @@ class Bring(Cost):
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
         """Terms of the stage; those of fetching and carrying are blended by the hold."""
-        data, prop, paths = physics.named.data, self._fetch.prop, self._fetch.paths
+        data, fetch = physics.named.data, self._fetch
+        if fetch.stage not in (Stage.CARRY, Stage.FETCH):
+            return fetch.terms(data)
+        held = fetch.hold(data)
+        return {"carry": held * self._carry(physics), **fetch.terms(data, 1.0 - held)}
 
-        def carrying(held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            missing = 1.0 - self.task.get_reward(physics)
-            carry = prop.gap(data) / LONGEST + missing
-            if paths is not None:
-                carry = paths.cost_to_target(data.qpos[ARM], carry)
-            carry = carry + loose(physics, PRESS)
-            for swing in prop.swung(data):
-                carry = carry + swing
-            return held, carry
-
-        return self._fetch.terms(data, carrying)
+    def _carry(self, physics: Any) -> np.ndarray:
+        """Cost of a held object's distance from the target, and of what it could be lost by."""
+        data, fetch = physics.named.data, self._fetch
+        missing = 1.0 - self.task.get_reward(physics)
+        carry = fetch.prop.gap(data) / LONGEST + missing
+        if fetch.paths is not None:
+            carry = fetch.paths.cost_to_target(data.qpos[ARM], carry)
+        carry = carry + loose(physics, PRESS)
+        for swing in fetch.prop.swung(data):
+            carry = carry + swing
+        return carry
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Straight joint paths of the stage, above its targets by the arm's sag."""
-        found = self._fetch.plans(physics.named.data, random, self._carrying)
+        data, fetch = physics.named.data, self._fetch
+        carrying = self._carrying(data, random) if fetch.stage is Stage.CARRY else []
+        found = fetch.plans(data, random, carrying)
         found[..., :4] += self._sag
         return found
 
     def _carrying(self, data: Any, random: np.random.Generator) -> list[Proposal]:
         """Proposals to the target, upwards, and none."""
-        now, shut = data.qpos[ARM], self._fetch.prop.grip.shut
+        now, shut = data.qpos[ARM], self._fetch.prop.shut
         proposals = straight_to(self._fetch.prop.poses_at_target(data, random, 6), shut, 1, 2, 4)
         return [*proposals, *lifts(random, data, shut), Proposal([now], [shut])]

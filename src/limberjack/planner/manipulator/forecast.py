@@ -13,13 +13,14 @@ import mujoco
 import numpy as np
 
 from limberjack.planner.arm.hand import ARM
-from limberjack.planner.manipulator.grips import Pose, pose_of
+from limberjack.planner.manipulator.props import Pose, pose_of
 from limberjack.planner.settings import Settings
 from limberjack.rl.control import PhysicsError
 
 __all__ = ["MEETS", "Forecast", "restored"]
 
 MEETS = 1, 2, 4  # knots at which the hand may meet a moving object
+_HEAVY = 1e4  # kg m2; inertia of an arm that stays where it is
 _STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value
 
 
@@ -40,12 +41,19 @@ class Forecast:
         self.poses = []
         if self.settles:
             return
+        armature = physics.named.model.dof_armature
+        before = armature[ARM].copy()
         with restored(physics):
-            with contextlib.suppress(PhysicsError), _still_arm(physics):
+            armature[ARM], data.qvel[ARM] = _HEAVY, 0.0
+            try:
                 physics.forward()
                 for _ in range(self._count):
                     physics.step(round(self._span / physics.timestep()))
                     self.poses.append(pose_of(data, self._site))
+            except PhysicsError:
+                pass  # fewer poses
+            finally:
+                armature[ARM] = before
             self.settles = bool(np.abs(data.qvel[self._joints]).max() < 0.2)
 
     def met(self, data: Any) -> list[Pose]:
@@ -62,15 +70,3 @@ def restored(physics: Any) -> Iterator[None]:
     yield
     physics.set_state(state, _STATE)
     physics.forward()
-
-
-@contextlib.contextmanager
-def _still_arm(physics: Any) -> Iterator[None]:
-    """Within the context the arm of a single simulation is too heavy to move: 10,000 kg m2."""
-    armature = physics.named.model.dof_armature
-    before = armature[ARM].copy()
-    armature[ARM], physics.named.data.qvel[ARM] = 1e4, 0.0
-    try:
-        yield
-    finally:
-        armature[ARM] = before

@@ -1,9 +1,9 @@
 """`Insert`: the cost of insert_ball and insert_peg.
 
 The object is fetched as to bring it (`fetch.py`). The arm carries it before the mouth of the
-receptacle, on a path around the receptacle's walls (`guide.py`). There a ball is released, and
-falls or rolls in (`insert_ball.py`); a peg is pushed in by small straight steps (`insert_peg.py`).
-A failed attempt is repeated from another pose. An object in its place is left there.
+receptacle (`receptacles.py`), on a path around its walls. There a ball is released, and falls or
+rolls in (`release.py`); a peg is pushed in by small straight steps. A failed attempt is repeated
+from another pose. An object in its place is left there.
 """
 
 from typing import Any, ClassVar
@@ -11,25 +11,21 @@ from typing import Any, ClassVar
 import numpy as np
 
 from limberjack.planner.arm.hand import ARM, LONGEST, OPEN_ANGLE, PLANE, loose, sag
-from limberjack.planner.arm.kinematics import GRASP, hand_poses
+from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses, nudged
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, lifts, plans_of, straight_to
 from limberjack.planner.arm.roadmap import find_path, roadmap
 from limberjack.planner.cost import Cost
-from limberjack.planner.manipulator.fetch import PER_RADIAN, Fetch, Stage
-from limberjack.planner.manipulator.grips import BACK, PRESS
-from limberjack.planner.manipulator.guide import GOALS, Guide, few_of
-from limberjack.planner.manipulator.insert_ball import BallInsertion, Release
-from limberjack.planner.manipulator.insert_peg import PegInsertion
-from limberjack.planner.manipulator.props import Ball, prop_of
+from limberjack.planner.manipulator.approach import GOALS, few_of
+from limberjack.planner.manipulator.fetch import ARRIVED, PATIENCE, PER_RADIAN, Fetch, Stage
+from limberjack.planner.manipulator.props import PRESS, Ball, prop_of
 from limberjack.planner.manipulator.receptacles import Receptacle
-from limberjack.utils import arrays
+from limberjack.planner.manipulator.release import Release
 
 __all__ = ["Insert"]
 
+_STEPS = (0.02, 0.04, 0.08) * 4  # metres; from one pose to the next along the axis, in proposals
 _FACING = 0.7  # cosine between hand and axis, from which on the hand faces the mouth
-_ARRIVED = 0.5  # radians; the arm is at the end of a path that is so near
-_PATIENCE = 10  # plannings between searches for a path
 
 
 class Insert(Cost):
@@ -49,21 +45,12 @@ class Insert(Cost):
     def reset(self) -> None:
         """Discards the stage, the forecast and the paths."""
         prop, slot = prop_of(self.task), self._receptacle
+        self._fetch = fetch = Fetch(prop, self.settings)
+        self._release = Release(self.task, fetch, slot) if isinstance(prop, Ball) else None
         self._sag = np.zeros(4)  # radians by which gravity bends the arm away from its targets
-        self._guide = Guide()  # around the receptacle
-        self._release: Release | None = None
-        if isinstance(prop, Ball):
-            self._fetch = fetch = Fetch(prop, self.settings, spare=2)
-            self._insertion = BallInsertion(fetch, slot)
-            self._release = Release(self.task, fetch, slot)
-        else:
-            self._fetch = fetch = Fetch(prop, self.settings, spare=2, fewest=8)
-            self._insertion = PegInsertion(fetch, slot, self.settings.knots)
         self._stands_at = np.full(3, np.nan)  # place of the receptacle, metres
-        self._had = self._is_in = self._at_mouth = False
-        self._found_at = np.zeros(3)  # place of the object when a path to it was found
-        self._attempts = 0  # to take it
-        self._trials = 0  # to insert it since it was taken
+        self._is_in = self._at_mouth = False
+        self._trials = 0  # to insert the object since it was taken
 
     # In this order: the first that is due is the stage, or else that of fetching.
     _TRANSITIONS = (
@@ -79,195 +66,133 @@ class Insert(Cost):
         return next(due, self._fetch.stage)
 
     def stage(self) -> tuple[Any, ...]:
-        """The stage, the choices in it, and the path that the arm follows."""
-        choices = self._fetch.choices()
-        return self._stage, choices, self._guide.path, self._at_mouth, self._is_in
+        """The stage and the choices in it."""
+        return self._stage, self._fetch.choices(), self._at_mouth, self._is_in
 
     def update(self, physics: Any) -> None:
         """Decides the stage and the arm's path."""
-        data, fetch, guide = physics.named.data, self._fetch, self._guide
-        fetch.observe(data)
+        data, fetch, slot = physics.named.data, self._fetch, self._receptacle
+        if fetch.observe(data):
+            self._trials = 0
         if self._release is not None and self._release.update(physics):
             return
-        self._observe(physics)
-        if self._is_in and not fetch.has:
-            fetch.rake.goal = guide.path = None
-            self._sag = np.zeros(4)
-            self.noise_scale = 0.1
-            return
-        self._update_fetch(physics)
-        self._sag = sag(physics, self.settings.gain)
-        guide.patience -= 1
-        if guide.path is not None:
-            guide.path.advance(data.qpos[ARM])
-        if fetch.has:
-            self._carry_on(physics)
-        else:
-            self._approach(data)
-        self.noise_scale = self._insertion.noise_scale if self._at_mouth else 1.0
-
-    def _observe(self, physics: Any) -> None:
-        """Finds the receptacle's walls, and decides whether the object is in its place."""
-        data, slot, has = physics.named.data, self._receptacle, self._fetch.has
         place = data.site_xpos[slot.target]
         if not np.array_equal(place, self._stands_at):
-            self._stands_at, self._fetch.walls = place.copy(), slot.walls(physics)
-        if has != self._had:
-            self._guide.drop(0)
-            self._trials = self._attempts = 0
-        self._had = has
-        self._at_mouth = self._at_mouth and has
+            self._stands_at, fetch.approach.walls = place.copy(), slot.walls(physics)
+        self._at_mouth = self._at_mouth and fetch.has
         self._is_in = bool(slot.holds(slot.offset(data, slot.sites[0])) > 0.5)
-
-    def _update_fetch(self, physics: Any) -> None:
-        """Decides the stage of fetching; a new one may need another path."""
-        fetch, guide = self._fetch, self._guide
-        if fetch.watch_arm(physics.named.data):
-            guide.drop(-1)
-        spot = fetch.rake.spot
-        fetch.update(physics, guide.path is not None)
-        if fetch.rake.goal is not None and fetch.rake.spot is not spot:
-            guide.drop(-1)
-        if fetch.has and fetch.paths is not None:
-            fetch.paths.forget()
-
-    def _approach(self, data: Any) -> None:
-        """Keeps the arm's path to the object, or searches for one around the receptacle."""
-        fetch, guide, most = self._fetch, self._guide, self._insertion.attempts
-        now, place = data.qpos[ARM], data.site_xpos[fetch.prop.name]
-        if guide.path is not None:
-            left = guide.left(now)
-            if left < _ARRIVED:
-                guide.drop(_PATIENCE)
-                return
-            # Where a rolling ball is awaited does not move with it.
-            waits = self._release is not None and fetch.is_fast(data)
-            has_moved = arrays.norm(place - self._found_at) > BACK and not waits
-            if not guide.advances(left):
-                self._attempts = most
-            elif not has_moved and not guide.is_astray(now):
-                return
-        elif guide.patience >= 0:
+        if self._is_in and not fetch.has:
+            fetch.rake.goal = fetch.path = None
+            self._sag, self.noise_scale = np.zeros(4), 0.1
             return
-        guide.patience, self._found_at = _PATIENCE, place.copy()
-        self._attempts += 1
-        again = self._attempts > most
-        path = self._insertion.path_to_object(data, self._attempts if again else 0)
-        blocked = path is not None and not path.is_straight
-        is_needed = fetch.rake.goal is not None or fetch.lies_on_arm or fetch.is_blocked
-        # An arm that has left a dead end does not return there because the path is straight now.
-        keep = blocked or again or guide.path is not None or is_needed
-        guide.follow(path if keep else None)
-        if again and path is not None:
-            self._attempts = most // 2
+        fetch.update(physics)
+        self._sag = sag(physics, self.settings.gain)
+        if fetch.has:
+            self._carry_on(physics)
+        self.noise_scale = slot.noise_scale if self._at_mouth else 1.0
 
     def _carry_on(self, physics: Any) -> None:
         """Carries the object to the mouth; after three trials a ball to where its release works."""
-        guide, release = self._guide, self._release
+        fetch, release = self._fetch, self._release
         if release is None:
             self._carry_to_mouth(physics)
             return
         if release.is_due:
-            release.seek(physics, guide)
+            release.seek(physics)
             return
-        searches = guide.path is None and guide.patience <= 0
-        waited = self._at_mouth and guide.patience < 0
+        searches = fetch.path is None and fetch.patience <= 0
+        waited = self._at_mouth and fetch.patience < 0
         self._carry_to_mouth(physics)
-        finds_none = searches and guide.path is None
+        finds_none = searches and fetch.path is None
         if not self._at_mouth and (finds_none or waited or self._trials > 3):
-            release.is_due, guide.path = True, None
+            release.is_due, fetch.path = True, None
 
     def _carry_to_mouth(self, physics: Any) -> None:
         """Decides whether the object is before the mouth, or else the arm's path there."""
-        data, guide, slot = physics.named.data, self._guide, self._receptacle
-        now = data.qpos[ARM]
+        data, fetch, slot = physics.named.data, self._fetch, self._receptacle
         awry = max(_FACING - float(slot.facing(data)), 0.0)
         is_near = slot.from_mouth(data) + 0.1 * awry < (0.1 if self._at_mouth else 0.07)  # metres
-        left = guide.left(now)
+        path = fetch.path
         if self._at_mouth:
-            if is_near and (guide.patience >= 0 or self.task.get_reward(physics) > 0.5):
+            if is_near and (fetch.patience >= 0 or self.task.get_reward(physics) > 0.5):
                 return
             # It took too long, or the object has gone: now from elsewhere.
-            self._at_mouth, guide.patience = False, 0
+            self._at_mouth, fetch.patience = False, 0
             self._trials += 1
-        elif left < _ARRIVED or (is_near and self._trials == 0):
+        elif (path is not None and path.left < ARRIVED) or (is_near and self._trials == 0):
             self._at_mouth = True
-            guide.drop(self._insertion.long)
+            fetch.drop_path(slot.patience)
             return
-        if guide.path is not None:
-            if not guide.advances(left):
-                guide.drop(0)
-                self._trials += 1
-            elif guide.is_astray(now):
-                guide.drop(min(guide.patience, 0))
-        if guide.path is None and guide.patience <= 0:
-            guide.patience = _PATIENCE
-            guide.follow(self._path_to_mouth(data))
+        if path is not None and (path.is_stalled or path.is_astray):
+            fetch.drop_path(0)
+            self._trials += path.is_stalled
+        if fetch.path is None and fetch.patience <= 0:
+            fetch.path, fetch.patience = self._path_to_mouth(data), PATIENCE
 
     def _path_to_mouth(self, data: Any) -> Path | None:
         """The arm's path around the receptacle to before its mouth; another one at each trial."""
-        insertion, slot, walls = self._insertion, self._receptacle, self._fetch.walls
+        slot, walls = self._receptacle, self._fetch.approach.walls
         random = np.random.default_rng(self._trials)
-        for over in insertion.over:
+        for over in slot.over:
             goals = slot.poses(data, random, slot.before + over, 0.0, GOALS)
             if self._trials:  # few: not where it has not succeeded
                 goals = few_of(random, goals)
-            for held in insertion.held:
-                path = find_path(data.qpos[ARM], goals, held, walls, insertion.close)
+            for held in slot.held:
+                path = find_path(data.qpos[ARM], goals, held, walls, slot.is_narrow)
                 if path is not None:
                     return path
         return None
 
     def terms(self, physics: Any) -> dict[str, np.ndarray]:
         """Terms of the stage; those of fetching and inserting are blended by the hold."""
-        data, path = physics.named.data, self._guide.path
+        data, fetch, slot = physics.named.data, self._fetch, self._receptacle
         if self._release is not None and self._release.is_busy:
             return self._release.terms(physics)
-
-        def carrying(held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            slot = self._receptacle
-            offsets = slot.offsets(data)
-            cost = 1.0 - self.task.get_reward(physics) + held * loose(physics, PRESS)
-            if path is not None and self._fetch.has:
-                left = PER_RADIAN * path.remaining(data.qpos[ARM])
-            else:
-                left = slot.distance(offsets) / (0.1 if self._at_mouth else LONGEST)  # metres
-                left = left + held * np.maximum(_FACING - slot.facing(data), 0.0)
-            # At most 4: always less than what an object costs that is not held.
-            cost = cost + 4.0 * np.tanh(left / 4.0)
-            return np.maximum(held, slot.holds(offsets[0])), cost
-
-        return self._fetch.terms(data, carrying, path)
+        if fetch.stage not in (Stage.CARRY, Stage.FETCH):
+            return fetch.terms(data)
+        held, offsets = fetch.hold(data), slot.offsets(data)
+        secure = np.maximum(held, slot.holds(offsets[0]))
+        carry = 1.0 - self.task.get_reward(physics) + held * loose(physics, PRESS)
+        if fetch.path is not None and fetch.has:
+            left = PER_RADIAN * fetch.path.remaining(data.qpos[ARM])
+        else:
+            left = slot.distance(offsets) / (0.1 if self._at_mouth else LONGEST)  # metres
+            left = left + held * np.maximum(_FACING - slot.facing(data), 0.0)
+        # At most 4: always less than what an object costs that is not held.
+        carry = carry + 4.0 * np.tanh(left / 4.0)
+        return {"carry": secure * carry, **fetch.terms(data, 1.0 - secure)}
 
     def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
         """Plans of the stage, above its targets by the arm's sag."""
-        found = self._plans(physics.named.data, random)
+        data, fetch = physics.named.data, self._fetch
+        if self._release is not None and self._release.is_busy:
+            found = self._release.plans(data, random, self.settings.knots)
+        elif self._stage is Stage.LEAVE:
+            found = self._leaving(data, random)
+        else:
+            carrying = self._carrying(data, random) if fetch.stage is Stage.CARRY else []
+            found = fetch.plans(data, random, carrying)
         found[..., :4] += self._sag
         return found
 
-    def _plans(self, data: Any, random: np.random.Generator) -> np.ndarray:
-        """The same for an arm that follows exactly, (n, knots, 5)."""
-        now, knots, fetch = data.qpos[ARM], self.settings.knots, self._fetch
-        if self._release is not None and self._release.is_busy:
-            return self._release.plans(data, random, knots)
-        if self._stage is Stage.LEAVE:
-            above = data.site_xpos["grasp"][PLANE] - 0.05 * data.site_xmat["grasp"][[2, 8]]
-            poses = hand_poses(random, above, GRASP, now, 4, float(now.sum()), 0.3)
-            leaving = straight_to(poses, OPEN_ANGLE, 1, 3)
-            return plans_of(now, [Proposal([now], [OPEN_ANGLE]), *leaving], knots)
-        found = fetch.plans(data, random, self._carrying)
-        if self._guide.path is None:
-            return found
-        grasp = fetch.prop.grip.shut if fetch.has else OPEN_ANGLE
-        return np.concatenate([self._guide.plans(now, grasp, knots), found[:12]])
+    def _leaving(self, data: Any, random: np.random.Generator) -> np.ndarray:
+        """Plans of the open hand back along its fingers, and to keep still, (n, knots, 5)."""
+        now = data.qpos[ARM]
+        behind = data.site_xpos["grasp"][PLANE] - 0.05 * data.site_xmat["grasp"][[2, 8]]
+        poses = hand_poses(random, behind, GRASP, now, 4, float(now.sum()), 0.3)
+        leaving = straight_to(poses, OPEN_ANGLE, 1, 3)
+        return plans_of(now, [Proposal([now], [OPEN_ANGLE]), *leaving], self.settings.knots)
 
     def _carrying(self, data: Any, random: np.random.Generator) -> list[Proposal]:
         """Proposals that carry the object to the mouth, and in."""
-        now, slot, press = data.qpos[ARM], self._receptacle, self._fetch.prop.grip.shut
+        now, slot, press = data.qpos[ARM], self._receptacle, self._fetch.prop.shut
         proposals = [Proposal([now], [press])]
         up, beside = slot.offset(data, slot.sites[0])
         if np.hypot(up - slot.before, beside) < 0.06 or (up > 0 and abs(beside) < slot.width):
-            proposals.extend(self._insertion.proposals_in(data, random))
+            if self._release is None:
+                proposals.extend(_pushing_in(slot, data, random, self.settings.knots))
+            else:
+                proposals.extend(_letting_fall(slot, data, random))
             poses = slot.poses(data, random, slot.before, 0.0, 2)
         else:
             poses = slot.poses(data, random, slot.before, 0.0, 6)
@@ -275,3 +200,48 @@ class Insert(Cost):
             proposals.extend(straight_to(high, press, 1, 3))
         proposals.extend(straight_to(poses, press, 1, 2, 4))
         return [*proposals, *lifts(random, data, press)[::2]]
+
+
+def _letting_fall(cup: Receptacle, data: Any, random: np.random.Generator) -> list[Proposal]:
+    """Proposals to let the ball fall from here and from places above the mouth."""
+    now, ball = data.qpos[ARM], cup.prop
+    proposals: list[Proposal] = []
+    for let_go in (OPEN_ANGLE, ball.ready):
+        proposals.append(Proposal([now], [let_go]))
+        proposals.append(Proposal([now], [ball.shut, let_go]))
+        for up, beside in (random.uniform([-0.05, -0.016], [0.03, 0.016]) for _ in range(8)):
+            for pose in cup.poses(data, random, cup.before + up, beside, 1):
+                proposals.append(Proposal([pose], [ball.shut, let_go]))
+                proposals.append(Proposal([pose], [let_go], 2))
+    return proposals
+
+
+def _pushing_in(
+    slot: Receptacle, data: Any, random: np.random.Generator, knots: int
+) -> list[Proposal]:
+    """Proposals that bring the peg over the slot, then along the axis into it."""
+    now, press = data.qpos[ARM], slot.prop.shut
+    (up, beside), (middle_up, middle_beside) = [(float(u), float(b)) for u, b in slot.offsets(data)]
+    lean = np.arctan2(middle_beside - beside, middle_up - up + 0.05)  # upright 5 cm further on
+    wrist = data.site_xpos["grasp"][PLANE] - GRASP * direction(now.sum())
+    x, z = wrist - data.site_xpos["peg_tip"][PLANE]
+    aside = max(abs(beside), abs(middle_beside))
+    top = min(up, slot.before)
+    before = [slot.before] if aside > 0.75 * slot.width and up > 0.06 else []
+    moves: list[np.ndarray] = []
+    turns: list[float] = []
+    # Metres and radians by which the proposals differ: the slot is narrow.
+    draws = random.normal(0.0, [0.0015, 0.01], (len(_STEPS), 2))
+    for step, (off, turn) in zip(_STEPS, draws, strict=True):
+        heights = [*before, *np.arange(top - step, -step, -step).tolist()][: knots - 1]
+        places = np.reshape([[height - up, off - beside] for height in heights], (-1, 2))
+        cos, sin = np.cos(turn + lean), np.sin(turn + lean)
+        turned = np.array([cos * x - sin * z, sin * x + cos * z])
+        moves.append(places @ slot.axes(data) + turned - [x, z])
+        turns.extend([turn + lean] * len(heights))
+    waypoints = nudged(now, np.concatenate(moves), np.array(turns))
+    proposals: list[Proposal] = []
+    for passed in np.split(waypoints, np.cumsum([len(some) for some in moves])[:-1]):
+        proposals.append(Proposal(passed, [press]))
+        proposals.append(Proposal(passed[:1], [press], 2))
+    return proposals

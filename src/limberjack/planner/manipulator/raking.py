@@ -19,8 +19,7 @@ from limberjack.planner.arm.collision import Obstacle, clearance
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_REACH, TIPS
 from limberjack.planner.arm.kinematics import hand_poses
 from limberjack.planner.arm.proposals import Proposal
-from limberjack.planner.manipulator.grips import downwards, height_above_ground
-from limberjack.planner.manipulator.props import HAND, Ball, Peg
+from limberjack.planner.manipulator.props import HAND, Ball, Peg, downwards, height_above_ground
 from limberjack.utils import arrays
 
 __all__ = ["Rake", "Spot", "next_spot"]
@@ -68,11 +67,9 @@ class Spot:
         start = _behind(place, goal)[PLANE]
         # The root turns from x to -x over the top, and so the other way below.
         turn = 0.3 * np.sign(goal - place[0]) * np.array([1.0, 0.0, 0.0, 0.0])
-        proposals: list[Proposal] = []
-        for pose in hand_poses(random, start, TIP_REACH, now, 12, lateral=TIP_ASIDE):
-            proposals.append(Proposal([pose], [OPEN_ANGLE], 2))
-            proposals.append(Proposal([pose, pose + turn], [OPEN_ANGLE], 2))
-        return proposals
+        poses = hand_poses(random, start, TIP_REACH, now, 12, lateral=TIP_ASIDE)
+        pulls = [[pose, *pulled] for pose in poses for pulled in ([], [pose + turn])]
+        return [Proposal(waypoints, [OPEN_ANGLE], 2) for waypoints in pulls]
 
     def poses(self, data: Any, goal: float, walls: Obstacle, higher: float = 0.0) -> np.ndarray:
         """Arm joints that have a fingertip where raking begins, or higher (n, 4), if that helps."""
@@ -82,12 +79,10 @@ class Spot:
             return np.zeros((0, 4))
         tip = (self._start(data, goal) - higher * downwards(place))[PLANE]
         random, now = np.random.default_rng(0), data.qpos[ARM]
-        asides = TIP_ASIDE, -TIP_ASIDE
         # Many are drawn: few are clear of the walls.
-        found = [hand_poses(random, tip, TIP_REACH, now, 400, lateral=aside) for aside in asides]
+        sides = TIP_ASIDE, -TIP_ASIDE
+        found = [hand_poses(random, tip, TIP_REACH, now, 400, lateral=side) for side in sides]
         poses = np.concatenate(found)
-        if not len(poses):
-            return poses
         # The fingers' middle lines may be a little in the walls and in the ground, which give way.
         clear = clearance(poses, HAND, walls)
         poses = poses[(clear[:, 0] > -0.004) & (clear[:, 3] > -0.009)]
@@ -118,10 +113,8 @@ def next_spot(data: Any, spot: Spot | None, goal: float, walls: Obstacle) -> Spo
     order = _SPOTS[first:] + _SPOTS[:first]
     # An end that is pulled far outwards pushes the peg up a wall.
     sensible = [s for s in order if s.kind != "away" or abs(s.goal(data, goal)) < 0.45]
-    for candidate in sensible:
-        if len(candidate.poses(data, candidate.goal(data, goal), walls)):
-            return candidate
-    return sensible[0]
+    reached = (s for s in sensible if len(s.poses(data, s.goal(data, goal), walls)))
+    return next(reached, sensible[0])
 
 
 def _behind(place: np.ndarray, goal: float) -> np.ndarray:
@@ -161,19 +154,15 @@ class Rake:
         self.goal = None if is_within else self._prop.rake_goal(data)
         return is_within and not was_within
 
-    def choose_spot(
-        self, data: Any, walls: Obstacle, is_led: bool, moves: bool, falls: bool
-    ) -> None:
+    def choose_spot(self, data: Any, walls: Obstacle, is_led: bool, moves: bool) -> None:
         """Decides at which spot a peg is raked, and rakes one to which no path leads.
 
-        It is not raked while the arm makes it fall. The first spot is chosen once the peg is at
-        rest, another one without headway for long; an arm that is led to the spot has more time.
+        The first spot is chosen once the peg is at rest, another one without headway for long; an
+        arm that is led to the spot has more time.
         """
         place = data.site_xpos[self._prop.name]
         if arrays.norm(place - self._stayed_at) > 0.03:
             self._stayed_at, self.misses = place.copy(), 0
-        if falls:
-            self.goal, self.misses = None, 0
         if self.misses >= 2 and self.goal is None:
             self.goal = self._prop.rake_goal(data)
         if self.goal is None:

@@ -9,7 +9,6 @@ or of one simulation.
 """
 
 import dataclasses
-import functools
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from limberjack.planner.arm.collision import Obstacle
 from limberjack.planner.arm.hand import ARM, PLANE, PLAY, in_frame, in_hand, near
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_poses
-from limberjack.planner.manipulator.grips import BALL, HANDLE, Grip, grasp_place, in_world
+from limberjack.planner.manipulator.props import HAND, Ball, Peg, grasp_place, in_world
 
 __all__ = ["Receptacle"]
 
@@ -30,11 +29,16 @@ class Receptacle:
     target: str  # the site of the target inside it
     # Of the object, to be at those of the target: the first goes in first, the last is its middle.
     sites: tuple[str, ...]
-    grip: Grip  # of the hand that holds the object
+    prop: type[Ball] | type[Peg]  # the object
     before: float  # how far up the first site is before it goes in
+    over: tuple[float, ...]  # above that, where a path may end; lower ones may be nearer to the arm
+    held: tuple[float, ...]  # distances from the wrist to be kept clear of the walls on the path
     width: float  # how far beside the axis it may be then
     side: float  # how far beside the axis object and hand are clear of the walls
     falls: tuple[float, float]  # how far up and beside the object falls into its place by itself
+    is_narrow: bool  # whether a path may end close to the walls
+    patience: int  # plannings before the mouth after which insertion is tried from elsewhere
+    noise_scale: float  # of plans before the mouth
 
     @classmethod
     def for_object(cls, name: str) -> "Receptacle":
@@ -63,10 +67,9 @@ class Receptacle:
     def distance(self, offsets: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """Distance that remains, around the walls and in along the axis, (N,), metres."""
         up, beside = offsets[0]
-        aside = functools.reduce(np.maximum, [np.abs(b) for _, b in offsets])
+        aside = np.max([np.abs(b) for _, b in offsets], axis=0)
         on_axis = np.clip(2.0 - aside / self.width, 0.0, 1.0) * (up > -self.width)
-        each = [np.hypot(u - self.before, b) for u, b in offsets]
-        before = functools.reduce(np.add, each) / len(each)
+        before = sum(np.hypot(u - self.before, b) for u, b in offsets) / len(offsets)
         below = np.clip((self.before - up) / 0.04 - 0.2, 0.0, 1.0)  # around the walls from there
         around = below * np.maximum(self.side - np.abs(beside), 0.0)
         outside = self.before + before + 1.5 * around
@@ -94,14 +97,14 @@ class Receptacle:
         self, data: Any, random: np.random.Generator, up: float, beside: float, count: int
     ) -> np.ndarray:
         """Arm joints that have the held object at a place up and beside, (n, 4), n <= count."""
-        now, grip, middle = data.qpos[ARM], self.grip, self.sites[-1]
+        now, prop, middle = data.qpos[ARM], self.prop, self.sites[-1]
         axis, across = self.axes(data)
-        goal = grasp_place(data, self.target, grip)
+        goal = grasp_place(data, self.target, prop)
         point = goal[PLANE] + up * axis + beside * across
-        ahead, aside = in_hand(data, grasp_place(data, middle, grip))
+        ahead, aside = in_hand(data, grasp_place(data, middle, prop))
         angle, tilt = angle_of(-axis), 0.6
-        if grip.forward is not None:
-            held = angle_of(in_world(data.site_xmat[middle], grip.forward)[PLANE])
+        if prop.forward is not None:
+            held = angle_of(in_world(data.site_xmat[middle], prop.forward)[PLANE])
             angle, tilt = angle + float(now.sum()) - held, 0.01
         return hand_poses(random, point, GRASP + ahead, now, count, angle, tilt, aside)
 
@@ -123,8 +126,14 @@ class Receptacle:
 
 
 # The fingers reach beyond the ball, so that it is released above the cup's rim.
-_CUP = Receptacle("cup", "target_ball", ("ball",), BALL, 0.112, 0.012, 0.09, (0.16, 0.018))
+_CUP = Receptacle(
+    body="cup", target="target_ball", sites=("ball",), prop=Ball, before=0.112, over=(0.02,),
+    held=(Ball.held,), width=0.012, side=0.09, falls=(0.16, 0.018), is_narrow=False,
+    patience=20, noise_scale=1.0,
+)  # fmt: skip
 # The slot is 0.8 mm wider than the peg, whose tip is round.
 _SLOT = Receptacle(
-    "slot", "target_peg", ("peg_tip", "peg"), HANDLE, 0.08, 0.004, 0.08, (0.02, 0.02)
-)
+    body="slot", target="target_peg", sites=("peg_tip", "peg"), prop=Peg, before=0.08,
+    over=(0.02, -0.01), held=(Peg.held, HAND), width=0.004, side=0.08, falls=(0.02, 0.02),
+    is_narrow=True, patience=60, noise_scale=0.1,
+)  # fmt: skip
