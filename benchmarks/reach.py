@@ -129,10 +129,10 @@ def _stacker(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, bool,
         return reaches(behind, TIP_REACH, lateral=TIP_ASIDE)
 
     target = places["target"]
-    half = min(places[box][1] for box in task._boxes)  # of a box, which lies on the floor
+    half = min(places[box][1] for box in task.boxes)  # of a box, which lies on the floor
     levels = round((target[1] / half - 1) / 2) + 1
-    taken = [from_above(places[box]) for box in task._boxes]
-    got = [take or raked(places[box]) for take, box in zip(taken, task._boxes, strict=True)]
+    taken = [from_above(places[box]) for box in task.boxes]
+    got = [take or raked(places[box]) for take, box in zip(taken, task.boxes, strict=True)]
     return sum(taken) >= levels, sum(got) >= levels, from_above(target)
 
 
