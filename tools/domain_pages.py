@@ -152,7 +152,7 @@ def _picture(facts: Facts) -> str:
     return f'![{alternative(facts)}]({path}){{ width="160" loading="lazy" }}'
 
 
-def _solved(facts: Sequence[Facts]) -> str:
+def _played(facts: Sequence[Facts]) -> str:
     """Pictures of the planner's episodes; empty for tasks that it does not play."""
     played = solved_pictures.episodes()
     parts = []
@@ -312,7 +312,7 @@ def _source(kind: type, methods: Sequence[str]) -> str:
 
 SECTIONS: dict[str, Callable[[Sequence[Facts]], str]] = {
     "tasks": _tasks,
-    "solved": _solved,
+    "played by the planner": _played,
     "starts": _starts,
     "observations": _observations,
     "actions": _actions,

@@ -1,12 +1,13 @@
-"""Draw the planner's solution of each task, four pictures side by side, for the domains' pages.
+"""Draw the planner's episode of each task, four pictures side by side, for the domains' pages.
 
     python tools/solved_pictures.py                    # every task that the planner plays
     python tools/solved_pictures.py walker stacker     # those of some domains
 
 An episode is played until its task is solved or its time is over, and drawn at four times from its
-start to its end. The pictures are written into docs/images/solved, with the facts that the pages
-print beside them in episodes.json. All tasks take about 15 core-minutes. The pictures need not be
-made again when the planner changes: they show what a solved task looks like, not how well it plays.
+start to its end. Where the planner fails, as the hopper from some starts, the next seed is played.
+The pictures are written into docs/images/solved, with the facts that the pages print beside them in
+episodes.json. All tasks take about 20 core-minutes. The pictures need not be made again when the
+planner changes: they show what a solved task looks like, not how well it plays.
 """
 
 import json
@@ -30,10 +31,11 @@ __all__ = ["FOLDER", "Episode", "draw", "episodes", "main", "play"]
 FOLDER = Path(__file__).parents[1] / "docs" / "images" / "solved"
 _INDEX = "episodes.json"
 
-_SEED = 1003  # one of the seeds on which the planner was tuned, as in `make demo`
+_SEEDS = 1003, 1000, 1001, 1002  # on which the planner was tuned; the first as in `make demo`
 _PICTURES = 4
 _SIZE = 120, 160  # pixels, of each
 _SOLVED = 0.9  # mean reward of the last steps from which the episode is long enough
+_FAILED = 0.1  # mean reward of the last steps below which another seed is played
 _LAST = 50  # steps
 
 
@@ -76,6 +78,15 @@ def play(domain: str, task: str, seed: int, steps: int | None = None) -> tuple[n
     return np.array(actions), float(np.mean(rewards[-_LAST:]))
 
 
+def _played(domain: str, task: str, steps: int | None) -> tuple[int, np.ndarray, float]:
+    """The seed, actions and last reward of the first episode that does not fail, or of the last."""
+    for seed in _SEEDS[:-1]:
+        actions, reward = play(domain, task, seed, steps)
+        if reward >= _FAILED:
+            return seed, actions, reward
+    return _SEEDS[-1], *play(domain, task, _SEEDS[-1], steps)
+
+
 def draw(domain: str, task: str, seed: int, actions: np.ndarray) -> tuple[np.ndarray, list[float]]:
     """Pictures of the episode of some actions side by side, and their times in seconds."""
     pictures_of = getattr(suite.module_of(domain), "PICTURES", {})
@@ -111,10 +122,10 @@ def main(
     out.mkdir(parents=True, exist_ok=True)
     index = episodes(out)
     for domain, task in _planned(domains or []):
-        actions, reward = play(domain, task, _SEED, steps)
-        picture, seconds = draw(domain, task, _SEED, actions)
+        seed, actions, reward = _played(domain, task, steps)
+        picture, seconds = draw(domain, task, seed, actions)
         name = f"{domain}-{task}"
-        index[name] = Episode(_SEED, seconds, round(reward, 2))
+        index[name] = Episode(seed, seconds, round(reward, 2))
         with replacing(out / f"{name}.png") as partial:
             partial.write_bytes(png.encode(picture))
         with replacing(out / _INDEX) as partial:

@@ -284,6 +284,24 @@ def test_two_drivers_without_locks_end_in_a_line_or_in_equal_bytes(
     assert _collect(tmp_path, range(130)) == whole
 
 
+def test_a_driver_whose_unfinished_file_is_removed_by_another_one_says_so(
+    whole: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "fcntl", None)
+    put_in_place, ran = files.put_in_place, []
+
+    def late(partial: Path, path: Path) -> None:
+        if path.suffix == ".parquet" and not ran:
+            ran.append(path)
+            assert _collect(tmp_path, range(130)) == whole
+        put_in_place(partial, path)
+
+    monkeypatch.setattr(files, "put_in_place", late)
+    with pytest.raises(OSError, match=f"another process writes to {tmp_path}: end one of the two"):
+        _collect(tmp_path, range(130))
+    assert hashes(tmp_path) == whole
+
+
 def test_episodes_of_other_versions_are_not_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

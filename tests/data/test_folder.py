@@ -76,7 +76,8 @@ def test_files_that_a_killed_process_left_unfinished_are_removed(tmp_path: Path)
         path.write_bytes(b"PAR1")
     with Folder(tmp_path, _RECIPE) as folder:
         folder.plan(range(60, 64))
-    assert list(tmp_path.iterdir()) == [other]
+        folder.log({"began": "now"})
+    assert set(tmp_path.iterdir()) == {other, tmp_path / "run.json"}
 
 
 def test_a_dataset_that_may_not_fit_is_refused_before_the_start(

@@ -128,10 +128,6 @@ class Folder:
                 f"{len(missing)} episodes may take {_size(needed)}, and {self.directory} has "
                 f"{_size(free)} left: give fewer seeds, another folder, or keep less of each step"
             )
-        for path in [*self.directory.glob(_PARTIAL), *self._parts_folder.glob(_PARTIAL)]:
-            # Of a process that was killed; other writers have other seeds.
-            if any(int(path.name.split("-")[1]) in target for target in self._targets):
-                path.unlink()
         self._join()
         return missing
 
@@ -176,16 +172,30 @@ class Folder:
         self._write(path, content)
 
     def _write(self, path: Path, content: bytes) -> None:
-        with replacing(path) as partial:
-            partial.write_bytes(content)
+        try:
+            with replacing(path) as partial:
+                partial.write_bytes(content)
+        except FileNotFoundError:  # another process that began here has removed it as unfinished
+            self._check_alone()
+            raise
 
     def log(self, call: Facts) -> None:
         """Writes a call to run.json, in the place of an entry that began at the same time."""
+        is_first = self._logged is None
         earlier = [one for one in _calls(self._run) if one.get("began") != call["began"]]
         with replacing(self._run) as partial:
             text = json.dumps({"calls": [*earlier, call]}, indent=2)
             partial.write_text(f"{text}\n", "utf-8")
             self._logged = partial.read_bytes()
+        if is_first:
+            self._remove_unfinished()
+
+    def _remove_unfinished(self) -> None:
+        """Removes unfinished files of a process that was killed; other writers have other seeds."""
+        for path in [*self.directory.glob(_PARTIAL), *self._parts_folder.glob(_PARTIAL)]:
+            if any(int(path.name.split("-")[1]) in target for target in self._targets):
+                path.unlink(missing_ok=True)
+        self._join()
 
     def _check_alone(self) -> None:
         """Raises OSError if another process has logged a call since, for want of locks."""
