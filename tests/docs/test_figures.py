@@ -176,3 +176,24 @@ def test_the_returns_on_the_training_page_are_those_of_the_learning_curves() -> 
         r"\| (\w+ \w+) \| ([\d,]+ \| [\d, ]+ \| \d+) \|", _text(_DOCS / "training.md")
     )
     assert dict(rows) == expected
+
+
+def _results(name: str) -> list[float]:
+    """The ratios of a benchmark's committed run, in its order."""
+    path = _REPOSITORY / "benchmarks" / "results" / name
+    return [row["value"] for row in json.loads(path.read_text(encoding="utf-8"))["rows"]]
+
+
+def test_the_speed_of_workers_is_the_one_that_was_measured() -> None:
+    found = re.findall(r"took ([\d.]+) of the time .* and ([\d.]+) of", _text(_DOCS / "scaling.md"))
+    assert found == [tuple(f"{ratio:.2f}" for ratio in _results("scaling.json"))]
+
+
+def test_the_speed_of_collecting_is_the_one_that_was_measured() -> None:
+    walk, read_walk, ball, read_ball = _results("collecting.json")
+    text = _text(_DOCS / "datasets.md")
+    for sentence in (
+        f"made {walk:.2f} of the steps per second of evaluating on humanoid walk and {ball:.2f} on",
+        f"reading was {read_walk:.0f} and {read_ball:.0f} times as fast as evaluating",
+    ):
+        assert sentence in text
