@@ -46,6 +46,18 @@ def test_a_ball_held_before_the_mouth_is_inserted_and_one_elsewhere_carried() ->
         assert cost.stage()[0] is stage
 
 
+def test_a_held_peg_is_carried_also_after_failed_searches_for_a_path_to_it() -> None:
+    place = hand_places(np.array(_ARM), GRASP)
+    cost, physics = scene("insert_peg", 1003, _ARM, [*place, np.pi - sum(_ARM)])
+    cost.update(physics)
+    assert cost.stage()[0] is not Stage.CARRY
+    cost._fetch.rake.misses = 2
+    physics.named.data.qpos[["thumb", "finger"]] = cost._fetch.prop.firm
+    physics.forward()
+    cost.update(physics)
+    assert cost.stage()[0] is Stage.CARRY
+
+
 def test_a_ball_behind_the_cup_is_approached_on_a_path_around_it() -> None:
     cost, physics = scene("insert_ball", 1003, _ARM, [0.0, 0.3, 0.0])
     data, cup = physics.named.data, cost._receptacle

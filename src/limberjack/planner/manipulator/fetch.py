@@ -144,7 +144,7 @@ class Fetch:
         self.patience -= 1
         self._watch_arm(data)
         if self.has:
-            self.rake.goal, self._near_for, self._withdraws = None, 0, 0
+            self.rake.goal, self.rake.misses, self._near_for, self._withdraws = None, 0, 0, 0
         else:
             self._lose_patience(data)
             self.forecast.update(physics)
