@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from .memory import MemoryReport, exclude_from_searches_for_garbage, free_what_nobody_uses
+from .memory import MemoryReport, exclude_from_searches_for_garbage, free_if_grown
 
 # dm_control reads this when it is imported, and fails where its first choice, a window, cannot be
 # opened. Without EGL it still simulates, and the tests that draw skip.
@@ -68,7 +68,7 @@ def pytest_collection_finish() -> None:
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Keeps processes that run many tests small."""
     result = yield
-    free_what_nobody_uses()
+    free_if_grown()
     return result
 
 

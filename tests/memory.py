@@ -21,12 +21,22 @@ try:
 except ImportError:  # Windows has none
     resource = None
 
-__all__ = ["MemoryReport", "exclude_from_searches_for_garbage", "free_what_nobody_uses"]
+__all__ = [
+    "MemoryReport",
+    "exclude_from_searches_for_garbage",
+    "free_caches",
+    "free_if_grown",
+    "free_what_nobody_uses",
+    "resident",
+]
 
 _RESIDENT = Path("/proc/self/statm")  # Linux's; its second number is that of resident pages
 _PAGE = os.sysconf("SC_PAGE_SIZE") / 1e6 if hasattr(os, "sysconf") else 0.0  # megabytes
 _GROWN = 100.0  # megabytes, after which it is worth a twentieth of a second to look for garbage
 _after_the_last_look = 0.0
+_LARGE = 800.0  # megabytes; a larger process frees what could be used again, too
+
+_LONGEST = 10.0  # seconds; freeing takes far less
 
 _SHOWN = 8  # tests of each process
 _LEAST = 20.0  # megabytes by which a test that is shown raised the peak
@@ -50,22 +60,67 @@ def exclude_from_searches_for_garbage() -> None:
     gc.freeze()
 
 
-def free_what_nobody_uses() -> None:
-    """Collects garbage if the process has grown much, and returns the memory to the system.
+def free_if_grown() -> None:
+    """Frees what nobody uses if the process has grown much.
 
     A model takes 12 MB that Python does not account for, so it would collect the cycles of
     environments and wrappers late.
     """
     global _after_the_last_look
-    if not _RESIDENT.exists() or _resident() < _after_the_last_look + _GROWN:
+    if not _RESIDENT.exists() or resident() < _after_the_last_look + _GROWN:
         return
+    free_what_nobody_uses()
+    if resident() > _LARGE:
+        free_caches()
+        free_what_nobody_uses()
+    _after_the_last_look = resident()
+
+
+def free_what_nobody_uses() -> None:
+    """Collects garbage and returns the memory to the system."""
+    _drop_the_last_source()
     gc.collect()
     with contextlib.suppress(OSError, AttributeError):  # not GNU's C library
         ctypes.CDLL("libc.so.6").malloc_trim(0)
-    _after_the_last_look = _resident()
 
 
-def _resident() -> float:
+def _drop_the_last_source() -> None:
+    """MuJoCo and dm_control no longer keep the model that was compiled last.
+
+    MuJoCo keeps its source, with all meshes, and dm_control the model, to write them as XML. Of
+    dm_control's dog these take 120 and 70 MB.
+    """
+    if mujoco := sys.modules.get("mujoco"):
+        mujoco.MjModel.from_xml_string("<mujoco/>")
+    if core := sys.modules.get("dm_control.mujoco.wrapper.core"):
+        vars(core)["_LAST_PARSED_MODEL_PTR"] = None
+
+
+def free_caches() -> None:
+    """Frees what may be used again, but takes much memory.
+
+    MuJoCo's cache of meshes and textures takes 130 MB of dm_control's dog. The OpenGL resources of
+    the models drawn last take 95 MB each with Mesa; those of one model only, which tests may hold,
+    stay.
+    """
+    if mujoco := sys.modules.get("mujoco"):
+        mujoco.mj_clearCache(mujoco.mj_getCache())
+    thread = sys.modules.get("limberjack.mujoco.rendering.thread")
+    rendering = thread._process._thread if thread else None
+    if thread is None or rendering is None:
+        return
+
+    def drop(canvases: Any) -> None:
+        for key in list(canvases._canvases):
+            if hasattr(key, "fingerprint"):  # it may be shared
+                canvases._drop(key)
+
+    job = thread._Job(drop, rendering.canvases)
+    rendering.do(job)
+    job.wait(_LONGEST)
+
+
+def resident() -> float:
     """Current memory of this process, megabytes."""
     return int(_RESIDENT.read_text().split()[1]) * _PAGE
 

@@ -13,6 +13,7 @@ that holds the word is left as it is. Three kinds of import become something els
 """
 
 import ast
+import copy
 import importlib
 import importlib.util
 import unittest
@@ -103,6 +104,7 @@ def run_case(case: unittest.TestCase) -> str:
     # rewards_test compares `x * x` with libm's `pow` at random values, and so it occasionally fails
     # with dm_control too.
     np.random.seed(0)
-    unittest.TestSuite([case]).run(result)
+    # A copy: a case keeps what its `setUp` makes, such as a Physics.
+    unittest.TestSuite([copy.copy(case)]).run(result)
     assert result.testsRun + len(result.skipped) >= 1
     return "\n".join(text for _, text in (*result.errors, *result.failures))

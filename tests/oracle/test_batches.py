@@ -18,7 +18,7 @@ from tests.representatives import FEATURES
 from . import twins
 from .rows import Play, first_difference
 
-pytestmark = pytest.mark.oracle
+pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
 _SEED = 21
 _FEW, _MANY, _MOST = 5, 64, 200
