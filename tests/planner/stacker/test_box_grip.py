@@ -40,6 +40,11 @@ def test_who_is_there_should_close_and_who_is_not_should_not() -> None:
     assert fetching(there) < fetching(open_there) < fetching(open_far) < fetching(far)
 
 
+def test_fingers_open_around_a_box_that_is_askew() -> None:
+    askew = _FIRM._replace(askew=np.array(0.1))
+    assert fetching(askew._replace(closed=np.array(0.0))) < fetching(askew)
+
+
 def test_fingers_that_come_to_a_box_are_neither_wide_open_nor_closed() -> None:
     assert ready(0.0) > 0.0 > ready(np.radians(24.0))
     there = _FIRM._replace(ahead=HIGH + 0.06)

@@ -145,6 +145,16 @@ def test_a_box_far_from_its_place_first_goes_beside_it_and_is_not_let_go() -> No
     assert (paths[beside][:, -1, 1] > 3.5 * HALF).all()
 
 
+def test_a_box_far_from_its_place_on_the_floor_goes_straight_there() -> None:
+    _, physics = scene([(0.3, 0.1), (-0.3, HALF)], level=0)
+    point_hand(physics, 0.3, 0.1 + HIGH, np.radians(24.0))
+    plans = carrying(_tower(physics, 2, "box0"), physics.named.data, _random())
+    ends = hand_places(plans[:, -1, :4], GRASP + HIGH)
+    down = np.abs(ends - [0.0, HALF]).max(axis=-1) < _CLOSE
+    assert down.any()
+    assert set(plans[down][:, -1, 4].tolist()) == {OPEN}
+
+
 def test_a_carried_box_passes_over_boxes_that_stand_in_between() -> None:
     tower = [(0.06, HALF), (0.06, TOP), (0.06, TOP + _WIDTH)]
     _, physics = scene([(0.12, 0.2), *tower], level=0)

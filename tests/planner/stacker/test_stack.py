@@ -214,6 +214,16 @@ def test_a_worse_state_of_a_stage_costs_more(stage: Stage, worse: Any) -> None:
     assert after > before
 
 
+def test_a_held_box_costs_more_the_further_it_has_crept_out_of_the_hand() -> None:
+    found = []
+    for crept in (0.01, 0.02):
+        before, after = _cost_after(
+            Stage.CARRY, lambda p, by=crept: point_hand(p, _HELD[0], _BELOW_HAND + by, _AROUND)
+        )
+        found.append(after - before)
+    assert found[1] - found[0] > 0.2
+
+
 def test_a_held_box_costs_less_near_its_place_and_least_in_it() -> None:
     cost, physics = _holding()
     found = []

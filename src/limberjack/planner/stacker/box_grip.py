@@ -77,7 +77,8 @@ def fetching(grip: Grip) -> np.ndarray:
     above = np.clip(3.0 * (np.abs(grip.aside) - 0.01), 0.0, 0.06)
     detour = np.maximum(above + beyond, 0.0)
     is_far = np.clip((distance - 0.02) / 0.03, 0.0, 1.0)
-    early = np.clip((distance - 0.01) / 0.01, -1.0, 1.0)
+    # Fingers do not close on a box that is askew, and open to let it fall flat.
+    early = np.clip((distance - 0.01) / 0.01 + 25.0 * grip.askew, -1.0, 1.0)
     bent = np.maximum(-grip.closed - 0.1, 0.0)  # fingers that are bent back touch something
     turn = (1.5 - is_far) * grip.tilt + 4.0 * grip.askew + 3.0 * bent
     closed = np.clip((grip.closed - _NEARLY) / (_CLOSING - _NEARLY), 0.0, 1.0)

@@ -130,7 +130,7 @@ def carrying(tower: Tower, data: Any, random: np.random.Generator) -> np.ndarray
 
     cruise = max(height(end), float(place[2]) + OVER)
     goals = place[PLANE] + np.array([[0.0, 0.0], [0.0, 0.0], [0.0, OVER]])
-    far = abs(start - end) > 0.15  # metres
+    far = height(end) > 0.0 and abs(start - end) > 0.15  # metres
     if far:  # first to where the box has risen, 0.13 m before the tower's middle
         goals[:] = end + np.copysign(0.13, start - end), cruise
         cruise = min(cruise, max(height(float(goals[0, 0])), 0.06))  # metres

@@ -200,7 +200,9 @@ class Stack(Cost):
             # A box that is carried too fast, in m/s, or jerked, in m/s2, slips.
             haste = 2.0 * np.maximum(speed - 1.3, 0.0)
             haste = haste + 0.05 * np.maximum(length(data.qacc[dofs]) - 10.0, 0.0)
-            carry += self._distance(data, box, others) + haste
+            # Any box creeps towards the fingertips, by 20 mm in half a metre at 1 m/s.
+            slip = 30.0 * np.maximum(grip.ahead - 0.03, 0.0)
+            carry += self._distance(data, box, others) + haste + slip
         else:  # a box that is not held firmly yet is not lifted
             carry += moved
         # A box that is not held costs more than any that is.
