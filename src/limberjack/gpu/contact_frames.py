@@ -5,7 +5,7 @@
 Friction depends on the directions of a contact's tangents, since its cone is a pyramid. The C
 engine points the first tangent along the capsule. MuJoCo Warp 4.0 does so too, but not if the
 capsule is within 30 degrees of the plane's normal, as the thigh or shin of a leg may be: there the
-velocity of a slide would differ by percents after one time step.
+velocity of a slide would differ by a percent after one time step.
 """
 
 import mujoco
