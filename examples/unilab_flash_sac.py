@@ -115,7 +115,7 @@ def main() -> None:
         seed=0,
         autoreset_mode="SameStep",  # so that each step is a transition of every row
     )
-    sizes = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]
+    sizes = envs.layout[-1].slice.stop, envs.action_shape[-1]
     learner = learner_of(*sizes, device=given.device)
     means = learn(envs, learner, max(given.steps // given.envs, 1))
     tenth = max(len(means) // 10, 1)

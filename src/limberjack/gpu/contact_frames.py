@@ -31,12 +31,12 @@ def align(model: "mujoco_warp.Model", data: "mujoco_warp.Data") -> None:
 
 @warp.kernel
 def _align(
-    geom_type: warp.array(dtype=int),
-    geom_xmat: warp.array2d(dtype=warp.mat33),
-    count: warp.array(dtype=int),
-    geoms: warp.array(dtype=warp.vec2i),
-    rows: warp.array(dtype=int),
-    frames: warp.array(dtype=warp.mat33),
+    geom_type: warp.array[int],
+    geom_xmat: warp.array2d[warp.mat33],
+    count: warp.array[int],
+    geoms: warp.array[warp.vec2i],
+    rows: warp.array[int],
+    frames: warp.array[warp.mat33],
 ):
     contact = warp.tid()
     if contact >= count[0]:
