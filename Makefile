@@ -126,5 +126,5 @@ $(VENV)/installed-scale: $(MADE) pyproject.toml constraints.txt
 
 # The first test compiles MuJoCo Warp's kernels, which takes minutes; they are kept.
 $(VENV)/installed-gpu: $(VENV)/installed-test
-	$(INSTALL) '.[test,rsl-rl]'
+	$(INSTALL) '.[test,rsl-rl,unilab-rl]'
 	@touch $@

@@ -28,6 +28,7 @@ _NEEDS = {
     "sb3_ppo": (("stable_baselines3",), "sb3"),
     "torchrl_collect": (("torchrl",), "torchrl"),
     "rsl_rl_ppo": (("mujoco_warp", "torch", "rsl_rl"), "rsl-rl"),
+    "unilab_flash_sac": (("mujoco_warp", "torch", "uni_rl"), "unilab-rl"),
     "rllib_ppo": (("ray", "torch"), "rllib"),
 }
 
@@ -38,13 +39,22 @@ def _output(name: str, *arguments: str) -> str:
     missing = [package for package in packages if importlib.util.find_spec(package) is None]
     if missing:
         pytest.skip(f"needs the extra {extra!r}: {', '.join(missing)} not installed")
-    path = os.pathsep.join(filter(None, [str(_SOURCE), os.environ.get("PYTHONPATH")]))
+    return _printed(str(_EXAMPLES / f"{name}.py"), *arguments)
+
+
+def _printed(*arguments: str) -> str:
+    """The output of Python with these arguments, which finds the examples as modules."""
+    path = [str(_SOURCE), str(_EXAMPLES), os.environ.get("PYTHONPATH")]
     done = subprocess.run(
-        [sys.executable, _EXAMPLES / f"{name}.py", *arguments],
+        [sys.executable, *arguments],
         capture_output=True,
         text=True,
         # One thread each for what is beneath PyTorch, on machines with other work.
-        env={**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join(filter(None, path)),
+            "OMP_NUM_THREADS": "1",
+        },
         timeout=_LIMIT,
         check=False,
     )
@@ -122,3 +132,19 @@ def test_rsl_rl_ppo() -> None:
     assert re.search(
         r"^mean reward of a step: 0\.\d+, after learning 0\.\d+$", printed, re.MULTILINE
     )
+
+
+@pytest.mark.gpu
+def test_unilab_flash_sac(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    # The first updates are after 40 of 41 steps of all rows.
+    printed = _output("unilab_flash_sac", "--steps", "10500", "--envs", "256", "--device", "cpu")
+    assert re.search(
+        r"^mean reward of a step: 0\.\d+, after learning 0\.\d+$", printed, re.MULTILINE
+    )
+    # Its policy plays on the CPU.
+    task, policy = ("cartpole", "swingup"), ("--policy", "unilab_flash_sac:Policy")
+    printed = _printed(
+        *("-m", "limberjack", "evaluate", *task, *policy, "--episodes", "2", "--time-limit", "1")
+    )
+    assert "unilab_flash_sac:Policy" in printed

@@ -19,6 +19,13 @@ from limberjack.rl.batch import BatchEnvironment
 __all__ = ["ROWS", "STEPS", "SUPPORTED", "Figures", "compared", "copy_to_device", "loaded"]
 
 ROWS, STEPS = 64, 16  # 1,024 control steps
+# Figures in the table of docs/gpu.md, with the headings of its columns.
+_SHOWN = {
+    "first": "observation after a step from the start, median",
+    "median": "observation along the episode, median",
+    "p90": "the same, 90th percentile",
+    "reward": "reward, 99th percentile",
+}
 SUPPORTED = [task for task in suite.tasks() if task not in gpu.REFUSED]
 
 
@@ -133,12 +140,21 @@ def _excess(found: Any, expected: Any) -> float:
 
 
 def _main(names: list[str]) -> None:
+    """Prints the table of docs/gpu.md, row by row, and at last the largest of all figures."""
     chosen = [tuple(name.split(":")) for name in names] or SUPPORTED
-    print("task", *(field.name for field in dataclasses.fields(Figures)), sep="\t")
+    print("|", " | ".join(("task", *_SHOWN.values())), "|")
+    print("|---" * (1 + len(_SHOWN)) + "|")
+    most = dict.fromkeys((field.name for field in dataclasses.fields(Figures)), 0.0)
     for domain, task in chosen:
-        values = dataclasses.astuple(compared(domain, task))
-        shown = (f"{value:.1e}" if isinstance(value, float) else value for value in values)
-        print(f"{domain}:{task}", *shown, sep="\t", flush=True)
+        figures = dataclasses.asdict(compared(domain, task))
+        shown = (_short(figures[name]) for name in _SHOWN)
+        print("|", " | ".join((f"{domain} {task}", *shown)), "|", flush=True)
+        most = {name: max(value, figures[name]) for name, value in most.items()}
+    print("\nat most:", ", ".join(f"{name} {_short(value)}" for name, value in most.items()))
+
+
+def _short(value: float) -> str:
+    return f"{value:.1e}".replace("e-0", "e-") if value else "0"
 
 
 if __name__ == "__main__":

@@ -45,6 +45,7 @@ PACKAGES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "ray": ("ray",),
         "gpu": _GPU,
         "rsl-rl": (*_GPU, "rsl-rl-lib"),
+        "unilab-rl": (*_GPU, "unilab-rl"),
         "gymnasium": ("moviepy", "pygame"),
     }
 )
