@@ -12,7 +12,6 @@ else of it is changed, and no domain uses those fields.
 import importlib
 import importlib.util
 import os
-import unittest.mock
 from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
@@ -56,19 +55,26 @@ def suite(package: str, draws: bool = False) -> ModuleType:
     return found
 
 
+class _SourceFoundError(Exception):
+    """Carries the source of a model out of a load, which ends before the model is compiled."""
+
+
 def source(domain: str, task: str) -> tuple[str, dict[str, bytes]]:
-    """The MJCF of Limberjack's task and the files that it includes."""
-    found: list[Any] = []
+    """The MJCF of Limberjack's task and the files that it includes; nothing is compiled."""
     physics: Any = importlib.import_module(f"{OURS}.mujoco").Physics
-    compile_shared = physics.from_shared_xml.__func__
+    from_shared_xml = vars(physics)["from_shared_xml"]
 
-    def record(cls: Any, xml: str | bytes, assets: dict[str, bytes]) -> Any:
-        found.extend((xml, assets))
-        return compile_shared(cls, xml, assets)
+    def found(cls: Any, xml: str | bytes, assets: dict[str, bytes]) -> Any:
+        raise _SourceFoundError(xml, assets)
 
-    with unittest.mock.patch.object(physics, "from_shared_xml", classmethod(record)):
+    physics.from_shared_xml = classmethod(found)
+    try:
         suite(OURS).load(domain, task)
-    xml, assets = found
+        raise RuntimeError(f"loading {domain} {task} compiled no model")
+    except _SourceFoundError as error:
+        xml, assets = error.args
+    finally:
+        physics.from_shared_xml = from_shared_xml
     return (xml.decode() if isinstance(xml, bytes) else xml), assets
 
 
