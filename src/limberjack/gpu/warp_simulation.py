@@ -18,6 +18,7 @@ own, and so is each other such field that a task reads: `late` has them.
 import contextlib
 import copy
 import dataclasses
+import warnings
 from collections.abc import Iterator, Sequence
 
 import mujoco
@@ -256,7 +257,10 @@ def _for_warp(model: MjModel) -> mujoco.MjModel:
 
 def _put_model(official: mujoco.MjModel, batch_sizes: dict[str, int]) -> "mujoco_warp.Model":
     try:
-        model = mujoco_warp.put_model(official, batch_sizes=batch_sizes)
+        with warnings.catch_warnings():
+            # It uses the larger of a friction and MJ_MINMU, like the C engine.
+            warnings.filterwarnings("ignore", ".*MJ_MINMU.* may cause NaN", UserWarning)
+            model = mujoco_warp.put_model(official, batch_sizes=batch_sizes)
     except NotImplementedError as error:
         raise ValueError(
             f"MuJoCo Warp cannot simulate this model: {error} Use the CPU: "
