@@ -10,7 +10,7 @@ __all__ = ["MADE_OF", "MISSING"]
 _ON_TENSORS = tuple(
     f"limberjack.gpu.{name}"
     for name in (
-        *("backend", "batch", "contact_frames", "counters", "devices", "functions", "graphs"),
+        *("backend", "batch", "contacts", "counters", "devices", "functions", "graphs"),
         *("memory", "model_fields", "ring", "rows", "rsl_rl", "snapshots", "speed", "tensors"),
         "vector",
         "warp_simulation",

@@ -12,8 +12,7 @@ from .on_device import torch
 pytestmark = pytest.mark.gpu
 compared: Any = pytest.importorskip("tests.gpu.compared")
 
-# Where float32 makes larger differences; docs/gpu.md has the causes.
-_FIRST = {("quadruped", "fetch"): 2e-3}
+# Where float32 makes larger differences; docs/gpu.md has the cause.
 _REWARD = {("dog", "stand"): 1e-5, ("dog", "walk"): 1e-5, ("dog", "trot"): 1e-5}
 
 
@@ -39,7 +38,7 @@ def test_starts_are_the_cpus_and_episodes_end_when_the_cpus_do(domain: str, task
 @_EVERY
 def test_a_control_step_from_a_start_agrees_with_the_cpu(domain: str, task: str) -> None:
     figures = _figures(domain, task)
-    assert figures.first <= _FIRST.get((domain, task), 1e-5)
+    assert figures.first <= 1e-5
     assert figures.first_reward <= 1e-6
 
 

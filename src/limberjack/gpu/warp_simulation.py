@@ -24,7 +24,7 @@ from collections.abc import Iterator, Sequence
 import mujoco
 import numpy as np
 
-from limberjack.gpu import contact_frames, graphs, model_fields
+from limberjack.gpu import contacts, graphs, model_fields
 from limberjack.gpu.backend import mujoco_warp, torch, warp
 from limberjack.gpu.sizes import Sizes
 from limberjack.gpu.tensors import constant, device_array
@@ -267,7 +267,7 @@ def _put_model(official: mujoco.MjModel, batch_sizes: dict[str, int]) -> "mujoco
             "limberjack.gym.load_vector"
         ) from error
     model.opt.warn_overflow = 0  # counted, not printed: see `take_overflow`
-    model.callback.contactfilter = contact_frames.align
+    model.callback.contactfilter = contacts.as_in_c
     return model
 
 
