@@ -11,7 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from .memory import MemoryReport, exclude_from_searches_for_garbage, free_if_grown
+from .memory import (
+    MemoryReport,
+    exclude_from_searches_for_garbage,
+    free_if_grown,
+    keep_few_canvases,
+)
 
 # dm_control reads this when it is imported, and fails where its first choice, a window, cannot be
 # opened. Without EGL it still simulates, and the tests that draw skip.
@@ -60,8 +65,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Keeps searches for garbage short: the modules and tests stay until the end."""
+    """Keeps searches for garbage short, as modules and tests stay until the end; and memory small."""
     exclude_from_searches_for_garbage()
+    keep_few_canvases()
 
 
 @pytest.hookimpl(wrapper=True)

@@ -27,6 +27,7 @@ __all__ = [
     "free_caches",
     "free_if_grown",
     "free_what_nobody_uses",
+    "keep_few_canvases",
     "resident",
 ]
 
@@ -35,8 +36,6 @@ _PAGE = os.sysconf("SC_PAGE_SIZE") / 1e6 if hasattr(os, "sysconf") else 0.0  # m
 _GROWN = 100.0  # megabytes, after which it is worth a twentieth of a second to look for garbage
 _after_the_last_look = 0.0
 _LARGE = 800.0  # megabytes; a larger process frees what could be used again, too
-
-_LONGEST = 10.0  # seconds; freeing takes far less
 
 _SHOWN = 8  # tests of each process
 _LEAST = 20.0  # megabytes by which a test that is shown raised the peak
@@ -99,25 +98,16 @@ def _drop_the_last_source() -> None:
 def free_caches() -> None:
     """Frees what may be used again, but takes much memory.
 
-    MuJoCo's cache of meshes and textures takes 130 MB of dm_control's dog. The OpenGL resources of
-    the models drawn last take 95 MB each with Mesa; those of one model only, which tests may hold,
-    stay.
+    MuJoCo's cache of meshes and textures takes 130 MB of dm_control's dog.
     """
     if mujoco := sys.modules.get("mujoco"):
         mujoco.mj_clearCache(mujoco.mj_getCache())
-    thread = sys.modules.get("limberjack.mujoco.rendering.thread")
-    rendering = thread._process._thread if thread else None
-    if thread is None or rendering is None:
-        return
 
-    def drop(canvases: Any) -> None:
-        for key in list(canvases._canvases):
-            if hasattr(key, "fingerprint"):  # it may be shared
-                canvases._drop(key)
 
-    job = thread._Job(drop, rendering.canvases)
-    rendering.do(job)
-    job.wait(_LONGEST)
+def keep_few_canvases() -> None:
+    """The renderer keeps the OpenGL resources of two models, not of eight: 95 MB each with Mesa."""
+    if canvases := sys.modules.get("limberjack.mujoco.rendering.canvases"):
+        vars(canvases)["_MOST_SHARED"] = 2
 
 
 def resident() -> float:
