@@ -45,7 +45,7 @@ test: lint  ## Run ruff, pyright and all tests but the slow ones
 	$(BIN)/python -m pytest tests/browser  # by themselves: they click in real time
 
 test-slow: $(VENV)/installed-test  ## Run the slow tests
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m slow -o faulthandler_timeout=3600
 
 test-exactness: $(VENV)/installed-test  ## Compare every task with dm_control at length; resumable
 	$(BIN)/python -m tests.exactness

@@ -65,7 +65,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Keeps searches for garbage short, as modules and tests stay until the end; and memory small."""
+    """Keeps searches for garbage short (modules and tests stay until the end), and memory small."""
     exclude_from_searches_for_garbage()
     keep_few_canvases()
 

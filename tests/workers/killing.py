@@ -93,6 +93,7 @@ def kill_often(pool: Pool, done: threading.Event, most: int, longest: float = 0.
                 continue
             lost[id(unit)] = lost.get(id(unit), 0) + 1
             process.send_signal(signal.SIGKILL)
+            process.wait()  # otherwise it might be killed twice, or be given the next unit
             kills += 1
     return kills
 

@@ -79,8 +79,10 @@ def test_results_are_the_same_after_workers_were_killed_at_random_moments() -> N
     done = threading.Event()
     with Pool(2) as pool, concurrent.futures.ThreadPoolExecutor(1) as executor:
         kills = executor.submit(kill_often, pool, done, _KILLS)
-        found = dict(pool.results(scores_slowly, units))
-        done.set()
+        try:
+            found = dict(pool.results(scores_slowly, units))
+        finally:
+            done.set()
         assert kills.result() == _KILLS
         assert pool._lost > _KILLS / 2  # one that is killed between two units is not missed
     assert len(found) == len(units)
