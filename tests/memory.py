@@ -106,8 +106,9 @@ def free_caches() -> None:
 
 def keep_few_canvases() -> None:
     """The renderer keeps the OpenGL resources of two models, not of eight: 95 MB each with Mesa."""
-    if canvases := sys.modules.get("limberjack.mujoco.rendering.canvases"):
-        vars(canvases)["_MOST_SHARED"] = 2
+    from limberjack.mujoco.rendering import canvases  # after the renderer is chosen
+
+    canvases._MOST_SHARED = 2
 
 
 def resident() -> float:

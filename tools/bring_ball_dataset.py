@@ -3,7 +3,7 @@
     python tools/bring_ball_dataset.py --out bring_ball                 # seeds 0:100
     python tools/bring_ball_dataset.py --out again --compare bring_ball/CARD.md
 
-An episode takes 14 to 19 core-seconds, so 100 of them about 25 minutes of one core; a killed run
+An episode takes 19 core-seconds, so 100 of them about half an hour of one core; a killed run
 continues. The card names returns, versions, licence, command and hashes. With --compare the run
 ends with status 1 unless the files have the hashes of another card.
 """
