@@ -33,7 +33,7 @@ __all__ = [
 
 _RESIDENT = Path("/proc/self/statm")  # Linux's; its second number is that of resident pages
 _PAGE = os.sysconf("SC_PAGE_SIZE") / 1e6 if hasattr(os, "sysconf") else 0.0  # megabytes
-_GROWN = 100.0  # megabytes, after which it is worth a twentieth of a second to look for garbage
+_GROWN = 50.0  # megabytes, after which it is worth a twentieth of a second to look for garbage
 _after_the_last_look = 0.0
 _LARGE = 800.0  # megabytes; a larger process frees what could be used again, too
 
