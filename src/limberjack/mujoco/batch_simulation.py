@@ -20,7 +20,7 @@ import numpy as np
 
 from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.lazy_batch import LazyBatch
-from limberjack.mujoco.leaving import begin, watch
+from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.model_values import derived_fields
 from limberjack.mujoco.read_only import ReadOnly
 from limberjack.mujoco.simulation import (
@@ -71,7 +71,6 @@ class BatchSimulation(CountsWarnings):
         light = model.without_textures()._model
         self._use(LazyBatch(light, num_envs, num_threads, own_fields))
         _alive.add(self)
-        watch(self)
 
     def _use(self, lazy: LazyBatch) -> None:
         self._lazy = lazy
@@ -117,18 +116,17 @@ class BatchSimulation(CountsWarnings):
         self._call(START, rows)
 
     def _call(self, kind: int, rows: Rows) -> None:
-        lazy = self._living()
-        begin(self)
-        lazy.call(kind, rows)
-        self.busy_in = None
+        self._living().call(kind, rows)
 
     def reset(self, keyframe: int | None = None, rows: Rows = None) -> None:
         """See `Simulation`."""
+        begin()
         key = -1 if keyframe is None else keyframe
         self._living().official.reset(rows, key, stage=_NOTHING)
 
     def get_state(self, signature: int) -> np.ndarray:
         """See `Simulation`."""
+        begin()
         model, state = self._model._model, self.state
         parts = np.empty((len(state), mujoco.mj_stateSize(model, signature)))
         for whole, part in zip(state, parts, strict=True):
@@ -137,6 +135,7 @@ class BatchSimulation(CountsWarnings):
 
     def set_state(self, state: np.ndarray, signature: int) -> None:
         """See `Simulation`."""
+        begin()
         data = mujoco.MjData(self._model._model)
         for row, part in zip(self.state, state, strict=True):
             mujoco.mj_setState(self._model._model, data, row, STATE)
@@ -168,27 +167,25 @@ class BatchSimulation(CountsWarnings):
 
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
         """See `Simulation`. States that MuJoCo would reject diverge at the next step."""
+        begin()
         lazy = self._living()
         index = slice(None) if rows is None else rows
         for name, value in saved.items():
             if name not in NOT_FIELDS:
                 lazy.own[name][index] = value
         self.set_constants(rows)
-        begin(self)
         lazy.load(saved, rows)
-        self.busy_in = None
 
     def call_directly(self, call: Callable[[mujoco.batch.Batch], _T]) -> _T:
         """The result of `call`, which receives the `mujoco.batch.Batch` and may advance all rows.
 
         Quantities that depend on accelerations are unavailable afterwards.
         """
+        begin()
         lazy = self._living()
-        begin(self)
         try:
             return call(lazy.official)
         finally:
-            self.busy_in = None
             lazy.forget_calls()
 
     def data_field(self, name: str) -> Field:

@@ -30,6 +30,7 @@ import numpy as np
 
 from limberjack.mujoco import midphase, row_fields
 from limberjack.mujoco.index import Axes, FieldIndexer
+from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.simulation import (
     FORWARD,
     LOAD,
@@ -128,6 +129,7 @@ class LazyBatch:
 
     def set_const(self, rows: Rows) -> None:
         """Recomputes the constants of rows' models after their fields were set (mj_setConst)."""
+        begin()
         self._fields.set_const(rows)
 
     def shown(self, name: str) -> np.ndarray:
@@ -141,6 +143,7 @@ class LazyBatch:
         self.before_call[...] = self.state
 
     def _run(self, kind: int, rows: Rows) -> None:
+        begin()
         batch = self.official
         if kind == START:
             with self._fields.without_actuation(rows):

@@ -1,52 +1,56 @@
 """Safe interpreter exit while threads are simulating.
 
-A daemon thread inside MuJoCo during interpreter shutdown would crash the process. Therefore every
-call into MuJoCo that releases the GIL marks itself as running; at exit, calls in progress are
-awaited and no thread starts another.
+MuJoCo's functions release the GIL. If one returns in a daemon thread during interpreter shutdown,
+Python ends the thread inside MuJoCo's bindings, which crashes the process. Therefore the exit waits
+until no other thread is simulating, and a thread that begins to simulate after that waits forever.
 """
 
 import atexit
+import sys
 import threading
 import time
-import weakref
+from types import FrameType
 
-__all__ = ["Busy", "begin", "watch"]
+__all__ = ["begin", "stay"]
 
-_LONGEST_WAIT = 2.0  # seconds; a call takes milliseconds
+# Prefixes of the modules whose functions call MuJoCo or, as a step does, functions that may.
+_SIMULATING = ("limberjack.mujoco.", "limberjack.rl.", "limberjack.suite.")
+_LONGEST_WAIT = 2.0  # seconds; a step takes milliseconds
 
 _is_leaving = False
-_watched: "weakref.WeakSet[Busy]" = weakref.WeakSet()
+_staying: set[int] = set()  # ids of threads that wait for the end of the process
 
 
-class Busy:
-    """An object that may be inside a MuJoCo call.
-
-    `busy_in` is the id of the thread inside the call, set by `begin`; the owner resets it to None.
-    A call interrupted by Ctrl-C leaves it set, which is harmless: see `_wait_for_calls`.
-    """
-
-    busy_in: int | None = None
-
-
-def watch(busy: Busy) -> None:
-    """Registers `busy`, so that interpreter exit waits for its calls."""
-    _watched.add(busy)
-
-
-def begin(busy: Busy) -> None:
-    """Marks the start of a call; during exit, blocks every thread but the main one forever."""
-    busy.busy_in = threading.get_ident()
+def begin() -> None:
+    """To be called before MuJoCo is; during exit, blocks every thread but the main one forever."""
     if _is_leaving and threading.current_thread() is not threading.main_thread():
-        busy.busy_in = None
-        threading.Event().wait()
+        stay()
+
+
+def stay() -> None:
+    """Blocks this thread, a daemon, until the process ends; the exit does not wait for it."""
+    _staying.add(threading.get_ident())
+    threading.Event().wait()
 
 
 @atexit.register
-def _wait_for_calls() -> None:
+def _wait_for_others() -> None:
     global _is_leaving
     _is_leaving = True
     end = time.monotonic() + _LONGEST_WAIT
-    # Living threads except this one, which is in no call, although an interrupted one may say so.
-    others = {thread.ident for thread in threading.enumerate()} - {threading.get_ident()}
-    while any(busy.busy_in in others for busy in list(_watched)) and time.monotonic() < end:
+    while _others_simulate() and time.monotonic() < end:
         time.sleep(0.001)
+
+
+def _others_simulate() -> bool:
+    elsewhere = _staying | {threading.get_ident()}
+    frames = sys._current_frames().items()
+    return any(_simulates(frame) for thread, frame in frames if thread not in elsewhere)
+
+
+def _simulates(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").startswith(_SIMULATING):
+            return True
+        frame = frame.f_back
+    return False

@@ -24,7 +24,6 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.index import Axes, FieldIndexer
-from limberjack.mujoco.leaving import Busy
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.utils.arrays import AnyArray
 from limberjack.utils.log import log
@@ -170,7 +169,7 @@ class Simulation(Fields, Protocol):
         ...
 
 
-class CountsWarnings(Busy):
+class CountsWarnings:
     """Detection of new warnings, shared by the implementations of `Simulation`.
 
     MuJoCo resets a simulation that diverges, including its counters, so comparing counts before and

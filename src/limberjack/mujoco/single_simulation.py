@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.index import FieldIndexer
-from limberjack.mujoco.leaving import begin, watch
+from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.simulation import (
     ACTUATION,
     FORWARD,
@@ -60,7 +60,6 @@ class SingleSimulation(CountsWarnings):
         # The last call and the state before it.
         self._call = LOAD
         self._before = np.empty(mujoco.mj_stateSize(self._wrapper._model, STATE))
-        watch(self)
 
     @property
     def model(self) -> MjModel:
@@ -69,10 +68,10 @@ class SingleSimulation(CountsWarnings):
 
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
+        begin()
         model, data = self._model(), self._data
         self._call = nstep
         mujoco.mj_getState(model, data, self._before, STATE)
-        begin(self)
         if model is not self._model_of_opt:  # accessing `opt` creates a new object each time
             self._model_of_opt, self._opt = model, model.opt
         if self._opt.integrator == _RUNGE_KUTTA:  # cannot be split into halves
@@ -82,31 +81,27 @@ class SingleSimulation(CountsWarnings):
             if nstep > 1:
                 mujoco.mj_step(model, data, nstep - 1)
         mujoco.mj_step1(model, data)
-        self.busy_in = None
 
     def step_whole(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
+        begin()
         self._remember(-nstep)
-        begin(self)
         mujoco.mj_step(self._model(), self._data, nstep)
-        self.busy_in = None
 
     def forward(self, rows: Rows = None) -> None:
         """See `Simulation`."""
+        begin()
         self._remember(FORWARD)
-        begin(self)
         mujoco.mj_forward(self._model(), self._data)
-        self.busy_in = None
 
     def forward_without_actuation(self, rows: Rows = None) -> None:
         """See `Simulation`."""
+        begin()
         model = self._model()
         shared = self._wrapper._shared
         self._remember(START)
-        begin(self)
         if shared is not None:
             mujoco.mj_forward(shared.passive, self._data)
-            self.busy_in = None
             return
         opt = model.opt
         self._flags_before = opt.disableflags
@@ -116,10 +111,10 @@ class SingleSimulation(CountsWarnings):
         finally:
             opt.disableflags = self._flags_before
         self._flags_before = None
-        self.busy_in = None
 
     def reset(self, keyframe: int | None = None, rows: Rows = None) -> None:
         """See `Simulation`."""
+        begin()
         if keyframe is None:
             mujoco.mj_resetData(self._model(), self._data)
         else:
@@ -128,6 +123,7 @@ class SingleSimulation(CountsWarnings):
 
     def get_state(self, signature: int) -> np.ndarray:
         """See `Simulation`."""
+        begin()
         model = self._model()
         state = np.empty(mujoco.mj_stateSize(model, signature))
         mujoco.mj_getState(model, self._data, state, signature)
@@ -135,6 +131,7 @@ class SingleSimulation(CountsWarnings):
 
     def set_state(self, state: np.ndarray, signature: int) -> None:
         """See `Simulation`."""
+        begin()
         mujoco.mj_setState(self._model(), self._data, state, signature)
 
     def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:

@@ -14,6 +14,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.wrapper.model import MjModel, object_type_number
 
 __all__ = ["MjData", "moving_object"]
@@ -101,6 +102,7 @@ class MjData:
         model = self._model._model
         if model is self._data.model:
             return self._data
+        begin()
         # The official data refers to the model it was created from, which has been replaced.
         data = mujoco.MjData(model)
         mujoco.mj_copyData(data, model, self._data)
@@ -162,6 +164,7 @@ class MjData:
                 f"`contact_id` must be between 0 and {self._data.ncon - 1} (inclusive), got: "
                 f"{contact_id}."
             )
+        begin()
         model, data = self._model._model, self._data
         # The parts of a step's second half on which contact forces depend.
         mujoco.mj_fwdActuation(model, data)

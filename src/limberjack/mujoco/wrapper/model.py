@@ -16,6 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.wrapper import util
 from limberjack.mujoco.wrapper.sharing import CopyOnWrite, SharedModel
 from limberjack.mujoco.wrapper.textures import without_textures
@@ -115,6 +116,7 @@ class MjModel(CopyOnWrite):
         Raises:
           ValueError: MuJoCo's error message about the model.
         """
+        begin()
         text = util.to_native_string(xml_string)
         model = mujoco.MjModel.from_xml_string(text, assets or {})
         _last_compiled["model"] = model
@@ -123,12 +125,14 @@ class MjModel(CopyOnWrite):
     @classmethod
     def from_byte_string(cls, byte_string: bytes) -> "MjModel":
         """Reads a model in binary format (MJB), as from `to_bytes`."""
+        begin()
         name = "model.mjb"
         return cls(mujoco.MjModel.from_binary_path(name, {name: byte_string}))
 
     @classmethod
     def from_xml_path(cls, xml_path: str) -> "MjModel":
         """Compiles an MJCF or URDF file."""
+        begin()
         model = mujoco.MjModel.from_xml_path(str(xml_path))
         _last_compiled["model"] = model
         return cls(model)
@@ -136,14 +140,17 @@ class MjModel(CopyOnWrite):
     @classmethod
     def from_binary_path(cls, binary_path: str) -> "MjModel":
         """Reads a file in binary format (MJB), as from `save_binary`."""
+        begin()
         return cls(mujoco.MjModel.from_binary_path(str(binary_path)))
 
     def save_binary(self, binary_path: str) -> None:
         """Writes the model to a file in MuJoCo's binary format (MJB)."""
+        begin()
         mujoco.mj_saveModel(self._model, str(binary_path), None)
 
     def to_bytes(self) -> bytes:
         """The model in MuJoCo's binary format (MJB)."""
+        begin()
         buffer = np.zeros(mujoco.mj_sizeModel(self._model), np.uint8)
         mujoco.mj_saveModel(self._model, None, buffer)
         return buffer.tobytes()
@@ -262,6 +269,7 @@ def empty_model() -> mujoco.MjModel:
 
 def object_type_number(object_type: str | int) -> int:
     """An object type's number from its name or number."""
+    begin()
     if not isinstance(object_type, str):
         return int(object_type)
     kind = int(mujoco.mju_str2Type(object_type))
