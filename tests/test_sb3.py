@@ -349,3 +349,11 @@ def test_all_tasks_have_spaces_that_sb3_takes() -> None:
         envs = sb3.make_vec_env(domain, task, 1)
         baselines.PPO("MlpPolicy", envs, n_steps=2, batch_size=2, device="cpu")
         baselines.SAC("MlpPolicy", envs, buffer_size=10, device="cpu")
+
+
+@pytest.mark.parametrize("task", [("lqr", "lqr_2_1"), ("humanoid", "walk")])
+def test_actions_without_limits_are_offered_between_minus_1_and_1(task: tuple[str, str]) -> None:
+    envs = sb3.make_vec_env(*task, 1)
+    assert (envs.action_space.low == -1).all()
+    assert (envs.action_space.high == 1).all()
+    assert envs.action_space.dtype == envs.vector_env.single_action_space.dtype

@@ -9,8 +9,9 @@
 It behaves as SB3's `DummyVecEnv` of equally many `limberjack.gym.Env`, bit for bit: a row whose
 episode has ended returns the first observation of its next one, and the last one in
 `info["terminal_observation"]`; `info["TimeLimit.truncated"]` is true if only the time limit ended
-it. Wrap it in `VecMonitor` to log the returns of episodes. For a single simulation this module is
-not needed: SB3 takes environments of `gymnasium.make`.
+it. Actions without limits, as of lqr, are offered between -1 and 1, since SB3 needs limits. Wrap it
+in `VecMonitor` to log the returns of episodes. For a single simulation this module is not needed:
+SB3 takes environments of `gymnasium.make`.
 
 No other file imports stable_baselines3.
 """
@@ -25,10 +26,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from dm_env import specs
+from gymnasium import spaces
 
 from limberjack import gym
 from limberjack.gym import arguments
 from limberjack.gym.observations import Observations
+from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.control import Environment
 from limberjack.utils.requirements import missing_extra
@@ -78,7 +82,8 @@ class VecEnv(vec_env.VecEnv):
         self.vector_env = envs
         self._own: list[_ByName] = [{} for _ in range(envs.num_envs)]
         self._actions: np.ndarray | None = None
-        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+        actions = _limited(envs.single_action_space)
+        super().__init__(envs.num_envs, envs.single_observation_space, actions)
         self.metadata = {**self.metadata, "render_fps": envs.metadata["render_fps"]}
         if seed is not None:
             self.seed(seed)
@@ -227,6 +232,14 @@ def _check_vector_env(envs: object) -> None:
             "later observations overwrite earlier ones, and Stable-Baselines3 keeps them: make the "
             "VectorEnv with copy=True"
         )
+
+
+def _limited(space: "spaces.Space[np.ndarray]") -> spaces.Box:
+    """The space of actions with the bounds of random actions where it has none."""
+    assert isinstance(space, spaces.Box)
+    spec = specs.BoundedArray(space.shape, space.dtype, space.low, space.high)
+    low, high = (bound.astype(space.dtype) for bound in bounds_to_try(spec))
+    return spaces.Box(low, high, space.shape, space.dtype.type)
 
 
 def _infos_of_rows(info: _ByName, truncated: np.ndarray) -> list[_ByName]:
