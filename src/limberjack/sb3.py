@@ -27,11 +27,10 @@ from typing import Any
 
 import numpy as np
 from dm_env import specs
-from gymnasium import spaces
 
 from limberjack import gym
 from limberjack.gym import arguments
-from limberjack.gym.observations import Observations
+from limberjack.gym.observations import Observations, action_space
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.control import Environment
@@ -82,7 +81,7 @@ class VecEnv(vec_env.VecEnv):
         self.vector_env = envs
         self._own: list[_ByName] = [{} for _ in range(envs.num_envs)]
         self._actions: np.ndarray | None = None
-        actions = _limited(envs.single_action_space)
+        actions = action_space(_limited_spec(envs.batches[0]))
         super().__init__(envs.num_envs, envs.single_observation_space, actions)
         self.metadata = {**self.metadata, "render_fps": envs.metadata["render_fps"]}
         if seed is not None:
@@ -234,12 +233,11 @@ def _check_vector_env(envs: object) -> None:
         )
 
 
-def _limited(space: "spaces.Space[np.ndarray]") -> spaces.Box:
-    """The space of actions with the bounds of random actions where it has none."""
-    assert isinstance(space, spaces.Box)
-    spec = specs.BoundedArray(space.shape, space.dtype, space.low, space.high)
-    low, high = (bound.astype(space.dtype) for bound in bounds_to_try(spec))
-    return spaces.Box(low, high, space.shape, space.dtype.type)
+def _limited_spec(batch: BatchEnvironment) -> specs.BoundedArray:
+    """The spec of one row's actions, with the bounds of random actions where it has none."""
+    spec = batch.task.action_spec(batch.single)
+    low, high = bounds_to_try(spec)
+    return specs.BoundedArray(spec.shape, spec.dtype, low, high)
 
 
 def _infos_of_rows(info: _ByName, truncated: np.ndarray) -> list[_ByName]:
