@@ -4,7 +4,6 @@ import os
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import fresh
@@ -12,7 +11,7 @@ import numpy as np
 import peers
 from report import Row, at_least, at_most, spread
 
-from limberjack import bench, suite
+from limberjack import bench
 from limberjack.gym.vector import load_vector
 
 __all__ = [
@@ -21,7 +20,6 @@ __all__ = [
     "measure_pipelining",
     "measure_resets",
     "measure_threads",
-    "megabytes_with",
 ]
 
 _RESETS = at_most(2)  # per cent of an episode
@@ -139,7 +137,14 @@ def _threads_row(domain: str, task: str, count: int, seconds: float) -> Row:
 def measure_memory(num_envs: int) -> list[Row]:
     """Memory per row, from the difference between processes with `num_envs` and half as many."""
     sizes = {
-        count: fresh.call("batch_costs", "megabytes_with", count, variables=peers.WITHOUT_OPENGL)
+        count: fresh.call(
+            "footprint",
+            "megabytes_of_batch",
+            *_MEASURED_TASK,
+            count,
+            _STEPS_BEFORE_WEIGHING,
+            variables=peers.WITHOUT_OPENGL,
+        )
         for count in (num_envs // 2, num_envs)
     }
     few, many = sizes.values()
@@ -158,25 +163,6 @@ def measure_memory(num_envs: int) -> list[Row]:
             details={"megabytes": {str(count): size for count, size in sizes.items()}},
         )
     ]
-
-
-def megabytes_with(num_envs: int) -> float | None:
-    """Memory of this process with a batch of the humanoid that has been stepped."""
-    environment = suite.load_batch(*_MEASURED_TASK, num_envs, num_threads=2, seed=_SEED)
-    environment.reset()
-    random = np.random.RandomState(_SEED)
-    for _ in range(_STEPS_BEFORE_WEIGHING):
-        environment.step(random.uniform(-1, 1, environment.action_spec().shape))
-    return _resident_megabytes()
-
-
-def _resident_megabytes() -> float | None:
-    """Resident memory of this process, megabytes; None if the system does not report it."""
-    try:
-        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    except OSError:
-        return None
-    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def measure_pipelining(

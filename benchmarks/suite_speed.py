@@ -11,7 +11,6 @@ status is 1 if a bar is missed.
 
 import dataclasses
 import enum
-import re
 import statistics
 import sys
 import tempfile
@@ -31,7 +30,7 @@ from report import Bar, Row, all_met, at_least, at_most, print_table, spread, su
 
 from limberjack import bench, suite
 
-__all__ = ["Section", "main", "megabytes_of_all"]
+__all__ = ["Section", "main"]
 
 # Over a bare `mujoco.batch.Batch`, by number of rows.
 _HEAVY = {64: at_least(0.90), 256: at_least(0.94), 1024: at_least(0.95)}
@@ -44,6 +43,8 @@ _PEER_TOY = at_least(0.85)  # of the ratio of the bare batch to EnvPool
 _DOG = ("dog", "run")  # the largest model
 _DOG_LOAD = at_most(150)  # milliseconds
 _MEMORY = at_most(800)  # megabytes
+_ESCAPE = ("quadruped", "escape")  # each row has a height field of its own
+_ESCAPE_MEMORY = at_most(400)  # megabytes
 _LINES = at_most(2_000)
 _OLD_DOMAINS = ("humanoid", "manipulator", "stacker")  # which are not part of the bar on lines
 
@@ -72,10 +73,11 @@ class Effort:
     seconds: float  # of each comparison
     rounds: int  # of each comparison, at least
     loads: int  # of each task
+    memory_rows: int
 
 
-_FULL = Effort(51, 4, 1_000, (64, 256, 1024), 1.5, 8, 7)
-_QUICK = Effort(1, 1, 10, (64,), 0.01, 2, 1)
+_FULL = Effort(51, 4, 1_000, (64, 256, 1024), 1.5, 8, 7, 1024)
+_QUICK = Effort(1, 1, 10, (64,), 0.01, 2, 1, 2)
 
 
 def _measure_batch(tasks: Sequence[_Task], effort: Effort, num_threads: int) -> list[Row]:
@@ -198,25 +200,22 @@ def _subject(task: _Task, size: int) -> str:
     return f"{':'.join(task)}, N={size}"
 
 
-def megabytes_of_all() -> float:
-    """Peak memory of this process once every task is loaded and has begun an episode, on Linux."""
-    environments = [suite.load(domain, task) for domain, task in suite.ALL_TASKS]
-    for environment in environments:
-        environment.reset()
-    # Not from `resource`, whose peak is at least the memory of the process that started this one.
-    status = Path("/proc/self/status").read_text(encoding="utf-8")
-    (kilobytes,) = re.findall(r"^VmHWM:\s+(\d+) kB$", status, re.MULTILINE)
-    return int(kilobytes) / 1024
-
-
 def _dog_row(rows: Sequence[Row]) -> Row:
     (load,) = [r for r in rows if r.measure == "load / compile" and r.subject == ":".join(_DOG)]
     return Row("load", load.subject, load.ours, load.theirs, "ms", load.ours, "ms", _DOG_LOAD)
 
 
-def _memory_row() -> Row:
-    taken = fresh.call("suite_speed", "megabytes_of_all")
-    return Row("memory", "all tasks loaded", taken, None, "MB", taken, "MB", _MEMORY)
+def _memory_rows(num_rows: int) -> list[Row]:
+    of_all = fresh.call("footprint", "megabytes_of_all")
+    one, many = (
+        fresh.call("footprint", "megabytes_of_batch", *_ESCAPE, count, 1) for count in (1, num_rows)
+    )
+    more = None if one is None or many is None else many - one
+    subject = f"{_subject(_ESCAPE, num_rows)}, beyond N=1"
+    return [
+        Row("memory", "all tasks loaded", of_all, None, "MB", of_all, "MB", _MEMORY),
+        Row("memory", subject, more, None, "MB", more, "MB", _ESCAPE_MEMORY),
+    ]
 
 
 def _size_rows() -> list[Row]:
@@ -259,7 +258,7 @@ def _measure(
             rows += [_dog_row(rows)] if _DOG in tasks else []
             return sorted(rows, key=lambda row: row.measure)
         case Section.MEMORY:
-            return [_memory_row()]
+            return _memory_rows(effort.memory_rows)
         case Section.SIZE:
             return _size_rows()
 

@@ -23,7 +23,11 @@ def test_batches_memory_and_lines_are_measured(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
-    assert [row["measure"] for row in rows] == ["batch / bare Batch", "memory", "lines", "lines"]
+    assert [row["measure"] for row in rows] == [
+        "batch / bare Batch",
+        *["memory"] * 2,
+        *["lines"] * 2,
+    ]
     assert all(row["bar"] is not None and row["value"] is not None for row in rows)
     (batch, *_) = rows
     assert batch["details"]["class"] in ("heavy", "toy")
