@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
+import footprint
 import fresh
 import peers
 import typer
@@ -179,15 +180,15 @@ def megabytes_per_environment(package: str, domain: str, task: str) -> dict[str,
         environment.reset()
         environment.step(environment.action_spec().generate_value())
 
-    sizes = [_resident_megabytes()]
+    sizes = [footprint.megabytes()]
     first = loaded()
     use(first)
-    sizes.append(_resident_megabytes())
+    sizes.append(footprint.megabytes())
     more = [loaded() for _ in range(_NUM_MORE_ENVIRONMENTS)]
-    sizes.append(_resident_megabytes())
+    sizes.append(footprint.megabytes())
     for environment in more:
         use(environment)
-    sizes.append(_resident_megabytes())
+    sizes.append(footprint.megabytes())
     known = [size for size in sizes if size is not None]
     if len(known) < len(sizes):
         return dict.fromkeys(("first", "one more, loaded", "one more"))
@@ -213,10 +214,10 @@ def _sampled(
     series: dict[str, list[float | None]] = {"resident": [], "in_use": []}
     for number in range(count + 1):
         if number % every == 0 or number == count:
-            series["resident"].append(_resident_megabytes())
+            series["resident"].append(footprint.megabytes())
             if gives_back:
                 _return_unused_memory()
-            series["in_use"].append(_resident_megabytes())
+            series["in_use"].append(footprint.megabytes())
         if number < count:
             work(number)
     return series
@@ -228,16 +229,6 @@ def _return_unused_memory() -> None:
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # not in every C library
         if trim is not None:
             trim(0)
-
-
-def _resident_megabytes() -> float | None:
-    """Resident memory of this process, megabytes; None if the system does not report it."""
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-    except OSError:
-        return None
-    kilobytes = next(line.split()[1] for line in lines if line.startswith("VmRSS:"))
-    return round(int(kilobytes) * 1024 / 1e6, 3)
 
 
 def main(

@@ -72,7 +72,7 @@ class Effort:
     sizes: tuple[int, ...]  # numbers of rows
     seconds: float  # of each comparison
     rounds: int  # of each comparison, at least
-    loads: int  # of each task
+    loads: int  # of each task, and of all in processes of their own
     memory_rows: int
 
 
@@ -205,15 +205,28 @@ def _dog_row(rows: Sequence[Row]) -> Row:
     return Row("load", load.subject, load.ours, load.theirs, "ms", load.ours, "ms", _DOG_LOAD)
 
 
-def _memory_rows(num_rows: int) -> list[Row]:
-    of_all = fresh.call("footprint", "megabytes_of_all")
+def _memory_rows(num_rows: int, num_processes: int) -> list[Row]:
+    # Several, as the allocator leaves more or less unused between models of 12 MB.
+    found = [fresh.call("footprint", "megabytes_of_all") for _ in range(num_processes)]
+    known = [each for each in found if each is not None]
+    of_all = statistics.median(known) if known else None
     one, many = (
         fresh.call("footprint", "megabytes_of_batch", *_ESCAPE, count, 1) for count in (1, num_rows)
     )
     more = None if one is None or many is None else many - one
     subject = f"{_subject(_ESCAPE, num_rows)}, beyond N=1"
     return [
-        Row("memory", "all tasks loaded", of_all, None, "MB", of_all, "MB", _MEMORY),
+        Row(
+            "memory",
+            "all tasks loaded",
+            of_all,
+            None,
+            "MB",
+            of_all,
+            "MB",
+            _MEMORY,
+            {"megabytes": found},
+        ),
         Row("memory", subject, more, None, "MB", more, "MB", _ESCAPE_MEMORY),
     ]
 
@@ -258,7 +271,7 @@ def _measure(
             rows += [_dog_row(rows)] if _DOG in tasks else []
             return sorted(rows, key=lambda row: row.measure)
         case Section.MEMORY:
-            return _memory_rows(effort.memory_rows)
+            return _memory_rows(effort.memory_rows, effort.loads)
         case Section.SIZE:
             return _size_rows()
 

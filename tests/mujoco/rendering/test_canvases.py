@@ -47,9 +47,8 @@ def test_models_with_equal_resources_share_a_canvas() -> None:
 def test_models_with_different_resources_do_not_share_a_canvas(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(
-        canvases, "_MOST_SHARED", 8
-    )  # another might have the id of one that is gone
+    # All are kept: a later one might have the id of one that is gone.
+    monkeypatch.setattr(canvases, "_MOST_SHARED", 8)
     others = [_physics(colour=".9 0 0"), _physics(shadow=256)]
     assert len({_context(p) for p in (_physics(), *others)}) == 3
 
