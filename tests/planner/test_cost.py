@@ -101,10 +101,30 @@ def test_no_other_task_names_a_cost() -> None:
     assert sorted(named) == sorted(PLANNED + SINGLE_STAGE)
 
 
-def test_the_files_are_all_of_the_planners() -> None:
-    files = sources_for(suite.load("humanoid", "stand").task)
-    assert set(files) == set(_PLANNER.rglob("*.py"))
-    assert files == sorted(files)
+def test_the_files_are_those_that_plans_for_the_task_depend_on() -> None:
+    shared = set(_PLANNER.glob("*.py"))
+    for domain, task, folders in [
+        ("humanoid", "stand", {"humanoid"}),
+        ("stacker", "stack_2", {"arm", "stacker"}),
+        ("manipulator", "insert_peg", {"arm", "manipulator"}),
+    ]:
+        files = sources_for(suite.load(domain, task).task)
+        assert files == sorted(files)
+        assert shared < set(files)
+        others = {file for file in files if file not in shared}
+        assert {file.parent.name for file in others} == folders
+        loaded = {
+            Path(str(module.__file__))
+            for name, module in sys.modules.items()
+            if ".planner." in name
+        }
+        assert others <= loaded
+
+
+def test_files_of_a_task_include_what_its_cost_imports_indirectly() -> None:
+    names = {file.name for file in sources_for(suite.load("manipulator", "bring_ball").task)}
+    assert {"bring.py", "fetch.py", "roadmap.py", "geometry.py"} <= names
+    assert not {"insert.py", "release.py"} & names  # of insertion alone
 
 
 def test_the_file_of_a_cost_outside_the_planner_comes_last(

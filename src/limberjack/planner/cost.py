@@ -19,6 +19,7 @@ receives all states of all plans at once, because NumPy takes hardly longer for 
 A task names its cost in `planner_cost`, as "module:Class"; `cost_for(task)` makes one.
 """
 
+import ast
 import importlib
 import inspect
 from collections.abc import Mapping
@@ -155,11 +156,30 @@ def cost_for(task: object) -> Cost:
 
 
 def sources_for(task: object) -> list[Path]:
-    """Source files on which plans for a task depend: the planner's package and the cost's module.
+    """Source files on which plans for a task depend, its cost's file last if outside the planner.
+
+    These are the modules at the planner's top level, the cost's module, and all that they import
+    from the planner's package: a change of another task's cost leaves them as they are.
 
     Raises:
       ValueError: see `cost_for`.
     """
-    files = sorted(Path(__file__).parent.rglob("*.py"))
+    package = Path(__file__).parent.resolve()
     own = Path(inspect.getfile(type(cost_for(task)))).resolve()
-    return files if own in [file.resolve() for file in files] else [*files, own]
+    files, due = set[Path](), [*package.glob("*.py"), own]
+    while due:
+        file = due.pop()
+        if file not in files:
+            files.add(file)
+            due.extend(_imported(file, package))
+    return sorted(files, key=lambda file: (not file.is_relative_to(package), file))
+
+
+def _imported(file: Path, package: Path) -> list[Path]:
+    """The files of the planner's package that a file imports by name."""
+    found: list[Path] = []
+    for node in ast.walk(ast.parse(file.read_bytes())):
+        if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith("limberjack.planner."):
+            module = package.joinpath(*str(node.module).split(".")[2:])
+            found += [module.with_suffix(".py"), *(module / f"{n.name}.py" for n in node.names)]
+    return [file for file in found if file.is_file()]

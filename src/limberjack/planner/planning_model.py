@@ -9,13 +9,14 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
 from limberjack.planner.control_law import joints_of_tendon
 from limberjack.planner.settings import Settings
 
 __all__ = ["enable_sleep", "planning_model_of"]
 
 
-def planning_model_of(physics: Any, settings: Settings) -> Any:
+def planning_model_of(physics: Physics, settings: Settings) -> Any:
     """A copy of an environment's physics, in its present state, with the settings' constants."""
     planning = physics.copy()
     model = planning.model.ptr  # its own from here on

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.settings import Settings
 
@@ -41,18 +43,18 @@ SETTINGS = Settings(
 )
 
 
-def fingers(data: Any) -> Any:
+def fingers(data: NamedFields) -> Any:
     """Angle of the fingers, (...), radians."""
     angles = data.qpos[["thumb", "finger"]]
     return (angles[..., 0] + angles[..., 1]) / 2
 
 
-def closing(data: Any) -> Any:
+def closing(data: NamedFields) -> Any:
     """Angle of the fingers from fully open, (...), radians."""
     return fingers(data) - OPEN_ANGLE
 
 
-def in_hand(data: Any, place: np.ndarray) -> tuple[Any, Any]:
+def in_hand(data: NamedFields, place: np.ndarray) -> tuple[Any, Any]:
     """Distances of a position ahead of the grasp site and aside of it, (..., 3) -> (...) each."""
     return in_frame(place - data.site_xpos["grasp"], data.site_xmat["grasp"])
 
@@ -76,18 +78,18 @@ def near(distance: Any, scale: float) -> Any:
     return 1.0 / (1.0 + (distance / scale) ** 4)
 
 
-def loose(physics: Any, press: float) -> Any:
+def loose(physics: Physics, press: float) -> Any:
     """Cost of a grasp that presses less than it should, and slips, 0 to 0.3, (...)."""
     return 0.15 * np.maximum(press - physics.named.data.ctrl["grasp"], 0.0)
 
 
-def sag(physics: Any, gain: float) -> np.ndarray:
+def sag(physics: Physics, gain: float) -> np.ndarray:
     """Angles by which gravity bends the arm away from its targets, (4,), radians."""
     force = physics.model.actuator_gear[:4, 0] * gain
     return physics.named.data.qfrc_bias[ARM] / force
 
 
-def outward_speed(data: Any, joint: str, site: str) -> Any:
+def outward_speed(data: NamedFields, joint: str, site: str) -> Any:
     """Speed of an object away from the middle, 0 to 2 m/s, (...).
 
     An arm that pushes an object instead of grasping it chases it into the corners.

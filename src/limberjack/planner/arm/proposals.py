@@ -5,11 +5,12 @@ plans = plans_of(now, [lifted, Proposal([], [OPEN])], knots=5)  # (2, 5, 5)
 """
 
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.hand import ARM, PLANE
 from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses_each, nudged
 from limberjack.planner.arm.path import Path
@@ -63,7 +64,7 @@ def plans_on(path: Path, now: np.ndarray, grasp: float, knots: int) -> np.ndarra
     return plans_of(now, [Proposal(points, [grasp]) for points in ahead], knots)
 
 
-def lifts(random: np.random.Generator, data: Any, press: float) -> list[Proposal]:
+def lifts(random: np.random.Generator, data: NamedFields, press: float) -> list[Proposal]:
     """Proposals that lift the hand of a single simulation with a grasp's target."""
     now = data.qpos[ARM]
     above = data.site_xpos["grasp"][PLANE] + np.array([[0.0, 0.04], [0.0, 0.12]])

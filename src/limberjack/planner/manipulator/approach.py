@@ -9,10 +9,9 @@ Poses keep clear of the walls. Paths lead to before the object, to where a finge
 where a peg falls off the arm.
 """
 
-from typing import Any
-
 import numpy as np
 
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.collision import NOTHING, Obstacle, clearance
 from limberjack.planner.arm.hand import ARM, PLANE
 from limberjack.planner.arm.kinematics import (
@@ -76,11 +75,11 @@ class Approach:
             return np.ones(len(poses), bool)
         return clearance(poses, HAND, self.walls)[:, 0] > TOUCHING
 
-    def is_fast(self, data: Any) -> bool:
+    def is_fast(self, data: NamedFields) -> bool:
         """Whether the object, at over 1 m/s, will soon be elsewhere than where a path leads."""
         return bool(np.abs(data.qvel[self.prop.joints[:2]]).max() > 1.0)
 
-    def path_to_object(self, data: Any, few: bool) -> Path | None:
+    def path_to_object(self, data: NamedFields, few: bool) -> Path | None:
         """The arm's path to before the object, the shortest to many goals or to a few."""
         now, is_ball = data.qpos[ARM], isinstance(self.prop, Ball)
         goals = self._around_ball(data) if is_ball else self._around_peg(data)
@@ -99,7 +98,7 @@ class Approach:
             path = path or find_path(now, before, HAND, around, close=True)
         return path
 
-    def _around_ball(self, data: Any) -> np.ndarray:
+    def _around_ball(self, data: NamedFields) -> np.ndarray:
         """Arm joints before the ball, or where a rolling ball can be taken, (n, 4)."""
         now, random = data.qpos[ARM], self.draws
         if not self.is_fast(data):
@@ -109,11 +108,11 @@ class Approach:
         takes = found[self.is_clear(found)]
         return nudged(takes, -BACK * direction(takes.sum(axis=-1)), 0.0)
 
-    def _around_peg(self, data: Any) -> np.ndarray:
+    def _around_peg(self, data: NamedFields) -> np.ndarray:
         """Arm joints in which the walls leave the hand room to take the peg, (n, 4)."""
         return self.poses_around([pose_of(data, "peg")], data.qpos[ARM], self.draws, GOALS)[0]
 
-    def path_to_spot(self, data: Any, spot: Spot, goal: float) -> Path | None:
+    def path_to_spot(self, data: NamedFields, spot: Spot, goal: float) -> Path | None:
         """The arm's path to the spot where a peg is raked to a goal (x, metres), or to above it."""
         # From above the spot a fingertip reaches it where the hand would be in a wall.
         for higher in (0.0, 0.03, 0.06):
@@ -123,7 +122,7 @@ class Approach:
                 return path
         return None
 
-    def path_to_room(self, data: Any) -> Path | None:
+    def path_to_room(self, data: NamedFields) -> Path | None:
         """A path that stretches the arm, so that a peg falls off it."""
         room = self.draws.uniform(-STRETCHED, STRETCHED, (8, 4))
         return find_path(data.qpos[ARM], room, HAND, self.walls)

@@ -9,6 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.hand import ARM, LONGEST, PLANE, loose, sag
 from limberjack.planner.arm.proposals import Proposal, lifts, straight_to
 from limberjack.planner.cost import Cost
@@ -48,7 +50,7 @@ class Bring(Cost):
             if fetch.has:
                 self._search_target(fetch.prop, data)
 
-    def _search_target(self, peg: Peg, data: Any) -> None:
+    def _search_target(self, peg: Peg, data: NamedFields) -> None:
         """Searches for a path to the target; for a leaning peg if no other is found."""
         assert self._fetch.paths is not None
         up, draws = -downwards(data.site_xpos["grasp"])[PLANE], self._fetch.approach.draws
@@ -66,7 +68,7 @@ class Bring(Cost):
         held = fetch.hold(data)
         return {"carry": held * self._carry(physics), **fetch.terms(data, 1.0 - held)}
 
-    def _carry(self, physics: Any) -> np.ndarray:
+    def _carry(self, physics: Physics) -> np.ndarray:
         """Cost of a held object's distance from the target, and of what it could be lost by."""
         data, fetch = physics.named.data, self._fetch
         missing = 1.0 - self.task.get_reward(physics)
@@ -86,7 +88,7 @@ class Bring(Cost):
         found[..., :4] += self._sag
         return found
 
-    def _carrying(self, data: Any, random: np.random.Generator) -> list[Proposal]:
+    def _carrying(self, data: NamedFields, random: np.random.Generator) -> list[Proposal]:
         """Proposals to the target, upwards, and none."""
         now, shut = data.qpos[ARM], self._fetch.prop.shut
         proposals = straight_to(self._fetch.prop.poses_at_target(data, random, 6), shut, 1, 2, 4)

@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.collision import NOTHING, clearance
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLAY, fingers
 from limberjack.planner.arm.kinematics import direction, drawn_back, nudged
@@ -113,7 +115,7 @@ class Fetch:
         rolls, rakes = len(self.forecast.poses) > 0, self.rake.goal is not None
         return self.has, rolls, rakes, self.rake.spot, self.path
 
-    def observe(self, data: Any) -> bool:
+    def observe(self, data: NamedFields) -> bool:
         """Decides whether the hand has the object; returns whether that has changed."""
         had, self.has = self.has, bool(self.hold(data) > 0.3)
         if had == self.has:
@@ -124,7 +126,7 @@ class Fetch:
             self.paths.forget()
         return True
 
-    def hold(self, data: Any) -> Any:
+    def hold(self, data: NamedFields) -> Any:
         """Quality of the hand's hold on the object, 0 to 1, (N,)."""
         # A little play in the hand is no reason to stand still.
         return np.minimum(PLAY * self.prop.firmness(data, self.prop.offset(data)), 1.0)
@@ -138,7 +140,7 @@ class Fetch:
         """Whether the peg has touched the arm for more than 15 plannings."""
         return self._carried_for > 15
 
-    def update(self, physics: Any) -> None:
+    def update(self, physics: Physics) -> None:
         """Decides the stage, after `observe`, and the path to an object that is not held."""
         data = physics.named.data
         self.patience -= 1
@@ -159,7 +161,7 @@ class Fetch:
         if self.approach.walls is not NOTHING:
             self._go_around(data, is_blocked)
 
-    def _watch_arm(self, data: Any) -> None:
+    def _watch_arm(self, data: NamedFields) -> None:
         """Counts plannings with a peg on the arm; if it comes to lie there, the path changes."""
         lay = self.lies_on_arm
         is_carried = self.paths is not None and not self.has and is_on_arm(data)
@@ -167,7 +169,7 @@ class Fetch:
         if self.lies_on_arm != lay:
             self.drop_path(-1)
 
-    def _lose_patience(self, data: Any) -> None:
+    def _lose_patience(self, data: NamedFields) -> None:
         """Withdraws the hand for 10 plannings after 25 near the object without a grasp."""
         if self.paths is not None and self.rake.goal is not None:
             self._near_for = self._withdraws = 0  # a peg is raked from elsewhere instead
@@ -180,7 +182,7 @@ class Fetch:
         if self._near_for > 25:
             self._near_for, self._withdraws = 0, 10
 
-    def _decide_on_raking(self, data: Any) -> None:
+    def _decide_on_raking(self, data: NamedFields) -> None:
         """Rakes an object that comes to rest out of reach; a rolling one may come by itself."""
         if self.rake.goal is None and not self.forecast.settles:
             return
@@ -189,7 +191,7 @@ class Fetch:
         if self.rake.judge(data, len(takes) > 0):
             self._near_for = 0
 
-    def _choose_spot(self, data: Any) -> None:
+    def _choose_spot(self, data: NamedFields) -> None:
         """Decides where a peg is raked, unless the arm makes it fall; each spot has its path."""
         rake, spot = self.rake, self.rake.spot
         if self.lies_on_arm:
@@ -199,7 +201,7 @@ class Fetch:
         if rake.goal is not None and rake.spot is not spot:
             self.drop_path(-1)
 
-    def _search(self, paths: PegPaths, data: Any) -> bool:
+    def _search(self, paths: PegPaths, data: NamedFields) -> bool:
         """Searches for a path to a peg that lies still within reach, or to let one fall.
 
         Returns whether walls are in that path, which is then discarded.
@@ -230,7 +232,7 @@ class Fetch:
             paths.forget()
         return bool(is_blocked)
 
-    def _go_around(self, data: Any, is_blocked: bool) -> None:
+    def _go_around(self, data: NamedFields, is_blocked: bool) -> None:
         """Keeps the arm's path to the object around the walls, or searches for one.
 
         An arm that does not advance is led to another pose, and so after too many searches.
@@ -261,7 +263,7 @@ class Fetch:
             found = None
         self.path = found
 
-    def _find_path(self, data: Any, again: bool) -> Path | None:
+    def _find_path(self, data: NamedFields, again: bool) -> Path | None:
         """The path to before the object, to rake it, or to let it fall from the arm."""
         approach, rake = self.approach, self.rake
         if rake.goal is not None:
@@ -274,7 +276,7 @@ class Fetch:
         rake.misses = 0 if path is not None else rake.misses + 1
         return path
 
-    def terms(self, data: Any, share: Any = 1.0) -> dict[str, np.ndarray]:
+    def terms(self, data: NamedFields, share: Any = 1.0) -> dict[str, np.ndarray]:
         """Terms of the stage, (N,) each; that of fetching is multiplied by a share, (N,)."""
         low = {"hand at the floor": np.maximum(0.03 - data.site_xpos["grasp", "z"], 0.0)}
         path, stage = self.path, self.stage
@@ -296,7 +298,7 @@ class Fetch:
             fetch = 2.0 + 1.5 * PER_RADIAN * path.remaining(data.qpos[ARM]) + 2.0 * unready
         return {"fetch": share * (_LOOSE + fetch), **low}
 
-    def _approach(self, data: Any) -> np.ndarray:
+    def _approach(self, data: NamedFields) -> np.ndarray:
         """Cost of the distance from holding the object, (N,)."""
         ahead, aside = offset = self.prop.offset(data)
         distance = np.hypot(ahead - np.clip(ahead, 0.0, self.prop.slack), aside)
@@ -316,7 +318,9 @@ class Fetch:
             approach = self.paths.cost_to_peg(data.qpos[ARM], approach) + across(data, turn)
         return approach + trouble
 
-    def plans(self, data: Any, random: np.random.Generator, carrying: list[Proposal]) -> np.ndarray:
+    def plans(
+        self, data: NamedFields, random: np.random.Generator, carrying: list[Proposal]
+    ) -> np.ndarray:
         """Plans of the stage, those along a path first, (n, knots, 5); the given ones to carry."""
         now, stage, knots = data.qpos[ARM], self.stage, self._knots
         if stage is Stage.WITHDRAW:
@@ -335,7 +339,7 @@ class Fetch:
         grasp = self.prop.shut if self.has else OPEN_ANGLE
         return np.concatenate([plans_on(self.path, now, grasp, knots), plans[:12]])
 
-    def _reaching(self, data: Any, random: np.random.Generator) -> list[Proposal]:
+    def _reaching(self, data: NamedFields, random: np.random.Generator) -> list[Proposal]:
         """Proposals to grasp the object: straight on to a peg at rest, else where it will be."""
         now, prop = data.qpos[ARM], self.prop
         proposals = [Proposal([now], [prop.shut])]
@@ -349,7 +353,7 @@ class Fetch:
             proposals.extend(approaches(poses, prop.ready, prop.shut))
         return proposals
 
-    def _meeting(self, data: Any, random: np.random.Generator) -> list[Proposal]:
+    def _meeting(self, data: NamedFields, random: np.random.Generator) -> list[Proposal]:
         """Proposals to the object's next poses, at once or from ahead; the hand closes there."""
         now, prop = data.qpos[ARM], self.prop
         proposals: list[Proposal] = []

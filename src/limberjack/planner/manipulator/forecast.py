@@ -7,11 +7,12 @@ poses = forecast.poses  # at the knots of a plan; none for an object at rest
 
 import contextlib
 from collections.abc import Iterator
-from typing import Any
 
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.hand import ARM
 from limberjack.planner.manipulator.props import Pose, pose_of
 from limberjack.planner.settings import Settings
@@ -34,7 +35,7 @@ class Forecast:
         self.poses: list[Pose] = []  # none at rest, fewer if the simulation diverges
         self.settles = False  # whether the object is at rest at the horizon, or nearly so
 
-    def update(self, physics: Any) -> None:
+    def update(self, physics: Physics) -> None:
         """Simulates up to the horizon; the simulation is then in the same state as before."""
         data = physics.named.data
         self.settles = bool(np.abs(data.qvel[self._joints]).max() < 0.02)
@@ -56,7 +57,7 @@ class Forecast:
                 armature[ARM] = before
             self.settles = bool(np.abs(data.qvel[self._joints]).max() < 0.2)
 
-    def met(self, data: Any) -> list[Pose]:
+    def met(self, data: NamedFields) -> list[Pose]:
         """The poses at the knots of `MEETS`; the current one for an object at rest."""
         last = len(self.poses)
         met = [self.poses[min(knot, last) - 1] for knot in MEETS if last]
@@ -64,7 +65,7 @@ class Forecast:
 
 
 @contextlib.contextmanager
-def restored(physics: Any) -> Iterator[None]:
+def restored(physics: Physics) -> Iterator[None]:
     """Within the context a single simulation may be changed; then it is as before."""
     state = physics.get_state(_STATE)
     yield

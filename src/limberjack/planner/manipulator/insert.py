@@ -10,6 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.hand import ARM, LONGEST, OPEN_ANGLE, PLANE, loose, sag
 from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses, nudged
 from limberjack.planner.arm.path import Path
@@ -91,7 +93,7 @@ class Insert(Cost):
             self._carry_on(physics)
         self.noise_scale = slot.noise_scale if self._at_mouth else 1.0
 
-    def _carry_on(self, physics: Any) -> None:
+    def _carry_on(self, physics: Physics) -> None:
         """Carries the object to the mouth; after three trials a ball to where its release works."""
         fetch, release = self._fetch, self._release
         if release is None:
@@ -107,7 +109,7 @@ class Insert(Cost):
         if not self._at_mouth and (finds_none or waited or self._trials > 3):
             release.is_due, fetch.path = True, None
 
-    def _carry_to_mouth(self, physics: Any) -> None:
+    def _carry_to_mouth(self, physics: Physics) -> None:
         """Decides whether the object is before the mouth, or else the arm's path there."""
         data, fetch, slot = physics.named.data, self._fetch, self._receptacle
         awry = max(_FACING - float(slot.facing(data)), 0.0)
@@ -129,7 +131,7 @@ class Insert(Cost):
         if fetch.path is None and fetch.patience <= 0:
             fetch.path, fetch.patience = self._path_to_mouth(data), PATIENCE
 
-    def _path_to_mouth(self, data: Any) -> Path | None:
+    def _path_to_mouth(self, data: NamedFields) -> Path | None:
         """The arm's path around the receptacle to before its mouth; another one at each trial."""
         slot, walls = self._receptacle, self._fetch.approach.walls
         random = np.random.default_rng(self._trials)
@@ -175,7 +177,7 @@ class Insert(Cost):
         found[..., :4] += self._sag
         return found
 
-    def _leaving(self, data: Any, random: np.random.Generator) -> np.ndarray:
+    def _leaving(self, data: NamedFields, random: np.random.Generator) -> np.ndarray:
         """Plans of the open hand back along its fingers, and to keep still, (n, knots, 5)."""
         now = data.qpos[ARM]
         behind = data.site_xpos["grasp"][PLANE] - 0.05 * data.site_xmat["grasp"][[2, 8]]
@@ -183,7 +185,7 @@ class Insert(Cost):
         leaving = straight_to(poses, OPEN_ANGLE, 1, 3)
         return plans_of(now, [Proposal([now], [OPEN_ANGLE]), *leaving], self.settings.knots)
 
-    def _carrying(self, data: Any, random: np.random.Generator) -> list[Proposal]:
+    def _carrying(self, data: NamedFields, random: np.random.Generator) -> list[Proposal]:
         """Proposals that carry the object to the mouth, and in."""
         now, slot, press = data.qpos[ARM], self._receptacle, self._fetch.prop.shut
         proposals = [Proposal([now], [press])]
@@ -202,7 +204,9 @@ class Insert(Cost):
         return [*proposals, *lifts(random, data, press)[::2]]
 
 
-def _letting_fall(cup: Receptacle, data: Any, random: np.random.Generator) -> list[Proposal]:
+def _letting_fall(
+    cup: Receptacle, data: NamedFields, random: np.random.Generator
+) -> list[Proposal]:
     """Proposals to let the ball fall from here and from places above the mouth."""
     now, ball = data.qpos[ARM], cup.prop
     proposals: list[Proposal] = []
@@ -217,7 +221,7 @@ def _letting_fall(cup: Receptacle, data: Any, random: np.random.Generator) -> li
 
 
 def _pushing_in(
-    slot: Receptacle, data: Any, random: np.random.Generator, knots: int
+    slot: Receptacle, data: NamedFields, random: np.random.Generator, knots: int
 ) -> list[Proposal]:
     """Proposals that bring the peg over the slot, then along the axis into it."""
     now, press = data.qpos[ARM], slot.prop.shut

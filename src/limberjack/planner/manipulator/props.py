@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.collision import Obstacle, clearance
 from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.arm.hand import (
@@ -69,7 +70,7 @@ _PEG_SETTINGS = dataclasses.replace(
 Pose = tuple[np.ndarray, np.ndarray]  # place (3,) and frame (9,) of a site
 
 
-def pose_of(data: Any, site: str) -> Pose:
+def pose_of(data: NamedFields, site: str) -> Pose:
     """Position and frame of a site."""
     return data.site_xpos[site].copy(), data.site_xmat[site].copy()
 
@@ -80,7 +81,7 @@ def in_world(frame: np.ndarray, vector: tuple[float, float]) -> np.ndarray:
     return x * frame[..., 0::3] + z * frame[..., 2::3]
 
 
-def against_hand(data: Any, forward: np.ndarray) -> Any:
+def against_hand(data: NamedFields, forward: np.ndarray) -> Any:
     """One less the cosine between the hand and a direction, (..., 3) -> (...)."""
     hand = data.site_xmat["grasp"]
     return 1.0 - forward[..., 0] * hand[..., 2] - forward[..., 2] * hand[..., 8]
@@ -124,15 +125,15 @@ class Ball:
     held, reach = GRASP + 0.022, GRASP
     attempts, fewest = 4, 1
 
-    def offset(self, data: Any) -> tuple[Any, Any]:
+    def offset(self, data: NamedFields) -> tuple[Any, Any]:
         """Distances of the ball ahead and aside of the point of the grasp, (N,) each, metres."""
         return in_hand(data, data.site_xpos["ball"])
 
-    def misalignment(self, data: Any) -> Any:
+    def misalignment(self, data: NamedFields) -> Any:
         """One less the cosine between the hand and straight down, 0 up to 20 degrees, (...)."""
         return np.maximum(against_hand(data, downwards(data.site_xpos["ball"])) - 0.06, 0.0)
 
-    def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
+    def firmness(self, data: NamedFields, offset: tuple[Any, Any]) -> Any:
         """1 where the ball is right between the closed fingers, 0 far from there, (N,)."""
         return _enclosed(data, self, offset)
 
@@ -140,23 +141,25 @@ class Ball:
         """The fingers' angle with which the hand comes, radians."""
         return self.ready
 
-    def chased(self, data: Any) -> Any:
+    def chased(self, data: NamedFields) -> Any:
         """Cost of the motion of the ball while it is not held, (N,)."""
         return outward_speed(data, self.joints[0], "ball")
 
-    def swung(self, data: Any) -> list[np.ndarray]:
+    def swung(self, data: NamedFields) -> list[np.ndarray]:
         """Costs of the motion of the ball while it is held: none."""
         return []
 
-    def gap(self, data: Any) -> Any:
+    def gap(self, data: NamedFields) -> Any:
         """Distance of the ball from the target, (N,), metres."""
         return arrays.norm(data.site_xpos["ball"] - data.site_xpos["target_ball"])
 
-    def rake_goal(self, data: Any) -> float:
+    def rake_goal(self, data: NamedFields) -> float:
         """Position in reach to which the ball is raked: x, metres."""
         return 0.0
 
-    def poses_at_target(self, data: Any, random: np.random.Generator, count: int) -> np.ndarray:
+    def poses_at_target(
+        self, data: NamedFields, random: np.random.Generator, count: int
+    ) -> np.ndarray:
         """Arm joints that have the ball at the target, (n, 4), n <= count."""
         place = data.site_xpos["target_ball"][PLANE]
         return hand_poses(random, place, GRASP, data.qpos[ARM], count)
@@ -189,16 +192,16 @@ class Peg:
     _leans = 0.02, 0.02, 0.4, 0.8
     _lean = 0  # which of these it has
 
-    def offset(self, data: Any) -> tuple[Any, Any]:
+    def offset(self, data: NamedFields) -> tuple[Any, Any]:
         """Offset of the pinch from the fingertips, about which a hand may turn, (N,) each."""
         ahead, aside = in_hand(data, data.site_xpos["peg_pinch"])
         return ahead - (PINCH - GRASP), aside
 
-    def misalignment(self, data: Any) -> Any:
+    def misalignment(self, data: NamedFields) -> Any:
         """One less the cosine between the hand and the peg, (...)."""
         return against_hand(data, _forward(data.site_xmat["peg"]))
 
-    def firmness(self, data: Any, offset: tuple[Any, Any]) -> Any:
+    def firmness(self, data: NamedFields, offset: tuple[Any, Any]) -> Any:
         """1 where the handle is right between the closed fingers, and along the hand, (N,)."""
         return _enclosed(data, self, offset) * near(self.misalignment(data), 0.15)
 
@@ -209,25 +212,25 @@ class Peg:
         is_deep = (ahead < -0.012) & (ahead > -BACK) & (np.abs(aside) < BACK / 2)
         return np.where(is_deep, OPEN_ANGLE, self.ready)
 
-    def chased(self, data: Any) -> Any:
+    def chased(self, data: NamedFields) -> Any:
         """Cost of the peg's motion while it is not held; a hand that comes too fast kicks it."""
         speed = arrays.norm(data.qvel[self.joints][..., :2])
         lies = height_above_ground(data.site_xpos["peg"]) < LIES
         return outward_speed(data, self.joints[0], "peg") + np.minimum(speed, 2.0) * lies
 
-    def swung(self, data: Any) -> list[np.ndarray]:
+    def swung(self, data: NamedFields) -> list[np.ndarray]:
         """Costs of the speed and the spin of a held peg, which may slip, (N,) each."""
         velocity = data.qvel[self.joints]
         speed, spin = arrays.norm(velocity[..., :2]), np.abs(velocity[..., 2])
         return [0.5 * np.maximum(speed - 3.0, 0.0), 0.05 * np.maximum(spin - 10.0, 0.0)]
 
-    def gap(self, data: Any) -> Any:
+    def gap(self, data: NamedFields) -> Any:
         """Mean distance of the peg's middle and tip from theirs at the target, (N,), metres."""
         places = data.site_xpos
         gaps = [arrays.norm(places[s] - places[f"target_{s}"]) for s in ("peg", "peg_tip")]
         return (gaps[0] + gaps[1]) / 2
 
-    def rake_goal(self, data: Any) -> float:
+    def rake_goal(self, data: NamedFields) -> float:
         """Position in reach: x, metres; the hand needs more room on the handle's side."""
         return 0.12 if _forward(data.site_xmat["peg"])[0] > 0 else -0.12
 
@@ -235,7 +238,9 @@ class Peg:
         """Tries another angle of the peg at the target."""
         self._lean = (self._lean + 1) % len(self._leans)
 
-    def poses_at_target(self, data: Any, random: np.random.Generator, count: int) -> np.ndarray:
+    def poses_at_target(
+        self, data: NamedFields, random: np.random.Generator, count: int
+    ) -> np.ndarray:
         """Arm joints that have the peg at the target, straight or leaning, (n, 4), n <= count."""
         middle, frame = pose_of(data, "target_peg")
         between = 0.0, -0.025  # metres in the frame of a peg: it turns about this point
@@ -251,7 +256,7 @@ class Peg:
         return np.array(places), np.array(angles), min(tilt, 0.3)  # more turned, a peg slips
 
 
-def grasp_place(data: Any, site: str, prop: type[Ball] | type[Peg]) -> np.ndarray:
+def grasp_place(data: NamedFields, site: str, prop: type[Ball] | type[Peg]) -> np.ndarray:
     """Position at which the grasp site belongs for an object of this site, (..., 3), metres."""
     return data.site_xpos[site] + in_world(data.site_xmat[site], prop.place)
 
@@ -272,7 +277,7 @@ def grasp_of(peg: Pose) -> tuple[np.ndarray, float]:
     return place + 0.003 * abs(flat) * down, angle_of(forward) + 0.25 * flat
 
 
-def is_on_arm(data: Any) -> bool:
+def is_on_arm(data: NamedFields) -> bool:
     """Whether the peg of a single simulation is within 15 mm of the arm, high above the ground."""
     if height_above_ground(data.site_xpos["peg"]) <= 0.12:
         return False
@@ -280,7 +285,7 @@ def is_on_arm(data: Any) -> bool:
     return bool(clearance(data.qpos[ARM][None], HAND, peg)[0, 0] < 0.015)
 
 
-def across(data: Any, turn: Any) -> np.ndarray:
+def across(data: NamedFields, turn: Any) -> np.ndarray:
     """Cost of fingertips near a peg that a turned hand is not around, (N,): they would pin it.
 
     The turn is one less the cosine between hand and peg, (N,).
@@ -298,7 +303,7 @@ def _forward(frame: np.ndarray) -> np.ndarray:
     return in_world(frame, Peg.forward)
 
 
-def _enclosed(data: Any, prop: Ball | Peg, offset: tuple[Any, Any]) -> Any:
+def _enclosed(data: NamedFields, prop: Ball | Peg, offset: tuple[Any, Any]) -> Any:
     """1 where an object at an offset in the hand is between the closed fingers, 0 far off, (N,)."""
     ahead, aside = offset
     ahead = ahead - np.clip(ahead, 0.0, prop.slack)

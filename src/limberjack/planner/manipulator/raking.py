@@ -11,10 +11,10 @@ then it is pulled away from there, or pressed down, by one of its ends.
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.collision import Obstacle, clearance
 from limberjack.planner.arm.hand import ARM, OPEN_ANGLE, PLANE, TIP_ASIDE, TIP_REACH, TIPS
 from limberjack.planner.arm.kinematics import hand_poses
@@ -35,30 +35,32 @@ class Spot:
     site: str
     kind: str
 
-    def goal(self, data: Any, goal: float) -> float:
+    def goal(self, data: NamedFields, goal: float) -> float:
         """Position to rake to when the final goal is another: x, metres; 'away' 0.2 outwards."""
         if self.kind != "away":
             return goal
         place = float(data.site_xpos[self.site][0])
         return place - 0.2 * float(np.sign(goal - place))
 
-    def cost(self, data: Any, goal: float) -> np.ndarray:
+    def cost(self, data: NamedFields, goal: float) -> np.ndarray:
         """Cost of a fingertip's distance from its start, and of the site's from the goal, (N,)."""
         place = data.site_xpos[self.site]
         left = place[..., 2] if self.kind == "down" else np.abs(place[..., 0] - goal)
         return 4.0 * self.missing(data, goal) + 10.0 * left
 
-    def missing(self, data: Any, goal: float) -> np.ndarray:
+    def missing(self, data: NamedFields, goal: float) -> np.ndarray:
         """Distance of the nearer fingertip from its start, (N,), metres."""
         start = self._start(data, goal)
         return arrays.minimum_of([arrays.norm(data.geom_xpos[tip] - start) for tip in TIPS])
 
-    def _start(self, data: Any, goal: float) -> np.ndarray:
+    def _start(self, data: NamedFields, goal: float) -> np.ndarray:
         """Position at which a fingertip begins to rake, (..., 3), metres."""
         place = data.site_xpos[self.site]
         return place + np.array([0.0, 0.0, 0.03]) if self.kind == "down" else _behind(place, goal)
 
-    def proposals(self, random: np.random.Generator, data: Any, goal: float) -> list[Proposal]:
+    def proposals(
+        self, random: np.random.Generator, data: NamedFields, goal: float
+    ) -> list[Proposal]:
         """Proposals that put a fingertip behind the site, and then pull it to a goal (x, metres).
 
         The data are those of a single simulation.
@@ -71,7 +73,9 @@ class Spot:
         pulls = [[pose, *pulled] for pose in poses for pulled in ([], [pose + turn])]
         return [Proposal(waypoints, [OPEN_ANGLE], 2) for waypoints in pulls]
 
-    def poses(self, data: Any, goal: float, walls: Obstacle, higher: float = 0.0) -> np.ndarray:
+    def poses(
+        self, data: NamedFields, goal: float, walls: Obstacle, higher: float = 0.0
+    ) -> np.ndarray:
         """Arm joints that have a fingertip where raking begins, or higher (n, 4), if that helps."""
         place = data.site_xpos[self.site]
         # An end that is near to the ground is not pressed down.
@@ -101,7 +105,7 @@ _SPOTS = [
 ]
 
 
-def next_spot(data: Any, spot: Spot | None, goal: float, walls: Obstacle) -> Spot:
+def next_spot(data: NamedFields, spot: Spot | None, goal: float, walls: Obstacle) -> Spot:
     """The spot to try after another one, which a fingertip can reach.
 
     The first is a peg's middle, or the handle of one that leans with it upwards, so that it falls.
@@ -142,7 +146,7 @@ class Rake:
         self._least = np.inf  # metres; least distance of a fingertip from the spot
         self._stalled = 0.0  # plannings without any headway
 
-    def judge(self, data: Any, is_within: bool) -> bool:
+    def judge(self, data: NamedFields, is_within: bool) -> bool:
         """Begins or ends raking when the object's reach has changed three times in a row.
 
         Returns whether raking has just ended.
@@ -154,7 +158,7 @@ class Rake:
         self.goal = None if is_within else self._prop.rake_goal(data)
         return is_within and not was_within
 
-    def choose_spot(self, data: Any, walls: Obstacle, is_led: bool, moves: bool) -> None:
+    def choose_spot(self, data: NamedFields, walls: Obstacle, is_led: bool, moves: bool) -> None:
         """Decides at which spot a peg is raked, and rakes one to which no path leads.
 
         The first spot is chosen once the peg is at rest, another one without headway for long; an
@@ -178,7 +182,7 @@ class Rake:
         if self.spot is not None:
             self.goal = self.spot.goal(data, self.goal)
 
-    def _count_headway(self, data: Any, goal: float, share: float) -> None:
+    def _count_headway(self, data: NamedFields, goal: float, share: float) -> None:
         """Counts a share of a planning without headway of the peg or a fingertip."""
         off, missing = abs(float(data.site_xpos["peg"][0]) - goal), np.inf
         if self.spot is not None:

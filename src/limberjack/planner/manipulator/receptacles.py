@@ -9,10 +9,11 @@ or of one simulation.
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.collision import Obstacle
 from limberjack.planner.arm.hand import ARM, PLANE, PLAY, in_frame, in_hand, near
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_poses
@@ -45,21 +46,21 @@ class Receptacle:
         """The one for 'ball' or 'peg'."""
         return {"ball": _CUP, "peg": _SLOT}[name]
 
-    def axes(self, data: Any) -> np.ndarray:
+    def axes(self, data: NamedFields) -> np.ndarray:
         """The directions up and beside in the plane, (2, 2), of a single simulation."""
         frame = data.site_xmat[self.target]
         return np.stack([frame[[2, 8]], frame[[0, 6]]])
 
-    def offset(self, data: Any, site: str) -> tuple[np.ndarray, np.ndarray]:
+    def offset(self, data: NamedFields, site: str) -> tuple[np.ndarray, np.ndarray]:
         """Distances of a site above its place along the axis, and beside it, (N,) each."""
         away = data.site_xpos[site] - data.site_xpos[f"target_{site}"]
         return in_frame(away, data.site_xmat[self.target])
 
-    def offsets(self, data: Any) -> list[tuple[np.ndarray, np.ndarray]]:
+    def offsets(self, data: NamedFields) -> list[tuple[np.ndarray, np.ndarray]]:
         """The same for each of the object's sites."""
         return [self.offset(data, site) for site in self.sites]
 
-    def facing(self, data: Any) -> np.ndarray:
+    def facing(self, data: NamedFields) -> np.ndarray:
         """The cosine between the hand and the path in, (N,)."""
         frame, hand = data.site_xmat[self.target], data.site_xmat["grasp"]
         return -frame[..., 2] * hand[..., 2] - frame[..., 8] * hand[..., 8]
@@ -75,7 +76,7 @@ class Receptacle:
         outside = self.before + before + 1.5 * around
         return on_axis * (np.abs(up) + aside) + (1.0 - on_axis) * outside
 
-    def from_mouth(self, data: Any) -> float:
+    def from_mouth(self, data: NamedFields) -> float:
         """Distance of the object of a single simulation from before the mouth, metres."""
         offsets = self.offsets(data)
         away = max(float(np.hypot(max(u - self.before, 0.0), b)) for u, b in offsets)
@@ -94,7 +95,7 @@ class Receptacle:
         return np.minimum(PLAY * near(above, height) * near(beside, width), 1.0)
 
     def poses(
-        self, data: Any, random: np.random.Generator, up: float, beside: float, count: int
+        self, data: NamedFields, random: np.random.Generator, up: float, beside: float, count: int
     ) -> np.ndarray:
         """Arm joints that have the held object at a place up and beside, (n, 4), n <= count."""
         now, prop, middle = data.qpos[ARM], self.prop, self.sites[-1]
@@ -108,7 +109,7 @@ class Receptacle:
             angle, tilt = angle + float(now.sum()) - held, 0.01
         return hand_poses(random, point, GRASP + ahead, now, count, angle, tilt, aside)
 
-    def walls(self, physics: Any) -> Obstacle:
+    def walls(self, physics: Physics) -> Obstacle:
         """Its capsules and boxes as thick lines."""
         model, data = physics.model, physics.data
         ends, radii = [], []

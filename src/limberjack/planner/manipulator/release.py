@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.collision import clearance
 from limberjack.planner.arm.hand import ARM, OPEN, OPEN_ANGLE, PLANE, fingers, in_hand
 from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_places, hand_poses
@@ -53,7 +55,7 @@ class Release:
         """Whether the arm waits for the ball to roll in, or shakes it off."""
         return self.waits > 0 or self.shakes > 0
 
-    def update(self, physics: Any) -> bool:
+    def update(self, physics: Physics) -> bool:
         """Counts the plannings; returns `is_busy`."""
         away = np.hypot(*self._cup.offset(physics.named.data, "ball"))
         self.waits = max(self.waits - 1, 0) if away < 0.3 else 0  # else it has not rolled in
@@ -61,7 +63,7 @@ class Release:
             self._watch_arm(physics)
         return self.is_busy
 
-    def _watch_arm(self, physics: Any) -> None:
+    def _watch_arm(self, physics: Physics) -> None:
         """Begins to shake the arm if the ball has come to rest on it."""
         data = physics.named.data
         is_in = self._task.get_reward(physics) > 0.5
@@ -73,7 +75,7 @@ class Release:
         if self._lies_for > _SHAKES:
             self._lies_for, self.shakes = 0, _SHAKES
 
-    def seek(self, physics: Any) -> None:
+    def seek(self, physics: Physics) -> None:
         """Leads the arm to a pose from which the ball rolls in, and opens the hand there.
 
         It opens where the arm is still and near the end of its path, and then waits for the ball.
@@ -91,7 +93,7 @@ class Release:
         elif path.is_astray:
             fetch.path = None
 
-    def _path(self, physics: Any) -> Path | None:
+    def _path(self, physics: Physics) -> Path | None:
         """A path to a pose that works; a few are tried at each call, None until one is found."""
         data, walls = physics.named.data, self._fetch.approach.walls
         now = data.qpos[ARM].copy()
@@ -109,7 +111,7 @@ class Release:
             self._poses = []
         return found
 
-    def works(self, physics: Any, pose: np.ndarray | None = None) -> bool:
+    def works(self, physics: Physics, pose: np.ndarray | None = None) -> bool:
         """Whether the ball gets in if released at a pose (4,), by default the current one.
 
         It must be within 2 cm of its place after 0.6 seconds.
@@ -130,7 +132,7 @@ class Release:
             is_in = bool(np.abs(self._cup.offset(data, "ball")).max() < 0.02)
         return is_in
 
-    def _drawn(self, data: Any, random: np.random.Generator) -> np.ndarray:
+    def _drawn(self, data: NamedFields, random: np.random.Generator) -> np.ndarray:
         """Poses around the mouth that point to it and are clear of the walls, (n, 4).
 
         Four at each of 16 places, up and beside in the mouth's frame in metres; the hand may point
@@ -149,7 +151,7 @@ class Release:
         gaps = clearance(found, Ball.held, self._fetch.approach.walls)
         return found[(gaps[:, 0] > -0.001) & (gaps[:, 1:].min(axis=1) > 0)]
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: Physics) -> dict[str, np.ndarray]:
         """Terms of shaking, or of an arm that keeps still with an open hand, (N,) each."""
         data = physics.named.data
         if self.shakes:
@@ -160,7 +162,7 @@ class Release:
             "closed fingers": np.abs(fingers(data) - OPEN_ANGLE),
         }
 
-    def plans(self, data: Any, random: np.random.Generator, knots: int) -> np.ndarray:
+    def plans(self, data: NamedFields, random: np.random.Generator, knots: int) -> np.ndarray:
         """Random plans that shake the ball off; one that keeps still, to wait, (n, knots, 5)."""
         now = data.qpos[ARM]
         poses = now + random.normal(0.0, 1.0, (16, 4)) if self.shakes else [self._kept]

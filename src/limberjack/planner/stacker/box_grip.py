@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.hand import OPEN_ANGLE, PLAY, closing, in_hand, near
 
 __all__ = ["HIGH", "PRESS", "Grip", "fetching", "grip_of", "how_held", "ready"]
@@ -43,7 +44,7 @@ _TAKING = _Hold(lowest=0.016, highest=0.026, slack=0.006, closed=_CLOSING)
 _KEEPING = _Hold(lowest=0.0, highest=0.049, slack=0.01, closed=np.radians(20.0))
 
 
-def grip_of(data: Any, box: str) -> Grip:
+def grip_of(data: NamedFields, box: str) -> Grip:
     """The hand's position relative to a box."""
     ahead, aside = in_hand(data, data.site_xpos[box])
     side, hand = data.xmat[box], data.site_xmat["grasp"]

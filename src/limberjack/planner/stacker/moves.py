@@ -9,11 +9,11 @@ kinematics, from the current joints to those of the goal. `data` is that of a si
 """
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.arm.hand import (
     ARM,
@@ -64,7 +64,7 @@ _DOWN = -np.pi  # radians; angle of a hand that points down
 _KNOTS, _SPACING = STACKING.knots, STACKING.spacing
 
 
-def reaching(tower: Tower, data: Any, random: np.random.Generator) -> np.ndarray:
+def reaching(tower: Tower, data: NamedFields, random: np.random.Generator) -> np.ndarray:
     """Plans from above onto the next box, closing there."""
     now, box = data.qpos[ARM], data.site_xpos[tower.next][PLANE]
     hand = data.site_xpos["grasp"][PLANE]
@@ -85,7 +85,7 @@ def reaching(tower: Tower, data: Any, random: np.random.Generator) -> np.ndarray
     return np.concatenate([*_parting(tower, data, random), plans, *delayed])
 
 
-def _parting(tower: Tower, data: Any, random: np.random.Generator) -> list[np.ndarray]:
+def _parting(tower: Tower, data: NamedFields, random: np.random.Generator) -> list[np.ndarray]:
     """Plans of a fingertip that turns the next box away from one that fingers cannot pass."""
     box = data.site_xpos[tower.next]
     free = FREE_OF_TOWER if len(tower.placed) > 1 else FREE
@@ -116,7 +116,7 @@ def turning_over(
     return np.concatenate(plans)
 
 
-def carrying(tower: Tower, data: Any, random: np.random.Generator) -> np.ndarray:
+def carrying(tower: Tower, data: NamedFields, random: np.random.Generator) -> np.ndarray:
     """Plans up, over the place of the next box and down, so that it lies flat there."""
     now, place, box = data.qpos[ARM], tower.place, data.site_xpos[tower.next]
     ahead, aside = (float(part) for part in in_hand(data, box))
@@ -142,7 +142,7 @@ def carrying(tower: Tower, data: Any, random: np.random.Generator) -> np.ndarray
     return plans_over(now, np.concatenate(found), cruise, GRASP + ahead, aside, grasp)
 
 
-def leaving(data: Any, random: np.random.Generator) -> np.ndarray:
+def leaving(data: NamedFields, random: np.random.Generator) -> np.ndarray:
     """Plans of the open hand back along its fingers, at once or after they have opened."""
     now = data.qpos[ARM]
     hand, angle = data.site_xpos["grasp"][PLANE], float(now.sum())
@@ -200,7 +200,7 @@ def plans_over(
     return np.concatenate([joints[np.isfinite(joints).all(axis=(-2, -1))], straight])
 
 
-def refuge(data: Any, place: np.ndarray, tries: int) -> np.ndarray:
+def refuge(data: NamedFields, place: np.ndarray, tries: int) -> np.ndarray:
     """Joints of the arm, (4,), with the hand above a place; other ones at each try."""
     random = np.random.default_rng(tries)
     # Metres; there the hand is out of the way, and the arm not folded.
@@ -208,7 +208,7 @@ def refuge(data: Any, place: np.ndarray, tries: int) -> np.ndarray:
     return poses[random.integers(len(poses))]
 
 
-def shelter(data: Any) -> np.ndarray:
+def shelter(data: NamedFields) -> np.ndarray:
     """Joints of the arm, (4,), with as little of it as can be below where boxes fall."""
     poses = _pointing_down(data, np.random.default_rng(0), [-0.03, 0.18], 48)
     corners = -np.cumsum(np.sin(np.cumsum(poses[:, :3], axis=-1)) * GEOMETRY.lengths, axis=-1)  # x
@@ -217,7 +217,7 @@ def shelter(data: Any) -> np.ndarray:
 
 
 def _pointing_down(
-    data: Any, random: np.random.Generator, place: list[float], count: int
+    data: NamedFields, random: np.random.Generator, place: list[float], count: int
 ) -> np.ndarray:
     """Joints with the hand at x and z, about downwards, (n, 4); the present ones if none reach."""
     now = data.qpos[ARM]

@@ -12,6 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from limberjack.mujoco.engine import Physics
+from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.hand import ARM, CLOSED, LONGEST, OPEN, PLANE, near, outward_speed
 from limberjack.planner.arm.proposals import Proposal, plans_of
 from limberjack.planner.cost import Cost
@@ -124,18 +126,18 @@ class Stack(Cost):
         if not falling:
             self._retreat_without_progress(data)
 
-    def _held(self, data: Any) -> float:
+    def _held(self, data: NamedFields) -> float:
         """Quality of the hand's hold on the next box now, 0 to 1."""
         return float(how_held(grip_of(data, str(self._tower.next)), self._firm))
 
-    def _is_caught(self, data: Any, loose: list[str]) -> bool:
+    def _is_caught(self, data: NamedFields, loose: list[str]) -> bool:
         """Whether a box beside the tower is aloft, or leans on the arm."""
         places = data.site_xpos[loose]
         leans = (places[:, 2] > 0.06) & (turned(data, loose) > FLAT)  # metres; not on the floor
         beside = np.abs(places[:, 0] - self._tower.place[0]) > FREE
         return bool(((leans | (places[:, 2] > ALOFT)) & beside).any())
 
-    def _retreat_without_progress(self, data: Any) -> None:
+    def _retreat_without_progress(self, data: NamedFields) -> None:
         """Begins a retreat if neither the next box nor the hand has come nearer for long."""
         tower = self._tower
         box, hand = data.site_xpos[tower.next], data.site_xpos["grasp"]
@@ -180,7 +182,7 @@ class Stack(Cost):
         return terms | self._moving(physics, box, others, waiting)
 
     def _moving(
-        self, physics: Any, box: np.ndarray, others: np.ndarray, waiting: np.ndarray
+        self, physics: Physics, box: np.ndarray, others: np.ndarray, waiting: np.ndarray
     ) -> dict[str, np.ndarray]:
         """Terms of carrying and fetching, weighted by how well the box is held."""
         data, following = physics.named.data, str(self._tower.next)
@@ -210,13 +212,13 @@ class Stack(Cost):
         fetch += self._crowd(box, others) + self._over_tower(data.site_xpos["grasp"])
         return {"carry": secure * carry, "fetch": (1.0 - secure) * fetch}
 
-    def _fallen(self, data: Any) -> np.ndarray:
+    def _fallen(self, data: NamedFields) -> np.ndarray:
         """Heights and speeds of falling boxes, (N,)."""
         heights = np.maximum(data.site_xpos[self._boxes][..., 2] - _LYING, 0.0)
         speeds = np.abs(data.qvel[[f"{box}_x" for box in self._boxes]])
         return (5.0 * heights + speeds).sum(axis=-1)
 
-    def _pushed(self, data: Any, waiting: np.ndarray) -> np.ndarray:
+    def _pushed(self, data: NamedFields, waiting: np.ndarray) -> np.ndarray:
         """Motion of loose boxes, outwards or at all, and boxes on the arm, (N,)."""
         outwards = outward_speed(data, f"{self._tower.next}_x", str(self._tower.next))
         loose = self._tower.waiting
@@ -247,13 +249,13 @@ class Stack(Cost):
         beside = np.abs(waiting[..., 0] - self._tower.places[0, 0])
         return ((waiting[..., 1] < ALOFT) * np.maximum(FREE - beside, 0.0)).sum(axis=-1)
 
-    def _shaken(self, data: Any, placed: np.ndarray) -> np.ndarray:
+    def _shaken(self, data: NamedFields, placed: np.ndarray) -> np.ndarray:
         """Distances by which boxes have moved from their places, (N,)."""
         names = self._tower.placed
         moved = length(placed - self._tower.places[: len(names), PLANE])
         return np.maximum(moved + 0.05 * turned(data, names) - PLACED, 0.0).sum(axis=-1)
 
-    def _distance(self, data: Any, box: np.ndarray, others: np.ndarray) -> np.ndarray:
+    def _distance(self, data: NamedFields, box: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Distance of the next box from its place, over the tower, (N,)."""
         place = self._tower.place
         gap = arrays.norm(box - place[PLANE])
@@ -281,7 +283,7 @@ class Stack(Cost):
         return found[random.permutation(len(found))]
 
 
-def _grasp(physics: Any, standing: np.ndarray) -> np.ndarray:
+def _grasp(physics: Physics, standing: np.ndarray) -> np.ndarray:
     """Error of the grasp's control, which holds a box, or releases one that stands, (N,)."""
     press = physics.named.data.ctrl["grasp"]
     return np.where(standing < 0.5, 0.3 * np.abs(press - PRESS), 0.15 * (1.0 + press))

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from limberjack.mujoco.index import NamedFields
+
 __all__ = [
     "ALOFT", "FLAT", "FREE", "FROM_WALL", "HALF", "PASSES", "PLACED", "Tower", "crest", "length",
     "lies_too_low", "turned",
@@ -58,7 +60,7 @@ class Tower:
         """All boxes but the next, those that are placed first."""
         return self.placed + self.waiting
 
-    def update(self, data: Any, is_held: bool) -> None:
+    def update(self, data: NamedFields, is_held: bool) -> None:
         """Reads a single simulation, and chooses the next box; one that is held stays the next."""
         x, _, z = data.site_xpos["target"].tolist()
         heights = [HALF * (2 * level + 1) for level in range(round((z / HALF - 1) / 2) + 1)]
@@ -96,13 +98,13 @@ class Tower:
         return min(left, key=trouble)
 
 
-def _stands(data: Any, box: str, gap: float, allowed: float) -> bool:
+def _stands(data: NamedFields, box: str, gap: float, allowed: float) -> bool:
     """Whether a box rests flat where it should."""
     speed = np.abs(data.qvel[[f"{box}_x", f"{box}_z"]]).max()  # metres per second
     return bool(gap < allowed and speed < 0.1 and turned(data, box) < FLAT)
 
 
-def turned(data: Any, box: str | list[str]) -> Any:
+def turned(data: NamedFields, box: str | list[str]) -> Any:
     """0 for boxes that lie flat on any of their sides, 0.25 for one on an edge, (...)."""
     square = data.xmat[box, "xx"] ** 2
     return square * (1.0 - square)
@@ -113,7 +115,7 @@ def length(offsets: np.ndarray) -> Any:
     return np.hypot(offsets[..., 0], offsets[..., 1])
 
 
-def crest(data: Any, boxes: list[str], start: float, end: float) -> float:
+def crest(data: NamedFields, boxes: list[str], start: float, end: float) -> float:
     """Height of the highest of the boxes between two places, metres; 0 if there is none."""
     low, high = min(start, end) - 2.5 * HALF, max(start, end) + 2.5 * HALF
     places = data.site_xpos[boxes]
