@@ -33,9 +33,7 @@ _WALK = dataclasses.replace(
     _STAND, samples=96, horizon=0.5, knots=6, gain=3.0, damping=0.03, noise=0.8
 )
 # Longer time steps predict a foot's strike so badly that the body falls.
-_RUN = dataclasses.replace(
-    _WALK, knots=7, anchored=True, timestep=_CONTROL_STEP / 3, temperature=0.15
-)
+_RUN = dataclasses.replace(_WALK, knots=7, anchored=True, timestep=_CONTROL_STEP / 3)
 
 
 class Stage(enum.Enum):
