@@ -99,15 +99,38 @@ def test_a_path_does_not_jump_over_a_thin_wall() -> None:
 
 def test_a_search_stops_at_its_budget() -> None:
     edges = []
-    is_edge_free = roadmap._Scene.is_edge_free
+    is_clear = roadmap._Search._is_clear
 
-    def counted(self: roadmap._Scene, begin: np.ndarray, turn: np.ndarray) -> bool:
-        edges.append(turn)
-        return is_edge_free(self, begin, turn)
+    def counted(self: roadmap._Search, before: int, node: int) -> bool:
+        edges.append((before, node))
+        return is_clear(self, before, node)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(roadmap._Scene, "is_edge_free", counted)
+        patch.setattr(roadmap._Search, "_is_clear", counted)
         assert find_path(_START, _goals(), _HELD, _BEAM, budget=5) is None
-    straight = 6  # paths that are tried before the search
-    assert len(edges) <= straight + 5
-    assert find_path(_START, _goals(), _HELD, _BEAM) is not None
+        assert len(edges) == 4  # the start has no edge
+        assert find_path(_START, _goals(), _HELD, _BEAM) is not None
+    assert 4 < len(edges) - 4 <= 3000
+
+
+def test_edges_that_are_checked_together_give_the_path_of_single_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    together = find_path(_START, _goals(), _HELD, _BEAM)
+    monkeypatch.setattr(roadmap, "_AT_ONCE", 1)
+    alone = find_path(_START, _goals(), _HELD, _BEAM)
+    assert together is not None
+    assert alone is not None
+    np.testing.assert_array_equal(together.waypoints, alone.waypoints)
+
+
+def test_edges_are_free_together_as_they_are_alone() -> None:
+    random = np.random.default_rng(0)
+    begins = _START + random.uniform(-1.0, 1.0, (40, 4))
+    turns = random.uniform(-1.5, 1.5, (40, 4)) * random.uniform(0.01, 1.0, (40, 1))
+    far = np.full(4, -0.01)  # metres
+    scene = roadmap._Scene(_HELD, _BEAM, _START, far, far)
+    free = scene.are_edges_free(begins, turns)
+    alone = [scene.is_edge_free(*edge) for edge in zip(begins, turns, strict=True)]
+    assert 5 < free.sum() < 35
+    np.testing.assert_array_equal(free, alone)

@@ -23,6 +23,7 @@ __all__ = ["find_path", "roadmap"]
 
 _MARGIN = 0.008  # metres that the arm keeps from everything
 _AT_ENDS = 80  # neighbours of a path's ends, which may be in a corner
+_AT_ONCE = 16  # edges that are checked together
 _VIEW = 40  # points of a path; no more are covered within a plan
 
 
@@ -81,11 +82,14 @@ class _Search:
         self._start = len(self._nodes)
         self._goals = range(self._start + 1, self._start + 1 + len(goals))
         self._ends_near: dict[int, list[int]] = {}  # goals and poses nearby, by node
-        for end in range(self._start + 1, len(self._poses)):
+        first = self._start + 1
+        for end in (first + np.flatnonzero(self._usable[first:])).tolist():
             near = _distance(self._nodes, self._poses[end]).argpartition(_AT_ENDS)[:_AT_ENDS]
             for node in near[self._usable[near]].tolist():
                 self._ends_near.setdefault(node, []).append(end)
         self._ahead = np.min([_distance(self._poses, goal) for goal in goals], axis=0)
+        self._clear: dict[tuple[int, int], bool] = {}  # edges that have been checked
+        self._onwards: dict[int, list[int]] = {}  # from poses that were reached, the best first
 
     def run(self, budget: int) -> np.ndarray | None:
         """Poses from start to goal, both included, (n, 4); None if there are none in budget."""
@@ -97,9 +101,7 @@ class _Search:
                 continue
             budget -= 1
             # Only edges that a shortest path may use are checked.
-            if before >= 0 and not self._scene.is_edge_free(
-                poses[before], _between(poses[before], poses[node])
-            ):
+            if before >= 0 and not self._is_clear(before, node):
                 continue
             came[node] = before
             if node in self._goals:
@@ -109,9 +111,29 @@ class _Search:
                 return poses[chain[::-1]]
             others = [n for n in self._beside(node) if self._usable[n] and n not in came]
             lengths = passed + _distance(poses[others], poses[node])
-            for other, length in zip(others, lengths.tolist(), strict=True):
-                heapq.heappush(queue, (length + float(self._ahead[other]), length, other, node))
+            found = [
+                (length + float(self._ahead[other]), length, other, node)
+                for other, length in zip(others, lengths.tolist(), strict=True)
+            ]
+            for entry in found:
+                heapq.heappush(queue, entry)
+            self._onwards[node] = [other for _, _, other, _ in sorted(found)]
         return None
+
+    def _is_clear(self, before: int, node: int) -> bool:
+        """Whether an edge is clear.
+
+        The next ones from the same pose are checked with it: NumPy takes hardly longer for many.
+        """
+        if (before, node) not in self._clear:
+            others = self._onwards[before]
+            first = others.index(node)
+            ends = [node, *others[first + 1 : first + _AT_ONCE]]
+            turns = _between(self._poses[before], self._poses[ends])
+            begins = np.broadcast_to(self._poses[before], turns.shape)
+            clear = self._scene.are_edges_free(begins, turns).tolist()
+            self._clear.update(((before, end), c) for end, c in zip(ends, clear, strict=True))
+        return self._clear[before, node]
 
     def _beside(self, node: int) -> list[int]:
         """The poses that are connected with one."""
@@ -178,23 +200,30 @@ class _Scene:
         return within & np.all(gaps > self._allowed(poses), axis=-1)
 
     def is_edge_free(self, begin: np.ndarray, turn: np.ndarray) -> bool:
-        """Whether an arm can turn straight on from a pose, (4,) each; checked every 0.12 radians.
+        """Whether an arm can turn straight on from a pose, (4,) each."""
+        return bool(self.are_edges_free(begin[None], turn[None])[0])
 
-        Near an obstacle it is checked four times as often: from one pose to the next a hand far
-        from the base could jump over a wall.
+    def are_edges_free(self, begins: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """Whether arms can turn straight on from poses, (n, 4) each -> (n,).
+
+        They are checked every 0.12 radians, and four times as often near an obstacle: from one pose
+        to the next a hand far from the base could jump over a wall.
         """
-        count = int(np.ceil(np.abs(turn).max() / 0.12))
-        poses = begin + np.linspace(0.0, 1.0, 1 + count)[1:, None] * turn
+        counts = np.maximum(np.ceil(np.abs(turns).max(axis=-1) / 0.12).astype(int), 1)
+        edge, first = np.arange(len(turns)).repeat(counts), counts.cumsum() - counts
+        turn, count = turns[edge], counts[edge]
+        steps = np.arange(len(edge)) - first[edge] + 1
+        poses = begins[edge] + (steps / count)[:, None] * turn
         gaps = self._clearance(poses)
-        if not self.is_free(poses, gaps).all():
-            return False
-        near = gaps[:, 0] < 0.05
-        if not near.any():
-            return True
-        back = np.arange(1, 4)[:, None, None] / (4 * count) * turn
-        between = (poses[near] - back).reshape(-1, 4)
-        touched = self._allowed(between)[:, 0] - _MARGIN
-        return bool((self._clearance(between)[:, 0] > touched).all())
+        free = np.logical_and.reduceat(self.is_free(poses, gaps), first)
+        near = free[edge] & (gaps[:, 0] < 0.05)
+        if near.any():
+            back = np.arange(1, 4)[:, None, None] / (4 * count[near, None]) * turn[near]
+            between = (poses[near] - back).reshape(-1, 4)
+            touched = self._allowed(between)[:, 0] - _MARGIN
+            misses = (self._clearance(between)[:, 0] > touched).reshape(3, -1).all(axis=0)
+            free[edge[near][~misses]] = False
+        return free
 
     def _clearance(self, poses: np.ndarray) -> np.ndarray:
         return clearance(poses, self.held, self.obstacle)
@@ -210,7 +239,11 @@ def _sights(poses: np.ndarray, scene: _Scene) -> np.ndarray:
     last, sights = 0, []
     for here, pose in enumerate(poses):
         last = max(last, min(here + 1, len(poses) - 1))
-        while last + 1 < len(poses) and scene.is_edge_free(pose, poses[last + 1] - pose):
-            last += 1
+        ahead, is_free = poses[last + 1 : last + 3], True
+        while is_free and len(ahead):
+            free = scene.are_edges_free(np.broadcast_to(pose, ahead.shape), ahead - pose)
+            is_free = bool(free.all())
+            last += len(ahead) if is_free else int(free.argmin())
+            ahead = poses[last + 1 : last + 3]
         sights.append(last)
     return np.array(sights)
