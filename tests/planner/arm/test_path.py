@@ -35,7 +35,7 @@ def test_going_straight_to_points_behind_a_bend_costs_more_unless_they_are_in_si
     path = Path(np.array([[0.0, 0, 0, 0], [0.0, 2, 0, 0], [0.5, 0, 0, 0]]), joint_sum)
     begin = np.zeros((1, 4))
     blocked = path.remaining(begin)[0]
-    path.sight = np.full(len(path.points), len(path.points) - 1)
+    path.sight = lambda point: len(path.points) - 1
     assert path.remaining(begin)[0] < 0.7 < blocked
 
 

@@ -27,8 +27,8 @@ class Path:
     """Waypoints, and the arc length along them, `length`, radians.
 
     Attributes:
-      sight: for each point the last one to which the arm can go straight, (n,); if it is None,
-        these are the points up to the first bend.
+      sight: gives the last point to which the arm can go straight from one of the points; if it is
+        None, these are the points up to the first bend.
       left: arc length from the arm to the end when it last advanced, radians.
       is_straight: whether the path leads straight to its end.
       is_stalled: whether the arm makes no headway.
@@ -52,7 +52,7 @@ class Path:
         self.length = self.left = float(self._ends[-1])
         self.is_stalled = self.is_astray = False
         self._covered = 0  # points
-        self.sight: np.ndarray | None = None
+        self.sight: Callable[[int], int] | None = None
         self._least, self._idle = np.inf, 0  # arc length left at the last headway; plannings since
 
     @functools.cached_property
@@ -86,7 +86,7 @@ class Path:
         if self.sight is None:
             is_behind = places > self._ends[1]
         else:
-            is_behind = np.arange(len(places)) > self.sight[self._covered] - self._covered
+            is_behind = np.arange(len(places)) > self.sight(self._covered) - self._covered
         # Going straight to points out of sight costs more beyond 0.35 radians.
         cut = is_behind * np.maximum(aside - 0.35, 0.0)
         return (1.3 * aside + 5.0 * cut + (self.length - places)).min(axis=-1)

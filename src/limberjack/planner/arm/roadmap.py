@@ -64,7 +64,7 @@ def find_path(
     # The root turns without jumps.
     chain = np.concatenate([chain[:1], chain[0] + _between(chain[:-1], chain[1:]).cumsum(axis=0)])
     path = Path(_shortened(chain, scene), joint_sum, view=_VIEW)
-    path.sight = _sights(path.points, scene)
+    path.sight = _Sights(path.points, scene)
     return path
 
 
@@ -234,16 +234,27 @@ class _Scene:
         return np.minimum(self.least + away, self.most)
 
 
-def _sights(poses: np.ndarray, scene: _Scene) -> np.ndarray:
-    """For each point of a path the last one to which the arm can go straight, (n,)."""
-    last, sights = 0, []
-    for here, pose in enumerate(poses):
-        last = max(last, min(here + 1, len(poses) - 1))
-        ahead, is_free = poses[last + 1 : last + 3], True
+class _Sights:
+    """The last point of a path to which the arm can go straight from a point, when asked for it."""
+
+    def __init__(self, poses: np.ndarray, scene: _Scene) -> None:
+        self._poses, self._scene = poses, scene
+        self._known: list[int] = []  # of the first points
+
+    def __call__(self, point: int) -> int:
+        while len(self._known) <= point:
+            self._known.append(self._next())
+        return self._known[point]
+
+    def _next(self) -> int:
+        """That of the first point for which it is not known; no less than of the point before."""
+        here = len(self._known)
+        last = max([*self._known[-1:], min(here + 1, len(self._poses) - 1)])
+        ahead, is_free = self._poses[last + 1 : last + 3], True
         while is_free and len(ahead):
-            free = scene.are_edges_free(np.broadcast_to(pose, ahead.shape), ahead - pose)
+            begins = np.broadcast_to(self._poses[here], ahead.shape)
+            free = self._scene.are_edges_free(begins, ahead - begins)
             is_free = bool(free.all())
             last += len(ahead) if is_free else int(free.argmin())
-            ahead = poses[last + 1 : last + 3]
-        sights.append(last)
-    return np.array(sights)
+            ahead = self._poses[last + 1 : last + 3]
+        return last
