@@ -198,3 +198,10 @@ def test_the_speed_of_collecting_is_the_one_that_was_measured() -> None:
         f"reading was {read_walk:.0f} and {read_ball:.0f} times as fast as evaluating",
     ):
         assert sentence in text
+
+
+def test_the_time_of_path_searches_is_the_one_that_was_measured() -> None:
+    median, most, worst = _results("path_searches.json")
+    told = f"up to {median:.1f} ms, 99 % up to {most:.0f} ms, and the longest {worst:.0f} ms"
+    assert told in _text(_REPOSITORY / "docs" / "planner.md")
+    assert f"Missed: {most / 1e3:.2f} seconds" in _text(_REPOSITORY / "benchmarks" / "README.md")

@@ -21,6 +21,16 @@ def test_a_plan_is_timed_for_each_number_of_threads(tmp_path: Path) -> None:
     assert "bars met" in done.stdout
 
 
+def test_searches_for_paths_are_timed(tmp_path: Path) -> None:
+    file = tmp_path / "quick.json"
+    done = run_benchmark("path_searches.py", "--quick", "--json", str(file))
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
+    median, most, worst = (row["value"] for row in rows)
+    assert 0 < median <= most <= worst
+    assert "quick: the figures mean nothing" in done.stdout
+
+
 def test_what_is_within_reach_is_told_for_each_task_of_the_arm(tmp_path: Path) -> None:
     file = tmp_path / "reach.json"
     done = run_benchmark("reach.py", "--episodes", "3", "--json", str(file))
