@@ -1,5 +1,6 @@
 """Costs as weighted sums of named terms, the one that a task names, and the files it depends on."""
 
+import ast
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ from limberjack.rl.control import Environment
 
 from .planned import PLANNED, SINGLE_STAGE
 
-_PLANNER = Path(limberjack.planner.__file__).parent
+_PLANNER = Path(limberjack.planner.__file__).resolve().parent
 _SMALL = Settings(samples=4, horizon=0.1, knots=2, timestep=0.0125)
 
 
@@ -114,11 +115,19 @@ def test_the_files_are_those_that_plans_for_the_task_depend_on() -> None:
         others = {file for file in files if file not in shared}
         assert {file.parent.name for file in others} == folders
         loaded = {
-            Path(str(module.__file__))
+            Path(str(module.__file__)).resolve()
             for name, module in sys.modules.items()
             if ".planner." in name
         }
         assert others <= loaded
+
+
+def test_the_planner_imports_its_modules_by_name_only() -> None:
+    """As `sources_for` follows no other imports."""
+    for file in _PLANNER.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_bytes())):
+            names = [name.name for name in node.names] if isinstance(node, ast.Import) else []
+            assert not [name for name in names if name.startswith("limberjack")], file
 
 
 def test_files_of_a_task_include_what_its_cost_imports_indirectly() -> None:
