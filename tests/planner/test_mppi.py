@@ -363,8 +363,9 @@ def test_samples_that_diverge_or_cost_no_number_do_not_count() -> None:
 
 
 def test_what_is_no_environment_of_ours_is_refused() -> None:
+    env: Any = gymnasium.make("limberjack/humanoid-stand-v0")
     with pytest.raises(TypeError, match=r"env is of type .*; expected a limberjack\.rl"):
-        Planner(gymnasium.make("limberjack/humanoid-stand-v0"))
+        Planner(env)
 
 
 def test_run_finds_the_planner_by_name() -> None:

@@ -9,8 +9,6 @@ angle for one that turns several by a fixed tendon, controls for others. A plan 
 good when the state differs from the predicted one; a plan of torques does not.
 """
 
-from typing import Any
-
 import mujoco
 import numpy as np
 
@@ -26,7 +24,7 @@ _UNLIMITED = -np.inf, np.inf
 class ControlLaw:
     """A proportional law with damping, within the controls' limits."""
 
-    def __init__(self, model: Any, settings: Settings) -> None:
+    def __init__(self, model: mujoco.MjModel, settings: Settings) -> None:
         """Takes a raw `mujoco.MjModel`, and the settings' gain, damping and tendons."""
         turned = [_joints_of(model, actuator, settings.tendons) for actuator in range(model.nu)]
         # An actuator that is a servo already takes its target as control.
@@ -111,7 +109,7 @@ def _turned(state: np.ndarray, parts: np.ndarray, picked: np.ndarray | None) -> 
     return state @ parts if picked is None else state.take(picked, axis=-1)
 
 
-def _joints_of(model: Any, actuator: int, tendons: bool) -> list[tuple[int, float]]:
+def _joints_of(model: mujoco.MjModel, actuator: int, tendons: bool) -> list[tuple[int, float]]:
     """The joints with one axis that an actuator turns, and their parts in its length."""
     kind, target = model.actuator_trntype[actuator], int(model.actuator_trnid[actuator, 0])
     if kind == mujoco.mjtTrn.mjTRN_TENDON.value and tendons:
@@ -121,7 +119,7 @@ def _joints_of(model: Any, actuator: int, tendons: bool) -> list[tuple[int, floa
     return [(target, 1.0)] if is_joint else []
 
 
-def joints_of_tendon(model: Any, tendon: int) -> list[tuple[int, float]]:
+def joints_of_tendon(model: mujoco.MjModel, tendon: int) -> list[tuple[int, float]]:
     """The joints that a fixed tendon couples, and their coefficients; none for a spatial tendon."""
     first = model.tendon_adr[tendon]
     wraps = slice(first, first + model.tendon_num[tendon])

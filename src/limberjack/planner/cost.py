@@ -30,7 +30,11 @@ import numpy as np
 
 from limberjack.planner.settings import Settings
 
-__all__ = ["Cost", "cost_for", "sources_for"]
+__all__ = ["AnyPhysics", "AnyTask", "Cost", "cost_for", "sources_for"]
+
+# Any: of the domain's own classes, whose methods a cost calls.
+AnyPhysics = Any
+AnyTask = Any
 
 
 class Cost:
@@ -51,14 +55,14 @@ class Cost:
     noise_scale = 1.0
     phase = 0.0
 
-    def __init__(self, task: Any) -> None:
+    def __init__(self, task: AnyTask) -> None:
         """Stores the environment's task, whose reward terms the cost may use."""
         self.task = task
 
     def reset(self) -> None:
         """Called at the start of each episode, to reset stages."""
 
-    def update(self, physics: Any) -> None:
+    def update(self, physics: AnyPhysics) -> None:
         """Called before each planning step, to update the stage.
 
         Args:
@@ -66,7 +70,7 @@ class Cost:
             planner, so it may be read, modified and stepped.
         """
 
-    def terms(self, physics: Any) -> Mapping[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> Mapping[str, np.ndarray]:
         """The cost's terms before they are weighted, by name, (N,) each.
 
         It may be called more than once for the same states.
@@ -77,7 +81,7 @@ class Cost:
         """
         return {"cost": self.step_cost(physics)}
 
-    def step_cost(self, physics: Any) -> np.ndarray:
+    def step_cost(self, physics: AnyPhysics) -> np.ndarray:
         """The cost of each state, (N,): the weighted sum of the terms.
 
         A plan's cost is the mean over its control steps.
@@ -90,12 +94,12 @@ class Cost:
             )
         return sum(self.weighted_terms(physics).values(), start=np.zeros(()))
 
-    def weighted_terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def weighted_terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """The terms times their weights, by name, (N,) each."""
         terms = self.terms(physics).items()
         return {name: self.weights.get(name, 1.0) * term for name, term in terms}
 
-    def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray | None:
+    def proposals(self, physics: AnyPhysics, random: np.random.Generator) -> np.ndarray | None:
         """Plans to try in addition to variations of the current one, (n, knots, nu), or None.
 
         Args:
@@ -108,7 +112,7 @@ class Cost:
         """
         return None
 
-    def stage(self) -> Any:
+    def stage(self) -> object:
         """The stage on which proposals depend in addition to the state; compared by `==`.
 
         While the stage stays the same, proposals may be reused; see `Settings.proposal_interval`.
@@ -176,10 +180,13 @@ def sources_for(task: object) -> list[Path]:
 
 
 def _imported(file: Path, package: Path) -> list[Path]:
-    """The files of the planner's package that a file imports by name."""
-    found: list[Path] = []
+    """The files of the planner's package that a file imports."""
+    names: list[str] = []
     for node in ast.walk(ast.parse(file.read_bytes())):
-        if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith("limberjack.planner."):
-            module = package.joinpath(*str(node.module).split(".")[2:])
-            found += [module.with_suffix(".py"), *(module / f"{n.name}.py" for n in node.names)]
+        if isinstance(node, ast.Import):
+            names += [name.name for name in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names += [str(node.module), *(f"{node.module}.{name.name}" for name in node.names)]
+    inside = [name.split(".")[2:] for name in names if name.startswith("limberjack.planner.")]
+    found = [package.joinpath(*parts).with_suffix(".py") for parts in inside]
     return [file for file in found if file.is_file()]

@@ -13,7 +13,7 @@ are known after the first reading, which makes `history.is_complete` False.
 """
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -83,7 +83,7 @@ class History:
         return list(dict.fromkeys(name for read, name in self._kept if read != "model_field"))
 
     @property
-    def model(self) -> Any:
+    def model(self) -> Any:  # Any: a `wrapper.MjModel`, or a model of rows
         """The model that the simulations have in common."""
         return self._simulation.model
 
@@ -127,7 +127,7 @@ class History:
         live = self._simulation.field_for_names(name)[0]
         return _Recorded(self, self._simulation.indexer(name, live, axes, True), name, field, axes)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(
             f"recorded states have no {name!r}: they can be read, not stepped or changed"
         )
@@ -144,7 +144,7 @@ class _Recorded(FieldIndexer):
         super().__init__(name, field, axes, batch=True)
         self._history, self._live = history, live
 
-    def _resolve(self, key: object) -> tuple[Any, Any]:
+    def _resolve(self, key: object) -> tuple[np.ndarray, Any]:  # Any: what NumPy indexes with
         array, index = super()._resolve(key)
         numbers = np.arange(array[0].size).reshape(array.shape[1:])
         _ = self._live[key]  # so that the batch computes it
@@ -155,11 +155,13 @@ class _Recorded(FieldIndexer):
         np.asarray(self._live)
         self._history.want(("field_for_names", self._name), slice(None))
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Any:  # attributes of the array
         self._want_all()
         return getattr(self._field, name)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+    def __array__(
+        self, dtype: type | np.dtype | None = None, copy: bool | None = None
+    ) -> np.ndarray:
         self._want_all()
         return super().__array__(dtype, copy)
 

@@ -20,7 +20,7 @@ The same seed gives the same actions for any number of threads, unless a time bu
 """
 
 import enum
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -55,7 +55,7 @@ class Planner:
 
     def __init__(
         self,
-        env: Any,
+        env: control.Environment,
         num_threads: int | None = None,
         seed: int = 0,
         cost: Cost | None = None,
@@ -287,7 +287,7 @@ class Planner:
         return cost
 
 
-def _name_of(stage: Any) -> str:
+def _name_of(stage: object) -> str:
     """The text of the first Enum in a stage."""
     if isinstance(stage, enum.Enum):
         return str(stage.value)
@@ -296,7 +296,7 @@ def _name_of(stage: Any) -> str:
 
 
 def _check_arguments(
-    env: Any, num_threads: int | None, cost: Cost | None, settings: Settings | None
+    env: object, num_threads: int | None, cost: Cost | None, settings: Settings | None
 ) -> None:
     """Raises ValueError or TypeError for arguments that cannot be planned with."""
     if not isinstance(env, control.Environment):

@@ -4,8 +4,6 @@ planning = planning_model_of(env.physics, settings)
 enable_sleep(planning.model.ptr)  # bodies at rest sleep
 """
 
-from typing import Any
-
 import mujoco
 import numpy as np
 
@@ -16,7 +14,7 @@ from limberjack.planner.settings import Settings
 __all__ = ["enable_sleep", "planning_model_of"]
 
 
-def planning_model_of(physics: Physics, settings: Settings) -> Any:
+def planning_model_of(physics: Physics, settings: Settings) -> Physics:
     """A copy of an environment's physics, in its present state, with the settings' constants."""
     planning = physics.copy()
     model = planning.model.ptr  # its own from here on
@@ -29,7 +27,7 @@ def planning_model_of(physics: Physics, settings: Settings) -> Any:
     return planning
 
 
-def _actuated_hinges(model: Any) -> np.ndarray:
+def _actuated_hinges(model: mujoco.MjModel) -> np.ndarray:
     """The degrees of freedom that are hinges of bodies that actuators move, (n,)."""
     moved = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT.value
     trees = model.dof_treeid[model.jnt_dofadr[model.actuator_trnid[moved, 0]]]
@@ -37,7 +35,7 @@ def _actuated_hinges(model: Any) -> np.ndarray:
     return hinges[np.isin(model.dof_treeid[hinges], trees)]
 
 
-def enable_sleep(model: Any) -> None:
+def enable_sleep(model: mujoco.MjModel) -> None:
     """Lets MuJoCo skip bodies at rest until they are touched, in a raw `mujoco.MjModel`.
 
     Nothing sleeps beside an equality of tendons: one that couples two joints is rewritten as an

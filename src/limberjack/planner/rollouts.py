@@ -33,7 +33,7 @@ class Rollouts:
 
     def __init__(
         self,
-        physics: Any,
+        physics: Any,  # of the domain's own class
         samples: int,
         num_threads: int,
         own_fields: Sequence[str],

@@ -8,8 +8,6 @@ follows the target at each time step, where the law holds its controls for a con
 controls are then known before the rollout: they are the targets.
 """
 
-from typing import Any
-
 import mujoco
 import numpy as np
 
@@ -29,7 +27,7 @@ _OF_THE_STATE = {
 class Servos:
     """The servos of a planning model."""
 
-    def __init__(self, model: Any, law: ControlLaw) -> None:
+    def __init__(self, model: mujoco.MjModel, law: ControlLaw) -> None:
         """Turns the motors of a raw `mujoco.MjModel` that the law turns to angles into servos.
 
         Raises:
@@ -48,7 +46,7 @@ class Servos:
                 )
             self._build_in(model, law, motor)
 
-    def _build_in(self, model: Any, law: ControlLaw, motor: int) -> None:
+    def _build_in(self, model: mujoco.MjModel, law: ControlLaw, motor: int) -> None:
         strength, gear = self._strength[motor], model.actuator_gear[motor, 0]
         low, high = sorted((law.low[motor] * strength, law.high[motor] * strength))
         if model.actuator_forcelimited[motor]:

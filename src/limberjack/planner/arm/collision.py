@@ -12,11 +12,12 @@ In this module positions are complex numbers, x + z i, in metres. Links are dire
 numbers of length 1 which times i point along a link.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from limberjack.planner.arm.geometry import GEOMETRY
+from limberjack.utils.arrays import AnyArray
 
 __all__ = [
     "LIMITS", "NOTHING", "Obstacle", "clearance", "corners", "direction_of", "hand_gap",
@@ -114,7 +115,7 @@ def within_limits(joints: np.ndarray) -> np.ndarray:
     return within[..., 0] & within[..., 1] & within[..., 2]
 
 
-def direction_of(angles: Any) -> np.ndarray:
+def direction_of(angles: AnyArray) -> np.ndarray:
     """The directions of angles, as complex numbers of length 1."""
     return np.exp(1j * angles)
 

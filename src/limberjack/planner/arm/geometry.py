@@ -8,7 +8,8 @@ Reading compiles the model once, when the first cost of an arm's task is made.
 """
 
 import dataclasses
-from typing import Any
+
+import mujoco
 
 from limberjack import suite
 
@@ -35,7 +36,7 @@ class ArmGeometry:
     peg_pinch: float
 
     @classmethod
-    def of(cls, model: Any) -> "ArmGeometry":
+    def of(cls, model: mujoco.MjModel) -> "ArmGeometry":
         """The figures in a raw `mujoco.MjModel` with the arm and a peg."""
         body, joint, site, geom = model.body, model.joint, model.site, model.geom
         chain = ("middle_arm", "lower_arm", "hand")

@@ -22,6 +22,7 @@ from limberjack.planner.arm.collision import (
     within_limits,
 )
 from limberjack.planner.arm.geometry import GEOMETRY
+from limberjack.utils.arrays import AnyArray
 
 __all__ = [
     "GRASP", "PINCH", "angle_of", "direction", "drawn_back", "hand_places", "hand_poses",
@@ -38,7 +39,7 @@ def direction(angle: np.ndarray | float) -> np.ndarray:
     return np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
 
 
-def angle_of(vector: np.ndarray) -> Any:
+def angle_of(vector: np.ndarray) -> AnyArray:
     """The angle at which vectors point, (..., 2) -> (...), radians."""
     return np.arctan2(-vector[..., 0], vector[..., 1])
 
@@ -50,6 +51,7 @@ def hand_places(joints: np.ndarray, forward: float, lateral: float = 0.0) -> np.
     return np.stack([place.real, place.imag], axis=-1)
 
 
+# Any: the further arguments of `hand_poses_each`.
 def hand_poses(
     random: np.random.Generator, point: np.ndarray, *wanted: Any, **named: Any
 ) -> np.ndarray:
@@ -103,7 +105,7 @@ def hand_poses_each(
     ]
 
 
-def _of_each(values: Any) -> Any:
+def _of_each(values: AnyArray) -> AnyArray:
     """A number for all points unchanged, one for each of them as a column."""
     return values[:, None] if np.ndim(values) else values
 

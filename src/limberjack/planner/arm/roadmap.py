@@ -221,8 +221,8 @@ class _Scene:
             back = np.arange(1, 4)[:, None, None] / (4 * count[near, None]) * turn[near]
             between = (poses[near] - back).reshape(-1, 4)
             touched = self._allowed(between)[:, 0] - _MARGIN
-            misses = (self._clearance(between)[:, 0] > touched).reshape(3, -1).all(axis=0)
-            free[edge[near][~misses]] = False
+            clear = (self._clearance(between)[:, 0] > touched).reshape(3, -1).all(axis=0)
+            free[edge[near][~clear]] = False
         return free
 
     def _clearance(self, poses: np.ndarray) -> np.ndarray:

@@ -11,11 +11,11 @@ mirrored motion of the step before. `gait.py` has the plans that are proposed.
 
 import dataclasses
 import enum
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyPhysics, AnyTask, Cost
 from limberjack.planner.humanoid.gait import STEP, Gait, postures, strides
 from limberjack.planner.settings import Settings
 from limberjack.planner.spline import targets_at
@@ -43,11 +43,11 @@ class Stage(enum.Enum):
     MOVE = "move at the task's speed"
 
 
-def _has_fallen(physics: Any) -> bool:
+def _has_fallen(physics: AnyPhysics) -> bool:
     return physics.head_height().item() < 1.0  # metres
 
 
-def _is_steady(physics: Any) -> bool:
+def _is_steady(physics: AnyPhysics) -> bool:
     """Whether the head is up, the torso upright, and the body slower than one that falls."""
     speed = np.linalg.norm(physics.center_of_mass_velocity())  # metres per second
     is_up = physics.head_height().item() > 1.35 and physics.torso_upright().item() > 0.9
@@ -62,7 +62,7 @@ class Locomotion(Cost):
 
     weights: ClassVar = {"height": 2.0, "tilt": 0.5, "effort": 0.05, "motion": 1.0, "reward": 2.0}
 
-    def __init__(self, task: Any) -> None:
+    def __init__(self, task: AnyTask) -> None:
         """Takes a `humanoid.Humanoid` task."""
         super().__init__(task)
         speed, runs = task.move_speed, task.move_speed > 2.0  # metres per second
@@ -86,7 +86,7 @@ class Locomotion(Cost):
         """The current stage."""
         return self._stage
 
-    def update(self, physics: Any) -> None:
+    def update(self, physics: AnyPhysics) -> None:
         """Moves once the body is steady, until it falls."""
         self._names = self._names or actuators(physics)
         is_due, following = _TRANSITIONS[self._stage]
@@ -94,7 +94,7 @@ class Locomotion(Cost):
             runs = self.settings.anchored and following is Stage.MOVE
             self._stage, self._gait = following, Gait(self._names) if runs else None
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Terms of being up, of moving, and the missing reward."""
         height = physics.head_height()
         is_up = np.clip((height - 0.9) / 0.4, 0.0, 1.0)
@@ -107,14 +107,14 @@ class Locomotion(Cost):
             "reward": 1.0 - self._reward(physics),
         }
 
-    def _reward(self, physics: Any) -> np.ndarray:
+    def _reward(self, physics: AnyPhysics) -> np.ndarray:
         """The task's reward, (N,); without its speed while standing up."""
         terms = self.task.reward_terms(physics)
         if self._aim and self._stage is Stage.STAND:
             terms["movement"] = 1.0
         return self.task.reward_of(terms)
 
-    def _motion(self, physics: Any, is_up: np.ndarray) -> np.ndarray:
+    def _motion(self, physics: AnyPhysics, is_up: np.ndarray) -> np.ndarray:
         """Imbalance, and the lack or excess of speed, (N,)."""
         velocity = physics.center_of_mass_velocity()
         imbalance = _imbalance(physics, velocity)
@@ -132,7 +132,7 @@ class Locomotion(Cost):
         down = self._haste + 0.5 + arrays.norm(imbalance)
         return is_up * (self._haste * short + fall) + (1.0 - is_up) * down
 
-    def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+    def proposals(self, physics: AnyPhysics, random: np.random.Generator) -> np.ndarray:
         """Postures to stand up; strides, and then the body's own gait, to move."""
         if self._stage is Stage.STAND:
             return postures(self._names, self.settings.knots, random)
@@ -153,12 +153,12 @@ class Locomotion(Cost):
         return self._gait.mirrored(targets_at(plan, len(plan) - STEP / self._per_knot))
 
 
-def actuators(physics: Any) -> list[str]:
+def actuators(physics: AnyPhysics) -> list[str]:
     """The actuators' names, in their order; they are those of the joints that they turn."""
     return [physics.model.id2name(i, "actuator") for i in range(physics.model.nu)]
 
 
-def _imbalance(physics: Any, velocity: np.ndarray) -> np.ndarray:
+def _imbalance(physics: AnyPhysics, velocity: np.ndarray) -> np.ndarray:
     """From the middle of the feet to the capture point, (N, 2), metres."""
     left, right = (physics.named.data.xpos[foot] for foot in ("left_foot", "right_foot"))
     feet = (left[..., :2] + right[..., :2]) / 2

@@ -5,7 +5,7 @@ quality of the hold is a number between 0 and 1, so that fetching and carrying b
 plan. A peg is carried along a joint path, because its own path to the target would not turn it.
 """
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from limberjack.mujoco.engine import Physics
 from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.hand import ARM, LONGEST, PLANE, loose, sag
 from limberjack.planner.arm.proposals import Proposal, lifts, straight_to
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyTask, Cost
 from limberjack.planner.manipulator.fetch import Fetch, Stage
 from limberjack.planner.manipulator.props import PRESS, Peg, downwards, prop_of
 
@@ -25,7 +25,7 @@ class Bring(Cost):
 
     weights: ClassVar = {"hand at the floor": 5.0}
 
-    def __init__(self, task: Any) -> None:
+    def __init__(self, task: AnyTask) -> None:
         """Takes a `manipulator.Bring` task."""
         super().__init__(task)
         self.settings = prop_of(task).settings
@@ -36,11 +36,11 @@ class Bring(Cost):
         self._fetch = Fetch(prop_of(self.task), self.settings)
         self._sag = np.zeros(4)  # radians by which gravity bends the arm away from its targets
 
-    def stage(self) -> tuple[Stage, Any]:
+    def stage(self) -> tuple[Stage, object]:
         """The stage, and the choices in it."""
         return self._fetch.stage, self._fetch.choices()
 
-    def update(self, physics: Any) -> None:
+    def update(self, physics: Physics) -> None:
         """Decides the stage, and searches for paths of a peg."""
         data, fetch = physics.named.data, self._fetch
         fetch.observe(data)
@@ -60,7 +60,7 @@ class Bring(Cost):
         if not is_found and peg.gap(data) > 0.03:  # metres; a nearer one stays there
             peg.lean()
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: Physics) -> dict[str, np.ndarray]:
         """Terms of the stage; those of fetching and carrying are blended by the hold."""
         data, fetch = physics.named.data, self._fetch
         if fetch.stage not in (Stage.CARRY, Stage.FETCH):
@@ -80,7 +80,7 @@ class Bring(Cost):
             carry = carry + swing
         return carry
 
-    def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+    def proposals(self, physics: Physics, random: np.random.Generator) -> np.ndarray:
         """Straight joint paths of the stage, above its targets by the arm's sag."""
         data, fetch = physics.named.data, self._fetch
         carrying = self._carrying(data, random) if fetch.stage is Stage.CARRY else []

@@ -14,7 +14,6 @@ stretches so that the peg falls. Where walls are in the way, a path leads around
 """
 
 import enum
-from typing import Any
 
 import numpy as np
 
@@ -49,6 +48,7 @@ from limberjack.planner.manipulator.props import (
 from limberjack.planner.manipulator.raking import Rake
 from limberjack.planner.settings import Settings
 from limberjack.utils import arrays
+from limberjack.utils.arrays import AnyArray
 
 __all__ = ["ARRIVED", "PATIENCE", "PER_RADIAN", "Fetch", "Stage"]
 
@@ -110,7 +110,7 @@ class Fetch:
         """The current stage."""
         return next(stage for stage, is_due in self._TRANSITIONS if is_due(self))
 
-    def choices(self) -> tuple[Any, ...]:
+    def choices(self) -> tuple[object, ...]:
         """Decisions on which the proposals of a stage depend."""
         rolls, rakes = len(self.forecast.poses) > 0, self.rake.goal is not None
         return self.has, rolls, rakes, self.rake.spot, self.path
@@ -126,7 +126,7 @@ class Fetch:
             self.paths.forget()
         return True
 
-    def hold(self, data: NamedFields) -> Any:
+    def hold(self, data: NamedFields) -> AnyArray:
         """Quality of the hand's hold on the object, 0 to 1, (N,)."""
         # A little play in the hand is no reason to stand still.
         return np.minimum(PLAY * self.prop.firmness(data, self.prop.offset(data)), 1.0)
@@ -276,7 +276,7 @@ class Fetch:
         rake.misses = 0 if path is not None else rake.misses + 1
         return path
 
-    def terms(self, data: NamedFields, share: Any = 1.0) -> dict[str, np.ndarray]:
+    def terms(self, data: NamedFields, share: AnyArray = 1.0) -> dict[str, np.ndarray]:
         """Terms of the stage, (N,) each; that of fetching is multiplied by a share, (N,)."""
         low = {"hand at the floor": np.maximum(0.03 - data.site_xpos["grasp", "z"], 0.0)}
         path, stage = self.path, self.stage

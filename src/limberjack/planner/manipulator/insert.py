@@ -6,7 +6,7 @@ rolls in (`release.py`); a peg is pushed in by small straight steps. A failed at
 from another pose. An object in its place is left there.
 """
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses, nudg
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, lifts, plans_of, straight_to
 from limberjack.planner.arm.roadmap import find_path, roadmap
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyTask, Cost
 from limberjack.planner.manipulator.approach import GOALS, few_of
 from limberjack.planner.manipulator.fetch import ARRIVED, PATIENCE, PER_RADIAN, Fetch, Stage
 from limberjack.planner.manipulator.props import PRESS, Ball, prop_of
@@ -35,7 +35,7 @@ class Insert(Cost):
 
     weights: ClassVar = {"hand at the floor": 5.0, "ball on the arm": 20.0}
 
-    def __init__(self, task: Any) -> None:
+    def __init__(self, task: AnyTask) -> None:
         """Takes a `manipulator.Bring` task that inserts."""
         super().__init__(task)
         prop = prop_of(task)
@@ -67,11 +67,11 @@ class Insert(Cost):
         due = (stage for stage, is_due in self._TRANSITIONS if is_due(self))
         return next(due, self._fetch.stage)
 
-    def stage(self) -> tuple[Any, ...]:
+    def stage(self) -> tuple[object, ...]:
         """The stage and the choices in it."""
         return self._stage, self._fetch.choices(), self._at_mouth, self._is_in
 
-    def update(self, physics: Any) -> None:
+    def update(self, physics: Physics) -> None:
         """Decides the stage and the arm's path."""
         data, fetch, slot = physics.named.data, self._fetch, self._receptacle
         if fetch.observe(data):
@@ -145,7 +145,7 @@ class Insert(Cost):
                     return path
         return None
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: Physics) -> dict[str, np.ndarray]:
         """Terms of the stage; those of fetching and inserting are blended by the hold."""
         data, fetch, slot = physics.named.data, self._fetch, self._receptacle
         if self._release is not None and self._release.is_busy:
@@ -164,7 +164,7 @@ class Insert(Cost):
         carry = carry + 4.0 * np.tanh(left / 4.0)
         return {"carry": secure * carry, **fetch.terms(data, 1.0 - secure)}
 
-    def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+    def proposals(self, physics: Physics, random: np.random.Generator) -> np.ndarray:
         """Plans of the stage, above its targets by the arm's sag."""
         data, fetch = physics.named.data, self._fetch
         if self._release is not None and self._release.is_busy:

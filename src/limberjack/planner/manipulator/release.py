@@ -12,7 +12,6 @@ on the arm is shaken off.
 """
 
 import contextlib
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from limberjack.planner.arm.kinematics import GRASP, angle_of, hand_places, hand
 from limberjack.planner.arm.path import Path
 from limberjack.planner.arm.proposals import Proposal, plans_of
 from limberjack.planner.arm.roadmap import find_path
+from limberjack.planner.cost import AnyTask
 from limberjack.planner.manipulator.fetch import ARRIVED, Fetch
 from limberjack.planner.manipulator.forecast import restored
 from limberjack.planner.manipulator.props import Ball, height_above_ground
@@ -41,7 +41,7 @@ _HOLDS = 15  # times that the arm is put back while a ball falls
 class Release:
     """Release of a ball that does not just fall in, and recovery of one that lies on the arm."""
 
-    def __init__(self, task: Any, fetch: Fetch, cup: Receptacle) -> None:
+    def __init__(self, task: AnyTask, fetch: Fetch, cup: Receptacle) -> None:
         self._task, self._fetch, self._cup = task, fetch, cup
         self.is_due = False  # whether the ball is released at a tested pose
         self.waits = 0  # plannings in which the arm still keeps a pose with an open hand

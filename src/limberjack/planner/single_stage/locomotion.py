@@ -3,11 +3,11 @@
 Beside the missing reward, each has what a fallen body lacks, so that it gets up first.
 """
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyPhysics, Cost
 from limberjack.planner.settings import Settings
 
 __all__ = ["Cheetah", "Hopper", "Quadruped", "Walker"]
@@ -19,7 +19,7 @@ class Cheetah(Cost):
     settings = Settings(horizon=0.5, knots=7, samples=64, gain=2.5, noise=1.0)
     weights: ClassVar = {"tilt": 0.3, "effort": 0.02}
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """A tilt up to 60 degrees is free."""
         upright = physics.named.data.xmat["torso", "zz"]
         return {
@@ -37,7 +37,7 @@ class Walker(Cost):
     )
     weights: ClassVar = {"height": 1.0, "tilt": 0.5, "reward": 2.0, "effort": 0.02}
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """A torso that lies on the ground lacks about 1 m."""
         return {
             "height": np.maximum(1.3 - physics.torso_height(), 0.0),
@@ -55,7 +55,7 @@ class Hopper(Cost):
     )
     weights: ClassVar = {"height": 2.0, "tilt": 0.3, "balance": 1.0, "speed": 0.5}
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Speed counts where the body stands."""
         height, named = physics.height(), physics.named.data
         is_up = np.clip(height / 0.6, 0.0, 1.0)
@@ -75,7 +75,7 @@ class Quadruped(Cost):
     settings = Settings(horizon=1.0, knots=8, samples=40, interval=2, noise=1.0)
     weights: ClassVar = {"tilt": 0.5, "effort": 0.05}
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """An upside-down torso costs 1 for its tilt."""
         return {
             "tilt": 1.0 - physics.torso_upright(),

@@ -4,11 +4,11 @@ Beside the missing reward, which is flat far from upright, each has the height t
 and, near the top, the motion that would leave it again.
 """
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyPhysics, Cost
 from limberjack.planner.settings import Settings
 
 __all__ = ["Acrobot", "Cartpole", "Pendulum"]
@@ -20,7 +20,7 @@ class Pendulum(Cost):
     settings = Settings(horizon=1.5, knots=8, samples=64, gain=1.0, damping=0.3, noise=2.0)
     weights: ClassVar = {"motion": 0.02}
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Each about 1 for a pole that hangs."""
         up = physics.pole_vertical()
         speed = physics.angular_velocity()[..., 0]
@@ -39,7 +39,7 @@ class Cartpole(Cost):
     )
     weights: ClassVar = {"motion": 0.02, "off centre": 0.1}
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """Each about 1 for a pole that hangs at the end of the rail."""
         up = physics.pole_angle_cosine()
         motion = np.exp(-4.0 * (1.0 - up)) * physics.angular_vel() ** 2
@@ -62,7 +62,7 @@ class Acrobot(Cost):
     )
     weights: ClassVar = {"energy": 2.0, "distance": 0.25, "motion": 0.02}
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: AnyPhysics) -> dict[str, np.ndarray]:
         """An energy of hanging links costs 2, and a distance of 4 m costs 1."""
         distance = physics.to_target()
         motion = (physics.velocity() ** 2).sum(axis=-1)
@@ -74,7 +74,7 @@ class Acrobot(Cost):
         }
 
 
-def _energy(physics: Any) -> np.ndarray:
+def _energy(physics: AnyPhysics) -> np.ndarray:
     """Energy of two thin links of 1 m and 1 kg over that of standing, (N,): -1 if they hang."""
     up, across, turning = physics.vertical(), physics.horizontal(), physics.velocity()
     upper, lower = turning[..., 0], turning.sum(axis=-1)

@@ -8,7 +8,7 @@ it retreats and takes another box, and a box that lies on the arm is shaken off.
 
 import dataclasses
 import enum
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from limberjack.mujoco.engine import Physics
 from limberjack.mujoco.index import NamedFields
 from limberjack.planner.arm.hand import ARM, CLOSED, LONGEST, OPEN, PLANE, near, outward_speed
 from limberjack.planner.arm.proposals import Proposal, plans_of
-from limberjack.planner.cost import Cost
+from limberjack.planner.cost import AnyTask, Cost
 from limberjack.planner.stacker import moves
 from limberjack.planner.stacker.box_grip import PRESS, fetching, grip_of, how_held
 from limberjack.planner.stacker.moves import FREE_OF_TOWER, OVER, STACKING, UNDER_HAND
@@ -33,6 +33,7 @@ from limberjack.planner.stacker.tower import (
     turned,
 )
 from limberjack.utils import arrays
+from limberjack.utils.arrays import AnyArray
 
 __all__ = ["Stack", "Stage"]
 
@@ -67,7 +68,7 @@ class Stack(Cost):
         "boxes on the arm": 5.0,
     }
 
-    def __init__(self, task: Any) -> None:
+    def __init__(self, task: AnyTask) -> None:
         """Takes a `stacker.Stack` task."""
         super().__init__(task)
         self._boxes: list[str] = task.boxes
@@ -95,14 +96,14 @@ class Stack(Cost):
         (Stage.FETCH, lambda self: True),
     )
 
-    def stage(self) -> Any:
+    def stage(self) -> tuple[Stage, object, object, object]:
         """The stage, the next box, the tower's height, and the reasons for other stages."""
         tower = self._tower
         stage = next(stage for stage, is_due in self._TRANSITIONS if is_due(self))
         reasons = self._firm, self._falling, self._backing > 0, self._caught > _CAUGHT
         return stage, tower.next, len(tower.placed), reasons
 
-    def update(self, physics: Any) -> None:
+    def update(self, physics: Physics) -> None:
         """Decides which boxes stand, which one is next, where it goes, and the stage."""
         data, tower = physics.named.data, self._tower
         before = tower.next
@@ -152,11 +153,11 @@ class Stack(Cost):
             self._refuge = moves.refuge(data, box, self._tries)
             self._tries += 1
 
-    def _await(self, goal: Any, lack: float) -> None:
+    def _await(self, goal: object, lack: float) -> None:
         """Begins to wait for progress to a goal that is so many metres away."""
         self._goal, self._least, self._waited = goal, lack, 0
 
-    def terms(self, physics: Any) -> dict[str, np.ndarray]:
+    def terms(self, physics: Physics) -> dict[str, np.ndarray]:
         """The missing reward and tower, and the terms of the stage."""
         data, tower, stage = physics.named.data, self._tower, self.stage()[0]
         others = data.site_xpos[tower.others][..., ::2]  # x and z
@@ -235,7 +236,7 @@ class Stack(Cost):
         room = (offsets[..., 1] < HALF) * np.maximum(free - offsets[..., 0], 0.0)
         return 100.0 * (room.sum(axis=-1) + np.maximum(np.abs(box[..., 0]) - FROM_WALL, 0.0))
 
-    def _over_tower(self, hand: np.ndarray) -> Any:
+    def _over_tower(self, hand: np.ndarray) -> AnyArray:
         """Height that the hand lacks to pass the tower, (N,)."""
         if not self._tower.placed:
             return 0.0
@@ -266,7 +267,7 @@ class Stack(Cost):
         distance += np.clip(beside / HALF - 1.5, 0.0, 1.0) * low
         return distance / LONGEST + 0.3 * np.sqrt(turned(data, str(self._tower.next)))
 
-    def proposals(self, physics: Any, random: np.random.Generator) -> np.ndarray:
+    def proposals(self, physics: Physics, random: np.random.Generator) -> np.ndarray:
         """Plans of the stage, and to keep still with any grasp."""
         data, stage = physics.named.data, self.stage()[0]
         now = data.qpos[ARM]

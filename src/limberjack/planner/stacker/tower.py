@@ -6,11 +6,11 @@ tower.next, tower.place            # "box1", (3,) metres; next is None once the 
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from limberjack.mujoco.index import NamedFields
+from limberjack.utils.arrays import AnyArray
 
 __all__ = [
     "ALOFT", "FLAT", "FREE", "FROM_WALL", "HALF", "PASSES", "PLACED", "Tower", "crest", "length",
@@ -104,13 +104,13 @@ def _stands(data: NamedFields, box: str, gap: float, allowed: float) -> bool:
     return bool(gap < allowed and speed < 0.1 and turned(data, box) < FLAT)
 
 
-def turned(data: NamedFields, box: str | list[str]) -> Any:
+def turned(data: NamedFields, box: str | list[str]) -> AnyArray:
     """0 for boxes that lie flat on any of their sides, 0.25 for one on an edge, (...)."""
     square = data.xmat[box, "xx"] ** 2
     return square * (1.0 - square)
 
 
-def length(offsets: np.ndarray) -> Any:
+def length(offsets: np.ndarray) -> AnyArray:
     """Length of offsets, or speed of velocities, in the plane, (..., 2) -> (...)."""
     return np.hypot(offsets[..., 0], offsets[..., 1])
 
