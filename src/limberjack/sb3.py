@@ -270,6 +270,7 @@ def _add_terms(infos: list[_ByName], info: _ByName) -> None:
             infos[row]["is_success"] = reached
 
 
+# Any: of `gym.load_vector`.
 def make_vec_env(
     domain: str, task: str, num_envs: int, *, seed: int | None = None, **kwargs: Any
 ) -> VecEnv:

@@ -48,7 +48,7 @@ class _FlagsWithoutType:
 class _Command(_FlagsWithoutType, typer.core.TyperCommand):
     """One command."""
 
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # as Typer has it
         """Parses the command line."""
         return super().parse_args(ctx, _with_values(args))
 

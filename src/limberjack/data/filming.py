@@ -31,7 +31,7 @@ def film(
     *,
     out: Path | str,
     on_progress: _OnProgress | None = None,
-    **view: Any,
+    **view: Any,  # arguments of `render`, each with its own type
 ) -> Path:
     """Films the episode of a seed.
 

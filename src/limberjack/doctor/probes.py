@@ -117,7 +117,7 @@ def threads() -> dict[str, object]:
     }
 
 
-def domains() -> dict[str, Any]:
+def domains() -> dict[str, Any]:  # values of JSON
     """Domains that installed packages provide: modules by name, and problems by name."""
     from limberjack import suite
 

@@ -62,7 +62,7 @@ def make_vector(
     module: _Module = None,
     steps: int | None = None,
     max_episode_steps: int | None = None,
-    **kwargs: Any,
+    **kwargs: Any,  # of `gym.load_vector`
 ) -> VectorEnv:
     """The vector environment of an id, with episodes of at most `max_episode_steps` steps.
 

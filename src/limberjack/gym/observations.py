@@ -55,6 +55,7 @@ class Observations:
         self.flat = flat
         self.layout = _layout({name: tuple(spec.shape) for name, spec in of_one.items()})
         self._size = self.layout[-1].slice.stop if self.layout else 0
+        # Any: a Box or a Dict of Gymnasium's.
         self.space: Any = self._box((self._size,)) if flat else self._dict_space()
 
     def of_one(self, observation: Mapping[str, np.ndarray]) -> Observation:

@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> Any:  # names of MuJoCo's own package
     """Names of the official package: `limberjack.mujoco.mj_step`, `limberjack.mujoco.mjtObj`."""
     return getattr(_official.mujoco, name)
 

@@ -9,7 +9,7 @@ from dm_env import specs
 __all__ = ["action_spec"]
 
 
-def action_spec(physics: Any) -> specs.BoundedArray:
+def action_spec(physics: Any) -> specs.BoundedArray:  # of any domain's own class
     """Spec of the controls, (nu,); an unlimited control is bounded by MuJoCo's maximum value."""
     model = physics.model._model
     limited = model.actuator_ctrllimited.ravel().astype(bool)[:, None]

@@ -20,6 +20,7 @@ _OF_STYLE = ("overlays", "depth", "segmentation", "render_flag_overrides", "qual
 _HOW = {p.name: p.default for p in list(inspect.signature(camera.render).parameters.values())[1:]}
 
 
+# Any: arguments of `render`, each with its own type.
 def picture_spec(physics: _Physics, given: Mapping[str, Any]) -> tuple[tuple[int, ...], np.dtype]:
     """Shape and dtype of the picture that `render` returns for these arguments; draws nothing.
 
@@ -63,7 +64,7 @@ def render(
     depth: bool = False,
     segmentation: bool = False,
     scene_option: mujoco.MjvOption | None = None,
-    render_flag_overrides: Mapping[Any, bool] | None = None,
+    render_flag_overrides: Mapping[Any, bool] | None = None,  # names or numbers of MuJoCo's flags
     scene_callback: Callable[..., None] | None = None,
     quality: str = "full",
 ) -> np.ndarray:

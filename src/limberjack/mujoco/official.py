@@ -50,11 +50,12 @@ def _import_without_opengl() -> None:
         vars(module)["__getattr__"] = _lazy_getattr(module, selecting)
 
 
+# Any: names of MuJoCo's own package.
 def _lazy_getattr(module: ModuleType, selecting: ModuleType) -> Callable[[str], Any]:
     """A `__getattr__` for `module` that resolves `GLContext`, then falls back to its own."""
     own = vars(module).get("__getattr__")
 
-    def getattr_(name: str) -> Any:
+    def getattr_(name: str) -> Any:  # names of MuJoCo's own package
         if name == _CONTEXT or (name == "__all__" and module is selecting):
             _select(selecting)
             if name in vars(module):

@@ -14,7 +14,7 @@ import numpy as np
 __all__ = ["get_state", "set_state"]
 
 
-def get_state(physics: Any, sig: int | None = None) -> np.ndarray:
+def get_state(physics: Any, sig: int | None = None) -> np.ndarray:  # of any domain's own class
     """The state as one array, (..., size).
 
     Args:
@@ -28,6 +28,7 @@ def get_state(physics: Any, sig: int | None = None) -> np.ndarray:
     return physics.simulation.get_state(sig)
 
 
+# Any: of any domain's own class.
 def set_state(physics: Any, physics_state: np.ndarray, sig: int | None = None) -> None:
     """Sets the state to an array from `get_state(sig)`; does not recompute derived quantities.
 

@@ -42,6 +42,7 @@ class ReadOnly(np.ndarray):
         self._refuse_writing()
         super().__setitem__(key, value)
 
+    # Any: of a ufunc, each with its own type.
     def __array_ufunc__(
         self, ufunc: np.ufunc, method: str, *inputs: AnyArray, **kwargs: Any
     ) -> AnyArray:

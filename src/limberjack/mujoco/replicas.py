@@ -108,7 +108,7 @@ class Replicas(Generic[_P]):
         simulation.ctrl[diverged] = 0.0
         return diverged
 
-    def render_rows(self, rows: Rows, **kwargs: Any) -> np.ndarray:
+    def render_rows(self, rows: Rows, **kwargs: Any) -> np.ndarray:  # each keyword has its own type
         """Pictures of rows, (n, height, width, ...).
 
         Args:
@@ -131,6 +131,7 @@ class Replicas(Generic[_P]):
             picture[...] = self.shown(row).render(**kwargs)
         return pictures
 
+    # Any: each keyword has its own type.
     def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of a row's picture; see `drawing.picture_spec`."""
         return drawing.picture_spec(self.single, kwargs)

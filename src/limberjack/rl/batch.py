@@ -52,7 +52,7 @@ class BatchEnvironment:
 
     def __init__(
         self,
-        replicas: Replicas[Any],
+        replicas: Replicas[Any],  # of the domain's own physics
         task: Task,
         n_sub_steps: int = 1,
         step_limit: float = float("inf"),
@@ -278,7 +278,7 @@ class BatchEnvironment:
         making = self._replicas.textured, self.num_envs, self._replicas.num_threads
         return {**kept, "making": making, "snapshot": self.snapshot()}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:  # attributes, each with its own type
         snapshot = state.pop("snapshot")
         single, num_envs, num_threads = state.pop("making")
         vars(self).update(state)
@@ -351,19 +351,18 @@ class BatchEnvironment:
         with self._use:
             return self._replicas.render_rows(self._rows(rows), **render_arguments(kwargs))
 
-    # Any: the domain's own classes.
     @property
-    def physics(self) -> Any:
+    def physics(self) -> Any:  # of the domain's own class
         """The batched physics."""
         return self._replicas.physics
 
     @property
-    def single(self) -> Any:
+    def single(self) -> Any:  # of the domain's own class
         """A separate single simulation of the same model, for specs and constants; not a row."""
         return self._replicas.single
 
     @property
-    def task(self) -> Any:
+    def task(self) -> Any:  # of the domain's own class
         """The task."""
         return self._task
 

@@ -30,7 +30,7 @@ class BatchEnvironmentTestMixin:
     num_steps = 40
     seed = 7
 
-    def make_single(self, seed: int) -> Any:
+    def make_single(self, seed: int) -> Any:  # an environment of any package
         """The single environment that row `seed - self.seed` of a batch must equal."""
         raise NotImplementedError(f"{type(self).__name__} does not define make_single(seed)")
 

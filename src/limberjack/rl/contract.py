@@ -112,6 +112,7 @@ class Drawn(Protocol):
         """Pictures of rows; None for all."""
         ...
 
+    # Any: each keyword has its own type.
     def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
         """Shape and dtype of the picture of one row."""
         ...
@@ -137,7 +138,7 @@ class SimulatedPhysics(Drawn, Protocol):
         ...
 
     @property
-    def data(self) -> Any:
+    def data(self) -> Any:  # the official struct's fields are not listed anywhere
         """The state and all quantities derived from it."""
         ...
 

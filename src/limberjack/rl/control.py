@@ -201,14 +201,13 @@ class Environment(dm_env.Environment):
             spec = specs_of(self._observe(draws=False))
         return spec if self._frames is None else self._frames.spec_with(spec)
 
-    # Any: the domain's own classes.
     @property
-    def physics(self) -> Any:
+    def physics(self) -> Any:  # of the domain's own class
         """The environment's physics."""
         return self._physics
 
     @property
-    def task(self) -> Any:
+    def task(self) -> Any:  # of the domain's own class
         """The environment's task."""
         return self._task
 
@@ -298,7 +297,7 @@ class Environment(dm_env.Environment):
         physics = kept.pop("_physics")
         return {**kept, "exact": (type(physics), physics.__getstate__())}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def __setstate__(self, state: dict[str, Any]) -> None:  # attributes, each with its own type
         exact = state.pop("exact", None)
         vars(self).update(state)
         if exact is not None:

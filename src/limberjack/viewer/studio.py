@@ -333,6 +333,7 @@ def _launch(access: Access, sock: socket.socket, title: str, plugins: list[_OfSt
 class _WebViewer(web_viewer.WebViewer):
     """Studio's web viewer: guarded, on a socket of ours, silent, and closed to files."""
 
+    # Any: of Studio's own class.
     def __init__(self, access: Access, sock: socket.socket, *args: Any, **kwargs: Any) -> None:
         self._access = access
         # MuJoCo 4.0 binds to all networks and prints its addresses, and has no options for it.

@@ -216,7 +216,7 @@ class _Glfw:
         if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
             fail("there is no display: DISPLAY and WAYLAND_DISPLAY are not set")
         try:
-            self._glfw: Any = importlib.import_module("glfw")
+            self._glfw: Any = importlib.import_module("glfw")  # without types
         except ImportError as error:
             fail(str(error))
         reporting, self._glfw.ERROR_REPORTING = self._glfw.ERROR_REPORTING, "raise"
@@ -249,7 +249,7 @@ class _Cgl:
 
     def __init__(self) -> None:
         try:
-            self._cgl: Any = importlib.import_module("mujoco.cgl")
+            self._cgl: Any = importlib.import_module("mujoco.cgl")  # without types
             self.destroy(self.create())
         except (ImportError, AttributeError, OSError, RuntimeError) as error:
             fail(str(error))

@@ -151,6 +151,7 @@ class Egl:
         self.destroy(context)
         return True
 
+    # Any: its types are given by the signature.
     def _extension(self, name: str, signature: str) -> Callable[..., Any]:
         """An extension function, which the library does not export by name."""
         address = self._egl.eglGetProcAddress(name.encode()) or fail(f"EGL has no {name}")

@@ -95,6 +95,7 @@ class _RenderingThread(threading.Thread):
     def __init__(self, canvases: Canvases) -> None:
         # A daemon, because Python joins all other threads before it runs exit handlers.
         super().__init__(name="limberjack-rendering", daemon=True)
+        # Any: jobs have results of several types.
         self.jobs: queue.SimpleQueue[_Job[Any] | None] = queue.SimpleQueue()
         self.busy = threading.RLock()
         self.canvases = canvases
@@ -105,7 +106,7 @@ class _RenderingThread(threading.Thread):
                 job.run()
             del job  # otherwise the last picture would stay alive during the wait
 
-    def do(self, job: _Job[Any]) -> None:
+    def do(self, job: _Job[Any]) -> None:  # the result's type is the caller's
         """Queues the job; runs it immediately if called on this thread."""
         if threading.current_thread() is self:
             job.run()

@@ -35,11 +35,12 @@ __all__ = [
 ]
 
 
-def set_callback(name: str, new_callback: Any = None) -> None:
+def set_callback(name: str, new_callback: Any = None) -> None:  # a function, or an address
     """Installs a MuJoCo callback: a callable or a ctypes function; None removes it."""
     getattr(mujoco, f"set_{name}")(new_callback)
 
 
+# Any: a function, or an address.
 @contextlib.contextmanager
 def callback_context(name: str, new_callback: Any = None) -> Iterator[None]:
     """Installs a MuJoCo callback within the context."""

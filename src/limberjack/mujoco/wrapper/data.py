@@ -83,11 +83,11 @@ class MjData:
         return self._model
 
     @property
-    def contact(self) -> Any:
+    def contact(self) -> Any:  # MuJoCo's list of contacts
         """The contacts found in the last forward pass."""
         return self._data.contact[: self._data.ncon]
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Any:  # fields of the official struct
         if name == "_data":
             raise AttributeError(name)
         return getattr(self._data, name)

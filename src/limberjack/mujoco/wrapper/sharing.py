@@ -83,7 +83,7 @@ class CopyOnWrite:
         """
         return self._model if self._shared is None else self._shared.light
 
-    def _field(self, name: str) -> Any:
+    def _field(self, name: str) -> Any:  # fields of the official struct
         """A field; if it is mutable, the model is copied first."""
         value = getattr(self._model, name)
         return value if isinstance(value, _IMMUTABLE) else getattr(self.own(), name)

@@ -17,6 +17,6 @@ def to_native_string(text: str | bytes) -> str:
     return text.decode() if isinstance(text, bytes) else text
 
 
-def get_mjlib() -> Any:
+def get_mjlib() -> Any:  # the module of MuJoCo's functions
     """The official `mujoco` module, which has all functions of the library."""
     return mujoco

@@ -30,7 +30,7 @@ class Wrapper(dm_env.Environment):
         """The wrapped environment's action spec."""
         return self._env.action_spec()
 
-    def observation_spec(self) -> Any:
+    def observation_spec(self) -> Any:  # as the wrapped environment has it
         """The wrapped environment's observation spec."""
         return self._env.observation_spec()
 
@@ -46,7 +46,7 @@ class Wrapper(dm_env.Environment):
         """Closes the wrapped environment."""
         self._env.close()
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Any:  # attributes of the wrapped environment
         # Prevents infinite recursion while copying, when `_env` is not yet set.
         if name == "_env":
             raise AttributeError(name)

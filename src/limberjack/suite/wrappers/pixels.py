@@ -46,7 +46,7 @@ class Wrapper(_delegating.Wrapper):
           RenderingError: OpenGL is not available.
         """
         super().__init__(env)
-        spec: Any = env.observation_spec()
+        spec: Any = env.observation_spec()  # a spec, or a mapping of specs
         self._is_dict = isinstance(spec, MutableMapping)
         if not self._is_dict and not isinstance(spec, specs.Array):
             raise ValueError(
@@ -75,7 +75,7 @@ class Wrapper(_delegating.Wrapper):
         """Steps the wrapped environment and renders it."""
         return self._seen(self._env.step(action))
 
-    def observation_spec(self) -> MutableMapping[str, Any]:
+    def observation_spec(self) -> MutableMapping[str, Any]:  # specs of the wrapped environment
         """The spec of the picture, with those of the other observations unless `pixels_only`."""
         return self._observation_spec
 
@@ -86,6 +86,7 @@ class Wrapper(_delegating.Wrapper):
     def _picture(self) -> np.ndarray:
         return self._env.physics.render(**self._render_kwargs)
 
+    # Any: observations of the wrapped environment.
     def _with(self, state: Any, picture: object) -> MutableMapping[str, Any]:
         """Observations, or their specs, together with the picture or its spec."""
         if self._pixels_only:

@@ -11,7 +11,7 @@ import mujoco
 __all__: list[str] = []
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> Any:  # names of MuJoCo's own package
     official = getattr(mujoco, name, None) if name.startswith(("mjt", "mjr")) else None
     members = getattr(official, "__members__", None)
     if not members:

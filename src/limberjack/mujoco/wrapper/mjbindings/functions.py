@@ -6,9 +6,9 @@ import mujoco
 
 __all__ = ["mjlib"]
 
-mjlib: Any = mujoco
+mjlib: Any = mujoco  # its names are not listed here
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> Any:  # names of MuJoCo's own package
     """Other names of the library, such as the string table `mjDISABLESTRING`."""
     return getattr(mujoco, name)
