@@ -14,10 +14,20 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
 
 import typer
-from report import Bar, Row, all_met, at_least, print_table, spread, summary, write_json
+from report import (
+    Bar,
+    Json,
+    Quick,
+    Row,
+    all_met,
+    at_least,
+    print_table,
+    spread,
+    summary,
+    write_json,
+)
 
 from limberjack import data, suite
 from limberjack.evaluation.runner import Runner
@@ -100,10 +110,8 @@ def _read(folder: Path) -> float:
 
 
 def main(
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
-    ] = False,
-    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+    quick: Quick = False,
+    json: Json = None,
 ) -> None:
     """Measure collecting and reading against evaluating, and print whether the bars are met."""
     effort = _QUICK if quick else _FULL

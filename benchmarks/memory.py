@@ -9,14 +9,13 @@ import ctypes
 import importlib
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Annotated, Any
 
 import footprint
 import fresh
 import peers
 import typer
-from report import Bar, Row, all_met, at_most, print_table, summary, write_json
+from report import Bar, Json, Row, all_met, at_most, print_table, summary, write_json
 
 __all__ = [
     "NUM_CYCLES",
@@ -235,7 +234,7 @@ def main(
     steps: Annotated[int, typer.Option(min=100, help="Steps in all.")] = NUM_STEPS,
     loads: Annotated[int, typer.Option(min=10, help="Load-and-drop cycles in all.")] = NUM_LOADS,
     cycles: Annotated[int, typer.Option(min=3, help="Vector environments in all.")] = NUM_CYCLES,
-    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+    json: Json = None,
 ) -> None:
     """Print whether memory stays flat; the exit status is 1 if it does not."""
     rows = measure(steps, loads, cycles)

@@ -9,7 +9,6 @@ README.md describes the comparisons. The exit status is 1 if a bar is missed.
 import dataclasses
 import enum
 import sys
-from pathlib import Path
 from typing import Annotated
 
 import memory
@@ -18,7 +17,7 @@ import peers
 import starting
 import stepping
 import typer
-from report import Row, all_met, print_table, summary, write_json
+from report import Json, Quick, Row, all_met, print_table, summary, write_json
 
 __all__ = ["Effort", "Section", "main"]
 
@@ -99,10 +98,8 @@ def main(
     only: Annotated[
         list[Section] | None, typer.Option(help="Measure this section; may be given repeatedly.")
     ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
-    ] = False,
-    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+    quick: Quick = False,
+    json: Json = None,
 ) -> None:
     """Measure Limberjack against dm_control and print each bar and whether it is met."""
     effort = _QUICK if quick else _FULL

@@ -10,13 +10,12 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 from unittest import mock
 
 import numpy as np
 import typer
-from report import Bar, Row, all_met, at_most, print_table, summary, write_json
+from report import Bar, Json, Quick, Row, all_met, at_most, print_table, summary, write_json
 
 from limberjack import suite
 from limberjack.planner import Planner
@@ -69,10 +68,8 @@ def _row(name: str, times: list[float], share: int, bar: Bar | None) -> Row:
 
 
 def main(
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
-    ] = False,
-    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+    quick: Quick = False,
+    json: Json = None,
 ) -> None:
     """Measure path searches, and print whether the bars are met."""
     seeds, steps = (_SEEDS[:1], 20) if quick else (_SEEDS, 1000)

@@ -13,15 +13,14 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import mujoco
 import mujoco.batch
 import numpy as np
 import peers
 import typer
-from report import Row, all_met, at_most, print_table, spread, summary, write_json
+from report import Json, Quick, Row, all_met, at_most, print_table, spread, summary, write_json
 
 from limberjack import suite
 from limberjack.planner import Planner
@@ -154,10 +153,8 @@ def _play(env: Any, planners: dict[int, Planner], plans: int) -> dict[int, list[
 
 
 def main(
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
-    ] = False,
-    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+    quick: Quick = False,
+    json: Json = None,
 ) -> None:
     """Measure plans for ten tasks, or one in a quick run, and print each bar."""
     most = usable_cores()

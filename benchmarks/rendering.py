@@ -12,13 +12,23 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import peers
 import typer
-from report import Bar, Row, all_met, at_least, print_table, spread, summary, write_json
+from report import (
+    Bar,
+    Json,
+    Quick,
+    Row,
+    all_met,
+    at_least,
+    print_table,
+    spread,
+    summary,
+    write_json,
+)
 
 from limberjack.mujoco import rendering
 from limberjack.mujoco.official import mujoco
@@ -63,10 +73,8 @@ _QUICK = Effort(rounds=1, large_rounds=1, frames=1, tasks=1, rows=2)
 
 
 def main(
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
-    ] = False,
-    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+    quick: Quick = False,
+    json: Json = None,
 ) -> None:
     """Measure pictures and print each bar and whether it is met."""
     if sys.platform == "linux":

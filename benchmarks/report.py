@@ -10,14 +10,17 @@ import platform
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 __all__ = [
     "Bar",
+    "Json",
+    "Quick",
     "Row",
     "all_met",
     "at_least",
@@ -28,6 +31,12 @@ __all__ = [
     "versions",
     "write_json",
 ]
+
+# Options that the benchmarks have in common.
+Quick = Annotated[
+    bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
+]
+Json = Annotated[Path | None, typer.Option(help="File to write the figures to.")]
 
 _MEASURED = ("limberjack", "dm_control", "mujoco", "mujoco-core", "dm-env", "numpy")
 _WIDTH = 118  # characters; where the output is no terminal, the table is not folded

@@ -13,11 +13,10 @@ import statistics
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Annotated
 
 import typer
-from report import Row, all_met, at_most, print_table, spread, summary, write_json
+from report import Json, Quick, Row, all_met, at_most, print_table, spread, summary, write_json
 
 from limberjack.evaluation import evaluate
 from limberjack.evaluation.distributed import play_unit
@@ -166,11 +165,9 @@ def main(
     only: Annotated[
         list[Section] | None, typer.Option(help="Measure this section; may be given repeatedly.")
     ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
-    ] = False,
+    quick: Quick = False,
     repetitions: Annotated[int, typer.Option(min=1, help="Of both sides.")] = _FULL.repetitions,
-    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+    json: Json = None,
 ) -> None:
     """Measure episodes on several processes and print each bar and whether it is met."""
     effort = _QUICK if quick else dataclasses.replace(_FULL, repetitions=repetitions)

@@ -22,7 +22,7 @@ import batch_peers
 import batch_stepping
 import typer
 from peers import first_tasks
-from report import Row, all_met, print_table, summary, write_json
+from report import Json, Quick, Row, all_met, print_table, summary, write_json
 
 __all__ = ["Effort", "Section", "main"]
 
@@ -158,9 +158,7 @@ def main(
     only: Annotated[
         list[Section] | None, typer.Option(help="Measure this section; may be given repeatedly.")
     ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
-    ] = False,
+    quick: Quick = False,
     peers: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where other packages are installed, kept.")
     ] = None,
@@ -170,7 +168,7 @@ def main(
     threads: Annotated[
         int | None, typer.Option(min=1, help="Of everything; by default the cores now free.")
     ] = None,
-    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+    json: Json = None,
 ) -> None:
     """Measure batches beside their peers and print each bar and whether it is met."""
     effort = _QUICK if quick else _FULL

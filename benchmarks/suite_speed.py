@@ -26,7 +26,19 @@ import stepping
 import typer
 from batch_stepping import kept_to
 from classes import is_heavy
-from report import Bar, Row, all_met, at_least, at_most, print_table, spread, summary, write_json
+from report import (
+    Bar,
+    Json,
+    Quick,
+    Row,
+    all_met,
+    at_least,
+    at_most,
+    print_table,
+    spread,
+    summary,
+    write_json,
+)
 
 from limberjack import bench, suite
 
@@ -289,9 +301,7 @@ def main(
     size: Annotated[
         list[int] | None, typer.Option(help="Rows of batches; may be given repeatedly.")
     ] = None,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Only show that it works; the figures mean nothing.")
-    ] = False,
+    quick: Quick = False,
     peers: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where other packages are installed, kept.")
     ] = None,
@@ -301,7 +311,7 @@ def main(
     threads: Annotated[
         int | None, typer.Option(min=1, help="Of everything; by default the cores now free.")
     ] = None,
-    json: Annotated[Path | None, typer.Option(help="File to write the figures to.")] = None,
+    json: Json = None,
 ) -> None:
     """Measure the whole suite and print each bar and whether it is met."""
     effort = _QUICK if quick else _FULL
