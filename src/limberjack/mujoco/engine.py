@@ -390,8 +390,7 @@ class Physics(_control.Physics):
         """A picture of a single simulation as its only row, (1, height, width, ...)."""
         return self.render(**kwargs)[None]
 
-    # Any: each keyword has its own type.
-    def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
+    def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:  # as above
         """Shape and dtype of the picture that `render` returns; see `drawing.picture_spec`."""
         return drawing.picture_spec(self, kwargs)
 
