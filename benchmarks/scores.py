@@ -54,10 +54,9 @@ _PUBLISHED = {
 _HEAD = """# Scores
 
 Returns of the planner on the tasks of this table, of doing nothing, and of random actions on
-dm_control's benchmark. The planner plays [more tasks](planner.md#the-costs) than it has scores on:
-quadruped and ball_in_cup have none yet, and the others are variants of tasks in the table.
-`benchmarks/scores.py` writes this page from the results in `benchmarks/results/scores`. Each of
-them was made by
+dm_control's benchmark. The planner plays [more tasks](planner.md#the-costs): variants of these,
+with the same costs, that were not scored. `benchmarks/scores.py` writes this page from the results
+in `benchmarks/results/scores`. Each of them was made by
 
     limberjack evaluate DOMAIN TASK --policy NAME --seeds A:B --out DIR
 

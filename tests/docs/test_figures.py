@@ -14,8 +14,8 @@ from limberjack import suite
 _REPOSITORY = Path(__file__).parents[2]
 _DOCS = _REPOSITORY / "docs"
 _SOURCE = Path(limberjack.__file__).parent
-_SPEEDS = _REPOSITORY / "benchmarks" / "results" / "steps_per_second.json"
-_SUITE_SPEEDS = _REPOSITORY / "benchmarks" / "results" / "suite_speed.json"
+_RESULTS = _REPOSITORY / "benchmarks" / "results"
+_SPEEDS, _SUITE_SPEEDS = _RESULTS / "steps_per_second.json", _RESULTS / "suite_speed.json"
 _BATCHES = _DOCS / "batches.md"
 _PAGES = [_REPOSITORY / "README.md", *sorted(_DOCS.glob("*.md"))]
 _FEWEST_WORDS = 5  # in the place of a picture
@@ -152,7 +152,7 @@ def test_the_citation_in_both_files_is_of_the_same_work() -> None:
 
 
 def test_the_page_of_exactness_tells_the_results_of_the_long_comparison() -> None:
-    results = json.loads((_REPOSITORY / "benchmarks/results/exactness.json").read_text("utf-8"))
+    results = json.loads((_RESULTS / "exactness.json").read_text("utf-8"))
     told = (
         f"took {results['core_minutes']:.0f} minutes of processor time: {results['steps']:,} steps "
         f"of {len(results['tasks'])} tasks in {results['comparisons']:,} comparisons, "
@@ -164,8 +164,7 @@ def test_the_page_of_exactness_tells_the_results_of_the_long_comparison() -> Non
 
 
 def test_the_returns_on_the_training_page_are_those_of_the_learning_curves() -> None:
-    results = _REPOSITORY / "benchmarks" / "results" / "learning_curves.json"
-    runs = json.loads(results.read_text(encoding="utf-8"))["runs"]
+    runs = json.loads((_RESULTS / "learning_curves.json").read_text(encoding="utf-8"))["runs"]
     expected = {}
     for name, of_task in runs.items():
         steps, finals = of_task[0]["curve"][-1][0], [run["curve"][-1][1] for run in of_task]
@@ -180,8 +179,8 @@ def test_the_returns_on_the_training_page_are_those_of_the_learning_curves() -> 
 
 def _results(name: str) -> list[float]:
     """The ratios of a benchmark's committed run, in its order."""
-    path = _REPOSITORY / "benchmarks" / "results" / name
-    return [row["value"] for row in json.loads(path.read_text(encoding="utf-8"))["rows"]]
+    rows = json.loads((_RESULTS / name).read_text(encoding="utf-8"))["rows"]
+    return [row["value"] for row in rows]
 
 
 def test_the_speed_of_workers_is_the_one_that_was_measured() -> None:
@@ -205,3 +204,53 @@ def test_the_time_of_path_searches_is_the_one_that_was_measured() -> None:
     told = f"up to {median:.1f} ms, 99 % up to {most:.0f} ms, and the longest {worst:.0f} ms"
     assert told in _text(_REPOSITORY / "docs" / "planner.md")
     assert f"Missed: {most / 1e3:.2f} seconds" in _text(_REPOSITORY / "benchmarks" / "README.md")
+
+
+def test_the_comparison_counts_the_tasks_that_the_planner_plays() -> None:
+    played = [
+        task for task in suite.ALL_TASKS if suite.load(*task, {"random": 0}).task.planner_cost
+    ]
+    scored = list((_RESULTS / "scores").glob("*-planner.json"))
+    counts = re.findall(
+        r"\[(\d+)\]\(planner.md#the-costs\), of (\d+) domains; \[scores\]\(scores.md\) of (\d+) ",
+        _text(_DOCS / "comparison.md"),
+    )
+    domains = {domain for domain, _ in played}
+    assert counts == [(str(len(played)), str(len(domains)), str(len(scored)))]
+
+
+def test_the_times_of_the_planner_are_those_that_were_measured() -> None:
+    rows = json.loads((_RESULTS / "planner.json").read_text(encoding="utf-8"))["rows"]
+
+    def spread(part: str, domains: tuple[str, ...], field: str) -> str:
+        """The smallest and the largest value of the rows, rounded."""
+        values = [
+            row[field]
+            for row in rows
+            if part in f"{row['measure']} {row['subject']}" and row["subject"].startswith(domains)
+        ]
+        return f"{min(values):.0f} to {max(values):.0f}"
+
+    text, arm, body = _text(_DOCS / "planner.md"), ("manipulator", "stacker"), ("humanoid",)
+    times = spread("4 threads", arm, "ours"), spread("4 threads", body, "ours")
+    assert f"a plan takes {times[0]} ms for the arm and {times[1]} for humanoids" in text
+    assert f"{spread('not MuJoCo', arm + body, 'value')} % of the time of a plan" in text
+
+
+def test_the_towers_that_stood_are_those_of_the_scores() -> None:
+    path = _RESULTS / "scores" / "stacker-stack_4-planner.json"
+    strata = json.loads(path.read_text(encoding="utf-8"))["summary"]["planner"]["strata"]
+    highest = strata["level_3"]
+    told = f"of {highest['episodes']}, {highest['successes']} stood at its end"
+    assert told in _text(_DOCS / "planner.md")
+
+
+def test_the_table_of_what_can_be_reached_is_the_one_that_was_measured() -> None:
+    rows = [
+        f"| {row['domain']} {row['task']} | "
+        + " | ".join(f"{100 * row[part]:.1f} %" for part in ("taken", "raked", "brought"))
+        + f" | {row['cap']:.0f} |"
+        for row in json.loads((_RESULTS / "reach.json").read_text(encoding="utf-8"))
+    ]
+    page = (_DOCS / "planner.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| (?:manipulator|stacker) \w+ \| .*%.*\|$", page, re.MULTILINE) == rows
