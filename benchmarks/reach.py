@@ -6,9 +6,10 @@ In each episode the objects fall for two seconds without control. For their fina
 kinematics searches for joint angles that put the fingers around the object (`taken`), or else a
 fingertip behind it, to rake it inwards (`raked`), and for joint angles that put the object at the
 target in the same grip (`brought`), where a peg that is not inserted may lean as far as the full
-reward allows. Joint limits, floor and walls are respected, other objects are ignored. `cap` is the
-resulting bound on the return: 1,000 for each start whose object can be taken or raked, and brought,
-and the return of zero actions for others. An arm that catches a falling object can exceed it.
+reward allows. Joint limits, floor and walls are respected, and the upper arm where it leaves a ball
+no room at its target; other objects are ignored. `cap` is the resulting bound on the return: 1,000
+for each start whose object can be taken or raked, and brought, and the return of zero actions for
+others. An arm that catches a falling object can exceed it.
 """
 
 import json
@@ -20,6 +21,7 @@ import numpy as np
 import typer
 
 from limberjack import suite
+from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.planner.arm.hand import PLANE, TIP_ASIDE, TIP_REACH
 from limberjack.planner.arm.kinematics import GRASP, PINCH, angle_of, hand_poses
 
@@ -33,6 +35,10 @@ _ROUGHLY, _EXACTLY = 0.5, 0.1  # radians between the hand and the object, before
 _LEANING = 0.4  # radians; maximum tilt of a peg at the target with full reward
 _DOWN, _STEEP = np.array([0.0, -1.0]), 0.5
 _ABOVE = 0.045  # metres; height of the fingertips' site above the centre of a box that is held
+_BASE = np.array([0.0, GEOMETRY.base_height])
+# Metres from the base, about which the upper arm turns. Of a nearer target the ball (22 mm) cannot
+# be within the 10 mm of the full reward.
+_BESIDE_BASE = GEOMETRY.radii[0] + 0.022 - 0.01
 _BEHIND = np.array([0.03, 0.02])  # metres; offset outwards and upwards for raking an object
 
 _Places = dict[str, np.ndarray]  # positions of the sites, (2,) each
@@ -97,7 +103,9 @@ def _manipulator(task: Any, places: _Places, reaches: _Reaches) -> tuple[bool, b
     outwards = np.sign(place[0])
     rakes = reaches(place + _BEHIND * [outwards, 1.0], TIP_REACH, lateral=TIP_ASIDE)
     if not task._use_peg:
-        return reaches(place, PINCH), rakes, reaches(places["target_ball"], PINCH)
+        target = places["target_ball"]
+        has_room = bool(np.linalg.norm(target - _BASE) > _BESIDE_BASE)
+        return reaches(place, PINCH), rakes, reaches(target, PINCH) and has_room
     takes = _by_handle(places["peg_grasp"], places["peg_tip"], 0.0, _ROUGHLY, reaches)
     grasp, tip = places["target_peg_grasp"], places["target_peg_tip"]
     # In the air it may lean about the midpoint of its centre and tip, which both count.
