@@ -60,13 +60,33 @@ def test_the_library_prints_nothing() -> None:
         assert not re.search(r"^\s*print\(", code, re.MULTILINE), path
 
 
-def _uses_of_any() -> Iterator[tuple[str, int, list[str]]]:
-    """Each use in a type: the module, the line's index, and the module's lines."""
+def _uses_of_any() -> Iterator[tuple[str, ast.stmt, list[str]]]:
+    """Each use in a type: the module, the statement around it, and the module's lines."""
     for module, path in modules().items():
         text = path.read_text(encoding="utf-8")
-        for node in ast.walk(ast.parse(text)):
+        owner: dict[ast.AST, ast.stmt] = {}
+        for node in ast.walk(ast.parse(text)):  # from the outside in
+            for child in ast.iter_child_nodes(node):
+                owner[child] = child if isinstance(child, ast.stmt) else owner[node]
             if isinstance(node, ast.Name) and node.id == "Any":
-                yield module, node.lineno - 1, text.splitlines()
+                yield module, owner[node], text.splitlines()
+
+
+def _reason_for_any(statement: ast.stmt, lines: list[str]) -> str:
+    """The comments in a statement or a function's head and above it, its docstring if it has Any.
+
+    Aliases that follow one another share a comment.
+    """
+    first, last, doc = statement.lineno, statement.end_lineno or 0, ""
+    if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef):
+        first = min([first, *(decorator.lineno for decorator in statement.decorator_list)])
+        last, doc = max(first, statement.body[0].lineno - 1), ast.get_docstring(statement) or ""
+    above = itertools.takewhile(
+        lambda line: re.match(r" *#|\w+ = Any$", line), reversed(lines[: first - 1])
+    )
+    comments = [line.partition("#")[2] for line in [*above, *lines[first - 1 : last]]]
+    told = re.sub(r"\b(noqa|pyright|fmt|type): ?[\w\[\], ]*", "", " ".join(comments))
+    return told + (doc if re.search(r"\bAny\b", doc) else "")
 
 
 def test_any_is_rare_in_types() -> None:
@@ -75,11 +95,9 @@ def test_any_is_rare_in_types() -> None:
 
 
 def test_each_any_has_a_reason() -> None:
-    """A comment on its line or just above it, or the word in the docstring below it."""
-    bare = []
-    for module, line, lines in _uses_of_any():
-        above = itertools.takewhile(str.strip, reversed(lines[max(line - 4, 0) : line]))
-        told = "# " in lines[line] or any(text.lstrip().startswith("#") for text in above)
-        if not told and not any(re.search(r"\bAny\b", text) for text in lines[line + 1 : line + 5]):
-            bare.append(f"{module}:{line + 1}: {lines[line].strip()}")
+    bare = [
+        f"{module}:{statement.lineno}: {lines[statement.lineno - 1].strip()}"
+        for module, statement, lines in _uses_of_any()
+        if not re.search(r"[a-z]{2}", _reason_for_any(statement, lines))
+    ]
     assert not bare, "\n".join(bare)
