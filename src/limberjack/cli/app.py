@@ -38,7 +38,7 @@ class _FlagsWithoutType:
     # Any: classes that depend on the version of Typer.
     def get_params(self, ctx: Any) -> list[Any]:
         """The parameters of the command line."""
-        # Any: as above, and the base class is the other one of the command's.
+        # Any: parameters of those classes.
         parameters: list[Any] = super().get_params(ctx)  # pyright: ignore[reportAttributeAccessIssue]
         for parameter in parameters:
             if getattr(parameter, "is_flag", False):
