@@ -9,25 +9,13 @@ import collections
 import contextlib
 import dataclasses
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import typer
-from report import (
-    Bar,
-    Json,
-    Quick,
-    Row,
-    all_met,
-    at_least,
-    print_table,
-    spread,
-    summary,
-    write_json,
-)
+from report import Bar, Json, Quick, Row, at_least, finish, spread
 
 from limberjack import data, suite
 from limberjack.evaluation.runner import Runner
@@ -119,11 +107,7 @@ def main(
     for domain, task in _TASKS:
         typer.echo(f"measuring: {domain} {task}", err=True)
         rows += _measure(domain, task, effort)
-    print_table(rows, "evaluate")
-    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
-    if json is not None:
-        write_json(json, rows, {"quick": quick, **dataclasses.asdict(effort)})
-    sys.exit(not quick and not all_met(rows))
+    finish(rows, "evaluate", quick, json, dataclasses.asdict(effort))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import footprint
 import fresh
 import peers
 import typer
-from report import Bar, Json, Row, all_met, at_most, print_table, summary, write_json
+from report import Bar, Json, Row, at_most, finish
 
 __all__ = [
     "NUM_CYCLES",
@@ -238,11 +238,8 @@ def main(
 ) -> None:
     """Print whether memory stays flat; the exit status is 1 if it does not."""
     rows = measure(steps, loads, cycles)
-    print_table(rows, "dm_control")
-    typer.echo(summary(rows))
-    if json is not None:
-        write_json(json, rows, {"steps": steps, "loads": loads, "cycles": cycles})
-    sys.exit(not all_met(rows))
+    settings = {"steps": steps, "loads": loads, "cycles": cycles}
+    finish(rows, "dm_control", json=json, settings=settings)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ README.md describes the comparisons. The exit status is 1 if a bar is missed.
 
 import dataclasses
 import enum
-import sys
 from typing import Annotated
 
 import memory
@@ -17,7 +16,7 @@ import peers
 import starting
 import stepping
 import typer
-from report import Json, Quick, Row, all_met, print_table, summary, write_json
+from report import Json, Quick, Row, finish
 
 __all__ = ["Effort", "Section", "main"]
 
@@ -113,11 +112,7 @@ def main(
     for section in only or list(Section):
         typer.echo(f"measuring: {section}", err=True)
         rows += _measure(section, effort)
-    print_table(rows, "dm_control")
-    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
-    if json is not None:
-        write_json(json, rows, {"quick": quick, **dataclasses.asdict(effort)})
-    sys.exit(not quick and not all_met(rows))
+    finish(rows, "dm_control", quick, json, dataclasses.asdict(effort))
 
 
 if __name__ == "__main__":

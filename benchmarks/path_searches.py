@@ -6,7 +6,6 @@ The planner plays ten whole episodes of insert_ball and insert_peg, with one thr
 describes the bars. The exit status is 1 if one is missed.
 """
 
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -15,7 +14,7 @@ from unittest import mock
 
 import numpy as np
 import typer
-from report import Bar, Json, Quick, Row, all_met, at_most, print_table, summary, write_json
+from report import Bar, Json, Quick, Row, at_most, finish
 
 from limberjack import suite
 from limberjack.planner import Planner
@@ -79,11 +78,8 @@ def main(
                 typer.echo(f"playing: {task}, seed {seed}", err=True)
                 _play(task, seed, steps)
     rows = [_row(name, times, share, bar) for name, (share, bar) in _SHARES.items()]
-    print_table(rows, "limit")
-    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
-    if json is not None:
-        write_json(json, rows, {"quick": quick, "seeds": [seeds.start, seeds.stop], "steps": steps})
-    sys.exit(not quick and not all_met(rows))
+    settings = {"seeds": [seeds.start, seeds.stop], "steps": steps}
+    finish(rows, "limit", quick, json, settings)
 
 
 if __name__ == "__main__":

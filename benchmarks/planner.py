@@ -9,7 +9,6 @@ is missed.
 
 import dataclasses
 import statistics
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,7 +19,7 @@ import mujoco.batch
 import numpy as np
 import peers
 import typer
-from report import Json, Quick, Row, all_met, at_most, print_table, spread, summary, write_json
+from report import Json, Quick, Row, at_most, finish, spread
 
 from limberjack import suite
 from limberjack.planner import Planner
@@ -165,11 +164,7 @@ def main(
         typer.echo(f"measuring: {':'.join(task)}", err=True)
         rows += measure(task, threads, plans)
     rows.sort(key=lambda row: row.measure)
-    if json is not None:
-        write_json(json, rows, {"quick": quick, "threads": threads, "plans": plans})
-    print_table(rows, "limit, MuJoCo")
-    typer.echo(summary(rows))
-    sys.exit(not quick and not all_met(rows))
+    finish(rows, "limit, MuJoCo", quick, json, {"threads": threads, "plans": plans})
 
 
 if __name__ == "__main__":

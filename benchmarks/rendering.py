@@ -17,18 +17,7 @@ from typing import Any
 import numpy as np
 import peers
 import typer
-from report import (
-    Bar,
-    Json,
-    Quick,
-    Row,
-    all_met,
-    at_least,
-    print_table,
-    spread,
-    summary,
-    write_json,
-)
+from report import Bar, Json, Quick, Row, at_least, finish, spread
 
 from limberjack.mujoco import rendering
 from limberjack.mujoco.official import mujoco
@@ -87,14 +76,10 @@ def main(
         typer.echo(f"measuring: {':'.join(task)}", err=True)
         rows += _of_singles(task, effort) + _of_batches(task, effort)
     rows.sort(key=lambda row: [name for name, _ in _MEASURES].index(row.measure))
-    print_table(rows, "the other")
     renderer = _renderer()
     typer.echo(f"drawn by {renderer}")
-    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
-    if json is not None:
-        settings = {"quick": quick, "renderer": renderer, **dataclasses.asdict(effort)}
-        write_json(json, rows, settings)
-    sys.exit(not quick and not all_met(rows))
+    settings = {"renderer": renderer, **dataclasses.asdict(effort)}
+    finish(rows, "the other", quick, json, settings)
 
 
 # The table's parts, in order, and the two quantities of each ratio.

@@ -8,9 +8,10 @@ import json
 import os
 import platform
 import statistics
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from rich.box import SIMPLE_HEAD
@@ -22,12 +23,10 @@ __all__ = [
     "Json",
     "Quick",
     "Row",
-    "all_met",
     "at_least",
     "at_most",
-    "print_table",
+    "finish",
     "spread",
-    "summary",
     "versions",
     "write_json",
 ]
@@ -92,11 +91,6 @@ class Row:
         return self.bar.is_met_by(self.value)
 
 
-def all_met(rows: Iterable[Row]) -> bool:
-    """Whether no bar is missed; rows without a measurement are ignored."""
-    return all(row.is_met is not False for row in rows)
-
-
 def spread(values: Sequence[float]) -> dict[str, float]:
     """Median, quartiles and number of repeated measurements."""
     if len(values) < 2:
@@ -106,7 +100,7 @@ def spread(values: Sequence[float]) -> dict[str, float]:
     return {"median": median, "quartile_1": lower, "quartile_3": upper, "count": len(values)}
 
 
-def print_table(rows: Iterable[Row], peer: str) -> None:
+def _print_table(rows: Iterable[Row], peer: str) -> None:
     """Prints the rows and whether each bar is met.
 
     Args:
@@ -139,7 +133,33 @@ def print_table(rows: Iterable[Row], peer: str) -> None:
     console.print(table)
 
 
-def summary(rows: Iterable[Row]) -> str:
+def finish(
+    rows: Sequence[Row],
+    peer: str,
+    quick: bool = False,
+    json: Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+) -> NoReturn:
+    """Prints the rows and their bars, writes the file if one is given, and exits.
+
+    Args:
+      rows: the lines, grouped by measure.
+      peer: title of the column of what Limberjack is compared with.
+      quick: whether the figures mean nothing, so that no bar is missed.
+      json: file for the rows.
+      settings: other settings for the file.
+
+    Raises:
+      SystemExit: always; the status is 1 if a bar is missed.
+    """
+    _print_table(rows, peer)
+    typer.echo("quick: the figures mean nothing" if quick else _summary(rows))
+    if json is not None:
+        write_json(json, rows, {"quick": quick, **(settings or {})})
+    sys.exit(not quick and any(row.is_met is False for row in rows))
+
+
+def _summary(rows: Iterable[Row]) -> str:
     """The number of bars met, and the names of those missed."""
     with_bar = [row for row in rows if row.bar is not None]
     lines = [f"{sum(row.is_met is True for row in with_bar)} of {len(with_bar)} bars met"]

@@ -10,13 +10,12 @@ import dataclasses
 import enum
 import importlib.util
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from typing import Annotated
 
 import typer
-from report import Json, Quick, Row, all_met, at_most, print_table, spread, summary, write_json
+from report import Json, Quick, Row, at_most, finish, spread
 
 from limberjack.evaluation import evaluate
 from limberjack.evaluation.distributed import play_unit
@@ -175,11 +174,7 @@ def main(
     for section in only or list(Section):
         typer.echo(f"measuring: {section}", err=True)
         rows += _measure(section, effort)
-    print_table(rows, "compared with")
-    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
-    if json is not None:
-        write_json(json, rows, {"quick": quick, **dataclasses.asdict(effort)})
-    sys.exit(not quick and not all_met(rows))
+    finish(rows, "compared with", quick, json, dataclasses.asdict(effort))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ measurements are pooled.
 import dataclasses
 import enum
 import os
-import sys
 import tempfile
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +21,7 @@ import batch_peers
 import batch_stepping
 import typer
 from peers import first_tasks
-from report import Json, Quick, Row, all_met, print_table, summary, write_json
+from report import Json, Quick, Row, finish, write_json
 
 __all__ = ["Effort", "Section", "main"]
 
@@ -186,11 +185,9 @@ def main(
             if json is not None:  # after each section, as it takes long
                 settings = {"quick": quick, "threads": num_threads, **dataclasses.asdict(effort)}
                 write_json(json, rows, {**settings, "peers": run.versions, "load_averages": loads})
-    print_table(rows, "compared")
-    typer.echo(summary(rows))
     for peer, engine in run.versions.items():
         typer.echo(f"{peer} runs {engine}")
-    sys.exit(not quick and not all_met(rows))
+    finish(rows, "compared", quick)  # the file is written
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ status is 1 if a bar is missed.
 import dataclasses
 import enum
 import statistics
-import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -26,19 +25,7 @@ import stepping
 import typer
 from batch_stepping import kept_to
 from classes import is_heavy
-from report import (
-    Bar,
-    Json,
-    Quick,
-    Row,
-    all_met,
-    at_least,
-    at_most,
-    print_table,
-    spread,
-    summary,
-    write_json,
-)
+from report import Bar, Json, Quick, Row, at_least, at_most, finish, spread, write_json
 
 from limberjack import bench, suite
 
@@ -329,9 +316,7 @@ def main(
                     settings: dict[str, Any] = {"quick": quick, "threads": num_threads}
                     settings |= {**dataclasses.asdict(effort), "peers": versions}
                     write_json(json, rows, settings)
-    print_table(rows, "compared")
-    typer.echo("quick: the figures mean nothing" if quick else summary(rows))
-    sys.exit(not quick and not all_met(rows))
+    finish(rows, "compared", quick)  # the file is written
 
 
 if __name__ == "__main__":
