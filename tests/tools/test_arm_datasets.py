@@ -1,0 +1,49 @@
+"""The cards of datasets, and the hashes that they list."""
+
+from pathlib import Path
+
+import arm_datasets
+import pytest
+import typer
+
+from limberjack import data
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Collects short episodes of random actions in the place of the planner's."""
+    collect = data.collect
+
+    def short(domain: str, task: str, policy: str, seeds: range, **kwargs: object) -> None:
+        assert policy == "planner"
+        out = str(kwargs["out"])
+        collect(domain, task, "random", seeds, out=out, time_limit=0.05, num_threads=1)
+
+    monkeypatch.setattr(data, "collect", short)
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_second_run_reproduces_the_hashes_of_the_cards(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tasks = ["bring_ball", "stack_2"]
+    one = tmp_path / "one"
+    arm_datasets.main(one, tasks, episodes=2)
+    for domain, task in zip(("manipulator", "stacker"), tasks, strict=True):
+        text = (one / f"{task}.md").read_text(encoding="utf-8")
+        files = data.inform(data.load(one / task)).files
+        assert arm_datasets.hashes_in(text) == files
+        command = f"limberjack collect {domain} {task} --policy planner --seeds 10000:10002"
+        for part in ("licence | Apache", "| all | 2 |", command, "mujoco "):
+            assert part in text
+    arm_datasets.main(tmp_path / "two", tasks, episodes=2, compare=one)
+    with pytest.raises(SystemExit) as caught:
+        arm_datasets.main(tmp_path / "three", ["stack_2"], episodes=1, compare=one)
+    assert caught.value.code == 1
+    assert f"other hashes than in {one}: stack_2/seeds-" in capsys.readouterr().err
+
+
+def test_an_unknown_task_is_refused_before_anything_is_made(tmp_path: Path) -> None:
+    with pytest.raises(typer.BadParameter, match="no task bring_box; expected bring_ball, "):
+        arm_datasets.main(tmp_path / "out", ["bring_ball", "bring_box"])
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,128 @@
+"""Makes datasets of planner episodes of the arm's six tasks, with cards and the hashes of files.
+
+    python tools/arm_datasets.py --out arm                              # all six, seeds 10000:10100
+    python tools/arm_datasets.py bring_ball --out again --compare arm
+
+The episodes of a task go to a folder of its name, and its card beside it, such as bring_ball.md. An
+episode takes about 20 core-seconds, so a task about half an hour of one core; a killed run
+continues. A card names returns, versions, licence, command and hashes. With --compare the run ends
+with status 1 unless the files have the hashes that the cards in another folder list.
+"""
+
+import re
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from limberjack import data, suite
+from limberjack.data import Information
+from limberjack.utils.files import replacing
+
+__all__ = ["card_of", "hashes_in", "main"]
+
+_ARM = {
+    task: domain for domain in ("manipulator", "stacker") for task in suite.TASKS_BY_DOMAIN[domain]
+}
+_POLICY = "planner"
+_FIRST_SEED = 10_000  # of the table of scores, so that the returns are the same
+_LICENCE = (
+    "Apache License 2.0, as Limberjack. The task was designed by the authors of dm_control; see "
+    "Limberjack's NOTICE."
+)
+
+
+def card_of(information: Information, command: str) -> str:
+    """The card of a dataset, in Markdown."""
+    facts, summary = information.recipe.facts, information.summary
+    seeds = information.seeds
+    size = f"{information.nbytes / 1e6:.1f} MB in {len(information.files)} files"
+    rows = [("all", summary), *information.strata.items()]
+    returns = [
+        f"| {name} | {part.episodes} | {part.mean:.1f} | {part.median:.1f} | {part.successes} |"
+        for name, part in rows
+    ]
+    return "\n".join(
+        [
+            f"# {facts['domain']} {facts['task']}, policy {facts['policy']}",
+            "",
+            f"{len(seeds)} episodes of seeds {seeds[0]} to {seeds[-1]}, {information.steps:,} "
+            f"steps of {facts['control_timestep']:g} s; {size}.",
+            "",
+            "| start | episodes | mean return | median | successes |",
+            "|---|---|---|---|---|",
+            *returns,
+            "",
+            "| | |",
+            "|---|---|",
+            f"| command | `{command}` |",
+            f"| versions | {', '.join(f'{n} {v}' for n, v in facts['versions'].items())} |",
+            f"| model | `{facts['fingerprint']}` |",
+            f"| policy | `{facts['policy_sha256']}` |",
+            f"| licence | {_LICENCE} |",
+            "",
+            "| file | SHA-256 |",
+            "|---|---|",
+            *(f"| {name} | `{digest}` |" for name, digest in information.files.items()),
+            "",
+        ]
+    )
+
+
+def hashes_in(card: str) -> dict[str, str]:
+    """The hashes of the files that a card lists, by name."""
+    return dict(re.findall(r"^\| (seeds-\S+) \| `([0-9a-f]{64})` \|$", card, re.MULTILINE))
+
+
+def main(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="The folder of datasets and cards.")],
+    tasks: Annotated[
+        list[str] | None, typer.Argument(metavar="[TASK]...", help="All six by default.")
+    ] = None,
+    episodes: Annotated[int, typer.Option(min=1, help="Seeds from 10000 on.")] = 100,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one per core.")] = None,
+    compare: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Cards whose hashes must be the same.")
+    ] = None,
+) -> None:
+    """Make the datasets and their cards."""
+    chosen = tasks or list(_ARM)
+    unknown = [task for task in chosen if task not in _ARM]
+    if unknown:
+        raise typer.BadParameter(f"no task {', '.join(unknown)}; expected {', '.join(_ARM)}")
+    expected = {task: _hashes_of_card(compare, task) for task in chosen} if compare else {}
+    differing: list[str] = []
+    for task in chosen:
+        files = _make(task, out, episodes, workers)
+        typer.echo(_card(out, task))
+        if compare:
+            names = sorted(name for name, _ in expected[task].items() ^ files.items())
+            differing += [f"{task}/{name}" for name in dict.fromkeys(names)]
+    if differing:
+        typer.echo(f"other hashes than in {compare}: {', '.join(differing)}", err=True)
+        sys.exit(1)
+
+
+def _make(task: str, out: Path, episodes: int, workers: int | None) -> dict[str, str]:
+    """Collects a task's dataset and writes its card; returns the hashes of its files, by name."""
+    domain, seeds = _ARM[task], range(_FIRST_SEED, _FIRST_SEED + episodes)
+    asked = f"--seeds {seeds.start}:{seeds.stop}"
+    command = f"limberjack collect {domain} {task} --policy {_POLICY} {asked}"
+    data.collect(domain, task, _POLICY, seeds, out=out / task, workers=workers, command=command)
+    information = data.inform(data.load(out / task))
+    with replacing(_card(out, task)) as partial:
+        partial.write_text(card_of(information, f"{command} --out DIR"), encoding="utf-8")
+    return information.files
+
+
+def _card(folder: Path, task: str) -> Path:
+    return folder / f"{task}.md"
+
+
+def _hashes_of_card(folder: Path, task: str) -> dict[str, str]:
+    return hashes_in(_card(folder, task).read_text(encoding="utf-8"))
+
+
+if __name__ == "__main__":
+    typer.run(main)
