@@ -117,9 +117,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         name = f"{result['domain']}-{result['task']}-{policy}.json"
         _RESULTS.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(folder / "result.json", _RESULTS / name)
-        picture = unsolved.draw(result) if _is_shown(result) else None
-        if picture is not None:
-            (_IMAGES / _picture_of(result)).write_bytes(png.encode(picture))
+        if not _is_shown(result):
+            continue
+        drawn, picture = _IMAGES / _picture_of(result), unsolved.draw(result)
+        if picture is None:
+            drawn.unlink(missing_ok=True)  # of an earlier result
+        else:
+            drawn.write_bytes(png.encode(picture))
     _PAGE.write_text(page(read_results()), encoding="utf-8")
 
 

@@ -93,6 +93,20 @@ def test_starts_that_the_planner_does_not_solve_are_drawn(
     assert "](images/unsolved-bring_peg.png)" in page
 
 
+def test_no_picture_is_left_of_a_task_whose_starts_are_all_solved(
+    script: Any, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr(script, "_RESULTS", tmp_path)
+    path = _REPOSITORY / "benchmarks/results/scores/stacker-stack_2-planner.json"
+    result = json.loads(path.read_text(encoding="utf-8"))
+    result["episodes"] = [e for e in result["episodes"] if e["success"]]
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    (tmp_path / "unsolved-stack_2.png").write_bytes(b"of an earlier result")
+    script.main([str(tmp_path)])
+    assert not (tmp_path / "unsolved-stack_2.png").exists()
+    assert "unsolved-stack_2" not in (tmp_path / "scores.md").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("path", _RESULTS, ids=lambda path: path.stem)
 def test_the_figures_of_a_committed_result_follow_from_its_episodes(path: Path) -> None:
     result = json.loads(path.read_text(encoding="utf-8"))
