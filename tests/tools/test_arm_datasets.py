@@ -1,5 +1,6 @@
 """The cards of datasets, and the hashes that they list."""
 
+import json
 from pathlib import Path
 
 import arm_datasets
@@ -7,6 +8,8 @@ import pytest
 import typer
 
 from limberjack import data
+
+_RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
 
 
 @pytest.fixture
@@ -47,3 +50,21 @@ def test_an_unknown_task_is_refused_before_anything_is_made(tmp_path: Path) -> N
     with pytest.raises(typer.BadParameter, match="no task bring_box; expected bring_ball, "):
         arm_datasets.main(tmp_path / "out", ["bring_ball", "bring_box"])
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("domain", "task"),
+    [("manipulator", task) for task in ("bring_ball", "bring_peg", "insert_ball", "insert_peg")]
+    + [("stacker", task) for task in ("stack_2", "stack_4")],
+)
+def test_a_committed_card_tells_the_scores_of_the_same_episodes(domain: str, task: str) -> None:
+    card = (_RESULTS / "arm_datasets" / f"{task}.md").read_text(encoding="utf-8")
+    path = _RESULTS / "scores" / f"{domain}-{task}-planner.json"
+    result = json.loads(path.read_text(encoding="utf-8"))
+    summary = result["summary"]["planner"]
+    for start, part in [("all", summary), *summary["strata"].items()]:
+        figures = f"{part['mean']:.1f} | {part['median']:.1f} | {part['successes']}"
+        assert f"| {start} | {part['episodes']} | {figures} |" in card
+    seeds = [episode["seed"] for episode in result["episodes"]]
+    assert f"--seeds {seeds[0]}:{seeds[-1] + 1} " in card
+    assert f"| policy | `{result['policy_sha256']}` |" in card
