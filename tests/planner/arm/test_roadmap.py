@@ -1,5 +1,7 @@
 """Paths of the planar arm around obstacles."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -97,20 +99,42 @@ def test_a_path_does_not_jump_over_a_thin_wall() -> None:
         assert clearance(between, _HELD, wall)[:, 0].min() > 0.0
 
 
-def test_a_search_stops_at_its_budget() -> None:
-    edges = []
+@pytest.fixture
+def edges(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
+    """The edges that searches have asked for."""
+    asked: list[tuple[int, int]] = []
     is_clear = roadmap._Search._is_clear
 
-    def counted(self: roadmap._Search, before: int, node: int) -> bool:
-        edges.append((before, node))
-        return is_clear(self, before, node)
+    def counted(self: roadmap._Search, before: int, node: int, queue: list[Any]) -> bool:
+        asked.append((before, node))
+        return is_clear(self, before, node, queue)
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(roadmap._Search, "_is_clear", counted)
-        assert find_path(_START, _goals(), _HELD, _BEAM, budget=5) is None
-        assert len(edges) == 4  # the start has no edge
-        assert find_path(_START, _goals(), _HELD, _BEAM) is not None
+    monkeypatch.setattr(roadmap._Search, "_is_clear", counted)
+    return asked
+
+
+def test_a_search_stops_at_its_budget(edges: list[tuple[int, int]]) -> None:
+    assert find_path(_START, _goals(), _HELD, _BEAM, budget=5) is None
+    assert len(edges) == 4  # the start has no edge
+    assert find_path(_START, _goals(), _HELD, _BEAM) is not None
     assert 4 < len(edges) - 4 <= 3000
+
+
+def test_a_search_soon_stops_if_no_edge_leads_to_a_goal(
+    edges: list[tuple[int, int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The slot of insert_peg, and poses around a peg that lies beside it.
+    walls = [[[-0.371, 0.163], [-0.37, 0.193]], [[-0.321, 0.161], [-0.32, 0.191]]]
+    slot = Obstacle(np.array([*walls, [[-0.373, 0.123], [-0.323, 0.121]]]), np.full(3, 0.02))
+    start = np.array([1.89, 1.0, -0.49, 0.51])
+    goals = np.array(
+        [[2.3, 0.35, -0.53, -0.06], [2.15, 0.48, -0.27, -0.32], [2.54, -0.44, 0.33, -0.41]]
+    )
+    assert find_path(start, goals, 0.085, slot, close=True) is None
+    early = len(edges)
+    monkeypatch.setattr(roadmap, "_EARLY", 10**6)  # never
+    assert find_path(start, goals, 0.085, slot, close=True) is None
+    assert early < 100 < 1000 < len(edges) - early
 
 
 def test_edges_that_are_checked_together_give_the_path_of_single_ones(

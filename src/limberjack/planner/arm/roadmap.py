@@ -23,8 +23,11 @@ __all__ = ["find_path", "roadmap"]
 
 _MARGIN = 0.008  # metres that the arm keeps from everything
 _AT_ENDS = 80  # neighbours of a path's ends, which may be in a corner
-_AT_ONCE = 16  # edges that are checked together
+_AT_ONCE = 64  # edges that are checked together
+_EARLY = 100  # poses and edges; a search then stops if no edge leads to a goal
 _VIEW = 40  # points of a path; no more are covered within a plan
+
+_Entry = tuple[float, float, int, int]  # least length by way of a node, to it, node, node before
 
 
 def find_path(
@@ -78,30 +81,34 @@ class _Search:
         around = np.random.default_rng(0).uniform(-0.8, 0.8, (64, 4))
         around = now + np.linspace(0.1, 1.0, 64)[:, None] * around
         self._poses = np.concatenate([self._nodes, now[None], goals, around])
-        self._usable = scene.is_free(self._poses)
+        parts = np.array_split(self._poses, 10)  # which fit into the processor's cache
+        self._usable = np.concatenate([scene.is_free(part) for part in parts])
         self._start = len(self._nodes)
         self._goals = range(self._start + 1, self._start + 1 + len(goals))
         self._ends_near: dict[int, list[int]] = {}  # goals and poses nearby, by node
         first = self._start + 1
-        for end in (first + np.flatnonzero(self._usable[first:])).tolist():
-            near = _distance(self._nodes, self._poses[end]).argpartition(_AT_ENDS)[:_AT_ENDS]
+        far = _distance(self._poses, self._poses[first:, None])  # from goals and poses nearby
+        for end in np.flatnonzero(self._usable[first:]).tolist():
+            near = far[end, : self._start].argpartition(_AT_ENDS)[:_AT_ENDS]
             for node in near[self._usable[near]].tolist():
-                self._ends_near.setdefault(node, []).append(end)
-        self._ahead = np.min([_distance(self._poses, goal) for goal in goals], axis=0)
+                self._ends_near.setdefault(node, []).append(first + end)
+        self._ahead = far[: len(goals)].min(axis=0)
         self._clear: dict[tuple[int, int], bool] = {}  # edges that have been checked
-        self._onwards: dict[int, list[int]] = {}  # from poses that were reached, the best first
 
     def run(self, budget: int) -> np.ndarray | None:
         """Poses from start to goal, both included, (n, 4); None if there are none in budget."""
         poses, came = self._poses, dict[int, int]()
         queue = [(float(self._ahead[self._start]), 0.0, self._start, -1)]
+        late = budget - _EARLY
         while queue and budget > 0:
             _, passed, node, before = heapq.heappop(queue)
             if node in came:
                 continue
             budget -= 1
+            if budget == late and self._is_enclosed():
+                return None
             # Only edges that a shortest path may use are checked.
-            if before >= 0 and not self._is_clear(before, node):
+            if before >= 0 and not self._is_clear(before, node, queue):
                 continue
             came[node] = before
             if node in self._goals:
@@ -111,28 +118,31 @@ class _Search:
                 return poses[chain[::-1]]
             others = [n for n in self._beside(node) if self._usable[n] and n not in came]
             lengths = passed + _distance(poses[others], poses[node])
-            found = [
-                (length + float(self._ahead[other]), length, other, node)
-                for other, length in zip(others, lengths.tolist(), strict=True)
-            ]
-            for entry in found:
+            for other, length in zip(others, lengths.tolist(), strict=True):
+                entry = length + float(self._ahead[other]), length, other, node
                 heapq.heappush(queue, entry)
-            self._onwards[node] = [other for _, _, other, _ in sorted(found)]
         return None
 
-    def _is_clear(self, before: int, node: int) -> bool:
+    def _is_enclosed(self) -> bool:
+        """Whether no edge of the roadmap leads to a goal."""
+        for goal in self._goals:
+            begins = self._nodes[[n for n, ends in self._ends_near.items() if goal in ends]]
+            turns = _between(begins, self._poses[goal])
+            if self._scene.are_edges_free(begins, turns).any():
+                return False
+        return True
+
+    def _is_clear(self, before: int, node: int, queue: list[_Entry]) -> bool:
         """Whether an edge is clear.
 
-        The next ones from the same pose are checked with it: NumPy takes hardly longer for many.
+        The next ones in the queue are checked with it: NumPy takes hardly longer for many.
         """
         if (before, node) not in self._clear:
-            others = self._onwards[before]
-            first = others.index(node)
-            ends = [node, *others[first + 1 : first + _AT_ONCE]]
-            turns = _between(self._poses[before], self._poses[ends])
-            begins = np.broadcast_to(self._poses[before], turns.shape)
-            clear = self._scene.are_edges_free(begins, turns).tolist()
-            self._clear.update(((before, end), c) for end, c in zip(ends, clear, strict=True))
+            edges = [(b, n) for _, _, n, b in queue[:_AT_ONCE] if (b, n) not in self._clear]
+            edges.append((before, node))
+            begins, ends = self._poses[np.transpose(edges)]
+            clear = self._scene.are_edges_free(begins, _between(begins, ends))
+            self._clear.update(zip(edges, clear.tolist(), strict=True))
         return self._clear[before, node]
 
     def _beside(self, node: int) -> list[int]:
