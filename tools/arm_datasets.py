@@ -4,7 +4,7 @@
     python tools/arm_datasets.py bring_ball --out again --compare arm
 
 The episodes of a task go to a folder of its name, and its card beside it, such as bring_ball.md. An
-episode takes about 20 core-seconds, so a task about half an hour of one core; a killed run
+episode takes 10 to 20 core-seconds, so a task up to half an hour of one core; a killed run
 continues. A card names returns, versions, licence, command and hashes. With --compare the run ends
 with status 1 unless the files have the hashes that the cards in another folder list.
 """
@@ -97,8 +97,8 @@ def main(
         files = _make(task, out, episodes, workers)
         typer.echo(_card(out, task))
         if compare:
-            names = sorted(name for name, _ in expected[task].items() ^ files.items())
-            differing += [f"{task}/{name}" for name in dict.fromkeys(names)]
+            names = {name for name, _ in expected[task].items() ^ files.items()}
+            differing += [f"{task}/{name}" for name in sorted(names)]
     if differing:
         typer.echo(f"other hashes than in {compare}: {', '.join(differing)}", err=True)
         sys.exit(1)
