@@ -30,6 +30,11 @@ class Pendulum(Cost):
             "reward": 1.0 - self.task.get_reward(physics),
         }
 
+    def proposals(self, physics: AnyPhysics, random: np.random.Generator) -> np.ndarray:
+        """Plans around the pole's angle: without limits, targets can drift out of reach."""
+        noise = random.normal(scale=self.settings.noise, size=(24, self.settings.knots, 1))
+        return physics.position() + noise
+
 
 class Cartpole(Cost):
     """The poles' missing height, their speed where they are up, and the cart's distance."""
