@@ -1,7 +1,5 @@
 """Paths of the planar arm around obstacles."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -105,7 +103,7 @@ def edges(monkeypatch: pytest.MonkeyPatch) -> list[tuple[int, int]]:
     asked: list[tuple[int, int]] = []
     is_clear = roadmap._Search._is_clear
 
-    def counted(self: roadmap._Search, before: int, node: int, queue: list[Any]) -> bool:
+    def counted(self: roadmap._Search, before: int, node: int, queue: list[roadmap._Entry]) -> bool:
         asked.append((before, node))
         return is_clear(self, before, node, queue)
 
