@@ -47,6 +47,8 @@ _Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None 
 class BatchEnvironment:
     """Episodes of a task on a batch of simulations; see the module's docstring."""
 
+    # The reason why rows are not vectorised: none, as these are. See `Batch`.
+    why_rows: str | None = None
     registration: object = None  # see `control.Environment`
     _name = ""  # see `control.Environment`
 
@@ -300,6 +302,10 @@ class BatchEnvironment:
         """The spec of the actions of all rows, (num_envs, ...)."""
         return self._action_spec
 
+    def single_action_spec(self) -> specs.BoundedArray:
+        """The spec of one row's action."""
+        return self._task.action_spec(self._replicas.single)
+
     def observation_spec(self) -> Mapping[str, specs.Array]:
         """The specs of the observations of all rows, (num_envs, ...) each."""
         with arrays.rows_of_a_batch(self.num_envs):
@@ -332,6 +338,18 @@ class BatchEnvironment:
     def timed_out(self) -> np.ndarray:
         """Mask of rows whose last step reached the time limit, (num_envs,)."""
         return self._begins & self._counter.at_limit & ~self.diverged
+
+    @property
+    def success(self) -> np.ndarray | None:
+        """Whether each row reached the goal in the last step, (num_envs,); None without a goal."""
+        if not self.reward_terms or not getattr(self._task, "GOAL", ()):
+            return None  # tasks need not be subclasses of `base.Task`
+        return self._task.is_success(self.reward_terms)  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def name(self) -> str:
+        """The task's name, such as 'humanoid:walk'; its class's for a task outside the suite."""
+        return self._name or type(self._task).__name__
 
     def control_timestep(self) -> float:
         """Time between two actions, seconds."""

@@ -11,11 +11,14 @@ import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Generic, Protocol, TypeVar
 
+import dm_env
 import numpy as np
+from dm_env import specs
 
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
+    "Batch",
     "Drawn",
     "Nested",
     "Observation",
@@ -220,3 +223,107 @@ class Task(abc.ABC, Generic[_Physics]):
     def observation_spec(self, physics: _Physics) -> Nested:
         """Spec of the observation; by default it is derived from an observation."""
         raise NotImplementedError(f"{type(self).__name__} does not define observation_spec")
+
+
+class Batch(Protocol):
+    """Many episodes of a task in lockstep, of either kind.
+
+    `rl.batch.BatchEnvironment` is vectorised: the task's code runs once for all rows.
+    `rl.rows.RowsEnvironment` consists of complete single environments. Their users know only this
+    interface. `rows` are sorted row numbers or a mask of (num_envs,); None for all.
+    """
+
+    num_envs: int
+    first_row: int  # number of the first row in messages; not 0 for the half of a batch
+    registration: object  # the suite's record of the domain; see `control.Environment`
+    step_limit: float  # steps per episode; infinite without a limit
+    diverged: np.ndarray  # mask of rows that diverged in the last step, (num_envs,)
+    reward_terms: dict[str, Quantity]  # of the last step, (num_envs,) each, by name
+    randomization: dict[str, np.ndarray]  # values drawn for the rows' episodes, by field
+
+    @property
+    def why_rows(self) -> str | None:
+        """The reason why the task is not vectorised, with the change to make; None if it is."""
+        ...
+
+    @property
+    def name(self) -> str:
+        """The task's name."""
+        ...
+
+    # Any: `rl.pixels.Pixels`, whose module imports this one.
+    @property
+    def pixels(self) -> Any:
+        """Options of the pixel observations; None without them."""
+        ...
+
+    @property
+    def begins(self) -> np.ndarray:
+        """Mask of rows whose next step begins an episode, (num_envs,)."""
+        ...
+
+    @property
+    def timed_out(self) -> np.ndarray:
+        """Mask of rows whose last step was truncated, (num_envs,)."""
+        ...
+
+    @property
+    def success(self) -> np.ndarray | None:
+        """Whether each row reached the goal in the last step, (num_envs,); None without a goal."""
+        ...
+
+    def reset(
+        self,
+        ids: Sequence[int] | np.ndarray | None = None,
+        seeds: Sequence[int | None] | None = None,
+    ) -> dm_env.TimeStep:
+        """Begins an episode in rows; returns the time step of all rows."""
+        ...
+
+    def restart(self) -> None:
+        """Makes every row begin an episode with the next step."""
+        ...
+
+    def step(self, actions: Nested) -> dm_env.TimeStep:
+        """Applies an action in every row; rows whose episode has ended begin one instead."""
+        ...
+
+    # Any: `rl.snapshot.Snapshot`, whose module imports this one.
+    def snapshot(self, rows: Sequence[int] | np.ndarray | None = None) -> Any:
+        """Everything that the future of rows depends on."""
+        ...
+
+    def restore(
+        self, snapshot: Any, rows: Sequence[int] | np.ndarray | None = None
+    ) -> None:  # as above
+        """Continues rows from a snapshot."""
+        ...
+
+    def copy_row(self, source: int, target: int) -> None:
+        """Makes row `target` a copy of row `source`."""
+        ...
+
+    # Any: each keyword has its own type.
+    def render(self, rows: Sequence[int] | np.ndarray | None = None, **kwargs: Any) -> np.ndarray:
+        """Pictures of rows, (n, height, width, 3) uint8."""
+        ...
+
+    def control_timestep(self) -> float:
+        """Time between two actions, seconds."""
+        ...
+
+    def action_spec(self) -> specs.BoundedArray:
+        """The spec of the actions of all rows, (num_envs, ...)."""
+        ...
+
+    def single_action_spec(self) -> specs.BoundedArray:
+        """The spec of one row's action."""
+        ...
+
+    def observation_spec(self) -> Mapping[str, specs.Array]:
+        """The specs of the observations of all rows, (num_envs, ...) each."""
+        ...
+
+    def close(self) -> None:
+        """Frees the rows; may be called repeatedly."""
+        ...

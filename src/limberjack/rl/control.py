@@ -231,6 +231,16 @@ class Environment(dm_env.Environment):
         return self._reset_next_step and self._step_count >= self._step_limit
 
     @property
+    def success(self) -> bool | None:
+        """Whether the last step reached the goal; None for a task without a goal."""
+        task, terms = self._task, self.reward_terms
+        if not terms or not getattr(
+            task, "GOAL", ()
+        ):  # tasks need not be subclasses of `base.Task`
+            return None
+        return bool(task.is_success(terms))  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
     def step_limit(self) -> int | None:
         """Steps per episode; None without a limit."""
         return math.ceil(self._step_limit) if math.isfinite(self._step_limit) else None
