@@ -76,7 +76,14 @@ def _maps_actions(task: Task) -> bool:
 
 def _problem(task: Task, physics: Physics, spec: specs.BoundedArray) -> str | None:
     """The problem with actions of the spec, as part of a sentence; None if there is none."""
-    effect = _effect(task, physics)
+    stream = np.random.get_state()
+    try:
+        return _problem_of(spec, _effect(task, physics))
+    finally:
+        np.random.set_state(stream)
+
+
+def _problem_of(spec: specs.BoundedArray, effect: Callable[[np.ndarray], bytes]) -> str | None:
     low, high = bounds_to_try(spec)
     action = (0.6 * low + 0.4 * high).astype(spec.dtype)
     shape = f"an action of the inherited spec, {spec.shape},"

@@ -15,12 +15,13 @@ reset is interrupted by divergence, Ctrl-C or an error in the task, the next ste
 This module does not depend on MuJoCo; the suite uses `limberjack.mujoco.Physics`.
 """
 
+import copy
 import functools
 import math
 import numbers
 from collections.abc import Mapping
 from threading import get_ident
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import dm_env
 import numpy as np
@@ -28,7 +29,9 @@ from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
+from limberjack.rl.copies import check_copies, copied, difference, exact_copies
 from limberjack.rl.guards import OneUser, at_least_one
+from limberjack.rl.memory import put_back, remembered
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
@@ -40,6 +43,7 @@ from limberjack.rl.streams import stream_of
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
+    "ATTRIBUTES",
     "FLAT_OBSERVATION_KEY",
     "Environment",
     "Physics",
@@ -48,6 +52,15 @@ __all__ = [
     "compute_n_steps",
     "flatten_observation",
 ]
+
+# The attributes of a plain environment; a subclass or its user may add others.
+ATTRIBUTES = frozenset(
+    [
+        *("_closed", "_draws", "_flat_observation", "_frames", "_n_sub_steps", "_name"),
+        *("_physics", "_randomizer", "_reset_next_step", "_seeded", "_step_count", "_step_limit"),
+        *("_task", "_use", "randomization", "registration", "reward_terms"),
+    ]
+)
 
 
 class Environment(dm_env.Environment):
@@ -166,7 +179,7 @@ class Environment(dm_env.Environment):
             use.refuse(thread)
         try:
             if self._reset_next_step:
-                return self._begin()
+                return self.reset()  # a subclass may define another one, as in dm_control
             physics, task = self._physics, self._task
             self._check_action(action)
             task.before_step(action, physics)
@@ -198,7 +211,10 @@ class Environment(dm_env.Environment):
         try:
             spec = self._task.observation_spec(self._physics)
         except NotImplementedError:
+            # An observation is computed only for its form: the task must not remember it.
+            memory = remembered(self._task, self._physics)
             spec = specs_of(self._observe(draws=False))
+            put_back(memory, self._task, self._physics)
         return spec if self._frames is None else self._frames.spec_with(spec)
 
     @property
@@ -252,12 +268,21 @@ class Environment(dm_env.Environment):
         self._task._random, self._seeded = stream, (stream, seed)
 
     def snapshot(self) -> Snapshot:
-        """Everything that the environment's future depends on; see `limberjack.rl.snapshot`."""
+        """Everything that the environment's future depends on; see `limberjack.rl.snapshot`.
+
+        Raises:
+          TypeError: the task, or an environment with methods or attributes of its own, keeps
+            something that cannot be copied.
+        """
         self._check_open()
+        if difference(self) is not None:
+            check_copies(self)
+            return Snapshot.of_copy(copied(self), self.registration, self._name)
         with self._use:
             streams = [stream_of(self._task).get_state()]
             if self._randomizer is not None:
                 streams.append(self._draw_stream().get_state())
+            memory = remembered(self._task, self._physics)
             return Snapshot(
                 self._origin(),
                 self._simulated.simulation.save(None, self._saved_fields()),
@@ -267,10 +292,14 @@ class Environment(dm_env.Environment):
                 {} if self._frames is None else self._frames.save(None),
                 self.registration,
                 self._name,
+                [memory] if memory else [],
             )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Continues from a snapshot, bit for bit.
+
+        An environment with methods or attributes of its own becomes the saved one, with another
+        `physics` and `task`.
 
         Raises:
           ValueError, TypeError: it is not a snapshot of one environment of this task, model and
@@ -279,6 +308,13 @@ class Environment(dm_env.Environment):
         """
         own = self.snapshot()
         as_snapshot(snapshot).check(own.origin, size=1)
+        snapshot.check_copies(own)
+        if snapshot.copies:
+            kept = copied(snapshot.copies[0])
+            with self._use:
+                vars(self).clear()
+                vars(self).update(vars(kept))
+            return
         snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
         snapshot.check_length(self._step_limit)
         with self._use:
@@ -292,19 +328,40 @@ class Environment(dm_env.Environment):
                 self.randomization = {name: saved[name][0] for name in self._randomizer.fields}
             if self._frames is not None:
                 self._frames.load(snapshot.frames, None)
+            if snapshot.memory:
+                put_back(snapshot.memory[0], self._task, self._physics)
             self._step_count = int(snapshot.step_count[0])
             self._reset_next_step = bool(snapshot.begins[0])
+
+    def present_observation(self) -> Mapping[str, Quantity]:
+        """The observation of the present state, computed again; the task does not remember it."""
+        memory = remembered(self._task, self._physics)
+        observation = self._task.get_observation(self._physics)
+        put_back(memory, self._task, self._physics)
+        if self._flat_observation:
+            observation = flatten_observation(observation)
+        if self._frames is None:
+            return observation
+        return self._frames.observe(self._simulated, observation, is_step=False)
 
     def __repr__(self) -> str:
         return represented(self, of_environment(self))
 
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
+        exact_copies(self, memo)
+        new = type(self).__new__(type(self))
+        memo[id(self)] = new
+        kept = {name: value for name, value in vars(self).items() if name != "_use"}
+        vars(new).update(copy.deepcopy(kept, memo))
+        return new
+
     def __getstate__(self) -> dict[str, object]:
         """State for an equal environment with the same current quantities."""
         kept = {name: value for name, value in vars(self).items() if name != "_use"}
-        if self._closed or not hasattr(self._physics, "become"):
+        if self._closed or not hasattr(kept.get("_physics"), "become"):
             return kept
         # Unlike dm_control's copy of a physics, this keeps the solver's warm start.
-        physics = kept.pop("_physics")
+        physics = cast(Any, kept.pop("_physics"))
         return {**kept, "exact": (type(physics), physics.__getstate__())}
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # attributes, each with its own type
