@@ -159,7 +159,8 @@ class BatchEnvironment:
         guards.check_memory(num_envs, env.physics.simulation.save(None, fields).values())
         task = _copy_of(env)
         if getattr(task, "visualize_reward", False):
-            task.visualize_reward = False  # the rows share the colours of materials
+            # The rows share the colours of materials. (Only `base.Task` has the attribute.)
+            task.visualize_reward = False  # pyright: ignore[reportAttributeAccessIssue]
         how = env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence
         replicas = env.physics.replicate(num_envs, threads_for(num_threads, num_envs, env), fields)
         batch = cls(replicas, task, *how, randomizer=env._randomizer, pixels=env.pixels)

@@ -235,9 +235,11 @@ class _Trial:
             rows.simulation.set_fields(randomizer.draw(stream_beside(stream)), row)
         with rows.episode(row) as one:
             values = self._values(one)
+            np.random.set_state(self._stream_state)
             with Watch(task, one) as watch:
                 task.initialize_episode(one)  # pyright: ignore[reportArgumentType]
                 self._check_memory(watch, "initialize_episode")
+            self._check_global_stream("initialize_episode")
             self._check_model(one, values, "as an episode begins")
         return one, values
 
@@ -407,15 +409,19 @@ class _Trial:
         if watch is None:
             return
         self._check_memory(watch, hook)
-        stream = None
         if not _is_same_state(self._stream.get_state(), self._stream_state):
-            stream = "the task's random stream"
-        elif not _is_same_state(np.random.get_state(), self._stream_state):
-            stream = "NumPy's global random stream"
-        if stream is not None:
             raise NotVectorised(
-                f"task {self._name} draws from {stream} in {hook}, and all rows of a vectorised "
-                "batch would get one draw: draw in initialize_episode, or play rows"
+                f"task {self._name} draws from the task's random stream in {hook}, and all rows of "
+                "a vectorised batch would get one draw: draw in initialize_episode"
+            )
+        self._check_global_stream(hook)
+
+    def _check_global_stream(self, hook: str) -> None:
+        """Raises NotVectorised if a hook has drawn from NumPy's global stream."""
+        if not _is_same_state(np.random.get_state(), self._stream_state):
+            raise NotVectorised(
+                f"task {self._name} draws from NumPy's global random stream in {hook}, which all "
+                "rows share: draw from self.random in initialize_episode"
             )
 
     def _check_memory(self, watch: Watch, hook: str) -> None:

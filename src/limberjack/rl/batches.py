@@ -27,7 +27,7 @@ from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.log import log
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["batch_of"]
+__all__ = ["batch_of", "vectorisable"]
 
 
 def batch_of(
@@ -83,6 +83,22 @@ def batch_of(
             log.info("not vectorised: %s", why)
         build = Build.of(environment_or_build)
         return RowsEnvironment(build, num_envs, num_threads, first, on_divergence, contexts, why)
+
+
+def vectorisable(env: object) -> Environment:
+    """The environment itself, for code that does not play rows.
+
+    Raises:
+      ValueError: it has methods or attributes of its own, or its task cannot be vectorised, as one
+        that remembers something between steps.
+    """
+    check_plain(env)
+    assert isinstance(env, Environment)
+    try:
+        BatchEnvironment.from_environment(env, 1, 1, seed=0).close()
+    except NotVectorised as reason:
+        raise ValueError(f"{reason.args[0]}; evaluate() and batches play such tasks") from reason
+    return env
 
 
 def _single(given: dm_env.Environment | Make | Build, seed: int) -> Environment:

@@ -13,6 +13,7 @@ belong to it are drawn again, and what its task remembers is put back. Any other
 
 import copy
 from collections.abc import Callable, Mapping
+from typing import cast
 
 import dm_env
 import numpy as np
@@ -23,7 +24,7 @@ from limberjack.rl.copies import check_copies, control_of, copied, difference
 from limberjack.rl.memory import Memory, attributes_of, put_back, remembered
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["Build", "Make", "Seeded", "is_stable"]
+__all__ = ["Build", "Make", "Seeded", "is_reproducible", "is_stable"]
 
 # Makes an environment whose first episode is that of its seed.
 Make = Callable[..., dm_env.Environment]
@@ -71,7 +72,8 @@ class Build:
                 f"got {given!r}; expected a dm_env.Environment or a function build(seed) that "
                 "makes one"
             )
-        return cls(given, getattr(given, "__qualname__", type(given).__name__))
+        make = cast(Make, given)  # `make` checks what it returns
+        return cls(make, getattr(given, "__qualname__", type(given).__name__))
 
     @property
     def copies(self) -> bool:
@@ -165,25 +167,41 @@ class Seeded:
 
 
 def is_stable(build: Build, seed: int) -> bool:
-    """Whether environments of two seeds differ in their seed only.
+    """Whether an environment that is given another seed equals one that is made with it.
 
-    The model, the attributes of the task, the time limit and the control step are compared.
+    The model, the attributes of the task, the time limit and the control step of two environments
+    are compared, and their first episodes' starts. False for environments that are not plain.
     """
     if build.copies:
         return True
-    one, other = build.make(seed), build.make(seed + _OTHER_SEED if seed else _OTHER_SEED)
+    another = seed - _OTHER_SEED if seed else seed + _OTHER_SEED
+    one, other = build.make(seed), build.make(another)
     try:
-        return _settings(one) == _settings(other)
+        if difference(one) is not None or difference(other) is not None:
+            return False
+        assert isinstance(one, Environment)
+        assert isinstance(other, Environment)
+        if _settings(one) != _settings(other):
+            return False
+        one.reseed(another)
+        return _start(one) == _start(other)
     finally:
         one.close()
         other.close()
 
 
-def _settings(env: dm_env.Environment) -> object:
-    inner = control_of(env)
-    if not isinstance(inner, Environment):
-        return type(env)
-    task, physics = inner.task, inner.physics
+def is_reproducible(build: Build, seed: int) -> bool:
+    """Whether two environments that are made with one seed begin with the same observation."""
+    starts = []
+    for _ in range(2):
+        env = build.make(seed)
+        starts.append(_start(env))
+        env.close()
+    return starts[0] == starts[1]
+
+
+def _settings(env: Environment) -> object:
+    task, physics = env.task, env.physics
     numbers = None
     if hasattr(physics, "simulation"):
         varying = tuple(getattr(task, "EPISODE_FIELDS", ()))
@@ -195,4 +213,12 @@ def _settings(env: dm_env.Environment) -> object:
         for name, value in attributes_of(task).items()
         if isinstance(value, comparable)
     }
-    return type(env), type(task), inner._step_limit, inner.control_timestep(), attributes, numbers
+    return type(task), env._step_limit, env.control_timestep(), attributes, numbers
+
+
+def _start(env: dm_env.Environment) -> object:
+    observation: object = env.reset().observation
+    named = observation if isinstance(observation, Mapping) else {"": observation}
+    get_state = getattr(getattr(control_of(env), "physics", None), "get_state", None)
+    state = b"" if get_state is None else get_state().tobytes()
+    return state, {name: np.asarray(value).tobytes() for name, value in named.items()}

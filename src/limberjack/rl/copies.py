@@ -15,7 +15,7 @@ import functools
 import random
 import types
 from collections.abc import Iterator, Mapping
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import dm_env
 import numpy as np
@@ -112,7 +112,7 @@ def exact_copies(env: object, memo: dict[int, object]) -> None:
     warm start.
     """
     for _, value in _reachable(env):
-        kind = type(value)
+        kind: Any = type(value)  # a Physics, whose module imports this one
         if hasattr(kind, "become") and "_simulation" in vars(value) and id(value) not in memo:
             memo[id(value)] = twin = kind.__new__(kind)
             twin.become(copy.deepcopy(value.__getstate__(), memo))

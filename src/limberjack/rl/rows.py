@@ -29,7 +29,7 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl import guards
-from limberjack.rl.action_specs import bounded_spec, bounds_to_try
+from limberjack.rl.action_specs import bounds_to_try, spec_of
 from limberjack.rl.builds import Build, Make, Seeded, is_stable
 from limberjack.rl.contract import Nested, PhysicsError
 from limberjack.rl.control import Environment
@@ -45,7 +45,7 @@ from limberjack.utils.cores import usable_cores
 from limberjack.utils.log import log
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["RowsEnvironment"]
+__all__ = ["RowsEnvironment", "draws_globally"]
 
 _Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
 
@@ -110,7 +110,7 @@ class RowsEnvironment:
         self._control_timestep = trial.control_timestep
         self._threads = RowThreads(self.num_envs, threads)
         self._use = guards.OneUser("batch")
-        stable = self.num_envs == 0 or is_stable(self._build, first)
+        stable = is_stable(self._build, first) if contexts == [{}] * self.num_envs else True
         self._seeds: list[int | None] = list(range(first, first + self.num_envs))
         self._rows: list[Seeded] = []
         for row, context in enumerate(contexts):
@@ -565,8 +565,10 @@ class _Step:
         if step_type == _LAST:
             seeded = self._batch._rows[row]
             env = seeded.environment
-            by_itself = seeded.is_plain and isinstance(env, Environment)
-            self.timed_out[row] = env.timed_out if by_itself else self.discount[row] == 1.0
+            if seeded.is_plain and isinstance(env, Environment):
+                self.timed_out[row] = env.timed_out
+            else:
+                self.timed_out[row] = self.discount[row] == 1.0
         given = self._batch._as_mapping(observation)
         if given.keys() != self.observation.keys():
             raise ValueError(
@@ -594,9 +596,10 @@ class _Step:
     def _number(what: str, value: object) -> float:
         if isinstance(value, float):
             return value
-        if value is None or np.ndim(value) or not np.issubdtype(np.asarray(value).dtype, np.number):
+        number = np.asarray(value)
+        if number.ndim or number.dtype.kind not in "fiub":
             raise TypeError(f"the {what} of a step is {value!r}; expected a number")
-        return float(value)  # pyright: ignore[reportArgumentType] (a number, as checked)
+        return number.item()
 
 
 class _Trial:
@@ -608,7 +611,7 @@ class _Trial:
         env = build.make(seed, context)
         try:
             self._check_memory(env, num_envs)
-            self.action_spec = _action_spec(env)
+            self.action_spec = spec_of(env)
             spec: Any = env.observation_spec()  # a spec or a mapping of specs
             self.is_mapping = isinstance(spec, Mapping)
             named = spec if self.is_mapping else {FLAT_OBSERVATION_KEY: spec}
@@ -619,7 +622,7 @@ class _Trial:
                 )
             self.observation_spec: Mapping[str, specs.Array] = collections.OrderedDict(named)
             self.control_timestep = _control_timestep(env)
-            self.draws_globally = _draws_globally(env, self.action_spec)
+            self.draws_globally = draws_globally(env, self.action_spec)
         finally:
             env.close()
 
@@ -654,25 +657,14 @@ class _Trial:
         guards.check_memory(num_envs, simulation.save(None, ()).values(), more)
 
 
-def _action_spec(env: dm_env.Environment) -> specs.BoundedArray:
-    """The spec of an environment's actions; raises TypeError unless it is one bounded array."""
-    if type(env) is Environment:
-        return bounded_spec(env.task, env.physics)
-    spec = env.action_spec()
-    if not isinstance(spec, specs.BoundedArray):
-        raise TypeError(
-            f"action_spec of {type(env).__name__} is {spec!r}; expected a "
-            "dm_env.specs.BoundedArray, which batches rely on"
-        )
-    return spec
-
-
-def _draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | None:
+def draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | None:
     """The global random stream that a few steps of an environment draw from, if there is one.
 
-    The streams are put back. An error of the environment is not raised here, but by the row.
+    A stream in an attribute of a class counts. The streams are put back. An error of the
+    environment is not raised here, but by the row.
     """
-    numpy_before, python_before = np.random.get_state(), random.getstate()
+    streams = _shared_streams(env)
+    before = {name: _state(one) for name, one in streams.items()}
     stream = np.random.RandomState(0)
     low, high = bounds_to_try(spec)
     try:
@@ -681,15 +673,43 @@ def _draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | 
             env.step(stream.uniform(low, high, spec.shape).astype(spec.dtype))
     except Exception as error:  # of any class: it is the user's code
         log.debug("the trial of %s ended early: %r", type(env).__name__, error)
-    numpy_after, python_after = np.random.get_state(), random.getstate()
-    np.random.set_state(numpy_before)
-    random.setstate(python_before)
-    if not _is_same_state(numpy_before, numpy_after):
-        return "NumPy's global stream"
-    return "the stream of the module random" if python_before != python_after else None
+    drawn = [n for n, one in streams.items() if not _is_same_state(before[n], _state(one))]
+    for name in drawn:
+        _set_state(streams[name], before[name])
+    return drawn[0] if drawn else None
 
 
-def _is_same_state(one: Any, other: Any) -> bool:  # results of `np.random.get_state`
+def _shared_streams(env: dm_env.Environment) -> dict[str, Any]:
+    """The streams that environments of one class share, by name."""
+    found: dict[str, Any] = {"NumPy's global stream": np.random, "the stream of random": random}
+    inner = control_of(env)
+    for one in (env, inner, getattr(inner, "_task", None), getattr(inner, "_physics", None)):
+        for cls in type(one).__mro__:
+            for name, value in vars(cls).items():
+                if isinstance(value, np.random.RandomState | random.Random | np.random.Generator):
+                    found[f"{cls.__name__}.{name}"] = value
+    return found
+
+
+# Any: streams of NumPy and of Python, and their states.
+def _state(stream: Any) -> Any:
+    if isinstance(stream, np.random.Generator):
+        return stream.bit_generator.state
+    return stream.getstate() if hasattr(stream, "getstate") else stream.get_state()
+
+
+def _set_state(stream: Any, state: Any) -> None:
+    if isinstance(stream, np.random.Generator):
+        stream.bit_generator.state = state
+    elif hasattr(stream, "setstate"):
+        stream.setstate(state)
+    else:
+        stream.set_state(state)
+
+
+def _is_same_state(one: Any, other: Any) -> bool:
+    if isinstance(one, dict):
+        return str(one) == str(other)
     return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
