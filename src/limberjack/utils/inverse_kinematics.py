@@ -82,7 +82,7 @@ def qpos_from_site_pose(
         then updated. By default it is unchanged.
 
     Returns:
-      An `IKResult`, also if the search failed. Its `qpos` is a copy, or if `inplace` the live array.
+      An `IKResult`, also if the search failed. Its `qpos` is a copy; if `inplace`, the live array.
 
     Raises:
       ValueError: no target, a position of another shape, joints in another type or none,
@@ -103,7 +103,7 @@ def qpos_from_site_pose(
         physics = physics.copy(share_model=True)
     search = _Search(physics, site, target_pos, target_quat, rot_weight)
     error, step = np.float64(np.inf), 0
-    for step in range(max_steps):
+    for step in range(max_steps):  # noqa: B007, since it is returned
         error = search.error()
         if error < tol:
             break

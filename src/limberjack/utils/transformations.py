@@ -187,21 +187,18 @@ def _check_matrix(rmat: np.ndarray) -> None:
         raise IndexError(f"rmat has shape {shape}; expected (3, 3) or (4, 4)")
 
 
-def _three_axes_to_euler(
-    rmat: np.ndarray, axes: tuple[int, int, int], reads_last_row: bool
-) -> np.ndarray:
+def _three_axes_to_euler(rmat: np.ndarray, ordering: str) -> np.ndarray:
     """Angles a, b, c of R_i(a) R_j(b) R_k(c), for three different axes i, j and k.
 
-    At b = 90 and -90 degrees, where only the sum or difference of a and c is determined, a is 0
-    and c is read from row j, or from row k if `reads_last_row`.
+    At b = 90 and -90 degrees, where only the sum or difference of a and c is determined, a is 0.
     """
-    i, j, k = axes
+    i, j, k = map("XYZ".index, ordering)
     sign = 1.0 if (j - i) % 3 == 1 else -1.0  # that of the permutation
     sine = rmat[i, k]  # times sign
     if sine > _POLE or sine < -_POLE:
         log.warning("Euler angles are ambiguous: the first one is taken as 0")
         middle = sign * np.pi / 2 if sine > 0 else -sign * np.pi / 2
-        if reads_last_row:
+        if ordering in ("ZYX", "XZY", "YZX"):
             # As dm_control; where `sine` is positive, c is off by pi.
             last = -sign * np.arctan2(rmat[k, j], rmat[k, i])
         else:
@@ -225,12 +222,8 @@ def _xyx_to_euler(rmat: np.ndarray) -> np.ndarray:
 
 # dm_control's name, and its order of keys.
 _eulermap = {
-    ordering: functools.partial(
-        _three_axes_to_euler,
-        axes=tuple(map("XYZ".index, ordering)),
-        reads_last_row=ordering in ("ZYX", "XZY", "YZX"),
-    )
-    if ordering != "XYX"
+    ordering: functools.partial(_three_axes_to_euler, ordering=ordering)
+    if len(set(ordering)) == 3
     else _xyx_to_euler
     for ordering in ("XYZ", "XYX", "ZYX", "XZY", "YZX", "ZXY", "YXZ")
 }
@@ -267,9 +260,9 @@ def quat_mul(quat1: np.ndarray, quat2: np.ndarray) -> np.ndarray:
       IndexError: `quat1` has fewer than four components.
       ValueError: `quat2` has not four, or the leading axes do not fit together.
     """
-    for name, quat in (("quat1", quat1), ("quat2", quat2)):
-        _require_array(name, quat, TypeError)
+    _require_array("quat1", quat1, TypeError)
     left = _quaternion(quat1, "quat1")[..., _LEFT_COMPONENT] * _LEFT_SIGN
+    _require_array("quat2", quat2, TypeError)
     if quat2.ndim and quat2.shape[-1] != 4:
         raise ValueError(f"quat2 has shape {quat2.shape}; expected (..., 4)")
     return (left @ quat2[..., None])[..., 0]
@@ -363,17 +356,17 @@ def quat_to_mat(quat: ArrayLike) -> np.ndarray:
       IndexError: fewer than four components.
       ValueError: several quaternions.
     """
-    quat = np.array(quat, dtype=np.float64)
-    if quat.ndim > 1:
-        raise ValueError(f"quat has shape {quat.shape}; expected one quaternion, (4,)")
-    squared_norm = np.dot(quat, quat)
+    array = np.array(quat, dtype=np.float64)
+    if array.ndim > 1:
+        raise ValueError(f"quat has shape {array.shape}; expected one quaternion, (4,)")
+    squared_norm = np.dot(array, array)
     transform = np.identity(4)
     if squared_norm < _TOLERANCE:
         return transform
-    if quat.size < 4:
-        raise IndexError(f"quat has shape {quat.shape}; expected one quaternion, (4,)")
-    quat *= np.sqrt(2.0 / squared_norm)
-    doubled = np.outer(quat, quat)[:4, :4]  # twice the products of two components
+    if array.size < 4:
+        raise IndexError(f"quat has shape {array.shape}; expected one quaternion, (4,)")
+    array *= np.sqrt(2.0 / squared_norm)
+    doubled = np.outer(array, array)[:4, :4]  # twice the products of two components
     real, squares = doubled[0, 1:], doubled.diagonal()[1:]
     rotation = transform[:3, :3]
     rotation[:] = doubled[1:, 1:]
