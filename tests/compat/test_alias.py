@@ -38,7 +38,7 @@ IMPORTED = {
     "dm_control.suite.wrappers.action_noise": ["Wrapper"],
     "dm_control.suite.wrappers.action_scale": ["Wrapper"],
     "dm_control.suite.wrappers.pixels": ["Wrapper"],
-    "dm_control.utils": ["containers", "inverse_kinematics", "io", "rewards", "transformations"],
+    "dm_control.utils": ["containers", "io", "rewards", "xml_tools", "transformations"],
     "dm_control.utils.containers": ["TaggedTasks"],
     "dm_control.utils.inverse_kinematics": ["qpos_from_site_pose", "IKResult"],
     "dm_control.utils.io": ["GetResource"],

@@ -23,7 +23,7 @@ _PUBLIC = [
 ]
 _ORDERINGS = ["XYZ", "XYX", "ZYX", "XZY", "YZX", "ZXY", "YXZ"]
 _ALL_ORDERINGS = ["".join(letters) for letters in itertools.product("XYZ", repeat=3)]
-_RIGHT_ANGLES = [0.0, np.pi / 2, -np.pi / 2, np.pi, -np.pi, 0.3]
+_RIGHT_ANGLES = [0.0, np.pi / 2, -np.pi / 2, np.pi, 0.3]
 
 
 def _agree(name: str, *args: Any, **kwargs: Any) -> None:
@@ -115,7 +115,7 @@ def test_tolerances_are_used_alike(name: str, tol: float) -> None:
 def test_functions_of_two_quaternions_are_the_same(name: str) -> None:
     random = np.random.RandomState(2)
     every: list[Any] = [*_OTHER_KINDS, *_BATCHES, *_WRONG]
-    every += [_QUATERNIONS[i] for i in random.randint(len(_QUATERNIONS), size=200)]
+    every += [_QUATERNIONS[i] for i in random.randint(len(_QUATERNIONS), size=80)]
     for first in every:
         for second in [first, *(every[i] for i in random.randint(len(every), size=8))]:
             _agree(name, first, second)
@@ -138,7 +138,7 @@ def test_euler_angles_of_all_orderings_are_the_same_at_right_angles_and_elsewher
 ) -> None:
     random = np.random.RandomState(4)
     vectors = [np.array(angles) for angles in itertools.product(_RIGHT_ANGLES, repeat=3)]
-    vectors += list(random.uniform(-7, 7, (100, 3)))
+    vectors += list(random.uniform(-7, 7, (40, 3)))
     vectors += [vector.astype(np.float32) for vector in vectors[::5]]
     for vector in vectors:
         _agree("euler_to_rmat", vector, ordering)

@@ -79,7 +79,7 @@ def test_the_first_angle_is_zero_where_the_others_are_ambiguous(
         assert np.allclose(again, rmat, atol=1e-12) != is_off
 
 
-def test_orders_are_found_for_turns_about_the_first_axis_alone() -> None:
+def test_turns_about_x_alone_have_the_sign_that_dm_control_gives_them() -> None:
     # dm_control's sign of the first angle is wrong at 0, and right at pi.
     np.testing.assert_allclose(tr.rmat_to_euler(tr.rotation_x_axis(0.3), "XYX"), [-0.3, 0, 0])
     half_turn = tr.euler_to_rmat([0.3, np.pi, 0.0], "XYX")

@@ -37,9 +37,9 @@ IKResult.__doc__ = """The result of `qpos_from_site_pose`.
 
 Attributes:
   qpos: joint positions, (nq,).
-  err_norm: the error: distance in metres plus `rot_weight` times angle in radians. Without success
-    it is the error before the last update of `qpos`.
-  steps: the number of updates; without success, of those before the last one.
+  err_norm: the error: distance in metres plus `rot_weight` times angle in radians. If the search
+    ran out of steps, it is the error before the last update.
+  steps: the number of updates before the one at which the search ended.
   success: whether the error came below `tol`.
 """
 
@@ -90,15 +90,9 @@ def qpos_from_site_pose(
       KeyError: an unknown joint.
       TypeError: an orientation of another shape, or a batch.
     """
-    if target_pos is None and target_quat is None:
-        raise ValueError(_REQUIRE_TARGET_POS_OR_QUAT)
-    if getattr(physics, "num_envs", None) is not None:
-        raise TypeError("physics is a batch; expected one simulation, such as env.physics")
+    _check(physics, target_pos, target_quat, max_steps)
     site = physics.model.name2id(site_name, "site")
     dofs = _degrees_of_freedom(physics, joint_names)
-    if operator.index(max_steps) < 1:
-        raise _RefusedError(f"max_steps is {max_steps}; expected at least 1")
-    _check_targets(target_pos, target_quat)
     if not inplace:
         physics = physics.copy(share_model=True)
     search = _Search(physics, site, target_pos, target_quat, rot_weight)
@@ -123,8 +117,16 @@ def qpos_from_site_pose(
     return IKResult(qpos, error, step, bool(error < tol))
 
 
-def _check_targets(target_pos: ArrayLike | None, target_quat: ArrayLike | None) -> None:
-    """Refuses targets of which the first step would fail."""
+def _check(
+    physics: Physics, target_pos: ArrayLike | None, target_quat: ArrayLike | None, max_steps: int
+) -> None:
+    """Refuses arguments with which a step would fail, before anything moves."""
+    if target_pos is None and target_quat is None:
+        raise ValueError(_REQUIRE_TARGET_POS_OR_QUAT)
+    if getattr(physics, "num_envs", None) is not None:
+        raise TypeError("physics is a batch; expected one simulation, such as env.physics")
+    if operator.index(max_steps) < 1:
+        raise _RefusedError(f"max_steps is {max_steps}; expected at least 1")
     if target_pos is not None:
         try:
             np.empty(3)[:] = np.subtract(target_pos, np.zeros(3))
@@ -213,8 +215,8 @@ def nullspace_method(
 ) -> np.ndarray:
     """The least displacement of joints, (nv,), that comes closest to a displacement `delta`.
 
-    Solves the normal equations; section 11 of Buss, "Introduction to inverse kinematics with
-    Jacobian transpose, pseudoinverse and damped least squares methods" (2004) is about damping.
+    Solves the normal equations. The damping is that of S. Buss, "Introduction to inverse kinematics
+    with Jacobian transpose, pseudoinverse and damped least squares methods" (2004).
 
     Args:
       jac_joints: the Jacobian, (n, nv).

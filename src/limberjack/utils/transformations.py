@@ -300,8 +300,8 @@ def quat_log(quat: ArrayLike, tol: float = _TOLERANCE) -> np.ndarray:
 def quat_dist(source: np.ndarray, target: ArrayLike) -> np.ndarray:
     """Half the angle, 0 to pi, between rotations given as unit quaternions, (..., 4) -> (..., 1).
 
-    A quaternion and its negative are pi apart, although they are the same rotation. Equal
-    quaternions are not 0 apart but 1.4e-5, because of the tolerance of `quat_log`.
+    A quaternion and its negative are the same rotation, yet `q` and nearly `-q` are nearly pi
+    apart. The tolerance of `quat_log` blurs distances within 1.4e-5 of 0 and of pi.
 
     The errors are those of `quat_mul` and `quat_log`.
     """
@@ -313,7 +313,8 @@ def quat_dist(source: np.ndarray, target: ArrayLike) -> np.ndarray:
 def quat_rotate(quat: np.ndarray, vec: ArrayLike) -> np.ndarray:
     """A vector, (3,), rotated by one quaternion, (4,); the errors are those of `quat_mul`.
 
-    A quaternion that is not of unit norm scales the vector by its square.
+    A quaternion that is not of unit norm scales the vector by its square. As in dm_control, the
+    result is meaningless for several quaternions: rotate by one after the other.
     """
     pure = np.hstack([[0], vec])  # pyright: ignore[reportArgumentType, reportCallIssue]
     return quat_mul(quat_mul(quat, pure), quat_conj(quat))[1:]
