@@ -22,6 +22,7 @@ _LAYERS = {
     "limberjack._gymnasium_plugin": 0,
     "limberjack.registry": 0,
     "limberjack.utils": 0,
+    "limberjack.utils.inverse_kinematics": 3,  # at dm_control's path; it searches with a Physics
     "limberjack.rl": 1,
     "limberjack.mujoco": 2,
     "limberjack.rl.batch": 3,
@@ -78,9 +79,13 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
 }
 # Modules that one folder uses and that lie outside it: dm_control's paths, and what users import.
 _STANDS_ALONE = (
+    "limberjack.mujoco.math",
+    "limberjack.suite.utils.parse_amc",
     "limberjack.suite.utils.randomizers",
     "limberjack.utils.containers",
+    "limberjack.utils.inverse_kinematics",
     "limberjack.utils.rewards",
+    "limberjack.utils.transformations",
     "limberjack.utils.xml_tools",
     "limberjack.data.to_minari",
     "limberjack.gallery",
