@@ -137,6 +137,7 @@ class BatchEnvironment:
         seed: int | None = None,
         on_divergence: str = "end",
         stagger: bool = False,
+        action_repeat: int | None = None,
     ) -> Self:
         """A batch of environments like `env`, which is not changed.
 
@@ -146,6 +147,7 @@ class BatchEnvironment:
           num_threads: number of threads; by default as many cores as a step can occupy.
           seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
           on_divergence, stagger: see the constructor.
+          action_repeat: control steps per action; None for that of `env`.
 
         Raises:
           ValueError: the environment has methods of its own, or its task cannot be vectorised; or a
@@ -153,7 +155,8 @@ class BatchEnvironment:
           MemoryError: this many rows do not fit into memory.
         """
         try:
-            return cls._vectorised(env, num_envs, num_threads, seed, on_divergence, stagger)
+            how = num_envs, num_threads, seed, on_divergence, stagger, action_repeat
+            return cls._vectorised(env, *how)
         except NotVectorised as reason:
             reason.advice = ". limberjack.rl.batch_of makes a batch of complete environments"
             raise
@@ -167,6 +170,7 @@ class BatchEnvironment:
         seed: int | None,
         on_divergence: str,
         stagger: bool,
+        action_repeat: int | None,
     ) -> Self:
         check_plain(env)
         num_envs = guards.at_least_one("num_envs", num_envs)
@@ -185,7 +189,7 @@ class BatchEnvironment:
             *how,
             randomizer=env._randomizer,
             pixels=env.pixels,
-            action_repeat=env.action_repeat,
+            action_repeat=env.action_repeat if action_repeat is None else action_repeat,
             stagger=stagger,
         )
         batch._name = env._name
