@@ -140,6 +140,8 @@ class RowsEnvironment:
         self.registration: object = getattr(env, "registration", None)
         self._name: str = getattr(env, "_name", "") or _task_name(env)
         self._steps = np.zeros(self.num_envs, int)
+        # Reward terms of rows whose `step` is called repeatedly.
+        self._summed_terms: dict[int, Mapping[str, float]] = {}
         self._begins = np.ones(self.num_envs, bool)
         self._has_ended = np.zeros(self.num_envs, bool)  # stepping these begins their next episode
         self._timed_out = np.zeros(self.num_envs, bool)
@@ -251,6 +253,7 @@ class RowsEnvironment:
         repeat = 1 if seeded.is_plain else self._action_repeat  # a plain one repeats by itself
         inner = control_of(env)
         before = getattr(inner, "_step_count", 0)
+        terms: collections.Counter[str] = collections.Counter()
         for number in range(1, repeat + 1):
             try:
                 time_step = env.step(action)
@@ -258,6 +261,9 @@ class RowsEnvironment:
                 found.diverge(row)
                 return
             found.take(row, time_step)
+            if repeat > 1:
+                terms.update(getattr(env, "reward_terms", {}))
+                self._summed_terms[row] = terms
             if isinstance(inner, Environment):
                 found.steps[row] = inner._step_count - before
             else:
@@ -394,7 +400,10 @@ class RowsEnvironment:
     @property
     def reward_terms(self) -> dict[str, Quantity]:
         """The terms of the last step's reward, (num_envs,) each; empty if rows have others."""
-        of_rows = [getattr(env, "reward_terms", {}) for env in self.environments]
+        of_rows = [
+            self._summed_terms.get(row, getattr(env, "reward_terms", {}))
+            for row, env in enumerate(self.environments)
+        ]
         begun = self._steps == 0
         names = next((list(terms) for terms in of_rows if terms), [])
         if any(list(terms) != names for terms, new in zip(of_rows, begun, strict=True) if not new):
