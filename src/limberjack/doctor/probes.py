@@ -10,9 +10,11 @@ import json
 import math
 import os
 import subprocess
+from pathlib import Path
 from typing import Any
 
 from limberjack import registry
+from limberjack.utils.files import replacing
 
 __all__ = [
     "answer",
@@ -55,10 +57,8 @@ def answer(probe: str, file: str) -> None:
     except Exception as error:
         text = " ".join(str(error).split())
         result = {"why": f"{type(error).__name__}: {text}" if text else type(error).__name__}
-    partial = f"{file}.partial"
-    with open(partial, "w", encoding="utf-8") as stream:
-        json.dump(result, stream)
-    os.replace(partial, file)
+    with replacing(Path(file)) as partial:
+        partial.write_text(json.dumps(result), encoding="utf-8")
 
 
 def core() -> dict[str, int]:
