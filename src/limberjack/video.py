@@ -165,7 +165,7 @@ class Writer:
         try:
             self._partial = written = Partial(self._path)
             if is_gif:
-                self._lossless = written = Partial(self._path.with_suffix(".mkv"))
+                self._lossless = written = Partial(self._path, ".mkv")
         except OSError as error:
             raise OSError(f"{self._path} cannot be written: {error.strerror}") from error
         coded = [*(_LOSSLESS if is_gif else _H264), _address(written.path)]

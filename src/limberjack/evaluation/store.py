@@ -406,10 +406,7 @@ def _entry(text: bytes) -> Facts | None:
 
 def _shown(value: object) -> str:
     """A value on a line of bounded length."""
-    try:
-        text = repr(value)
-    except ValueError:  # an integer of more digits than Python prints
-        text = "a number of thousands of digits"
+    text = repr(value)
     return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
 
 

@@ -62,23 +62,27 @@ class Partial:
         format by the suffix. Writers may truncate it, but not put another file in its place.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, suffix: str | None = None) -> None:
         """Creates the file that is to replace `path`.
+
+        Args:
+          path: of the complete file.
+          suffix: of the hidden file, such as that of an intermediate format; by default the same.
 
         Raises:
           OSError: the folder is missing or not writable, or `path` is a device, a pipe or a socket.
         """
         self._target = path
         _check_replaceable(path)
-        name = f".{path.stem[:_LONGEST_STEM]}.{random_letters()}{path.suffix}"
+        ending = path.suffix if suffix is None else suffix
+        name = f".{path.stem[:_LONGEST_STEM]}.{random_letters()}{ending}"
         self.path = path.with_name(name)
         try:
-            number = os.open(self.path, _EXCLUSIVE, _PLAIN)
+            # Open until the end, so that no other file can get its number in the file system.
+            self._number: int | None = os.open(self.path, _EXCLUSIVE, _PLAIN)
         except OSError as error:
             error.filename = str(path)  # the name that the caller knows
             raise
-        self._created = os.fstat(number)
-        os.close(number)
 
     def finish(self) -> None:
         """Flushes the content to disk and moves the file into place.
@@ -88,26 +92,36 @@ class Partial:
         Raises:
           OSError: that failed, or another process has put another file under the hidden name.
         """
-        number = os.open(self.path, os.O_RDWR | _NO_LINK | _BYTES)
-        try:
-            if not os.path.samestat(os.fstat(number), self._created):
-                why = "another process has replaced this unfinished file"
-                raise OSError(errno.EEXIST, why, str(self.path))
-            os.fsync(number)
-        finally:
-            os.close(number)
+        assert self._number is not None
+        if not _is_still_there(self.path, self._number):
+            why = "another process has removed or replaced this unfinished file"
+            raise FileNotFoundError(errno.ENOENT, why, str(self.path))
+        os.fsync(self._number)
         with contextlib.suppress(FileNotFoundError):
             replaced = os.lstat(self._target)
             if stat.S_ISREG(replaced.st_mode):
                 os.chmod(self.path, stat.S_IMODE(replaced.st_mode) & 0o777)
-        os.replace(self.path, self._target)
+        self._close()  # Windows moves no open file
+        try:
+            os.replace(self.path, self._target)
+        except OSError:
+            self.path.unlink(missing_ok=True)
+            raise
         flush_folder(self._target.parent)
 
     def discard(self) -> None:
         """Removes the file if it is still there; may be called repeatedly."""
-        with contextlib.suppress(FileNotFoundError):
-            if os.path.samestat(os.lstat(self.path), self._created):
-                self.path.unlink()
+        if self._number is None:
+            return
+        is_there = _is_still_there(self.path, self._number)
+        self._close()
+        if is_there:
+            self.path.unlink(missing_ok=True)
+
+    def _close(self) -> None:
+        number, self._number = self._number, None
+        assert number is not None
+        os.close(number)
 
 
 @contextlib.contextmanager
