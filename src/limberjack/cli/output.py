@@ -11,6 +11,8 @@ import rich.console
 import rich.table
 import typer
 
+import limberjack
+from limberjack.utils.described import described, is_of_user
 from limberjack.utils.seeds import SEEDS
 
 if TYPE_CHECKING:
@@ -31,6 +33,7 @@ __all__ = [
     "misuse_reported",
     "search_working_directory",
     "table",
+    "users_failure",
     "visible",
     "worded",
 ]
@@ -92,11 +95,16 @@ def is_terminal(stream: TextIO | None) -> bool:
 
 @contextlib.contextmanager
 def misuse_reported() -> Iterator[None]:
-    """Turns an error in the arguments into one line and exit status 2."""
+    """Turns an error in the arguments, or in the code that they name, into one line and status 2."""
     try:
         yield
     except (ValueError, OSError, MemoryError) as error:  # too many environments, for example
         complain(error)
+        raise typer.Exit(MISUSED) from None
+    except Exception as error:
+        if not hasattr(error, "__notes__"):  # which all errors of a policy's module have
+            raise
+        complain(worded(error))
         raise typer.Exit(MISUSED) from None
 
 
@@ -112,5 +120,22 @@ def visible(text: str) -> str:
 
 
 def worded(error: BaseException) -> str:
-    """An error after its notes, such as the policy, the step and the seed."""
-    return ": ".join([*getattr(error, "__notes__", []), str(error)])
+    """An error after its notes, such as the policy, the step and the seed.
+
+    One of the user's own code has its kind and place too.
+    """
+    notes = getattr(error, "__notes__", [])
+    is_own_class = type(error).__module__.partition(".")[0] == limberjack.__name__
+    if notes and not is_own_class:
+        return described(error)
+    return ": ".join([*notes, str(error)])
+
+
+def users_failure(error: BaseException) -> str | None:
+    """The sentence on an error of the user's policy or task, as workers give it.
+
+    None for an error of this package, whose traceback is needed to find it.
+    """
+    if not isinstance(error, Exception) or not (hasattr(error, "__notes__") or is_of_user(error)):
+        return None
+    return described(error)
