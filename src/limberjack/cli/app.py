@@ -7,7 +7,6 @@ def _list() -> None: ...
 import importlib
 import io
 import itertools
-import signal
 import sys
 from collections.abc import Callable
 from typing import Annotated, Any, TypeVar
@@ -17,12 +16,8 @@ import typer.core
 
 import limberjack
 from limberjack import registry
-from limberjack.cli.output import (
-    INTERRUPTED,
-    TERMINATED,
-    append_working_directory,
-    misuse_reported,
-)
+from limberjack.cli.output import append_working_directory, misuse_reported
+from limberjack.cli.process import own_process
 
 __all__ = ["app", "command", "main"]
 
@@ -101,22 +96,10 @@ def command(name: str, *examples: str) -> Callable[[_Function], _Function]:
 
 def main() -> None:
     """Runs the command line and exits. SIGTERM, which clusters send, ends it as Ctrl-C does."""
-    terminated = False
-
-    def terminate(*_: object) -> None:
-        nonlocal terminated
-        terminated = True
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, terminate)
-    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may be no text
-        sys.stdout.reconfigure(errors="backslashreplace")
-    try:
+    with own_process():
+        if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may be no text
+            sys.stdout.reconfigure(errors="backslashreplace")
         app(prog_name="limberjack")
-    except SystemExit as end:
-        if terminated and end.code == INTERRUPTED:
-            sys.exit(TERMINATED)
-        raise
 
 
 def _import(modules: list[str]) -> None:

@@ -12,6 +12,7 @@ import rich.table
 import typer
 
 import limberjack
+from limberjack.cli.process import INTERRUPTED
 from limberjack.utils.described import described, is_of_user
 from limberjack.utils.seeds import SEEDS
 
@@ -24,7 +25,6 @@ __all__ = [
     "INTERRUPTED",
     "MISUSED",
     "SEEDS",
-    "TERMINATED",
     "append_working_directory",
     "complain",
     "console",
@@ -38,10 +38,9 @@ __all__ = [
     "worded",
 ]
 
-# Exit statuses.
+# Exit statuses, besides that of an interrupt.
 FAILED = 1
 MISUSED = 2
-INTERRUPTED, TERMINATED = 130, 143  # as shells report what Ctrl-C or SIGTERM ended
 
 _PIPE_WIDTH = 200  # columns without a terminal, so that no row is broken
 

@@ -26,7 +26,15 @@ try:
 except ImportError:  # not available on Windows
     fcntl = None
 
-__all__ = ["Hold", "Partial", "appending", "flush_folder", "random_letters", "replacing"]
+__all__ = [
+    "Hold",
+    "Partial",
+    "appending",
+    "flush_folder",
+    "is_any_unfinished",
+    "random_letters",
+    "replacing",
+]
 
 _LETTERS = 16  # in the names of unfinished files: nobody guesses or repeats them
 _LONGEST_STEM = 48  # characters of such a name that are taken from the final one
@@ -37,6 +45,15 @@ _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0)
 _BYTES = getattr(os, "O_BINARY", 0)
 _EXCLUSIVE = os.O_RDWR | os.O_CREAT | os.O_EXCL | _NO_LINK | _BYTES
+
+
+# Descriptors of this process's unfinished files and locks.
+_open: set[int] = set()
+
+
+def is_any_unfinished() -> bool:
+    """Whether this process has an unfinished file or holds a lock, which ending would leave."""
+    return bool(_open)
 
 
 def random_letters() -> str:
@@ -83,6 +100,7 @@ class Partial:
         except OSError as error:
             error.filename = str(path)  # the name that the caller knows
             raise
+        _open.add(self._number)
 
     def finish(self) -> None:
         """Flushes the content to disk and moves the file into place.
@@ -121,6 +139,7 @@ class Partial:
     def _close(self) -> None:
         number, self._number = self._number, None
         assert number is not None
+        _open.discard(number)
         os.close(number)
 
 
@@ -206,12 +225,14 @@ class Hold:
                 os.close(number)  # the lock file was removed between the two calls: try again
                 continue
             self._number = number
+            _open.add(number)
 
     def release(self) -> None:
         """Releases the lock; may be called repeatedly."""
         number, self._number = self._number, None
         if number is None:
             return
+        _open.discard(number)
         if self._beside is not None and _is_still_there(self._beside, number):
             self._beside.unlink(missing_ok=True)
         os.close(number)
