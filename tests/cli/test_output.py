@@ -128,3 +128,19 @@ def test_a_working_directory_that_was_removed_is_not_searched(
 
 def test_a_stream_that_was_closed_before_the_start_is_no_terminal() -> None:
     assert not output.is_terminal(None)
+
+
+def test_a_saved_model_is_called_code_once_if_its_file_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    output.search_working_directory("sb3:walk")
+    assert capsys.readouterr().err == ""
+    (tmp_path / "walk.zip").touch()
+    for _ in range(2):
+        output.search_working_directory("sb3:walk")
+    output.search_working_directory("zero")
+    assert capsys.readouterr().err == (
+        "limberjack: policy 'sb3:walk' is a pickle, and loading it runs the Python code in it: use "
+        "only files of people whom you trust\n"
+    )

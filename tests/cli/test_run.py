@@ -191,7 +191,9 @@ def test_a_result_that_can_no_longer_be_written_is_one_line_and_status_1(tmp_pat
     policy = ["--policy", "my_policies:block", "--out", "out"]
     result = call(*_RUN, *policy, directory=tmp_path, MUJOCO_GL="disable")
     assert result.returncode == 1
-    assert re.fullmatch(r"limberjack: .*Is a directory: '.*result\.json'", result.stderr.splitlines()[-1])
+    assert re.fullmatch(
+        r"limberjack: .*Is a directory: '.*result\.json'", result.stderr.splitlines()[-1]
+    )
     assert re.search(rf"^ +0 +\w+ +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
 
 

@@ -16,8 +16,9 @@ import typer.core
 
 import limberjack
 from limberjack import registry
-from limberjack.cli.output import append_working_directory, misuse_reported
+from limberjack.cli.output import FAILED, append_working_directory, misuse_reported
 from limberjack.cli.process import own_process
+from limberjack.utils.requirements import broken_mujoco, is_of_mujoco
 
 __all__ = ["app", "command", "main"]
 
@@ -99,7 +100,26 @@ def main() -> None:
     with own_process():
         if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may be no text
             sys.stdout.reconfigure(errors="backslashreplace")
-        app(prog_name="limberjack")
+        try:
+            app(prog_name="limberjack")
+        except (AttributeError, ImportError) as error:
+            report = _report_on_mujoco(error)
+            if report is None:
+                raise
+            typer.echo(f"limberjack: {report}", err=True)
+            sys.exit(FAILED)
+
+
+def _report_on_mujoco(error: Exception) -> str | None:
+    """Commands that help where MuJoCo is not installed as it should be; None where it is."""
+    from limberjack.doctor import packages  # which imports no MuJoCo
+
+    clashes = packages.clashes()
+    if clashes:
+        return clashes[0]
+    if not is_of_mujoco(error):
+        return None
+    return str(broken_mujoco(error))
 
 
 def _import(modules: list[str]) -> None:

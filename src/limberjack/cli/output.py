@@ -4,6 +4,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import rich.box
@@ -12,7 +13,7 @@ import rich.table
 import typer
 
 import limberjack
-from limberjack.cli.process import INTERRUPTED
+from limberjack.cli.process import INTERRUPTED, TERMINATED
 from limberjack.utils.described import described, is_of_user
 from limberjack.utils.seeds import SEEDS
 
@@ -25,6 +26,7 @@ __all__ = [
     "INTERRUPTED",
     "MISUSED",
     "SEEDS",
+    "TERMINATED",
     "append_working_directory",
     "complain",
     "console",
@@ -57,12 +59,33 @@ def search_working_directory(policy: str) -> None:
     """Lets Python import the module of a policy MODULE:CALLABLE from the working directory.
 
     The directory is searched last, and only for such a policy, so that a stray matplotlib.py in it
-    is not imported in place of the installed one.
+    is not imported in place of the installed one. A saved model is code too, although it looks like
+    data: a line says so before it is loaded.
     """
     from limberjack import policies
 
-    if ":" in policy and not policies.is_saved_model(policy):
+    if policies.is_saved_model(policy):
+        _say_that_it_is_code(policy)
+    elif ":" in policy:
         append_working_directory()
+
+
+_said: set[str] = set()  # names of the saved models that a line was written about
+
+
+def _say_that_it_is_code(policy: str) -> None:
+    if policy in _said or not any(Path(name).is_file() for name in _files_of(policy)):
+        return  # without a file, the error says so
+    _said.add(policy)
+    complain(
+        f"policy {policy!r} is a pickle, and loading it runs the Python code in it: use only files "
+        "of people whom you trust"
+    )
+
+
+def _files_of(policy: str) -> tuple[str, str]:
+    path = policy.partition(":")[2]
+    return path, f"{path}.zip"
 
 
 def append_working_directory() -> None:

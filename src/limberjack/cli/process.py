@@ -10,7 +10,6 @@ and processes that a policy has started do not keep the process alive.
 
 import contextlib
 import logging
-import multiprocessing
 import os
 import signal
 import sys
@@ -104,8 +103,11 @@ def _end(status: int, threads: list[str]) -> None:
             err=True,
         )
     with contextlib.suppress(Exception):
-        for process in multiprocessing.active_children():
-            process.kill()
+        if "multiprocessing" in sys.modules:
+            import multiprocessing
+
+            for process in multiprocessing.active_children():
+                process.kill()
     for flush in (logging.shutdown, sys.stdout.flush, sys.stderr.flush):
         with contextlib.suppress(Exception):
             flush()

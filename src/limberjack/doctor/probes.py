@@ -15,6 +15,7 @@ from typing import Any
 
 from limberjack import registry
 from limberjack.utils.files import replacing
+from limberjack.utils.requirements import broken_mujoco, is_of_mujoco
 
 __all__ = [
     "answer",
@@ -55,6 +56,8 @@ def answer(probe: str, file: str) -> None:
     try:
         result = {"value": globals()[probe]()}
     except Exception as error:
+        if is_of_mujoco(error):  # the diagnosis has the commands that help
+            error = ImportError(str(broken_mujoco(error)).partition(". ")[0])
         text = " ".join(str(error).split())
         result = {"why": f"{type(error).__name__}: {text}" if text else type(error).__name__}
     with replacing(Path(file)) as partial:

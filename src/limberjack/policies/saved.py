@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from limberjack.policies.batched import alone
 from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
 from limberjack.rl.control import Environment
+from limberjack.utils.log import log
 from limberjack.utils.regular import read_regular
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ def load_model(
         raise PolicyError(f"policy {name!r}: {error}") from None
     if files is None:
         files = read_model(name)
+        log.warning("policy %r is a pickle, and loading it runs the Python code in it", name)
     try:
         return sb3.SavedPolicy(files, environment)
     except ValueError as error:
