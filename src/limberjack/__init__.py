@@ -44,8 +44,8 @@ def _is_command() -> bool:
         return False
     module = importer.f_globals.get("__name__")
     if module == "runpy":
-        given = sys.orig_argv
-        return "-m" + __name__ in given or ["-m", __name__] in map(list, zip(given, given[1:]))
+        options = sys.orig_argv[: len(sys.orig_argv) - len(sys.argv) + 1]  # before the arguments
+        return "".join(options).endswith(f"-m{__name__}")
     script, _ = os.path.splitext(os.path.basename(sys.argv[0] if sys.argv else ""))
     is_script = script.removesuffix("-script") == __name__
     return is_script and module == "__main__" and f"{__name__}.cli" in importer.f_code.co_names

@@ -76,8 +76,9 @@ def test_a_folder_whose_name_is_no_text_is_written_to(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        ("import sys; sys.exit(0)", "--import a_module: raised SystemExit(0)"),
-        ("int('x')", "--import a_module: invalid literal for int() with base 10: 'x'"),
+        ("import sys; sys.exit(0)", "raised SystemExit(0) (a_module.py, line 1, in <module>)"),
+        ("{}['x']", "KeyError: 'x' (a_module.py, line 1, in <module>)"),
+        ("raise ValueError('x')", "ValueError: x (a_module.py, line 1, in <module>)"),
     ],
 )
 def test_a_module_that_cannot_be_imported_is_named(
@@ -85,7 +86,7 @@ def test_a_module_that_cannot_be_imported_is_named(
 ) -> None:
     (tmp_path / "a_module.py").write_text(source)
     done = call("--import", "a_module", "list", directory=tmp_path)
-    assert (done.returncode, done.stderr) == (2, f"limberjack: {message}\n")
+    assert (done.returncode, done.stderr) == (2, f"limberjack: --import a_module: {message}\n")
 
 
 def test_a_relative_import_is_refused() -> None:

@@ -270,8 +270,8 @@ def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory:
     result = call(*arguments, directory=directory, MUJOCO_GL="disable")  # no film: it takes long
     assert result.returncode == 1
     assert re.search(
-        "^limberjack: policy 'my_policies:Broken', step 4 of the episode with seed 1: KeyError: 'no "
-        r"such key' \(my_policies\.py, line \d+, in \w+\); 1 of 3 episodes finished$",
+        "^limberjack: policy 'my_policies:Broken', step 4 of the episode with seed 1: KeyError: "
+        r"'no such key' \(my_policies\.py, line \d+, in \w+\); 1 of 3 episodes finished$",
         result.stderr,
         re.MULTILINE,
     )

@@ -64,7 +64,7 @@ def _names_of_partial_files(node: ast.AST) -> set[str]:
 
 
 def _writes(call: ast.Call) -> ast.expr | None:
-    """What a call that may write to a file writes to; None for other calls."""
+    """The target of a call that may write to a file; None for other calls."""
     name = ast.unparse(call.func)
     last = name.rpartition(".")[2]
     if last in _BY_RECEIVER and isinstance(call.func, ast.Attribute):

@@ -123,7 +123,7 @@ def test_a_worker_that_cannot_be_started_ends_the_run(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("subprocess.Popen", refuse)
     setup = prepare(*TASK, "random")
-    with Pool(1) as pool, pytest.raises(WorkError, match="too many processes .*; on node "):
+    with Pool(1) as pool, pytest.raises(WorkError, match=r"too many processes .*; on node "):
         list(pool.results(seeds_of, _units(setup, range(1))))
 
 

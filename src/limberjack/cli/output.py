@@ -117,7 +117,7 @@ def is_terminal(stream: TextIO | None) -> bool:
 
 @contextlib.contextmanager
 def misuse_reported() -> Iterator[None]:
-    """Turns an error in the arguments, or in the code that they name, into one line and status 2."""
+    """Turns an error in the arguments, or in code that they name, into one line and status 2."""
     try:
         yield
     except (ValueError, OSError, MemoryError) as error:  # too many environments, for example

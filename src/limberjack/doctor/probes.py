@@ -8,7 +8,6 @@ A probe that fails raises, and its error is the answer. Each probe imports what 
 import importlib
 import json
 import math
-import os
 import subprocess
 from pathlib import Path
 from typing import Any

@@ -298,7 +298,7 @@ class Store:
             raise _damaged(where, "an entry is missing") from None
 
     def _unexpected(self, name: str, value: object) -> str | None:
-        """What an entry of an episode must be, if a value is something else."""
+        """A description of the values that an entry may have, if this is none of them."""
         kind, expected = _KINDS[name]
         is_number_for_flag = isinstance(value, bool) and kind is not bool
         if not isinstance(value, kind) or is_number_for_flag:
