@@ -7,10 +7,10 @@ Links to regular files are followed.
 """
 
 import errno
+import io
 import os
 import stat
 from pathlib import Path
-from typing import BinaryIO
 
 __all__ = ["check_regular", "open_regular", "read_regular"]
 
@@ -29,7 +29,7 @@ def check_regular(path: Path) -> None:
     _check_kind(path, os.stat(path).st_mode)
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> io.BufferedReader:
     """The file at `path`, open for reading; the caller closes it.
 
     Raises:
