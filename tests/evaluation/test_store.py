@@ -375,6 +375,29 @@ def test_a_value_that_no_episode_has_is_refused_with_file_line_and_value(
     assert _seen(tmp_path) == before
 
 
+@pytest.mark.parametrize("versions", [-3, "4.0.0", ["4.0.0"], {"mujoco": 4}, None])
+def test_versions_of_another_form_are_refused_with_the_line(versions: Any, tmp_path: Path) -> None:
+    store = Store(tmp_path, _OURS)
+    store.add("zero", [_SCORE])
+    store.close()
+    with (tmp_path / "episodes.jsonl").open("a") as file:
+        file.write(json.dumps({"versions": versions}) + "\n")
+    with pytest.raises(ValueError, match=r"line 3 is no episode: .* \(versions is "):
+        Store(tmp_path, _OURS)
+
+
+def test_episodes_of_another_minor_version_are_refused_later_in_the_file_too(
+    tmp_path: Path,
+) -> None:
+    store = Store(tmp_path, _OURS)
+    store.add("zero", [_SCORE])
+    store.close()
+    with (tmp_path / "episodes.jsonl").open("a") as file:
+        file.write(json.dumps({"versions": {**_VERSIONS, "mujoco": "4.7.0"}}) + "\n")
+    with pytest.raises(ValueError, match=r"evaluation with versions {'mujoco': '4\.7\.0'}"):
+        Store(tmp_path, _OURS)
+
+
 # Shards, and file systems without locks.
 
 

@@ -262,6 +262,10 @@ class Store:
             entry = _entry(line)
             if entry is not None and entry.keys() == {_VERSIONS}:
                 versions = entry[_VERSIONS]
+                if not _are_versions(versions):
+                    why = f"versions is {_shown(versions)}; expected names with their versions"
+                    raise _damaged(f"{path}: line {number}", why)
+                self._check_head(path, {**first, _VERSIONS: versions})
                 found.append((versions, None, None))
                 continue
             policy, score = self._episode(entry, f"{path}: line {number}")
@@ -273,7 +277,7 @@ class Store:
 
         With episodes, a line that names versions is one, and `_check_head` finds what differs.
         """
-        if entry is None or not isinstance(entry.get(_VERSIONS), dict):
+        if entry is None or not _are_versions(entry.get(_VERSIONS)):
             return False
         if has_episodes:
             return True
@@ -402,6 +406,11 @@ def _entry(text: bytes) -> Facts | None:
     except (RecursionError, ValueError):
         return None
     return entry if isinstance(entry, dict) else None
+
+
+def _are_versions(value: object) -> bool:
+    """Whether a value has the form of `report.versions()`."""
+    return isinstance(value, dict) and all(isinstance(one, str) for one in value.values())
 
 
 def _shown(value: object) -> str:
