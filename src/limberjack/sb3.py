@@ -23,8 +23,9 @@ import pickle
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import dm_env
 import numpy as np
 from dm_env import specs
 
@@ -33,7 +34,6 @@ from limberjack.gym import arguments
 from limberjack.gym.observations import Observations, action_space
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batch import BatchEnvironment
-from limberjack.rl.control import Environment
 from limberjack.utils.requirements import missing_extra
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.suggest import did_you_mean
@@ -296,13 +296,13 @@ class SavedPolicy:
     normalised here too. Both files contain pickled Python: load only files that you trust.
     """
 
-    def __init__(self, files: Mapping[Path, bytes], environment: Environment) -> None:
+    def __init__(self, files: Mapping[Path, bytes], environment: dm_env.Environment) -> None:
         """Loads the model, on the CPU.
 
         Args:
           files: contents by path: of the file that `model.save` wrote, then of the normalisation
             beside it, if there is one; see `policies.saved.read_model`.
-          environment: the `control.Environment` to act in.
+          environment: the one to act in.
 
         Raises:
           ValueError: it is not a model, or one of other observations or actions.
@@ -313,7 +313,8 @@ class SavedPolicy:
         space = data["observation_space"]
         is_dict = hasattr(space, "spaces")
         dtype = np.float32 if is_dict else space.dtype
-        self._observations = Observations(environment.observation_spec(), not is_dict, dtype)
+        spec = cast(Mapping[str, specs.Array], environment.observation_spec())
+        self._observations = Observations(spec, not is_dict, dtype)
         _check_space("observations", space, self._observations.space)
         _check_space("actions", data["action_space"], environment.action_spec())
         self._normalise = _saved_normalisation(*beside[0], space) if beside else None

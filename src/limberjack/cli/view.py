@@ -108,13 +108,14 @@ def _find_viewer(
 
 def _load(domain: str, task: str, seed: int, time_limit: float | None) -> "Environment":
     from limberjack import suite
+    from limberjack.rl.batches import vectorisable
 
     if time_limit is not None and math.isinf(time_limit):
         raise ValueError(f"--time-limit is {time_limit}; expected a number of seconds")
     task_kwargs: dict[str, float] = {"random": seed}
     if time_limit is not None:
         task_kwargs["time_limit"] = time_limit
-    return suite.load(domain, task, task_kwargs=task_kwargs)
+    return vectorisable(suite.load(domain, task, task_kwargs=task_kwargs))
 
 
 def _begin(policy: str, environment: "Environment") -> "Begin":

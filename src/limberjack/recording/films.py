@@ -184,7 +184,7 @@ class _Stage:
         """Makes the environment; raises ValueError if the film would never end."""
         self._seed = seed
         self._factory = factory
-        self._environment = factory.make(seed)
+        self._environment = factory.make_plain(seed)
         self._film: Film | None = None
         limit = self._environment.step_limit
         if seconds is not None:
@@ -294,7 +294,7 @@ class _Stage:
         """Films an episode of each row of a batch, side by side."""
         count, film = len(policies), self._film
         assert film is not None
-        with contextlib.closing(self._factory.make(self._seed)) as like:
+        with contextlib.closing(self._factory.make_plain(self._seed)) as like:
             batch = BatchEnvironment.from_environment(like, count, seed=self._seed)
         spec = self._environment.action_spec()
         acts = [begin(spec, self._seed + row) for row, begin in enumerate(policies)]

@@ -23,6 +23,7 @@ from limberjack.rl.contract import Batch
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import difference
 from limberjack.rl.guards import at_least_one, raises_on_divergence
+from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.log import log
 from limberjack.utils.seeds import checked_seed
@@ -103,6 +104,8 @@ def vectorisable(env: object) -> Environment:
     """
     check_plain(env)
     assert isinstance(env, Environment)
+    if is_of_the_suite(env.task, env.physics):
+        return env
     try:
         BatchEnvironment.from_environment(env, 1, 1, seed=0).close()
     except NotVectorised as reason:

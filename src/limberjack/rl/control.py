@@ -228,7 +228,7 @@ class Environment(dm_env.Environment):
 
     def _step_repeatedly(self, action: Nested) -> dm_env.TimeStep:
         physics, task = self._physics, self._task
-        total, sums = 0.0, {}
+        total, sums, terms, state = 0.0, {}, {}, {}
         is_last, discount = False, 1.0
         for _ in range(self._action_repeat):
             task.before_step(action, physics)
