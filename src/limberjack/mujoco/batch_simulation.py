@@ -33,7 +33,7 @@ from limberjack.mujoco.simulation import (
     Rows,
 )
 from limberjack.mujoco.wrapper.core import MjModel
-from limberjack.mujoco.wrapper.model import fixed_field, is_structure
+from limberjack.mujoco.wrapper.model import fixed_field, is_checked, is_structure
 from limberjack.utils.arrays import AnyArray
 
 __all__ = ["BatchSimulation"]
@@ -43,6 +43,10 @@ _NOTHING = mujoco.mjtStage.mjSTAGE_NONE.value
 _COMMON = (
     "{} of the model is shared by all rows and read-only: to vary it from row to row, give "
     "environment_kwargs={{'randomize': ...}}, or name it in the task's EPISODE_FIELDS"
+)
+_BEFORE = (
+    "{} of the model is shared by all rows and read-only: change the model of a single environment "
+    "and create the batch from that"
 )
 _DERIVED = "{} of the model is read-only: MuJoCo computes it from fields that differ by row"
 
@@ -206,6 +210,8 @@ class BatchSimulation(CountsWarnings):
         if name in lazy.own:
             return lazy.shown(name), True
         model = self._model._model
+        if is_checked(name):
+            return ReadOnly.of(getattr(model, name), _BEFORE.format(name)), False
         if is_structure(name):
             return fixed_field(model, name), False
         if self.sets_constants and name in derived_fields(lazy.own):

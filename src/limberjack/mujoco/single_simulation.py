@@ -31,7 +31,6 @@ from limberjack.mujoco.simulation import (
     write_field,
 )
 from limberjack.mujoco.wrapper.core import MjData, MjModel
-from limberjack.mujoco.wrapper.model import fixed_field, is_structure
 from limberjack.rl.contract import PhysicsError
 
 __all__ = ["SingleSimulation"]
@@ -228,8 +227,6 @@ class SingleSimulation(CountsWarnings):
 
     def model_field(self, name: str) -> Field:
         """See `Fields`; without a batch axis, and writable unless it is part of the structure."""
-        if is_structure(name):
-            return fixed_field(self._wrapper._model, name), False
         return getattr(self._wrapper, name), False
 
     def _remember(self, call: int) -> None:

@@ -132,8 +132,9 @@ class Canvases:
             key = _Private()
             weakref.finalize(model, when_gone, self._drop, key).atexit = False
         canvas = None if key is None else self._canvases.get(key)
-        if canvas is not None and not canvas.has_room(size):
-            # The model's off-screen buffer was enlarged since. A shared canvas stays for others.
+        if canvas is not None and not (canvas.has_room(size) and canvas.has_planes_of(model)):
+            # The model's off-screen buffer was enlarged since, or its geoms have other types. A
+            # shared canvas stays for others.
             if isinstance(key, _Private):
                 self._drop(key)
             canvas = None
@@ -196,10 +197,15 @@ class _Canvas:
                 f"pixels, which may exceed its limits: {error}"
             ) from error
         self.uploads = uploads.Uploads(model)
+        self._planes = (model.geom_type == _PLANE).tobytes()
 
     def has_room(self, size: tuple[int, int]) -> bool:
         """Whether a picture of this height and width fits into the buffer."""
         return size[0] <= self.mjr.offHeight and size[1] <= self.mjr.offWidth
+
+    def has_planes_of(self, model: mujoco.MjModel) -> bool:
+        """Whether the same geoms are planes, for each of which MuJoCo prepares a mesh."""
+        return (model.geom_type == _PLANE).tobytes() == self._planes
 
     def select(self) -> None:
         """Makes its OpenGL context current."""

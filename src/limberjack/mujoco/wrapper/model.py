@@ -9,7 +9,6 @@ Simulations in a process may share a compiled model: see `sharing`.
 
 import contextlib
 import copy
-import functools
 from collections.abc import Iterator
 from typing import Any
 
@@ -18,6 +17,15 @@ import numpy as np
 
 from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.wrapper import util
+from limberjack.mujoco.wrapper.integer_fields import (
+    FIXED,
+    NO_TEXTURES,
+    checked_field,
+    empty_model,
+    fixed_field,
+    is_checked,
+    is_structure,
+)
 from limberjack.mujoco.wrapper.sharing import CopyOnWrite, SharedModel
 from limberjack.mujoco.wrapper.textures import without_textures
 from limberjack.utils.suggest import did_you_mean
@@ -27,21 +35,14 @@ __all__ = [
     "MjModel",
     "empty_model",
     "fixed_field",
+    "is_checked",
     "is_structure",
     "object_type_number",
     "save_last_parsed_model_to_xml",
 ]
 
-# Suffixes of integer fields that hold values: masks, groups, materials and textures.
-_VALUES = ("contype", "conaffinity", "condim", "priority", "group", "matid", "texid", "tex_data")
-_FIXED = "{} is part of the model's structure and read-only: change the MJCF and compile it again"
-
 # Prefixes of fields copied to OpenGL; once user code has them, each picture checks for changes.
 _UPLOADED = ("hfield", "tex", "mesh")
-_NO_TEXTURES = (
-    "a batch initialises episodes in a simulation without textures: the start of an episode cannot "
-    "read or change tex_data; change the model before creating the batch"
-)
 
 # The most recently compiled model, the only one that MuJoCo can save as XML.
 _last_compiled: dict[str, mujoco.MjModel] = {}
@@ -58,25 +59,31 @@ class Error(ValueError):
 class MjModel(CopyOnWrite):
     """A compiled model; fields not defined here are those of `mujoco.MjModel`.
 
-    Structural fields (parents, addresses, counts, types) are read-only: MuJoCo does not check them
-    again and would read out of bounds. `ptr` is MuJoCo's own struct, without this protection.
+    Structural fields (parents, addresses, counts) are read-only, and writes of types and references
+    are checked: MuJoCo does not check them again and would read out of bounds; see
+    `integer_fields`. `ptr` is MuJoCo's own struct, without this protection.
     """
 
     def __getattr__(self, name: str) -> Any:  # fields of the official struct
         if name in ("_model", "_shared"):  # not yet initialised, as while copying
             raise AttributeError(name)
+        if is_checked(name):
+            return checked_field(self.ptr if name.startswith(_UPLOADED) else self.own(), name)
         if is_structure(name):
             return fixed_field(self._model, name)
         if not name.startswith(_UPLOADED):
             return self._field(name)
         field = getattr(self.ptr, name)
         if name == "tex_data" and self._model.ntex and not field.size:
-            raise ValueError(_NO_TEXTURES)
+            raise ValueError(NO_TEXTURES)
         return field
 
     def __setattr__(self, name: str, value: object) -> None:
+        if is_checked(name):
+            getattr(self, name)[...] = value
+            return
         if is_structure(name):
-            raise ValueError(_FIXED.format(name))
+            raise ValueError(FIXED.format(name))
         setattr(self.ptr, name, value)
 
     def __dir__(self) -> list[str]:
@@ -243,28 +250,6 @@ def save_last_parsed_model_to_xml(xml_path: str, check_model: MjModel | None = N
         mujoco.mj_saveLastXML(str(xml_path), last)
     except mujoco.FatalError as error:  # MuJoCo itself has parsed another one
         raise ValueError(_NOT_LAST) from error
-
-
-@functools.cache
-def is_structure(name: str) -> bool:
-    """Whether a field of MjModel is structural and must not be written."""
-    field = getattr(empty_model(), name, None)
-    is_integer = isinstance(field, np.ndarray) and field.dtype.kind in "iu"
-    return is_integer and not name.endswith(_VALUES)
-
-
-def fixed_field(model: mujoco.MjModel, name: str) -> np.ndarray:
-    """A structural field as a read-only view."""
-    field = getattr(model, name).view()
-    field.flags.writeable = False
-    return field
-
-
-@functools.cache
-def empty_model() -> mujoco.MjModel:
-    """A model without objects, which has every field."""
-    # Not parsed from XML, which would make it the model that `mj_saveLastXML` writes.
-    return mujoco.MjSpec().compile()
 
 
 def object_type_number(object_type: str | int) -> int:
