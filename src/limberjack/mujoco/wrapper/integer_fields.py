@@ -62,7 +62,7 @@ _SAME_FRAME = mujoco.mjtSameFrame.mjSAMEFRAME_BODY.value
 _NO_TURN = (1.0, 0.0, 0.0, 0.0)  # as a quaternion
 _FLAT = mujoco.mjtTexture.mjTEXTURE_2D.value
 _FACES = 6  # of a cube
-_CHANNELS = (1, 3, 4)
+_CHANNELS = (3, 4)  # that MuJoCo can upload; it would keep showing the earlier pixels for others
 _LARGEST = 16_384  # pixels; side of a texture that OpenGL implementations accept
 _CONTACT_DIMENSIONS = (1, 3, 4, 6)
 _RANGEFINDER = mujoco.mjtSensor.mjSENS_RANGEFINDER.value
@@ -215,7 +215,7 @@ def _check_textures(model: mujoco.MjModel, name: str, values: np.ndarray) -> Non
         height, width, channels, start = (int(sizes[f][texture]) for f in _OF_TEXTURES)
         value = values[texture]
         if channels not in _CHANNELS:
-            raise _refused(name, texture, value, "1, 3 or 4 channels")
+            raise _refused(name, texture, value, "3 or 4 channels")
         if not (1 <= height <= _LARGEST and 1 <= width <= _LARGEST):
             raise _refused(name, texture, value, f"1 to {_LARGEST} pixels")
         is_cube = model.tex_type[texture] != _FLAT and height != width
