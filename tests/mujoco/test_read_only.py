@@ -88,7 +88,7 @@ def test_a_check_that_raises_keeps_the_array(way: str) -> None:
         raise ValueError("no")
 
     array = _numbers()
-    with pytest.raises(ValueError, match="^no$"):
+    with pytest.raises(ValueError, match=r"^no$"):
         _WRITES[way](Checked.of(array, refuse))
     np.testing.assert_array_equal(array, _numbers())
 
@@ -96,7 +96,7 @@ def test_a_check_that_raises_keeps_the_array(way: str) -> None:
 @pytest.mark.parametrize("way", _REFUSED_BY_NUMPY)
 def test_writing_past_the_class_is_refused(way: str) -> None:
     array = _numbers()
-    for view in (Checked.of(array, array.__setitem__), ReadOnly.of(array, _ADVICE)):
+    for view in (Checked.of(array, lambda values: None), ReadOnly.of(array, _ADVICE)):
         with pytest.raises((ValueError, TypeError), match="read-only"):
             _REFUSED_BY_NUMPY[way](view)
     np.testing.assert_array_equal(array, _numbers())

@@ -19,7 +19,7 @@ import mujoco.batch
 import numpy as np
 
 from limberjack.mujoco.index import Axes, FieldIndexer
-from limberjack.mujoco.lazy_batch import LazyBatch
+from limberjack.mujoco.lazy_batch import LazyBatch, check_callbacks
 from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.model_values import derived_fields
 from limberjack.mujoco.read_only import ReadOnly
@@ -31,6 +31,7 @@ from limberjack.mujoco.simulation import (
     CountsWarnings,
     Field,
     Rows,
+    checked_steps,
 )
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.model import fixed_field, is_checked, is_structure
@@ -105,11 +106,11 @@ class BatchSimulation(CountsWarnings):
 
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        self._call(_at_least_one(nstep), rows)
+        self._call(checked_steps(nstep), rows)
 
     def step_whole(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        self._call(-_at_least_one(nstep), rows)
+        self._call(-checked_steps(nstep), rows)
 
     def forward(self, rows: Rows = None) -> None:
         """See `Simulation`."""
@@ -125,6 +126,7 @@ class BatchSimulation(CountsWarnings):
     def reset(self, keyframe: int | None = None, rows: Rows = None) -> None:
         """See `Simulation`."""
         begin()
+        check_callbacks()
         key = -1 if keyframe is None else keyframe
         self._living().official.reset(rows, key, stage=_NOTHING)
 
@@ -172,6 +174,7 @@ class BatchSimulation(CountsWarnings):
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
         """See `Simulation`. States that MuJoCo would reject diverge at the next step."""
         begin()
+        check_callbacks()
         lazy = self._living()
         index = slice(None) if rows is None else rows
         for name, value in saved.items():
@@ -237,12 +240,6 @@ class BatchSimulation(CountsWarnings):
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(f"a batch of simulations has no {name!r}")
-
-
-def _at_least_one(nstep: int) -> int:
-    if nstep < 1:  # other numbers stand for other calls
-        raise ValueError(f"nstep is {nstep}; expected at least one time step")
-    return nstep
 
 
 # Batches to abandon in a forked child, which lacks their threads.

@@ -19,6 +19,7 @@ from limberjack.mujoco.simulation import (
     ACTUATION,
     FORWARD,
     LOAD,
+    MOST_AT_ONCE,
     NOT_FIELDS,
     START,
     STATE,
@@ -26,6 +27,7 @@ from limberjack.mujoco.simulation import (
     Field,
     Rows,
     can_be_repeated,
+    checked_steps,
     is_bad_state,
     read_field,
     write_field,
@@ -67,6 +69,8 @@ class SingleSimulation(CountsWarnings):
 
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
+        if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
+            nstep = checked_steps(nstep)
         begin()
         model, data = self._model(), self._data
         self._call = nstep
@@ -83,6 +87,7 @@ class SingleSimulation(CountsWarnings):
 
     def step_whole(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
+        nstep = checked_steps(nstep)
         begin()
         self._remember(-nstep)
         mujoco.mj_step(self._model(), self._data, nstep)

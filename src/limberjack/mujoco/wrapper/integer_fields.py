@@ -107,7 +107,7 @@ def empty_model() -> mujoco.MjModel:
 
 
 def _write(model: mujoco.MjModel, name: str, values: np.ndarray) -> None:
-    """Sets a checked field and what is derived from it; ValueError if the model would be invalid."""
+    """Sets a checked field and what is derived from it, or raises ValueError and sets nothing."""
     before = getattr(model, name)
     if before.tobytes() == values.tobytes():
         return
