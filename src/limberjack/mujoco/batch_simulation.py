@@ -18,6 +18,7 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+from limberjack.mujoco.allocating import allocating, data_of
 from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.lazy_batch import LazyBatch, check_callbacks
 from limberjack.mujoco.leaving import begin
@@ -65,6 +66,9 @@ class BatchSimulation(CountsWarnings):
           num_envs: number of simulations.
           num_threads: number of threads, the caller's included.
           own_fields: model fields of which each simulation has its own copy.
+
+        Raises:
+          MemoryError: there is no memory for them.
         """
         self.num_envs: int | None = num_envs
         self.num_threads = num_threads
@@ -74,7 +78,9 @@ class BatchSimulation(CountsWarnings):
         self.forget_arrays: Callable[[], Callable[[], None] | None] = lambda: None
         # MuJoCo copies the model for each batch: 12 MB with textures.
         light = model.without_textures()._model
-        self._use(LazyBatch(light, num_envs, num_threads, own_fields))
+        size = num_envs * mujoco.mj_stateSize(light, STATE) * np.dtype(float).itemsize
+        with allocating(f"a batch of {num_envs} simulations", size):
+            self._use(LazyBatch(light, num_envs, num_threads, own_fields))
         _alive.add(self)
 
     def _use(self, lazy: LazyBatch) -> None:
@@ -142,7 +148,7 @@ class BatchSimulation(CountsWarnings):
     def set_state(self, state: np.ndarray, signature: int) -> None:
         """See `Simulation`."""
         begin()
-        data = mujoco.MjData(self._model._model)
+        data = data_of(self._model._model)
         for row, part in zip(self.state, state, strict=True):
             mujoco.mj_setState(self._model._model, data, row, STATE)
             mujoco.mj_setState(self._model._model, data, part, signature)

@@ -19,6 +19,7 @@ from typing import NamedTuple, TypeVar
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.allocating import allocating
 from limberjack.mujoco.rendering import uploads
 from limberjack.mujoco.rendering.backends import Backend, RenderingError, open_backend
 
@@ -26,6 +27,7 @@ __all__ = ["Canvases"]
 
 _FONT_SCALE = mujoco.mjtFontScale.mjFONTSCALE_150.value  # dm_control's
 _OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
+_PIXEL = 8  # bytes: colours, and depth of single precision
 _PLANE = mujoco.mjtGeom.mjGEOM_PLANE.value
 # Name prefixes of the fields that MuJoCo uploads to OpenGL.
 _DRAWN_FIELDS = ("hfield_", "mat_tex", "mesh_", "skin_", "tex_")
@@ -187,10 +189,13 @@ class _Canvas:
             )
         self.select()
         try:
-            self.mjr = mujoco.MjrContext(model, _FONT_SCALE)
-        except mujoco.FatalError as error:
+            with allocating("a model's textures and buffers", _bytes_of(model)):
+                self.mjr = mujoco.MjrContext(model, _FONT_SCALE)
+        except (mujoco.FatalError, MemoryError) as error:
             backend.make_current(None)
             backend.destroy(self._context)
+            if isinstance(error, MemoryError):
+                raise
             size = f"{model.vis.global_.offheight} by {model.vis.global_.offwidth}"
             raise RenderingError(
                 f"{backend.renderer!r} cannot draw into the model's off-screen buffer of {size} "
@@ -217,6 +222,12 @@ class _Canvas:
         self.mjr.free()
         self._backend.make_current(None)
         self._backend.destroy(self._context)
+
+
+def _bytes_of(model: mujoco.MjModel) -> int:
+    """Bytes of a model's textures and of its off-screen buffer, in colour and depth."""
+    size = model.vis.global_
+    return model.ntexdata + size.offheight * size.offwidth * _PIXEL
 
 
 def _fingerprint(model: mujoco.MjModel, is_changing: bool) -> bytes:

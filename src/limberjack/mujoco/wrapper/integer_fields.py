@@ -13,13 +13,13 @@ After a write of `geom_type` or `geom_dataid`, the bounding volumes of the geoms
 MuJoCo would otherwise miss contacts. Masses and inertias stay as compiled.
 """
 
-import copy
 import functools
 from collections.abc import Callable, Container
 
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.allocating import copy_of, data_of
 from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.read_only import Checked, ReadOnly
 
@@ -196,7 +196,7 @@ def _check_frames(model: mujoco.MjModel, name: str, values: np.ndarray) -> None:
     changed = np.flatnonzero(getattr(model, name) != values)
     if not values[changed].any():
         return
-    true = getattr(_with_constants(copy.copy(model)), name)
+    true = getattr(_with_constants(copy_of(model)), name)
     if name == "body_sameframe":  # MuJoCo leaves out bodies that do not move
         is_same = (model.body_ipos == 0).all(axis=-1) & (model.body_iquat == _NO_TURN).all(axis=-1)
         true[is_same] = _SAME_FRAME
@@ -277,7 +277,7 @@ def _bounds(
     model: mujoco.MjModel, name: str, values: np.ndarray, geoms: np.ndarray
 ) -> dict[str, np.ndarray]:
     """The fields that bound geoms, once some of them have new types or data."""
-    changed = copy.copy(model)
+    changed = copy_of(model)
     np.copyto(getattr(changed, name), values)
     meshes = [geom for geom in geoms.tolist() if changed.geom_type[geom] == _MESH]
     for geom in meshes:
@@ -305,12 +305,12 @@ def _bounds(
 def _with_constants(model: mujoco.MjModel) -> mujoco.MjModel:
     """The model, after MuJoCo has recomputed what it derives from other fields."""
     try:
-        mujoco.mj_setConst(model, mujoco.MjData(model))
+        mujoco.mj_setConst(model, data_of(model))
     except mujoco.FatalError:
         # It refuses geoms that were made to collide and have no box in the tree of their body.
         has_box = np.isin(np.arange(model.ngeom), model.bvh_nodeid[: _nodes_of_bodies(model)])
         model.geom_contype[~has_box] = model.geom_conaffinity[~has_box] = 0
-        mujoco.mj_setConst(model, mujoco.MjData(model))
+        mujoco.mj_setConst(model, data_of(model))
     return model
 
 

@@ -8,13 +8,14 @@ Simulations in a process may share a compiled model: see `sharing`.
 """
 
 import contextlib
-import copy
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.allocating import allocating, copy_of
 from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.wrapper import util
 from limberjack.mujoco.wrapper.integer_fields import (
@@ -96,14 +97,14 @@ class MjModel(CopyOnWrite):
         self.__init__(state)
 
     def __copy__(self) -> "MjModel":
-        return type(self)(self._shared or copy.copy(self._model))
+        return type(self)(self._shared or copy_of(self._model))
 
     def without_textures(self) -> "MjModel":
         """An equivalent model for simulation that takes a hundredth of the memory."""
         if self._shared is not None:
             return MjModel(SharedModel(self._shared.light))
         light = without_textures(self._model)
-        return MjModel(copy.copy(light) if light is self._model else light)
+        return MjModel(copy_of(light) if light is self._model else light)
 
     def copy(self) -> "MjModel":
         """A copy; changes to it do not affect this model."""
@@ -122,10 +123,13 @@ class MjModel(CopyOnWrite):
 
         Raises:
           ValueError: MuJoCo's error message about the model.
+          MemoryError: there is no memory for it.
         """
         begin()
         text = util.to_native_string(xml_string)
-        model = mujoco.MjModel.from_xml_string(text, assets or {})
+        size = len(text) + sum(map(len, (assets or {}).values()))
+        with allocating("a model compiled from its files", size):
+            model = mujoco.MjModel.from_xml_string(text, assets or {})
         _last_compiled["model"] = model
         return cls(model)
 
@@ -134,13 +138,15 @@ class MjModel(CopyOnWrite):
         """Reads a model in binary format (MJB), as from `to_bytes`."""
         begin()
         name = "model.mjb"
-        return cls(mujoco.MjModel.from_binary_path(name, {name: byte_string}))
+        with allocating("a model in binary format", len(byte_string)):
+            return cls(mujoco.MjModel.from_binary_path(name, {name: byte_string}))
 
     @classmethod
     def from_xml_path(cls, xml_path: str) -> "MjModel":
         """Compiles an MJCF or URDF file."""
         begin()
-        model = mujoco.MjModel.from_xml_path(str(xml_path))
+        with allocating("a model compiled from its files", _size_of(xml_path)):
+            model = mujoco.MjModel.from_xml_path(str(xml_path))
         _last_compiled["model"] = model
         return cls(model)
 
@@ -148,7 +154,8 @@ class MjModel(CopyOnWrite):
     def from_binary_path(cls, binary_path: str) -> "MjModel":
         """Reads a file in binary format (MJB), as from `save_binary`."""
         begin()
-        return cls(mujoco.MjModel.from_binary_path(str(binary_path)))
+        with allocating("a model in binary format", _size_of(binary_path)):
+            return cls(mujoco.MjModel.from_binary_path(str(binary_path)))
 
     def save_binary(self, binary_path: str) -> None:
         """Writes the model to a file in MuJoCo's binary format (MJB)."""
@@ -261,6 +268,12 @@ def object_type_number(object_type: str | int) -> int:
     if not kind:
         raise Error(f"{object_type!r} is not a valid object type name, such as 'body' or 'geom'.")
     return kind
+
+
+def _size_of(file: str) -> int:
+    """Size of a file in bytes; 0 if there is none, which MuJoCo reports."""
+    path = Path(file)
+    return path.stat().st_size if path.exists() else 0
 
 
 def _disable_bit(flag: str | int) -> int:
