@@ -57,7 +57,9 @@ _SIZES = {
     _TYPE.mjGEOM_CYLINDER.value: 2,
     _TYPE.mjGEOM_BOX.value: 3,
 }
-_KINDS = {**_SIZES, _HFIELD: 0, _MESH: 0}
+# Shapes that are stored elsewhere, and the size of the model that counts them.
+_ASSETS = {_HFIELD: ("height field", "nhfield"), _MESH: ("mesh", "nmesh")}
+_KINDS = {*_SIZES, *_ASSETS}
 _SAME_FRAME = mujoco.mjtSameFrame.mjSAMEFRAME_BODY.value
 _NO_TURN = (1.0, 0.0, 0.0, 0.0)  # as a quaternion
 _FLAT = mujoco.mjtTexture.mjTEXTURE_2D.value
@@ -243,7 +245,7 @@ def _check_geoms(model: mujoco.MjModel, name: str, values: np.ndarray) -> None:
 
 
 def _geom_needs(model: mujoco.MjModel, geom: int, kind: int, data: int) -> str | None:
-    """What a geom of this type and with these data lacks; None if it is valid."""
+    """The values that would be valid for a geom of this type and with these data; None if it is."""
     if kind not in _KINDS or model.geom_type[geom] == _SDF:
         return (
             "a type that collides and needs no plugin, mujoco.mjtGeom 0 to 7: change the MJCF and "
@@ -252,14 +254,17 @@ def _geom_needs(model: mujoco.MjModel, geom: int, kind: int, data: int) -> str |
     body = model.geom_bodyid[geom]
     if kind == _PLANE and model.body_weldid[body]:
         return f"another type: a plane cannot be attached to body {body}, which moves"
-    if kind in (_MESH, _HFIELD):
-        what, count = ("mesh", model.nmesh) if kind == _MESH else ("height field", model.nhfield)
+    if kind in _ASSETS:
+        what, size = _ASSETS[kind]
+        count = getattr(model, size)
         if 0 <= data < count:
             return None
+        if not count:
+            return f"another type, since the model has no {what}: add one to the MJCF"
         return (
-            f"a geom_dataid from 0 to below {count}, the model's number of {what}s, for a geom of "
-            f"type {kind}, but it is {data}: write a valid geom_dataid first, then geom_type, in a "
-            "geom of a type without data, such as a sphere"
+            f"a geom_dataid from 0 to {count - 1} for the type of a {what}, but it is {data}: "
+            "write geom_dataid first, then geom_type; a geom of the other type with data becomes "
+            "a sphere before that"
         )
     most = max(model.nmesh, model.nhfield)
     if not -1 <= data < most:
