@@ -33,9 +33,11 @@ from limberjack.mujoco.simulation import (
     Field,
     Rows,
     checked_steps,
+    read_field,
 )
 from limberjack.mujoco.wrapper.core import MjModel
-from limberjack.mujoco.wrapper.model import fixed_field, is_checked, is_structure
+from limberjack.mujoco.wrapper.integer_fields import check_values, is_checked, rows_field
+from limberjack.mujoco.wrapper.model import fixed_field, is_structure
 from limberjack.utils.arrays import AnyArray
 
 __all__ = ["BatchSimulation"]
@@ -158,6 +160,7 @@ class BatchSimulation(CountsWarnings):
         """See `Simulation`."""
         lazy = self._living()
         index = slice(None) if row is None else row
+        _check_rows(self._model._model, values, len(lazy.state) if row is None else 1)
         for name, value in values.items():
             lazy.own[name][index] = value
         self.set_constants(None if row is None else np.array([row]))
@@ -183,6 +186,7 @@ class BatchSimulation(CountsWarnings):
         check_callbacks()
         lazy = self._living()
         index = slice(None) if rows is None else rows
+        _check_rows(self._model._model, saved, len(saved["state"]))
         for name, value in saved.items():
             if name not in NOT_FIELDS:
                 lazy.own[name][index] = value
@@ -216,9 +220,11 @@ class BatchSimulation(CountsWarnings):
     def model_field(self, name: str) -> Field:
         """See `Fields`."""
         lazy = self._living()
-        if name in lazy.own:
-            return lazy.shown(name), True
         model = self._model._model
+        if name in lazy.own:
+            rows = lazy.shown(name)
+            is_open = is_structure(name) and rows.flags.writeable
+            return (rows_field(model, name, rows) if is_open else rows), True
         if is_checked(name):
             return ReadOnly.of(getattr(model, name), _BEFORE.format(name)), False
         if is_structure(name):
@@ -246,6 +252,23 @@ class BatchSimulation(CountsWarnings):
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(f"a batch of simulations has no {name!r}")
+
+
+def _check_rows(model: mujoco.MjModel, values: Mapping[str, AnyArray], count: int) -> None:
+    """Raises ValueError if a row's values of the model's fields make its model invalid.
+
+    Args:
+      model: the model that the rows share.
+      values: by name, one for each row or for all.
+      count: number of rows.
+    """
+    if not any(map(is_checked, values)):
+        return
+    names = [name for name in values if name not in NOT_FIELDS]
+    shapes = {name: (count, *np.shape(read_field(model, name))) for name in names}
+    each = {name: np.broadcast_to(values[name], shapes[name]) for name in names}
+    for row in range(count):
+        check_values(model, {name: array[row] for name, array in each.items()})
 
 
 # Batches to abandon in a forked child, which lacks their threads.

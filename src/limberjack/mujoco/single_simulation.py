@@ -33,6 +33,7 @@ from limberjack.mujoco.simulation import (
     write_field,
 )
 from limberjack.mujoco.wrapper.core import MjData, MjModel
+from limberjack.mujoco.wrapper.integer_fields import check_values, is_checked
 from limberjack.rl.contract import PhysicsError
 
 __all__ = ["SingleSimulation"]
@@ -212,9 +213,10 @@ class SingleSimulation(CountsWarnings):
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
         """See `Simulation`."""
-        self._wrapper.own()
+        model = self._wrapper.own()
+        check_values(model, values)
         for name, value in values.items():
-            write_field(self._wrapper, name, value)
+            write_field(model if is_checked(name) else self._wrapper, name, value)
         self.set_constants()
 
     def set_constants(self, rows: Rows = None) -> None:

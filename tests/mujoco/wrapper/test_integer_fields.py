@@ -17,6 +17,9 @@ from limberjack.mujoco.wrapper.integer_fields import (
     is_checked,
     is_structure,
 )
+from limberjack.rl import control
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.suite import walker
 
 _TYPE = mujoco.mjtGeom
 _ASSETS = """
@@ -420,3 +423,60 @@ def test_no_write_that_is_accepted_ends_the_process(
 
 def test_no_write_that_is_accepted_ends_a_picture(run_script: Callable[..., str]) -> None:
     assert int(run_script(_FUZZ.format(seed=2, writes=400, draws=True))) > 20
+
+
+class _Retyped(walker.PlanarWalker):
+    """A walker whose start draws a camera's mode and the shape of a foot."""
+
+    EPISODE_FIELDS = ("cam_mode", "geom_type", "geom_rbound", "geom_aabb", "bvh_aabb")
+
+    def initialize_episode(self, physics: Any) -> None:
+        super().initialize_episode(physics)
+        physics.model.cam_mode[0] = self.random.randint(2)
+        kinds = [_TYPE.mjGEOM_CAPSULE.value, _TYPE.mjGEOM_CYLINDER.value]
+        physics.named.model.geom_type["left_foot"] = self.random.choice(kinds)
+        physics.after_reset()
+
+
+def _retyped() -> control.Environment:
+    physics = walker.Physics.from_xml_string(*walker.get_model_and_assets())
+    return control.Environment(physics, _Retyped(move_speed=1, random=0), control_timestep=0.025)
+
+
+def test_rows_of_a_batch_have_types_of_their_own() -> None:
+    batch = BatchEnvironment.from_environment(_retyped(), 4, 1, seed=0)
+    batch.reset()
+    kinds = batch.physics.named.model.geom_type["left_foot"]
+    assert len(set(kinds.tolist())) == 2
+    actions = np.random.RandomState(1).uniform(-1, 1, (60, 6))
+    for row in range(4):
+        single = _retyped()
+        single.task._random = np.random.RandomState(row)
+        single.reset()
+        assert single.physics.named.model.geom_type["left_foot"] == kinds[row]
+        rows = BatchEnvironment.from_environment(_retyped(), 4, 1, seed=0)
+        rows.reset()
+        for action in actions:
+            ours, theirs = single.step(action), rows.step(np.tile(action, (4, 1)))
+        for name, value in ours.observation.items():
+            np.testing.assert_array_equal(value, theirs.observation[name][row])
+
+
+def test_values_of_rows_are_checked() -> None:
+    batch = BatchEnvironment.from_environment(_retyped(), 3, 1, seed=0)
+    batch.reset()
+    model, simulation = batch.physics.model, batch.physics.simulation
+    model.cam_mode[1, 0] = 3
+    saved = simulation.save(None, ("cam_mode",))
+    with pytest.raises(ValueError, match=r"cam_mode\[0\] cannot be 9"):
+        model.cam_mode[:, 0] = [0, 9, 0]
+    with pytest.raises(ValueError, match="geom_type of a row is read-only: only the task's"):
+        model.geom_type[0, 0] = 2
+    with pytest.raises(ValueError, match=r"cam_mode\[0\] cannot be 77"):
+        simulation.set_fields({"cam_mode": np.full(2, 77)}, 1)
+    with pytest.raises(ValueError, match=r"geom_type\[0\] cannot be 106"):
+        simulation.set_fields({"geom_type": np.full(model.ngeom, 106)})
+    with pytest.raises(ValueError, match="cam_mode"):
+        simulation.load({**saved, "cam_mode": saved["cam_mode"] + 50})
+    for name, value in simulation.save(None, ("cam_mode",)).items():
+        np.testing.assert_array_equal(value, saved[name])

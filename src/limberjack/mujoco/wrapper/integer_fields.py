@@ -14,7 +14,7 @@ MuJoCo would otherwise miss contacts. Masses and inertias stay as compiled.
 """
 
 import functools
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Mapping
 
 import mujoco
 import numpy as np
@@ -26,11 +26,13 @@ from limberjack.mujoco.read_only import Checked, ReadOnly
 __all__ = [
     "FIXED",
     "NO_TEXTURES",
+    "check_values",
     "checked_field",
     "empty_model",
     "fixed_field",
     "is_checked",
     "is_structure",
+    "rows_field",
 ]
 
 FIXED = "{} is part of the model's structure and read-only: change the MJCF and compile it again"
@@ -38,6 +40,8 @@ NO_TEXTURES = (
     "a batch initialises episodes in a simulation without textures: the start of an episode cannot "
     "read or change tex_data; change the model before creating the batch"
 )
+
+_AT_A_START = "{} of a row is read-only: only the task's initialize_episode can set it"
 
 # Suffixes of integer fields that may have any value: masks, priorities, groups and pixels.
 _ANY_VALUE = ("contype", "conaffinity", "priority", "group", "tex_data")
@@ -99,6 +103,33 @@ def fixed_field(model: mujoco.MjModel, name: str) -> np.ndarray:
 def checked_field(model: mujoco.MjModel, name: str) -> np.ndarray:
     """A checked field as a view that refuses values with which the model is invalid."""
     return Checked.of(getattr(model, name), functools.partial(_write, model, name))
+
+
+def check_values(model: mujoco.MjModel, values: Mapping[str, np.ndarray]) -> None:
+    """Checks new values of fields of a model, by name, of which some may be checked fields.
+
+    Raises:
+      ValueError: with them, the model would be invalid.
+    """
+    for name in filter(is_checked, values):
+        if name not in _OF_GEOMS:
+            _CHECKS[name](model, name, np.asarray(values[name]))
+    if any(name in values for name in _OF_GEOMS):
+        of_geoms = {name: np.asarray(values.get(name, getattr(model, name))) for name in _GEOMS}
+        _check_shapes(model, **of_geoms)
+
+
+def rows_field(model: mujoco.MjModel, name: str, rows: np.ndarray) -> np.ndarray:
+    """An integer field of several simulations of a model, (num_envs, ...), as `checked_field`."""
+    if not is_checked(name) or name in _OF_GEOMS:
+        return ReadOnly.of(rows, _AT_A_START.format(name))
+
+    def write(values: np.ndarray) -> None:
+        for row in np.flatnonzero((rows != values).reshape(len(rows), -1).any(axis=-1)):
+            check_values(model, {name: values[row]})
+        np.copyto(rows, values)
+
+    return Checked.of(rows, write)
 
 
 @functools.cache
@@ -235,17 +266,25 @@ def _check_textures(model: mujoco.MjModel, name: str, values: np.ndarray) -> Non
 
 
 def _check_geoms(model: mujoco.MjModel, name: str, values: np.ndarray) -> None:
+    check_values(model, {name: values})
+
+
+def _check_shapes(
+    model: mujoco.MjModel, geom_type: np.ndarray, geom_dataid: np.ndarray, geom_size: np.ndarray
+) -> None:
     """Every geom that changes must have a shape that can collide, with the data that it needs."""
-    types = values if name == "geom_type" else model.geom_type
-    data = values if name == "geom_dataid" else model.geom_dataid
-    for geom in np.flatnonzero(getattr(model, name) != values).tolist():
-        expected = _geom_needs(model, geom, int(types[geom]), int(data[geom]))
-        if expected is not None:
-            raise _refused(name, geom, values[geom], expected)
+    for name, values in (("geom_type", geom_type), ("geom_dataid", geom_dataid)):
+        for geom in np.flatnonzero(getattr(model, name) != values).tolist():
+            shape = int(geom_type[geom]), int(geom_dataid[geom]), geom_size[geom]
+            expected = _geom_needs(model, geom, *shape)
+            if expected is not None:
+                raise _refused(name, geom, values[geom], expected)
 
 
-def _geom_needs(model: mujoco.MjModel, geom: int, kind: int, data: int) -> str | None:
-    """The values that would be valid for a geom of this type and with these data; None if it is."""
+def _geom_needs(
+    model: mujoco.MjModel, geom: int, kind: int, data: int, size: np.ndarray
+) -> str | None:
+    """The values that would be valid for a geom of this shape; None if it is valid."""
     if kind not in _KINDS or model.geom_type[geom] == _SDF:
         return (
             "a type that collides and needs no plugin, mujoco.mjtGeom 0 to 7: change the MJCF and "
@@ -255,8 +294,8 @@ def _geom_needs(model: mujoco.MjModel, geom: int, kind: int, data: int) -> str |
     if kind == _PLANE and model.body_weldid[body]:
         return f"another type: a plane cannot be attached to body {body}, which moves"
     if kind in _ASSETS:
-        what, size = _ASSETS[kind]
-        count = getattr(model, size)
+        what, number = _ASSETS[kind]
+        count = getattr(model, number)
         if 0 <= data < count:
             return None
         if not count:
@@ -269,11 +308,10 @@ def _geom_needs(model: mujoco.MjModel, geom: int, kind: int, data: int) -> str |
     most = max(model.nmesh, model.nhfield)
     if not -1 <= data < most:
         return f"-1 for none, or the number of a mesh or height field, below {most}"
-    sizes = model.geom_size[geom, : _SIZES[kind]]
-    if not (sizes > 0).all():
+    if not (size[: _SIZES[kind]] > 0).all():
         return (
-            f"{_SIZES[kind]} positive sizes for a geom of type {kind}, but geom_size is "
-            f"{model.geom_size[geom]}: write geom_size first"
+            f"{_SIZES[kind]} positive sizes for a geom of type {kind}, but geom_size is {size}: "
+            "write geom_size first"
         )
     return None
 
@@ -326,6 +364,7 @@ def _nodes_of_bodies(model: mujoco.MjModel) -> int:
 
 _BOUNDS = ("geom_rbound", "geom_aabb", "geom_fluid")
 _OF_GEOMS = ("geom_type", "geom_dataid")
+_GEOMS = (*_OF_GEOMS, "geom_size")  # fields that are valid together
 _OF_TEXTURES = ("tex_height", "tex_width", "tex_nchannel", "tex_adr")
 _MATERIAL = _numbers_of("nmat", "material")
 _TEXTURE = _numbers_of("ntex", "texture")
