@@ -102,6 +102,21 @@ def test_writing_past_the_class_is_refused(way: str) -> None:
     np.testing.assert_array_equal(array, _numbers())
 
 
+def test_a_function_with_outputs_returns_them_and_what_it_makes_itself() -> None:
+    array, other = _numbers(), np.zeros((2, 3), np.int32)
+    divmod_: Any = np.divmod  # of which NumPy's annotations know no None
+    view = Checked.of(array, lambda values: np.copyto(array, values))
+    quotient, rest = divmod_(view, 2, out=(None, other))
+    assert rest is other
+    np.testing.assert_array_equal(quotient, _numbers() // 2)
+    quotient, rest = divmod_(_numbers(), 2, out=(view, None))
+    assert quotient is view
+    np.testing.assert_array_equal(array, _numbers() // 2)
+    np.testing.assert_array_equal(rest, _numbers() % 2)
+    assert np.add(view, 1, out=other) is other
+    assert np.add(view.copy(), 1, out=None).tolist() == (array + 1).tolist()
+
+
 def test_two_guarded_outputs_of_one_function_are_refused() -> None:
     array = _numbers()
     view = Checked.of(array, lambda values: np.copyto(array, values))

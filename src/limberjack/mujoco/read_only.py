@@ -100,32 +100,39 @@ class _Guarded(np.ndarray):
     def __array_ufunc__(
         self, ufunc: np.ufunc, method: str, *inputs: AnyArray, **kwargs: Any
     ) -> AnyArray:
-        function, outs = getattr(ufunc, method), kwargs.pop("out", ())
-        plain = [_plain(each) for each in inputs]
-        if method == "at" and _is_view(inputs[0]):
+        function, plain = getattr(ufunc, method), tuple([_plain(each) for each in inputs])
+        outs = kwargs.pop("out", (None,))
+        # The usual case, which occurs in each step of a batch.
+        if outs[0] is None and len(outs) == 1 and method != "at":
+            return function(*plain, **kwargs)
+        if method == "at":
+            if not _is_view(inputs[0]):
+                return function(*plain, **kwargs)
             inputs[0]._change(lambda array: function(array, *plain[1:], **kwargs))
             return None
-        if not outs:
-            return function(*plain, **kwargs)
-        guarded = [out for out in outs if _is_view(out)]
-        if not guarded:
-            function(*plain, out=tuple(map(_plain, outs)), **kwargs)
-        elif len(guarded) > 1:
+        given: list[AnyArray] = [_plain(out) for out in outs]
+        guarded = [i for i, out in enumerate(outs) if _is_view(out)]
+        if len(guarded) > 1:
             raise ValueError(_TWO)
+        results: list[AnyArray] = []
+
+        def write(array: np.ndarray | None = None) -> None:
+            for i in guarded:
+                given[i] = array
+            result = function(*plain, out=tuple(given), **kwargs)
+            results.extend(result if len(outs) > 1 else [result])
+
+        if guarded:
+            outs[guarded[0]]._change(write)
         else:
-            (only,) = guarded
-            given = [_plain(out) for out in outs]
-            places = [out is only for out in outs]
-
-            def change(array: np.ndarray) -> None:
-                out = [array if is_it else o for is_it, o in zip(places, given, strict=True)]
-                function(*plain, out=tuple(out), **kwargs)
-
-            only._change(change)
-        return outs[0] if len(outs) == 1 else outs
+            write()
+        each = [result if out is None else out for out, result in zip(outs, results, strict=True)]
+        return tuple(each) if len(each) > 1 else each[0]
 
     # Any: of any of NumPy's functions, each with its own types.
     def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        if "out" not in kwargs and func not in _WRITERS:  # the usual case
+            return super().__array_function__(func, types, args, kwargs)
         name = _WRITERS.get(func, "out")
         target = args[0] if name != "out" and args else kwargs.get(name)
         if not _is_view(target):

@@ -34,8 +34,8 @@ def as_numbers(action: object) -> np.ndarray:
         ) from error
     if given.dtype.kind not in "fiub":
         raise TypeError(
-            f"action has dtype {given.dtype}; expected real numbers: {reprlib.repr(action)}; "
-            "nothing was stepped"
+            f"action has dtype {given.dtype}; expected numbers: {reprlib.repr(action)}; nothing "
+            "was stepped"
         )
     if given.dtype.itemsize <= _WIDEST:
         return given

@@ -458,8 +458,8 @@ def test_rows_of_a_batch_have_types_of_their_own() -> None:
         rows.reset()
         for action in actions:
             ours, theirs = single.step(action), rows.step(np.tile(action, (4, 1)))
-        for name, value in ours.observation.items():
-            np.testing.assert_array_equal(value, theirs.observation[name][row])
+            for name, value in ours.observation.items():
+                np.testing.assert_array_equal(value, theirs.observation[name][row])
 
 
 def test_values_of_rows_are_checked() -> None:

@@ -175,13 +175,13 @@ def _one_of(allowed: _Allowed) -> _Check:
     return check
 
 
-def _numbers_of(size: str, what: str, none: bool = True) -> _Check:
+def _numbers_of(size: str, what: str) -> _Check:
     """A check of references to objects of a kind, or to none."""
 
     def allowed(model: mujoco.MjModel) -> tuple[Container[int], str]:
         count = getattr(model, size)
-        numbers = f"the number of a {what}, of which the model has {count}"
-        return range(-none, count), f"-1 for none, or {numbers}" if none else numbers
+        expected = f"-1 for none, or the number of a {what}, of which the model has {count}"
+        return range(-1, count), expected
 
     return _one_of(allowed)
 
