@@ -236,10 +236,17 @@ class Batch(Protocol):
     num_envs: int
     first_row: int  # number of the first row in messages; not 0 for the half of a batch
     registration: object  # the suite's record of the domain; see `control.Environment`
-    step_limit: float  # steps per episode; infinite without a limit
     diverged: np.ndarray  # mask of rows that diverged in the last step, (num_envs,)
     reward_terms: dict[str, Quantity]  # of the last step, (num_envs,) each, by name
     randomization: dict[str, np.ndarray]  # values drawn for the rows' episodes, by field
+
+    @property
+    def step_limit(self) -> float:
+        """Steps per episode; infinite without a limit."""
+        ...
+
+    @step_limit.setter
+    def step_limit(self, limit: float) -> None: ...
 
     @property
     def why_rows(self) -> str | None:
@@ -299,8 +306,24 @@ class Batch(Protocol):
         """Continues rows from a snapshot."""
         ...
 
+    def state_sizes(self) -> dict[str, int]:
+        """Numbers in each field of a row's state, such as 'qpos', without empty fields."""
+        ...
+
+    # Any: `rl.snapshot.Snapshot`, or a mapping of arrays, by field.
+    def set_states(
+        self, states: Any, rows: Sequence[int] | np.ndarray | None = None
+    ) -> dm_env.TimeStep:
+        """Continues episodes that `reset` has just begun in rows from given states."""
+        ...
+
     def copy_row(self, source: int, target: int) -> None:
         """Makes row `target` a copy of row `source`."""
+        ...
+
+    # Any: `rl.represented.Description`, whose module imports this one.
+    def description(self) -> Any:
+        """The parts of the batch's `repr`."""
         ...
 
     # Any: each keyword has its own type.

@@ -24,10 +24,12 @@ from typing import Any, cast
 
 import dm_env
 import numpy as np
+import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
+from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
@@ -294,6 +296,53 @@ class Environment(dm_env.Environment):
                 self._frames.load(snapshot.frames, None)
             self._step_count = int(snapshot.step_count[0])
             self._reset_next_step = bool(snapshot.begins[0])
+
+    def set_state(self, state: Mapping[str, npt.ArrayLike] | Snapshot) -> dm_env.TimeStep:
+        """Continues the episode that `reset` has just begun from a given state.
+
+        Everything else that was drawn for the start, such as targets, remains. All quantities are
+        recomputed with actuation disabled, as at any start.
+
+        Args:
+          state: some of 'qpos' (nq,), 'qvel' (nv,) and 'act' (na,); or a snapshot, which is
+            restored with its step count, see `restore`.
+
+        Returns:
+          The first `TimeStep` of the episode; for a snapshot of a later step a middle one, with
+          reward 0.
+
+        Raises:
+          ValueError, TypeError: the state is invalid, see `limberjack.rl.given_state`, or the
+            snapshot does not fit; nothing was set.
+          RuntimeError: a mapping is given, and `reset` was not the last call.
+          PhysicsError: the state diverges at once; the next step begins an episode.
+        """
+        if isinstance(state, Snapshot):
+            self.restore(state)
+            return self._current_time_step()
+        self._check_open()
+        checked = checked_state(state, state_sizes(self._physics))
+        with self._use:
+            if self._reset_next_step or self._step_count:
+                raise RuntimeError("no episode has just begun: call reset() before set_state()")
+            self._reset_next_step = True  # until it is complete
+            for name, values in checked.items():
+                getattr(self._simulated.data, name)[...] = values
+            self._physics.after_reset()
+            if self._frames is not None:
+                self._frames.forget()
+            time_step = self._current_time_step()
+            self._reset_next_step = False
+        return time_step
+
+    def _current_time_step(self) -> dm_env.TimeStep:
+        """The time step of the present state; an episode that has a picture keeps it."""
+        observation = self._observe(draws=False)
+        if self._frames is not None:
+            observation = self._frames.observe(self._simulated, observation, is_step=False)
+        if not self._step_count:
+            return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
+        return dm_env.TimeStep(dm_env.StepType.MID, 0.0, 1.0, observation)
 
     def __repr__(self) -> str:
         return represented(self, of_environment(self))
