@@ -130,8 +130,8 @@ def check_snapshot(
     bad = _bad(snapshot.physics["state"][:, 1 : 1 + sum(sizes.values())]).any(axis=-1)
     if bad.any():
         raise ValueError(
-            f"the state of the snapshot has diverged in {_where(np.asarray(bad), named)}: take it before that; "
-            "nothing was reset"
+            f"the state of the snapshot has diverged in {_where(np.asarray(bad), named)}: take it "
+            "before that; nothing was reset"
         )
 
 
