@@ -57,7 +57,7 @@ def _assert_rows(results: Any, singles: list[gym.Env], action: np.ndarray) -> No
 def test_rows_with_given_states_equal_single_environments(
     task: tuple[str, str], flat: bool
 ) -> None:
-    envs = gym.load_vector(*task, 4, num_threads=2, flat=flat, pipelined=True)
+    envs: Any = gym.load_vector(*task, 4, num_threads=2, flat=flat, pipelined=True)
     model = envs.batches[0].physics.model
     states = _states(model.nq, model.nv, 4)
     if model.na:
@@ -347,8 +347,8 @@ def test_without_a_state_there_is_nothing_to_set() -> None:
     begun = [np.ones(1, bool), np.ones(2, bool)]
     assert states_of_rows(None, batches, begun) == [[], []]
     assert states_of_rows([None] * 3, batches, begun) == [[], []]
-    ((_, first),), ((rows, second),) = states_of_rows(
-        {"qvel": np.arange(81.0).reshape(3, 27)}, batches, begun
-    )
+    velocities = np.arange(81.0).reshape(3, 27)
+    states: Any = states_of_rows({"qvel": velocities}, batches, begun)
+    ((_, first),), ((rows, second),) = states
     assert rows.tolist() == [0, 1]
     assert (first["qvel"][0, 0], second["qvel"][1, 0]) == (0.0, 54.0)

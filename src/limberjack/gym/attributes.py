@@ -153,6 +153,9 @@ def call(
         return [values[row] for row in rows]
     if name == "has_wrapper_attr":
         return [has(envs, *args, **kwargs)] * len(rows)
+    if name in _COMMON:
+        values = get(envs, name)
+        return [values[row] for row in rows]
     results: list[object] = []
     for batch, half in zip(envs.batches, envs.halves, strict=True):
         own = [row - half.start for row in rows if half.start <= row < half.stop]
