@@ -416,6 +416,10 @@ def test_options_that_are_not_a_mapping_are_refused_and_nothing_is_reset(make: A
         np.testing.assert_array_equal(after[name], value)
 
 
+def _two_rows(domain: str, task: str) -> gym.VectorEnv:
+    return gym.load_vector(domain, task, 2)
+
+
 @pytest.mark.parametrize(
     ("make", "options", "message"),
     [
@@ -423,8 +427,8 @@ def test_options_that_are_not_a_mapping_are_refused_and_nothing_is_reset(make: A
         (gym.load, {"reset_mask": np.ones(1, bool)}, "has 'reset_mask', which reset does not take"),
         (gym.load, {"seed": 3}, "has 'seed'"),
         (gym.load, {3: 1}, "has 3, which"),
-        (lambda *task: gym.load_vector(*task, 2), {"reset_msk": 0}, "Did you mean 'reset_mask'"),
-        (lambda *task: gym.load_vector(*task, 2), {"qpos": 0}, "There are: reset_mask, state"),
+        (_two_rows, {"reset_msk": 0}, "Did you mean 'reset_mask'"),
+        (_two_rows, {"qpos": 0}, "There are: reset_mask, state"),
     ],
 )
 def test_unknown_options_are_refused_with_the_nearest_name_and_nothing_is_reset(
@@ -484,7 +488,7 @@ def test_pictures_of_a_list_of_cameras_are_side_by_side() -> None:
     assert names == ["back", "side"]
     for env in one:
         env.reset(seed=0)
-    expected = np.concatenate([env.render() for env in one], axis=1)
+    expected = np.concatenate([np.asarray(env.render()) for env in one], axis=1)
     assert expected.shape == (24, 64, 3)
     for kwargs in several:
         env = _env(**shown, **kwargs)
@@ -500,7 +504,8 @@ def test_pictures_of_a_list_of_cameras_are_side_by_side() -> None:
 
 
 def test_no_cameras_are_refused_where_the_environment_is_made() -> None:
-    for kwargs in ({"camera_id": []}, {"camera_name": ()}, {"render_kwargs": {"camera": []}}):
+    none: list[dict[str, Any]] = [{"camera_id": []}, {"camera_name": ()}]
+    for kwargs in (*none, {"render_kwargs": {"camera": []}}):
         with pytest.raises(ValueError, match="expected at least one camera"):
             _env(render_mode="rgb_array", **kwargs)
     with pytest.raises(TypeError, match="expected the name or number of a camera, or a list"):

@@ -143,12 +143,12 @@ def test_several_cameras_are_channels_of_each_frame_in_their_order(
 ) -> None:
     how = {**_PIXELS, "frame_stack": frame_stack, "quality": quality}
     cameras = [-1, 0, -1]
-    several = {"pixels": {**how, "camera": cameras}}
-    env, batch = _single(1, **several), _batch(2, **several)
+    several = {**how, "camera": cameras}
+    env, batch = _single(1, pixels=several), _batch(2, pixels=several)
     parts = [_single(1, pixels={**how, "camera": camera}) for camera in cameras]
     assert env.observation_spec()["pixels"].shape == (12, 16, 9 * frame_stack)
     seen, rows = env.reset(), batch.reset()
-    expected = [part.reset() for part in parts]
+    expected, pixels = [part.reset() for part in parts], np.empty(0)
     for action in _actions(env, _STEPS + 2):  # across the end of an episode
         pixels = seen.observation["pixels"]
         env.observation_spec()["pixels"].validate(pixels)
@@ -198,8 +198,9 @@ def test_snapshots_and_copies_hold_the_frames_of_all_cameras() -> None:
 def test_pictures_of_a_list_of_cameras_are_joined_along_the_width() -> None:
     batch = _batch(pixels=None)
     batch.reset()
-    size = {"height": 12, "width": 16}
-    for kwargs in ({}, {"depth": True}, {"segmentation": True}):
+    size: dict[str, Any] = {"height": 12, "width": 16}
+    kinds: list[dict[str, Any]] = [{}, {"depth": True}, {"segmentation": True}]
+    for kwargs in kinds:
         one = [batch.render(camera=camera, **size, **kwargs) for camera in (0, -1)]
         both = batch.render(camera=[0, -1], **size, **kwargs)
         assert both.shape[:3] == (3, 12, 32)

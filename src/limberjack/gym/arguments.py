@@ -74,7 +74,7 @@ def row_seeds(seed: Any, num_envs: int) -> list[int | None]:
     return [None if one is None else checked_seed(one) for one in seed]
 
 
-def check_options(options: object, *known: str) -> Mapping[str, Any]:
+def check_options(options: object, *known: str) -> Mapping[str, object]:
     """The options of a reset; empty for None.
 
     Args:

@@ -50,6 +50,11 @@ _WAY_OUT = (
 )
 
 
+# Any: arguments of a method of any class.
+_Args = Sequence[Any]
+_Kwargs = Mapping[str, Any]  # as above
+
+
 class Rows(Protocol):
     """The attributes of a `VectorEnv` that this module uses."""
 
@@ -83,8 +88,7 @@ def are_environments(envs: Rows) -> bool:
     return all(_is_of_environments(batch) for batch in envs.batches)
 
 
-# Any: a value for all rows, or a list of values.
-def set_values(envs: Rows, name: str, values: Any) -> None:
+def set_values(envs: Rows, name: str, values: object) -> None:
     """Set an attribute of rows to a value, or to those of a list or tuple, one for each row.
 
     A setting of a vectorised task must be equal in all rows, of the same kind as before, and leave
@@ -136,10 +140,7 @@ def set_values(envs: Rows, name: str, values: Any) -> None:
         )
 
 
-# Any: arguments of the method.
-def call(
-    envs: Rows, name: str, args: Sequence[Any], kwargs: Mapping[str, Any], rows: Sequence[int]
-) -> list[object]:
+def call(envs: Rows, name: str, args: _Args, kwargs: _Kwargs, rows: Sequence[int]) -> list[object]:
     """The results of a method of some rows; for an attribute its values, as Gymnasium has it.
 
     Raises:
@@ -164,9 +165,7 @@ def call(
     return results
 
 
-def _called(
-    batch: Batch, name: str, args: Sequence[Any], kwargs: Mapping[str, Any], rows: list[int]
-) -> list[object]:
+def _called(batch: Batch, name: str, args: _Args, kwargs: _Kwargs, rows: list[int]) -> list[object]:
     """The results of a method of some rows of one batch."""
     if _is_of_environments(batch):
         if rows == list(range(batch.num_envs)):
@@ -240,28 +239,27 @@ def _names(batch: Batch) -> list[str]:
     return [*_OF_BATCH, *_memory(task), *_setting_names(task)]
 
 
-# Any: of the domain's own class.
-def _task(batch: Batch) -> Any:
+def _task(batch: Batch) -> object:
     """The one task of a vectorised batch."""
     return batch.task  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def _memory(task: Any) -> tuple[str, ...]:
+def _memory(task: object) -> tuple[str, ...]:
     """Attributes of the task that have a value for each row."""
     return tuple(getattr(task, "EPISODE_ATTRIBUTES", ()))
 
 
-def _is_setting(task: Any, name: str) -> bool:
+def _is_setting(task: object, name: str) -> bool:
     """Whether a task has a plain value of this name that is the same for all rows."""
     is_fixed = name.startswith("__") or name.isupper() or name in _MACHINERY
     return not is_fixed and hasattr(task, name) and isinstance(getattr(task, name), _SETTINGS)
 
 
-def _setting_names(task: Any) -> list[str]:
+def _setting_names(task: object) -> list[str]:
     return [name for name in vars(task) if _is_setting(task, name)]
 
 
-def _setting(task: Any, name: str, values: Sequence[Any]) -> object:
+def _setting(task: object, name: str, values: Sequence[object]) -> object:
     """The new value of a task's setting, which all rows must have in common."""
     on_class = getattr(type(task), name, None)
     is_fixed = isinstance(on_class, property) and on_class.fset is None
@@ -280,14 +278,14 @@ def _setting(task: Any, name: str, values: Sequence[Any]) -> object:
     return _of_kind(name, first, old)
 
 
-def _rows_of_memory(task: Any, name: str, values: Sequence[Any]) -> np.ndarray:
+def _rows_of_memory(task: object, name: str, values: Sequence[object]) -> np.ndarray:
     """The values of rows of an attribute that the task declares in EPISODE_ATTRIBUTES."""
     old = np.asarray(getattr(task, name))
-    return np.stack([_of_kind(name, value, old[row]) for row, value in enumerate(values)])
+    new = [np.asarray(_of_kind(name, value, old[row])) for row, value in enumerate(values)]
+    return np.stack(new)
 
 
-# Any: of any type.
-def _of_kind(name: str, value: Any, old: Any) -> Any:
+def _of_kind(name: str, value: object, old: object) -> object:
     """The value, checked to be of the kind of the old one."""
     if isinstance(old, np.ndarray):
         given = np.asarray(value)
@@ -311,10 +309,9 @@ def _of_kind(name: str, value: Any, old: Any) -> Any:
     return value
 
 
-# Any: of any type.
-def _is_equal(one: Any, other: Any) -> bool:
+def _is_equal(one: object, other: object) -> bool:
     if isinstance(one, np.ndarray):
-        return np.array_equal(one, other)
+        return np.array_equal(one, np.asarray(other))
     return one is other or (not isinstance(other, np.ndarray) and bool(one == other))
 
 

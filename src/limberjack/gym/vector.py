@@ -270,8 +270,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         """Time between two actions, seconds."""
         return self.batches[0].control_timestep()
 
-    # Any: arguments of any method.
-    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+    # Any: results of any type.
+    def call(self, name: str, *args: object, **kwargs: object) -> tuple[Any, ...]:
         """The results of a method of each row, or the values of an attribute, as in Gymnasium.
 
         Raises:
@@ -292,8 +292,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._workers.check_idle()
         return tuple(attributes.get(self, name))
 
-    # Any: as above.
-    def set_attr(self, name: str, values: Any) -> None:
+    def set_attr(self, name: str, values: object) -> None:
         """Set a setting of the task in each row; see `limberjack.gym.attributes`.
 
         Args:

@@ -321,9 +321,8 @@ class Batch(Protocol):
         """Makes row `target` a copy of row `source`."""
         ...
 
-    # Any: `rl.represented.Description`, whose module imports this one.
-    def description(self) -> Any:
-        """The parts of the batch's `repr`."""
+    def description(self) -> object:
+        """The parts of the batch's `repr`, a `rl.represented.Description`."""
         ...
 
     # Any: each keyword has its own type.

@@ -10,7 +10,6 @@ still running. `set_state` of an environment and `set_states` of a batch set it.
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -23,8 +22,7 @@ _SIZES = {"qpos": "nq", "qvel": "nv", "act": "na"}  # fields of the data, and of
 _MAX_VALUE = 1e10  # mjMAXVAL: MuJoCo replaces a state with larger values by the default state
 
 
-# Any: of the domain's own class.
-def state_sizes(physics: Any) -> dict[str, int]:
+def state_sizes(physics: object) -> dict[str, int]:
     """Numbers in each field of the state by name, in MuJoCo's order, without empty fields.
 
     Raises:

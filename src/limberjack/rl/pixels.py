@@ -226,8 +226,7 @@ def render_arguments(given: Mapping[str, object]) -> dict[str, object]:
     return arguments
 
 
-# Any: as the simulation checks it.
-def cameras_of(camera: Any, what: str = "camera_id") -> list[int | str]:
+def cameras_of(camera: object, what: str = "camera_id") -> list[object]:
     """The cameras of an argument that takes one camera or a list of them.
 
     Args:
