@@ -201,8 +201,12 @@ class VecEnv(vec_env.VecEnv):
           AttributeError: rows have no such method; the `VectorEnv` may have it.
         """
         rows = self._rows(indices)
+
+        def of_row(row: int, name: str) -> object:
+            return self.get_attr(name, row)[0]
+
         if method_name == "get_wrapper_attr":  # with the attributes that only `get_attr` returns
-            return [self.get_attr(*method_args, **method_kwargs, indices=row)[0] for row in rows]
+            return [of_row(row, *method_args, **method_kwargs) for row in rows]
         return attributes.call(self.vector_env, method_name, method_args, method_kwargs, rows)
 
     def env_is_wrapped(self, wrapper_class: type, indices: _Indices = None) -> list[bool]:
