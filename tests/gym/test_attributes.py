@@ -254,6 +254,27 @@ def test_what_rows_cannot_have_is_refused_and_nothing_is_set(
         assert all(vars(batch.task)[key] is value for key, value in kept.items())
 
 
+def test_a_setting_that_makes_rows_differ_from_single_environments_is_refused() -> None:
+    class Mixes(Falls):
+        """Its reward depends on all rows if it is told so."""
+
+        mixes = False
+
+        def get_reward(self, physics: Any) -> Any:
+            height = physics.head_height()
+            return height / (1 + np.linalg.norm(height)) if self.mixes else height
+
+    task = Mixes(move_speed=0, pure_state=False, random=0)
+    env = control.Environment(falling().physics, task, time_limit=1, control_timestep=0.025)
+    envs, twin = (gym.VectorEnv(BatchEnvironment.from_environment(env, 3, 1)) for _ in range(2))
+    for each in (envs, twin):
+        each.reset(seed=0)
+    with pytest.raises(ValueError, match="reward of task Mixes"):
+        envs.set_attr("mixes", True)
+    assert envs.get_attr("mixes") == (False,) * 3
+    assert_same(envs.step(np.zeros((3, 21))), twin.step(np.zeros((3, 21))))
+
+
 @pytest.mark.parametrize("name", ["get_reward", "_random", "physics", "task", "step", "__class__"])
 def test_other_attributes_are_refused_with_the_way_out(name: str) -> None:
     envs = _envs()

@@ -96,8 +96,8 @@ def set_values(envs: Rows, name: str, values: object) -> None:
 
     Raises:
       AttributeError: rows have no such attribute, or it cannot be set.
-      ValueError: the number of values differs from that of rows, or a setting differs by row or
-        changes the specs; nothing was set.
+      ValueError: the number of values differs from that of rows, or a setting differs by row,
+        changes the specs or makes rows differ from single environments; nothing was set.
       TypeError: a value is of another kind than before; nothing was set.
     """
     given = list(values) if isinstance(values, list | tuple) else [values] * envs.num_envs
@@ -123,17 +123,20 @@ def set_values(envs: Rows, name: str, values: object) -> None:
     ]
     specs = [_specs(batch) for batch in envs.batches]
     kept = [dict(vars(task)) for task in tasks]
-    is_refused = True
+    is_set = False
     try:
         for task, value in zip(tasks, new, strict=True):
             setattr(task, name, value)
-        is_refused = [_specs(batch) for batch in envs.batches] != specs
+        if [_specs(batch) for batch in envs.batches] == specs:
+            if not _memory(tasks[0]):  # whose arrays are of all rows, and the check has fewer
+                envs.batches[0].check_task()  # pyright: ignore[reportAttributeAccessIssue]
+            is_set = True
     finally:
-        if is_refused:
+        if not is_set:
             for task, attributes in zip(tasks, kept, strict=True):
                 vars(task).clear()
                 vars(task).update(attributes)
-    if is_refused:
+    if not is_set:
         raise ValueError(
             f"{name!r} of the task cannot be {given[0]!r} here: that changes the observations or "
             "actions; make another environment, with this value in task_kwargs"

@@ -319,6 +319,16 @@ class BatchEnvironment:
                 self._replicas.free()
             self._use.what_is_wrong = "this batch is closed: create a new one"
 
+    def check_task(self) -> None:
+        """Checks again that the task, whose settings have changed, is batch-safe.
+
+        Raises:
+          ValueError, TypeError: it is not; see `limberjack.rl.batch_safety`.
+        """
+        task, replicas = self._task, self._replicas
+        how = self._n_sub_steps, self._saved_fields, self._randomizer
+        check_batch_safe(task, replicas, bounded_spec(task, replicas.single), *how)
+
     def description(self) -> Description:
         """The parts of the batch's `repr`."""
         return of_batch(self)
