@@ -103,9 +103,9 @@ class VecEnv(vec_env.VecEnv):
         Raises:
           TypeError, ValueError: an option of a row is unknown or invalid; nothing was reset.
         """
-        given = [arguments.check_options(o or None, *arguments.OPTIONS) for o in self._options]
-        states = [options.get("state") for options in given]
-        options = {"state": states} if any(state is not None for state in states) else None
+        given = [arguments.check_options(o or None, arguments.STATE) for o in self._options]
+        states = [options.get(arguments.STATE) for options in given]
+        options = {arguments.STATE: states} if any(state is not None for state in states) else None
         observations, info = self.vector_env.reset(seed=self._seeds, options=options)
         self._reset_seeds()
         self._reset_options()

@@ -53,7 +53,9 @@ def test_a_mask_is_copied() -> None:
 def test_without_a_mask_there_is_none() -> None:
     assert arguments.reset_mask(None, 3) is None
     assert arguments.reset_mask({}, 3) is None
-    assert arguments.reset_mask({"state": 1}, 3) is None
+    assert arguments.reset_mask({"state": 1}, 3, "state") is None
+    with pytest.raises(TypeError, match="has 'state', which reset does not take"):
+        arguments.reset_mask({"state": 1}, 3)
 
 
 def test_options_are_known_by_name() -> None:

@@ -15,9 +15,8 @@ from limberjack.utils.seeds import checked_seed
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
-    "OPTIONS",
     "RENDER_MODES",
-    "VECTOR_OPTIONS",
+    "STATE",
     "autoreset_mode",
     "check_options",
     "environment_arguments",
@@ -32,8 +31,7 @@ __all__ = [
 ]
 
 RENDER_MODES = ["rgb_array"]
-OPTIONS = ("state",)  # of a reset of `Env`
-VECTOR_OPTIONS = ("reset_mask", "state")  # of a reset of `VectorEnv`
+STATE = "state"  # the option of a reset that gives the state to begin in
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -100,14 +98,21 @@ def check_options(options: object, *known: str) -> Mapping[str, object]:
     return options
 
 
-def reset_mask(options: Mapping[str, object] | None, num_envs: int) -> np.ndarray | None:
+def reset_mask(
+    options: Mapping[str, object] | None, num_envs: int, *others: str
+) -> np.ndarray | None:
     """A copy of `options["reset_mask"]`; None without one.
+
+    Args:
+      options: of a reset.
+      num_envs: number of rows.
+      others: the names of other options there are.
 
     Raises:
       TypeError: it is not an array of booleans, or see `check_options`.
       ValueError: its shape is not (num_envs,), or it selects no row.
     """
-    mask = check_options(options, *VECTOR_OPTIONS).get("reset_mask")
+    mask = check_options(options, "reset_mask", *others).get("reset_mask")
     if mask is None:
         return None
     if not isinstance(mask, np.ndarray) or mask.dtype != bool:

@@ -137,7 +137,7 @@ class Env(gymnasium.Env):
         """
         self._check_open()
         try:
-            given = arguments.check_options(options, *arguments.OPTIONS).get("state")
+            given = arguments.check_options(options, arguments.STATE).get(arguments.STATE)
             state = state_of_one(given, self._environment)
             number = None if seed is None else checked_seed(seed)
             _check_length(self, state)

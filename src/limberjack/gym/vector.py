@@ -170,10 +170,10 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._check_open()
         self._workers.check_idle()
         seeds = arguments.row_seeds(seed, self.num_envs)
-        mask = arguments.reset_mask(options, self.num_envs)
+        mask = arguments.reset_mask(options, self.num_envs, arguments.STATE)
         begun = np.ones(self.num_envs, bool) if mask is None else mask
         masks = [begun[rows] for rows in self.halves]
-        states = states_of_rows((options or {}).get("state"), self.batches, masks)
+        states = states_of_rows((options or {}).get(arguments.STATE), self.batches, masks)
         if isinstance(seed, int | np.integer):
             super().reset(seed=seeds[0])
         results = [
