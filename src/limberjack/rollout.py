@@ -15,7 +15,7 @@ import dm_env
 import numpy as np
 
 from limberjack.policies import Policy, begin
-from limberjack.rl.control import Environment
+from limberjack.rl.copies import control_of
 from limberjack.utils.seeds import checked_seed
 
 __all__ = ["Episode", "OnStep", "Step", "kind_of_start", "run_episode"]
@@ -64,7 +64,7 @@ class Episode:
 
 
 def run_episode(
-    environment: Environment,
+    environment: dm_env.Environment,
     policy: Policy,
     seed: int,
     on_step: OnStep | None = None,
@@ -100,8 +100,9 @@ def run_episode(
     return Episode(seed, start, np.array(rewards))
 
 
-def kind_of_start(environment: Environment) -> str | None:
+def kind_of_start(environment: dm_env.Environment) -> str | None:
     """The kind of start of an episode that has just begun; None for a task without kinds."""
+    inner = control_of(environment)
     # Only `suite.base.Task` promises the attribute.
-    start = getattr(environment.task, "start", None)
-    return None if start is None else start(environment.physics)
+    start = getattr(getattr(inner, "task", None), "start", None)
+    return None if start is None else start(getattr(inner, "physics", None))

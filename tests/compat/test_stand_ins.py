@@ -16,8 +16,6 @@ STAND_INS = [
     "dm_control.manipulation",
     "dm_control.mjcf",
     "dm_control.suite.wrappers.mujoco_profiling",
-    "dm_control.utils.inverse_kinematics",
-    "dm_control.utils.transformations",
 ]
 
 

@@ -22,10 +22,15 @@ _LAYERS = {
     "limberjack._gymnasium_plugin": 0,
     "limberjack.registry": 0,
     "limberjack.utils": 0,
+    "limberjack.utils.inverse_kinematics": 3,  # at dm_control's path; it searches with a Physics
     "limberjack.rl": 1,
     "limberjack.mujoco": 2,
     "limberjack.rl.batch": 3,
     "limberjack.rl.batch_measurements": 3,
+    "limberjack.rl.batches": 3,
+    "limberjack.rl.builds": 3,
+    "limberjack.rl.rows": 3,
+    "limberjack.rl.watch": 3,
     "limberjack.rl.batch_safety": 3,
     "limberjack.rl.batch_test_utils": 3,
     "limberjack.suite": 4,
@@ -74,9 +79,13 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
 }
 # Modules that one folder uses and that lie outside it: dm_control's paths, and what users import.
 _STANDS_ALONE = (
+    "limberjack.mujoco.math",
+    "limberjack.suite.utils.parse_amc",
     "limberjack.suite.utils.randomizers",
     "limberjack.utils.containers",
+    "limberjack.utils.inverse_kinematics",
     "limberjack.utils.rewards",
+    "limberjack.utils.transformations",
     "limberjack.utils.xml_tools",
     "limberjack.data.to_minari",
     "limberjack.gallery",

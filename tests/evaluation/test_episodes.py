@@ -12,6 +12,7 @@ from limberjack.evaluation.episodes import play, play_alone
 from limberjack.evaluation.statistics import Score
 from limberjack.policies import Policy, actors
 from limberjack.policies.batched import Batched, EachRow
+from limberjack.rl.builds import Build
 
 _SEEDS = [5, 0, 3, *range(100, 165)]  # more than there are rows
 
@@ -149,7 +150,7 @@ def test_an_object_with_a_state_plays_one_episode_at_a_time() -> None:
     seeds = [2, 6]
     make = policies.find("evaluated:Remembering")
     expected = _alone(_load("humanoid", "stand"), make, seeds)
-    assert _listed(play_alone(environment, found.alone, seeds)) == expected
+    assert _listed(play_alone(Build.of(environment).seeded(0), found.alone, seeds)) == expected
 
 
 def test_the_planner_plays_one_episode_at_a_time_as_run_does() -> None:
@@ -158,12 +159,12 @@ def test_the_planner_plays_one_episode_at_a_time_as_run_does() -> None:
     assert found.alone is not None
     seeds = [1, 2]
     expected = _alone(environment, policies.find("planner"), seeds)
-    assert _listed(play_alone(environment, found.alone, seeds)) == expected
+    assert _listed(play_alone(Build.of(environment).seeded(0), found.alone, seeds)) == expected
 
 
 def test_divergence_ends_an_episode_alike_in_a_batch_and_alone() -> None:
     seeds = list(range(24))
     environment = evaluated.sinking(some_diverge=True)
     batched = _in_order(play(environment, EachRow(policies.zero), seeds, 1), seeds)
-    assert _listed(play_alone(environment, policies.zero, seeds)) == batched
+    assert _listed(play_alone(Build.of(environment).seeded(0), policies.zero, seeds)) == batched
     assert 0 < sum(score.diverged for score in batched) < 24

@@ -107,11 +107,6 @@ def test_a_measurement_of_one_value_for_all_rows_must_be_the_rows_value() -> Non
 # Advice.
 
 
-def test_attributes_that_starts_set_are_the_advice_if_there_are_any() -> None:
-    with pytest.raises(ValueError, match=r"its start sets self\._goal, self\.side: store"):
-        _finding(kept=("_goal", "side")).check(np.zeros(3), np.array(1.0))
-
-
 @pytest.mark.parametrize("label", ["data.ctrl", "model.body_pos"])
 def test_quantities_set_by_steps_have_advice_on_steps(label: str) -> None:
     with pytest.raises(ValueError, match="before_step and after_step must set it for each row"):

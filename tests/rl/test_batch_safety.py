@@ -256,7 +256,7 @@ def test_names_of_observations_must_not_depend_on_the_batch() -> None:
         _batch(_with(get_observation=more))
 
 
-def test_an_attribute_that_an_episode_sets_is_named() -> None:
+def test_an_attribute_that_a_start_sets_is_named() -> None:
     def initialize_episode(self: Any, physics: Physics) -> None:
         Reach.initialize_episode(self, physics)
         self._offset = self.random.uniform(-1, 1, 2)
@@ -265,25 +265,120 @@ def test_an_attribute_that_an_episode_sets_is_named() -> None:
         return {"angles": physics.position() - self._offset}  # a shape that fits
 
     task = _with(initialize_episode=initialize_episode, get_observation=get_observation)
-    expected = (
-        r"'angles' .* in row 0 .*: store nothing about the episode in the task, .* self\._offset"
-    )
-    with pytest.raises(ValueError, match=expected):
+    with pytest.raises(ValueError, match=r"sets self\._offset in initialize_episode"):
         _batch(task)
     assert not hasattr(task, "_offset")
 
 
-def test_an_attribute_that_every_start_sets_alike_is_not_blamed() -> None:
-    def initialize_episode(self: Any, physics: Physics) -> None:
-        Reach.initialize_episode(self, physics)
-        self._timeout_progress = 0
+def test_an_attribute_counts_even_if_it_is_set_to_an_equal_value() -> None:
+    def after_step(self: Any, physics: Physics) -> None:
+        self.has_touched = False
 
-    def get_observation(self: Any, physics: Physics) -> Any:
-        return {"angles": physics.position()[::-1].copy()}
-
-    task = _with(initialize_episode=initialize_episode, get_observation=get_observation)
-    with pytest.raises(ValueError, match=r"'angles' .* in row 0 .*: index with"):
+    task = _with(after_step=after_step)
+    task.has_touched = False
+    with pytest.raises(ValueError, match=r"sets self\.has_touched in initialize_episode"):
         _batch(task)
+
+
+_HOOKS = ["initialize_episode", "before_step", "after_step", "get_reward", "get_observation"]
+_HOOKS += ["get_termination", "begin_stream"]
+
+
+def _then(hook: str, change: Any) -> Any:
+    """A task that does something more in a hook."""
+
+    def more(self: Any, *args: Any) -> Any:
+        change(self, args[-1])
+        return getattr(Reach, hook)(self, *args)
+
+    return _with(**{hook: more})
+
+
+def _append(self: Any, physics: Physics) -> None:
+    self.history.append(0)
+
+
+def _count_in_physics(self: Any, physics: Physics) -> None:
+    if isinstance(physics, Physics):
+        physics.calls = 1  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _count_in_class(self: Any, physics: Physics) -> None:
+    type(self).calls.append(0)
+
+
+class _Filter:
+    def __init__(self) -> None:
+        self.value = 0.0
+
+
+def _filter(self: Any, physics: Physics) -> None:
+    self.filter.value += 1.0
+
+
+@pytest.mark.parametrize("hook", _HOOKS)
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        (_append, r"self\.history"),
+        (_filter, r"self\.filter"),
+        (_count_in_class, r"\w+\.calls"),
+        (_count_in_physics, r"physics\.calls"),
+    ],
+)
+def test_what_a_hook_remembers_is_named(hook: str, change: Any, named: str) -> None:
+    if hook == "begin_stream" and change is _count_in_physics:
+        return  # this hook does not see the physics
+    task = _then(hook, change)
+    task.history, task.filter = [], _Filter()
+    type(task).calls = []
+    expected = "initialize_episode" if hook == "after_step" else hook  # a start calls it first
+    with pytest.raises(ValueError, match=f"sets .*{named}.* in {expected}"):
+        _batch(task)
+    assert not task.history
+    assert not task.filter.value
+
+
+def test_a_cached_property_is_not_memory() -> None:
+    import functools
+
+    class Cached(Reach):
+        @functools.cached_property
+        def scale(self) -> list[float]:
+            return [2.0]
+
+        def get_reward(self, physics: Physics) -> Any:
+            self.scale.append(0.0)
+            return self.scale[0] * physics.velocity()[..., 0]
+
+    _batch(Cached(random=0))
+
+
+@pytest.mark.parametrize("hook", _HOOKS[1:-1])
+@pytest.mark.parametrize("stream", ["the task's", "NumPy's global"])
+def test_a_hook_of_a_step_that_draws_is_refused_and_streams_do_not_advance(
+    hook: str, stream: str
+) -> None:
+    def draw(self: Any, physics: Physics) -> None:
+        (self.random if stream == "the task's" else np.random).uniform()
+
+    task = _then(hook, draw)
+    np.random.seed(5)
+    expected = np.random.RandomState(5).uniform()
+    with pytest.raises(ValueError, match=f"draws from {stream} random stream in {hook}"):
+        _batch(task)
+    assert np.random.uniform() == expected
+    assert task.random.uniform() == np.random.RandomState(0).uniform()
+
+
+def test_a_class_is_left_as_it_was() -> None:
+    class Assigning(Reach):
+        def __setattr__(self, name: str, value: object) -> None:
+            object.__setattr__(self, name, value)
+
+    before = {cls: vars(cls).get("__setattr__") for cls in (Assigning, Reach, Physics)}
+    _batch(Assigning(random=0))
+    assert {cls: vars(cls).get("__setattr__") for cls in before} == before
 
 
 class _Measuring(Physics):
@@ -334,17 +429,6 @@ def test_a_measurement_may_be_a_constant_or_arranged_as_the_task_likes() -> None
     env = control.Environment(physics, _rewarding(gap), time_limit=1, n_sub_steps=2)
     assert BatchEnvironment.from_environment(env, 3, 1, seed=0).num_envs == 3
     assert "distance" not in vars(physics)
-
-
-def test_an_attribute_that_is_the_same_in_every_episode_is_accepted() -> None:
-    def initialize_episode(self: Any, physics: Physics) -> None:
-        Reach.initialize_episode(self, physics)
-        self._mass = physics.named.model.body_mass["upper"]
-
-    def get_reward(self: Any, physics: Physics) -> Any:
-        return self._mass * physics.velocity()[..., 0]
-
-    _batch(_with(initialize_episode=initialize_episode, get_reward=get_reward))
 
 
 def _set_hills(physics: Physics, value: float) -> None:
@@ -485,33 +569,29 @@ def test_a_quantity_that_ignores_randomised_fields_is_refused() -> None:
         _batch(Weighing(mass), randomize={"body_mass": scale(0.5, 2)})
 
 
-def test_tasks_that_draw_are_compared_fairly_and_streams_do_not_advance() -> None:
-    def get_observation(self: Any, physics: Physics) -> Any:
-        noise = self.random.uniform() + np.random.uniform()  # one for all rows
-        return {"angles": physics.position() + noise}
-
-    task = _with(get_observation=get_observation)
-    np.random.seed(5)
-    expected = np.random.RandomState(5).uniform()
-    _batch(task)
-    assert np.random.uniform() == expected
-    assert task.random.uniform() == np.random.RandomState(0).uniform()
-
-
 def test_the_task_is_left_as_it_was() -> None:
     counted: list[str] = []
 
     def initialize_episode(self: Any, physics: Physics) -> None:
         Reach.initialize_episode(self, physics)
         counted.append("a start")
-        self.starts = getattr(self, "starts", 0) + 1
 
     task = _with(initialize_episode=initialize_episode)
+    before = {**vars(task)}
     batch = _batch(task)
-    assert len(counted) == 3  # of copies
-    assert not hasattr(task, "starts")
-    assert not hasattr(batch.task, "starts")
+    assert len(counted) == 4  # of copies: three rows, of which one begins twice
+    assert vars(task) == before
     assert batch.begins.all()
+
+
+def test_a_row_that_begins_again_later_is_compared() -> None:
+    def get_reward(self: Any, physics: Physics) -> Any:
+        # Rows are mixed once one of them has begun again.
+        time = np.asarray(physics.data.time)
+        return np.zeros(time.shape) + (time.min() if np.ptp(time) else 0.0)
+
+    with pytest.raises(ValueError, match=r"reward of .* in row 0 of a batch after 9 steps"):
+        _batch(_with(get_reward=get_reward))
 
 
 def test_a_task_that_cannot_be_copied_is_refused_with_the_reason() -> None:
@@ -519,7 +599,15 @@ def test_a_task_that_cannot_be_copied_is_refused_with_the_reason() -> None:
 
     task = Reach(random=0)
     task.lock = threading.Lock()  # pyright: ignore[reportAttributeAccessIssue]
-    with pytest.raises(TypeError, match=r"task Reach cannot be copied .*lock"):
+    with pytest.raises(ValueError, match=r"attribute task\.lock cannot be copied .*build\(seed\)"):
+        _batch(task)
+
+
+def test_a_function_that_uses_the_task_itself_is_refused() -> None:
+    task = Reach(random=0)
+    old = task.get_reward
+    task.get_reward = lambda physics: old(physics) * 2  # pyright: ignore
+    with pytest.raises(ValueError, match=r"task\.get_reward is a function that uses the env"):
         _batch(task)
 
 

@@ -184,7 +184,7 @@ def test_a_task_that_does_not_declare_what_it_draws_is_refused() -> None:
 
 def test_a_task_that_keeps_a_streams_draws_on_itself_is_refused_in_a_batch() -> None:
     env = _of(_Remembering(0.1, random=0))
-    with pytest.raises(ValueError, match=r"observation 'position' of task _Remembering .*_scale"):
+    with pytest.raises(ValueError, match=r"_Remembering sets self\._scale in begin_stream"):
         BatchEnvironment.from_environment(env, 2)
 
 

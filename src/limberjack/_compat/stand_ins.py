@@ -28,10 +28,7 @@ _NOT_BUILT = (
     "locomotion",
     "manipulation",
     "mjcf",
-    "suite.utils.parse_amc",
     "suite.wrappers.mujoco_profiling",
-    "utils.inverse_kinematics",
-    "utils.transformations",
     "viewer",  # its submodules only: Limberjack has the module itself
 )
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from limberjack.evaluation.episodes import play, play_alone
 from limberjack.evaluation.runner import OnProgress
-from limberjack.evaluation.starts import kind_of_start
+from limberjack.evaluation.starts import kind_of_first_start
 from limberjack.evaluation.statistics import Score
 from limberjack.evaluation.store import Store
 from limberjack.workers import Setup, Unit, Workers, units_of
@@ -58,14 +58,15 @@ def play_unit(setup: Setup, seeds: tuple[int, ...]) -> list[Score]:
     """The scores of the first episodes of these seeds, with their kinds of starts, in a worker."""
     here = setup.opened()
     if here.found.actor is not None:
-        ended = play(here.environment, here.found.actor, seeds, here.num_threads)
+        ended = play(here.build, here.found.actor, seeds, here.num_threads)
     else:
         assert here.found.alone is not None
-        ended = play_alone(here.environment, here.found.alone, seeds)
+        ended = play_alone(here.build.seeded(seeds[0]), here.found.alone, seeds)
+    full_length = here.full_build.seeded(seeds[0])
     processor = here.processor if setup.any_processor else None
     return [
         dataclasses.replace(
-            score, start=kind_of_start(here.full_length, score.seed), processor=processor
+            score, start=kind_of_first_start(full_length, score.seed), processor=processor
         )
         for scores in ended
         for score in scores

@@ -1,6 +1,6 @@
 """Plays the first episode of each of many seeds, in batches on all cores.
 
-    for ended in play(environment, EachRow(policies.random), range(1000)):
+    for ended in play(build, EachRow(policies.random), range(1000)):
         for score in ended:
             print(score.seed, score.total)
 
@@ -22,8 +22,9 @@ from limberjack import rollout
 from limberjack.evaluation.statistics import Score
 from limberjack.policies import Policy
 from limberjack.policies.batched import ROWS, Actor
-from limberjack.rl.batch import BatchEnvironment
-from limberjack.rl.control import Environment, PhysicsError
+from limberjack.rl.batches import batch_of
+from limberjack.rl.builds import Build, Seeded
+from limberjack.rl.contract import Batch, PhysicsError
 
 __all__ = ["play", "play_alone"]
 
@@ -34,7 +35,7 @@ _OnSteps = Callable[[int], object]
 
 
 def play(
-    environment: Environment,
+    build: Build | dm_env.Environment,
     actor: Actor,
     seeds: Sequence[int],
     num_threads: int | None = None,
@@ -43,24 +44,26 @@ def play(
     """The scores of each seed's first episode, as the episodes end.
 
     Args:
-      environment: a `control.Environment`, which is not changed.
+      build: makes the environments, or one to copy; the rows are vectorised if that
+        changes no number.
       actor: acts in all rows.
       seeds: at least one.
       num_threads: number of threads that step the rows; by default one per usable core.
       on_steps: called after each step of the batch with the number of rows that it stepped.
 
     Raises:
-      ValueError: the task cannot run in batches; nothing was played.
+      ValueError, TypeError: the environments cannot be made or do not agree in their specs;
+        nothing was played.
     """
     rows = min(ROWS, len(seeds))
-    batch = BatchEnvironment.from_environment(environment, rows, num_threads)
+    batch = batch_of(build, rows, num_threads, seed=0)
     return _Playing(batch, actor, seeds).episodes(on_steps)
 
 
 class _Playing:
     """A batch that plays one episode per seed."""
 
-    def __init__(self, batch: BatchEnvironment, actor: Actor, seeds: Sequence[int]) -> None:
+    def __init__(self, batch: Batch, actor: Actor, seeds: Sequence[int]) -> None:
         rows = batch.num_envs
         self._batch = batch
         self._actor = actor
@@ -102,7 +105,7 @@ class _Playing:
         self._seeds[taking] = seeds
         self._lengths[taking] = 0
         time_step = self._batch.reset(taking, seeds=seeds)
-        self._actor.begin(self._batch.task.action_spec(self._batch.single), taking, seeds)
+        self._actor.begin(self._batch.single_action_spec(), taking, seeds)
         return time_step
 
     def _taken(self, most: int) -> list[int]:
@@ -135,7 +138,7 @@ class _Playing:
 
 
 def play_alone(
-    environment: Environment,
+    seeded: Seeded,
     policy: Policy,
     seeds: Sequence[int],
     on_steps: _OnSteps | None = None,
@@ -143,13 +146,14 @@ def play_alone(
     """Like `play`, with a policy that can play only one episode at a time.
 
     Args:
-      environment: a `control.Environment`, which is reseeded and stepped.
+      seeded: an environment, which begins each seed's first episode and is stepped.
       policy: called at the start of each episode.
       seeds: played in this order.
       on_steps: called with 1 after each step.
     """
     for seed in seeds:
-        environment.reseed(seed)
+        seeded.begin(seed)
+        environment = seeded.environment
         so_far = (0, 0.0)
 
         def on_step(step: rollout.Step) -> None:

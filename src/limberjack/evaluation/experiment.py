@@ -9,15 +9,21 @@ import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 
+import dm_env
+
 from limberjack.evaluation import results, statistics
 from limberjack.evaluation.distributed import play_with
 from limberjack.evaluation.results import Evaluation
-from limberjack.evaluation.runner import OnProgress, Runner, check_seeding
+from limberjack.evaluation.runner import OnProgress, Runner
 from limberjack.evaluation.store import Store
 from limberjack.factories import Factory, Make, factory_of
 from limberjack.policies import actors
 from limberjack.report import Facts
+from limberjack.rl.action_specs import spec_of
+from limberjack.rl.builds import is_reproducible
 from limberjack.rl.control import Environment
+from limberjack.rl.copies import control_of
+from limberjack.rl.rows import draws_globally
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnState, Scale, Setup, shard_of
 from limberjack.workers.identity import canary_of, identity_of
@@ -28,7 +34,7 @@ FLOORS = ("zero", "random")  # baselines, always played on the same seeds as the
 
 
 def evaluate(
-    domain: str | Make,
+    domain: str | Make | dm_env.Environment,
     task: str | None = None,
     policy: object = "zero",
     seeds: Iterable[int] = range(100),
@@ -51,8 +57,10 @@ def evaluate(
     workers nor shards change a bit of an episode.
 
     Args:
-      domain: such as 'humanoid', or a function `make(seed) -> control.Environment`; see
-        `limberjack.factories`.
+      domain: such as 'humanoid', or a function `make(seed) -> dm_env.Environment`, or an
+        environment to copy; see `limberjack.factories`. A task that cannot be vectorised plays in
+        complete environments, and an environment of another class than `control.Environment` is
+        made again for each seed.
       task: such as 'walk'; None with a function.
       policy: its name, or the function, object or class itself; see `limberjack.policies`.
       seeds: distinct, from 0 to 2**32 - 1.
@@ -98,8 +106,15 @@ def evaluate(
     with contextlib.closing(store), contextlib.closing(environment):
         store.check_source(found)
         if setup is None:
-            full_length = factory if callable(domain) else factory_of(domain, task)
-            runner = Runner(environment, full_length.make(0), store, mine, num_threads)
+            full_length = factory_of(domain, task) if isinstance(domain, str) else factory
+            runner = Runner(
+                factory.build(environment),
+                _step_limit(environment),
+                full_length.build(full_length.make(0)).seeded(0),
+                store,
+                mine,
+                num_threads,
+            )
             _play_here(runner, found, environment, on_progress)
         else:
             with scale.open(len(mine)) as opened:
@@ -111,7 +126,7 @@ def evaluate(
 def _play_here(
     runner: Runner,
     found: actors.Found,
-    environment: Environment,
+    environment: dm_env.Environment,
     on_progress: OnProgress | None,
 ) -> None:
     """Plays the episodes of the policy and of the baselines in this process."""
@@ -143,11 +158,14 @@ def _of_shard(seeds: list[int], shard: tuple[int, int], directory: Path | None) 
     return shard_of(seeds, *shard)
 
 
-def _checked_environment(factory: Factory, seeds: list[int], directory: Path | None) -> Environment:
-    """An environment of the factory, whose episodes end and can be kept.
+def _checked_environment(
+    factory: Factory, seeds: list[int], directory: Path | None
+) -> dm_env.Environment:
+    """An environment of the factory, whose episodes end, depend on their seed, and can be kept.
 
     Raises:
-      ValueError: they never end, or could belong to another environment.
+      ValueError: they never end, draw from a stream that environments share, or could belong to
+        another environment.
     """
     if directory is not None and not factory.is_known:
         raise ValueError(
@@ -156,14 +174,56 @@ def _checked_environment(factory: Factory, seeds: list[int], directory: Path | N
             "folder"
         )
     environment = factory.make(seeds[0])
-    if environment.step_limit is None:
+    if not isinstance(control_of(environment), Environment):
+        raise ValueError(
+            f"{factory.title} makes a {type(environment).__name__} without a control.Environment "
+            "inside, whose model and time limit an evaluation needs"
+        )
+    if _step_limit(environment) is None:
         raise ValueError(
             f"{factory.title} has no time limit, so an episode might never end: give it a "
             "time_limit (--time-limit SECONDS)"
         )
-    if "environment" in factory.facts:  # a function
-        check_seeding(factory, environment, seeds[:2])
+    if "environment" in factory.facts:  # a user's own
+        with contextlib.closing(factory.make(seeds[0])) as trial:
+            shared = draws_globally(trial, spec_of(trial))
+        if shared is not None:
+            raise ValueError(
+                f"{factory.title} draws from {shared}, so an episode does not depend on its seed "
+                "alone: draw from task.random, which has the seed"
+            )
+        _check_seeding(factory, environment, seeds)
     return environment
+
+
+def _check_seeding(factory: Factory, environment: dm_env.Environment, seeds: list[int]) -> None:
+    """Raises ValueError unless a seed gives one episode, and all seeds one length of a step."""
+    if not is_reproducible(factory.build(environment), seeds[0]):
+        raise ValueError(
+            f"{factory.title} makes an environment that differs each time it is called with seed "
+            f"{seeds[0]}: pass the seed to the task, and draw from task.random"
+        )
+    for seed in seeds[1:2]:
+        with contextlib.closing(factory.make(seed)) as other:
+            pairs = [(_step_limit(one), _control_timestep(one)) for one in (environment, other)]
+        if pairs[0] != pairs[1]:
+            raise ValueError(
+                f"{factory.title} makes an environment that differs for seed {seed}: its episodes "
+                f"have {pairs[1][0]} steps of {pairs[1][1]} s, and those of seed {seeds[0]} "
+                f"{pairs[0][0]} of {pairs[0][1]} s; make them the same for all seeds"
+            )
+
+
+def _control_timestep(environment: dm_env.Environment) -> float:
+    inner = control_of(environment)
+    assert isinstance(inner, Environment)
+    return inner.control_timestep()
+
+
+def _step_limit(environment: dm_env.Environment) -> int | None:
+    inner = control_of(environment)
+    assert isinstance(inner, Environment)
+    return inner.step_limit
 
 
 def _played_with(store: Store, identity: Facts) -> Facts:

@@ -1,25 +1,21 @@
 """Plays the episodes that a store lacks, and adds the kind of start to each score.
 
-runner = Runner(environment, full_length, store, seeds=[0, 1, 2], threads=None)
+runner = Runner(build, 1000, full_length, store, seeds=[0, 1, 2], threads=None)
 runner.run(found, on_progress=None)
 """
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 
-import numpy as np
-
-from limberjack import report
 from limberjack.evaluation.episodes import play, play_alone
-from limberjack.evaluation.starts import kind_of_start
+from limberjack.evaluation.starts import kind_of_first_start
 from limberjack.evaluation.statistics import Score
 from limberjack.evaluation.store import Store
-from limberjack.factories import Factory
 from limberjack.policies import actors
-from limberjack.rl.control import Environment
+from limberjack.rl.builds import Build, Seeded
 
-__all__ = ["OnProgress", "Runner", "check_seeding"]
+__all__ = ["OnProgress", "Runner"]
 
 # Called with the name of the policy, the number of finished episodes, and how many episodes' worth
 # of steps the running ones have played.
@@ -31,22 +27,25 @@ class Runner:
 
     def __init__(
         self,
-        environment: Environment,
-        full_length: Environment,
+        build: Build,
+        step_limit: float,
+        full_length: Seeded,
         store: Store,
         seeds: list[int],
         threads: int | None,
     ) -> None:
-        """Takes two environments of the task.
+        """Takes what makes the environments.
 
         Args:
-          environment: plays the episodes.
+          build: makes those that play the episodes.
+          step_limit: of their episodes.
           full_length: determines the kinds of starts, with the task's own time limit.
           store: holds the finished episodes, and receives the new ones.
           seeds: one per episode.
           threads: number of threads that step a batch; None for all usable cores.
         """
-        self._environment = environment
+        self._build = build
+        self._step_limit = step_limit
         self._full_length = full_length
         self._store = store
         self._seeds = seeds
@@ -59,7 +58,7 @@ class Runner:
         """Plays the seeds that the policy has not played yet."""
         known = self._store.scores[found.name]
         missing = [seed for seed in self._seeds if seed not in known]
-        limit = self._environment.step_limit or math.inf
+        limit = self._step_limit or math.inf
         self._finished += len(self._seeds) - len(missing)
         steps = 0  # of unfinished episodes
 
@@ -85,51 +84,19 @@ class Runner:
 
     def close(self) -> None:
         """Frees the environment of full length."""
-        self._full_length.close()
+        self._full_length.environment.close()
 
     def _scores(
         self, found: actors.Found, seeds: list[int], on_steps: Callable[[int], None]
     ) -> Iterator[list[Score]]:
         if found.actor is not None:
-            return play(self._environment, found.actor, seeds, self._threads, on_steps)
+            return play(self._build, found.actor, seeds, self._threads, on_steps)
         assert found.alone is not None
-        return play_alone(self._environment, found.alone, seeds, on_steps)
+        return play_alone(self._build.seeded(seeds[0]), found.alone, seeds, on_steps)
 
     def _with_start(self, score: Score) -> Score:
         """The score with its kind of start, which is determined once per seed."""
         if score.seed not in self._starts:
-            self._starts[score.seed] = kind_of_start(self._full_length, score.seed)
+            self._starts[score.seed] = kind_of_first_start(self._full_length, score.seed)
         start = self._starts[score.seed]
         return dataclasses.replace(score, start=start, processor=self._store.processor)
-
-
-def check_seeding(factory: Factory, environment: Environment, seeds: Sequence[int]) -> None:
-    """Compares the environments that a factory makes with one that is reseeded.
-
-    An evaluation makes one environment and reseeds it for each episode.
-
-    Raises:
-      ValueError: their first episodes differ in the start, the time limit or the control timestep.
-    """
-    for seed in seeds:
-        made = factory.make(seed)
-        environment.reseed(seed)
-        if _beginning(made) != _beginning(environment):
-            raise ValueError(
-                f"{factory.title} with seed {seed} makes an environment that differs from the one "
-                f"made before after reseed({seed}): draw what depends on the seed from task.random "
-                "in initialize_episode, and make everything else the same for all seeds"
-            )
-        made.close()
-
-
-def _beginning(environment: Environment) -> tuple[object, ...]:
-    """The values that determine an episode after its reset."""
-    observation = environment.reset().observation
-    return (
-        environment.step_limit,
-        environment.control_timestep(),
-        report.fingerprint(environment.physics.model._model),
-        environment.physics.get_state().tobytes(),
-        {name: np.asarray(value).tobytes() for name, value in observation.items()},
-    )

@@ -6,9 +6,11 @@
 Tasks name their kinds of starts: see `start` and `STARTS` of `limberjack.suite.base.Task`.
 """
 
+from limberjack import rollout
 from limberjack.rl import control
+from limberjack.rl.builds import Seeded
 
-__all__ = ["kind_of_start"]
+__all__ = ["kind_of_first_start", "kind_of_start"]
 
 
 def kind_of_start(environment: control.Environment, seed: int) -> str | None:
@@ -20,5 +22,16 @@ def kind_of_start(environment: control.Environment, seed: int) -> str | None:
     """
     environment.reseed(seed)
     environment.reset()
-    start = getattr(environment.task, "start", None)
-    return None if start is None else start(environment.physics)
+    return rollout.kind_of_start(environment)
+
+
+def kind_of_first_start(seeded: Seeded, seed: int) -> str | None:
+    """The same, of an environment of any class.
+
+    Args:
+      seeded: is made to begin the seed's first episode.
+      seed: of the episode.
+    """
+    seeded.begin(seed)
+    seeded.environment.reset()
+    return rollout.kind_of_start(seeded.environment)

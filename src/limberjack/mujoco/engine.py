@@ -60,8 +60,6 @@ __all__ = [
     "action_spec",
 ]
 
-_SETTINGS = ("legacy_step",)  # attributes that copies keep
-
 
 class Physics(_control.Physics):
     """A MuJoCo simulation, or a batch of them; see the module's docstring."""
@@ -351,7 +349,10 @@ class Physics(_control.Physics):
         vars(self).update(settings)
 
     def _settings(self) -> dict[str, object]:
-        return {name: vars(self)[name] for name in _SETTINGS if name in vars(self)}
+        """The attributes that copies keep: settings, and what a subclass adds."""
+        own = self._attributes()
+        own.pop("_warnings_cause_exception", None)
+        return own
 
     def control(self) -> np.ndarray:
         """The control signals, (nu,)."""

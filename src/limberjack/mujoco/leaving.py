@@ -14,7 +14,12 @@ from types import FrameType
 __all__ = ["begin", "stay"]
 
 # Prefixes of the modules whose functions call MuJoCo or, as a step does, functions that may.
-_SIMULATING = ("limberjack.mujoco.", "limberjack.rl.", "limberjack.suite.")
+_SIMULATING = (
+    "limberjack.mujoco.",
+    "limberjack.rl.",
+    "limberjack.suite.",
+    "limberjack.utils.inverse_kinematics",
+)
 _LONGEST_WAIT = 2.0  # seconds; a step takes milliseconds
 
 _is_leaving = False

@@ -88,6 +88,17 @@ class Replicas(Generic[_P]):
             values[row] = read_field(model, name)
         mujoco.mj_getState(model, one.data._data, simulation.state[row], STATE)
 
+    def start_of(self, row: int) -> dict[str, np.ndarray]:
+        """A copy of the state and the own model fields that a row's episode starts with."""
+        fields = {name: values[row].copy() for name, values in self.simulation.own_fields.items()}
+        return {"state": self.simulation.state[row].copy(), **fields}
+
+    def set_start(self, row: int, start: Mapping[str, np.ndarray]) -> None:
+        """Makes a row start with the result of `start_of`; see `start`."""
+        self.simulation.state[row] = start["state"]
+        for name, values in self.simulation.own_fields.items():
+            values[row] = start[name]
+
     def start(self, rows: np.ndarray) -> None:
         """Computes derived quantities of rows that begin an episode, with actuation disabled."""
         self.simulation.set_constants(rows)

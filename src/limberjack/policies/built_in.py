@@ -9,7 +9,7 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
-from limberjack.rl.action_specs import bounded_spec, bounds_to_try
+from limberjack.rl.action_specs import bounds_to_try, spec_of
 from limberjack.rl.control import Environment
 
 __all__ = ["BUILT_IN", "begin", "planner", "planner_with", "random", "zero"]
@@ -67,7 +67,7 @@ def begin(policy: Policy, environment: Environment, seed: int) -> Act:
         return policy.begin_in(environment, seed)
     if policy in (zero, random):  # others know the task's actions themselves
         try:
-            bounded_spec(environment.task, environment.physics)
+            spec_of(environment)
         except (TypeError, ValueError) as error:
             raise PolicyError(f"policy {policy.__name__!r}: {error}") from error
     return policy(environment.action_spec(), seed)

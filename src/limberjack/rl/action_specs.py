@@ -11,12 +11,14 @@ import copy
 import inspect
 from collections.abc import Callable
 
+import dm_env
 import numpy as np
 from dm_env import specs
 
 from limberjack.rl.contract import Physics, Task
+from limberjack.rl.copies import difference
 
-__all__ = ["bounded_spec", "bounds_to_try", "open_bounds"]
+__all__ = ["bounded_spec", "bounds_to_try", "open_bounds", "spec_of"]
 
 _WIDEST = 1e9  # larger bounds mean 'unlimited': MuJoCo's own limit is 1e10
 
@@ -43,6 +45,26 @@ def bounded_spec(task: Task, physics: Physics) -> specs.BoundedArray:
                 f"task {name} defines before_step but not action_spec, and {problem}; define "
                 "action_spec(self, physics) to return a BoundedArray for the actions of before_step"
             )
+    return spec
+
+
+def spec_of(env: dm_env.Environment) -> specs.BoundedArray:
+    """The spec of the actions of an environment of any class, checked as by `bounded_spec`.
+
+    Raises:
+      TypeError, ValueError: see `bounded_spec`.
+    """
+    from limberjack.rl.control import Environment  # which imports this package's other modules
+
+    if isinstance(env, Environment) and difference(env) is None:
+        return bounded_spec(env.task, env.physics)
+    spec = env.action_spec()
+    if not isinstance(spec, specs.BoundedArray):
+        raise TypeError(
+            f"action_spec of {type(env).__name__} is {spec!r}; expected a "
+            "dm_env.specs.BoundedArray, which batches, Gymnasium and the policies 'random' and "
+            "'zero' rely on"
+        )
     return spec
 
 
@@ -76,7 +98,14 @@ def _maps_actions(task: Task) -> bool:
 
 def _problem(task: Task, physics: Physics, spec: specs.BoundedArray) -> str | None:
     """The problem with actions of the spec, as part of a sentence; None if there is none."""
-    effect = _effect(task, physics)
+    stream = np.random.get_state()
+    try:
+        return _problem_of(spec, _effect(task, physics))
+    finally:
+        np.random.set_state(stream)
+
+
+def _problem_of(spec: specs.BoundedArray, effect: Callable[[np.ndarray], bytes]) -> str | None:
     low, high = bounds_to_try(spec)
     action = (0.6 * low + 0.4 * high).astype(spec.dtype)
     shape = f"an action of the inherited spec, {spec.shape},"

@@ -16,7 +16,7 @@ row whose episode has just begun has reward 0 and discount 1.
 import copy
 import functools
 from collections.abc import Mapping, MutableMapping, Sequence
-from typing import Any
+from typing import Any, Self
 
 import dm_env
 import numpy as np
@@ -26,8 +26,15 @@ from dm_env import specs
 from limberjack.mujoco.replicas import Replicas
 from limberjack.rl import control, guards, observations
 from limberjack.rl.action_specs import bounded_spec
-from limberjack.rl.batch_safety import check_batch_safe, check_episode_fields
+from limberjack.rl.batch_errors import NotVectorised
+from limberjack.rl.batch_safety import (
+    check_batch_safe,
+    check_episode_fields,
+    check_plain,
+    is_proved,
+)
 from limberjack.rl.contract import Nested, Task
+from limberjack.rl.copies import check_copies
 from limberjack.rl.endings import Counter
 from limberjack.rl.given_state import checked_states, state_sizes
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments, render_cameras
@@ -105,7 +112,8 @@ class BatchEnvironment:
         self._use = guards.OneUser("batch")
         spec = bounded_spec(task, replicas.single)
         self._action_spec = guards.batched_spec(spec, self.num_envs)
-        check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
+        if not is_proved(task, replicas.single, randomizer):
+            check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
         self._streams.begin(range(self.num_envs), task, replicas.simulation)
 
     @classmethod
@@ -116,7 +124,7 @@ class BatchEnvironment:
         num_threads: int | None = None,
         seed: int | None = None,
         on_divergence: str = "end",
-    ) -> "BatchEnvironment":
+    ) -> Self:
         """A batch of environments like `env`, which is not changed.
 
         Args:
@@ -127,16 +135,34 @@ class BatchEnvironment:
           on_divergence: see the constructor.
 
         Raises:
-          ValueError, TypeError: see the constructor; or a number is out of range.
+          ValueError: the environment has methods of its own, or its task cannot be vectorised; or a
+            number is out of range. `limberjack.rl.batch_of` takes such environments too.
           MemoryError: this many rows do not fit into memory.
         """
+        try:
+            return cls._vectorised(env, num_envs, num_threads, seed, on_divergence)
+        except NotVectorised as reason:
+            reason.advice = ". limberjack.rl.batch_of makes a batch of complete environments"
+            raise
+
+    @classmethod
+    def _vectorised(
+        cls,
+        env: control.Environment,
+        num_envs: int,
+        num_threads: int | None,
+        seed: int | None,
+        on_divergence: str,
+    ) -> Self:
+        check_plain(env)
         num_envs = guards.at_least_one("num_envs", num_envs)
         fields = env._saved_fields()
         check_episode_fields(env.task)
         guards.check_memory(num_envs, env.physics.simulation.save(None, fields).values())
-        task = copy.copy(env.task)
+        task = _copy_of(env)
         if getattr(task, "visualize_reward", False):
-            task.visualize_reward = False  # the rows share the colours of materials
+            # The rows share the colours of materials. (Only `base.Task` has the attribute.)
+            task.visualize_reward = False  # pyright: ignore[reportAttributeAccessIssue]
         how = env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence
         replicas = env.physics.replicate(num_envs, threads_for(num_threads, num_envs, env), fields)
         batch = cls(replicas, task, *how, randomizer=env._randomizer, pixels=env.pixels)
@@ -479,3 +505,13 @@ class BatchEnvironment:
         if self._raises:
             raise control.PhysicsError(f"the simulations of rows {rows} diverged")
         log.warning("the simulations of rows %s diverged; their episodes end here", rows)
+
+
+def _copy_of(env: control.Environment) -> Task:
+    """A deep copy of an environment's task, which does not hold a copy of the physics."""
+    try:
+        check_copies(env)
+    except TypeError as error:
+        raise NotVectorised(str(error)) from error
+    memo: dict[int, object] = {id(env): env, id(env.physics): env.physics}
+    return copy.deepcopy(env.task, memo)

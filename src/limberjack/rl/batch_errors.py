@@ -15,7 +15,7 @@ from types import FrameType
 
 import numpy as np
 
-__all__ = ["Finding", "explained"]
+__all__ = ["Finding", "NotVectorised", "explained"]
 
 _ADVICE = (
     "index with `...`, reduce over axis -1, and write np.maximum and np.where for max() and if: "
@@ -32,6 +32,15 @@ _NOT_THE_TASKS = (
 )
 
 
+class NotVectorised(ValueError):  # noqa: N818 (an answer, not a fault of the code)
+    """A task or an environment gives other numbers in a vectorised batch than alone."""
+
+    advice = ""  # added to the message
+
+    def __str__(self) -> str:
+        return f"{super().__str__()}{self.advice}"
+
+
 @dataclasses.dataclass(frozen=True)
 class Finding:
     """A quantity of one row after a given step.
@@ -42,7 +51,6 @@ class Finding:
       row: the row's number.
       step: steps since the start of the episode.
       num_rows: number of rows.
-      kept: task attributes that are set at the start of an episode.
     """
 
     label: str
@@ -50,7 +58,6 @@ class Finding:
     row: int
     step: int
     num_rows: int
-    kept: Sequence[str] = ()
 
     def check(self, found: np.ndarray, expected: np.ndarray) -> None:
         """Raises ValueError unless the row has the expected values.
@@ -65,12 +72,12 @@ class Finding:
         if found.shape == () == expected.shape and self.label.startswith(_MAY_BE_ONE):
             found = np.broadcast_to(found, shape)
         if found.shape != shape:
-            raise ValueError(
+            raise NotVectorised(
                 f"{self.label} of task {self.task} has shape {found.shape} in a batch of "
                 f"{self.num_rows}; expected {shape}: {_ADVICE}"
             )
         if self.label.startswith("observation") and found.dtype != expected.dtype:
-            raise ValueError(
+            raise NotVectorised(
                 f"{self.label} of task {self.task} has dtype {found.dtype} in a batch; expected "
                 f"{expected.dtype}, as in a single simulation: {self._advice()}"
             )
@@ -78,7 +85,7 @@ class Finding:
         if differs.any():
             index = tuple(np.argwhere(differs)[0].tolist())
             where = f" at index {list(index)}" if index else ""
-            raise ValueError(
+            raise NotVectorised(
                 f"{self.label} of task {self.task} is {found[self.row][index].item()!r}{where} in "
                 f"row {self.row} of a batch {self._time()}; expected {expected[index].item()!r}, "
                 f"as in a single simulation in the same state: {self._advice()}"
@@ -101,7 +108,7 @@ class Finding:
 
     def missing(self, others: Sequence[str]) -> ValueError:
         """The error for a quantity that a single simulation has and the batch lacks."""
-        return ValueError(
+        return NotVectorised(
             f"{self.label} of task {self.task} is missing in a batch {self._time()}, which has "
             f"only {', '.join(others)}: a task must have the same quantities in a batch as in a "
             "single simulation"
@@ -109,7 +116,7 @@ class Finding:
 
     def surplus(self) -> ValueError:
         """The error for a quantity that the batch has and a single simulation lacks."""
-        return ValueError(
+        return NotVectorised(
             f"{self.label} of task {self.task} exists in a batch {self._time()}, but not in a "
             "single simulation: a task must have the same quantities in both"
         )
@@ -118,12 +125,6 @@ class Finding:
         return f"after {self.step} steps" if self.step else "as episodes begin"
 
     def _advice(self) -> str:
-        if self.kept:
-            names = ", ".join(f"self.{name}" for name in self.kept)
-            return (
-                f"store nothing about the episode in the task, which all rows share; its start "
-                f"sets {names}: store such values in the data or the model"
-            )
         if self.label.startswith(("data.", "model.")):
             return (
                 "before_step and after_step must set it for each row separately; positions and "
@@ -156,7 +157,7 @@ def explained(
         frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
         names = [label for label in expected if label.startswith("observation ")]
         label = _current_observation(frames, names) or what
-        raise ValueError(
+        raise NotVectorised(
             f"{label} of task {task} raises {type(error).__name__} in a batch of {num_rows} rows, "
             f"but not in a single simulation: {error} ({_place(error)}); {_ADVICE}"
         ) from error

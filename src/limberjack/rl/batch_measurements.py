@@ -16,9 +16,10 @@ import numpy as np
 
 from limberjack import mujoco
 
-__all__ = ["MEASUREMENT", "measurements_of"]
+__all__ = ["MEASUREMENT", "RECORDS", "measurements_of"]
 
 MEASUREMENT = "physics."  # every label begins with it
+RECORDS = "records_measurements"  # an attribute of the functions that take the methods' place
 
 
 def measurements_of(physics: object) -> dict[str, np.ndarray]:
@@ -54,4 +55,5 @@ def _recording(
             measured[label] = np.array(value)  # a copy: it may be a view of live memory
         return value
 
+    setattr(call, RECORDS, True)
     return call

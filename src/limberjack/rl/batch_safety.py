@@ -10,11 +10,18 @@ because a sparse reward is 0 for a wrong distance too. Everything runs on copies
 physics. The task's random stream is reset to the same position before each evaluation on either
 side.
 
-The check covers only the first steps of an episode.
+A hook must not change the task, its physics or a class of theirs, nor draw from a random stream:
+the rows would share what single environments have for themselves. What a start writes counts too.
+
+The rows are compared once more some steps later, when one row has begun another episode and another
+row was left out. The suite's own tasks skip the check, which a test makes for all of them. What
+changes only in later steps is found by `BatchEnvironment` as it happens, if at all.
 """
 
 import copy
+import random as python_random
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from dm_env import specs
@@ -23,20 +30,27 @@ from limberjack.mujoco import model_values
 from limberjack.mujoco.fields import fields_of_rows
 from limberjack.mujoco.replicas import Replicas
 from limberjack.rl.action_specs import bounds_to_try
-from limberjack.rl.batch_errors import Finding, explained
+from limberjack.rl.batch_errors import Finding, NotVectorised, explained
 from limberjack.rl.batch_measurements import MEASUREMENT, measurements_of
 from limberjack.rl.contract import Physics, PhysicsError, SimulatedPhysics, Task
+from limberjack.rl.copies import difference
+from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.stream_fields import set_stream_fields
+from limberjack.rl.watch import Watch
 from limberjack.utils import arrays
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["check_batch_safe", "check_episode_fields"]
+__all__ = ["check_batch_safe", "check_episode_fields", "check_plain", "is_proved"]
 
 _MAX_ROWS = 4  # number of starts that covers the kinds of starts of most tasks
 _MIN_ROWS = 2  # with one row, wrong slices and norms cannot be distinguished from correct ones
 _STEPS = 3  # control steps; a touch sensor reports the first step only in the second
+_MORE_STEPS = 6  # before the second look
+_LOOKS = 1 + _STEPS + 1  # at the start, after each step, and once more later
+_BEGINS_AGAIN, _LEFT_OUT = 1, 2  # rows, between the first looks and the last one
+_SECOND_START = 100  # seed of the second episode of the row that begins again
 _LARGE = 1_000_000  # bytes; larger fields are compared once, not after each start
 
 # State components that a task sets, or that depend on those; the controls first, since they cause
@@ -53,6 +67,26 @@ _STATE = (
 )
 
 _Record = dict[str, np.ndarray]  # quantities of a simulation or batch after a step, by name
+
+
+def check_plain(env: object) -> None:
+    """Checks that an environment has no methods or attributes of its own.
+
+    Raises:
+      NotVectorised: it does, or it is not a `control.Environment` at all.
+    """
+    why = difference(env)
+    if why is not None:
+        raise NotVectorised(
+            f"this {type(env).__name__} is not a plain control.Environment: {why}, which a "
+            "vectorised batch would ignore: put it into the task, whose hooks see all rows"
+        )
+
+
+def is_proved(task: Task, physics: SimulatedPhysics, randomizer: Randomizer | None) -> bool:
+    """Whether task, physics and model are the suite's own, whose rows a law compares."""
+    has_own_model = physics.model._shared is not None
+    return has_own_model and randomizer is None and is_of_the_suite(task, physics)
 
 
 def check_episode_fields(task: Task) -> None:
@@ -72,7 +106,7 @@ def check_episode_fields(task: Task) -> None:
     for field in fields:
         if field not in fields_of_rows():
             known = sorted(fields_of_rows())
-            raise ValueError(
+            raise NotVectorised(
                 f"task {name} declares {field!r} in EPISODE_FIELDS, which cannot differ per row of "
                 f"a batch.{did_you_mean(field, known)} Rows can differ only in the fields of "
                 "mujoco.batch.MODEL_FIELDS and in floating-point fields"
@@ -98,11 +132,11 @@ def check_batch_safe(
       randomizer: draws model fields for each episode; None for no randomisation.
 
     Raises:
-      ValueError: a row differs or raises, or the task sets model fields that it does not declare.
-      TypeError: the task cannot be copied.
+      NotVectorised: a row differs or raises, the task sets model fields that it does not declare,
+        remembers something, or draws from a stream in a step; or it cannot be copied.
     """
     num_rows = min(max(replicas.num_envs, _MIN_ROWS), _MAX_ROWS)
-    global_stream = np.random.get_state()
+    global_stream, python_stream = np.random.get_state(), python_random.getstate()
     try:
         trial = _Trial(task, replicas, num_rows, saved_fields)
         low, high = bounds_to_try(spec)
@@ -113,12 +147,17 @@ def check_batch_safe(
             for row in range(num_rows)
         ]
         trial.check_large_fields()
-        for step, found in enumerate(trial.play_together(actions, n_sub_steps, alone[0])):
+        looks_again = all(len(records) == _LOOKS for records in alone)
+        together = trial.play_together(actions, n_sub_steps, alone[0], looks_again)
+        for look, found in enumerate(together):
             for row, records in enumerate(alone):
-                if step < len(records):  # a row that diverges is not compared any further
-                    trial.compare(found, records[step], row, step)
+                # A row that diverges is not compared any further.
+                if look < len(records) and not (look > _STEPS and row == _LEFT_OUT):
+                    steps = look if look <= _STEPS else _STEPS + _MORE_STEPS
+                    trial.compare(found, records[look], row, steps)
     finally:
         np.random.set_state(global_stream)
+        python_random.setstate(python_stream)
 
 
 class _Trial:
@@ -135,8 +174,7 @@ class _Trial:
         self._measured = [measurements_of(each) for each in (self._rows.single, self._rows.physics)]
         self._stream = np.random.RandomState(0)
         self._stream_state = self._stream.get_state()
-        self._starts: list[Mapping[str, object]] = []  # the task's attributes after each start
-        self._kept: set[str] = set()  # those that differ between starts
+        self._second_start: Mapping[str, np.ndarray] = {}  # of the row that begins again
         whole = model_values.checksums(self._rows.single.model._model)
         model = self._rows.single.model._model
         candidates = whole.keys() - set(saved_fields)
@@ -154,45 +192,83 @@ class _Trial:
           n_sub_steps: physics steps per action.
           randomizer: draws model fields; None for no randomisation.
         """
-        task, rows = self._task, self._rows
-        stream = np.random.RandomState(row)
-        task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
-        set_stream_fields(task, stream, rows.simulation, row)
-        if randomizer is not None:
-            rows.simulation.set_fields(randomizer.draw(stream_beside(stream)), row)
-        with rows.episode(row) as one:
-            values = self._values(one)
-            task.initialize_episode(one)  # pyright: ignore[reportArgumentType]
-            self._check_model(one, values, "as an episode begins")
-        alone = _copied(task)
-        for other in self._starts:
-            self._kept |= _changed(other, vars(alone))
-        self._starts.append(vars(_copied(task)))
+        rows = self._rows
+        one, values = self._begin(row, row, randomizer)
+        alone = _copied(self._task)
         if randomizer is not None:
             one.simulation.set_constants()
             values = self._values(one)
         try:
-            one.after_reset()
-            yield _copies(self._seen(alone, one, is_step=False))
-            for action in actions:
-                self._rewind(alone)
-                alone.before_step(action.copy(), one)
-                one.step(n_sub_steps)
-                alone.after_step(one)
-                yield _copies(self._seen(alone, one, is_step=True))
+            with Watch(alone, one) as watch:
+                one.after_reset()
+                yield _copies(self._seen(alone, one, is_step=False, watch=watch))
+                for action in actions:
+                    self._step_alone(alone, one, action, n_sub_steps, watch)
+                    yield _copies(self._seen(alone, one, is_step=True, watch=watch))
+            self._check_model(one, values, "during a step")
+            if row == _BEGINS_AGAIN:
+                start = rows.start_of(row)
+                one, _ = self._begin(row, _SECOND_START, randomizer)
+                alone = _copied(self._task)
+                if randomizer is not None:
+                    one.simulation.set_constants()
+                self._second_start, again = rows.start_of(row), start
+                rows.set_start(row, again)
+                one.after_reset()
+            for step in range(_MORE_STEPS):
+                self._step_alone(alone, one, actions[step % _STEPS], n_sub_steps)
+            yield _copies(self._seen(alone, one, is_step=True))
         except PhysicsError:
             return
-        self._check_model(one, values, "during a step")
+
+    def _begin(
+        self, row: int, seed: int, randomizer: Randomizer | None
+    ) -> tuple[SimulatedPhysics, dict[str, int]]:
+        """Begins an episode of a seed; returns its simulation, and checksums of its model."""
+        task, rows = self._task, self._rows
+        stream = np.random.RandomState(seed)
+        task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
+        with Watch(task, rows.single) as watch:
+            set_stream_fields(task, stream, rows.simulation, row)
+            self._check_memory(watch, "begin_stream")
+        if randomizer is not None:
+            rows.simulation.set_fields(randomizer.draw(stream_beside(stream)), row)
+        with rows.episode(row) as one:
+            values = self._values(one)
+            np.random.set_state(self._stream_state)
+            with Watch(task, one) as watch:
+                task.initialize_episode(one)  # pyright: ignore[reportArgumentType]
+                self._check_memory(watch, "initialize_episode")
+            self._check_global_stream("initialize_episode")
+            self._check_model(one, values, "as an episode begins")
+        return one, values
+
+    def _step_alone(
+        self,
+        task: Task,
+        one: SimulatedPhysics,
+        action: np.ndarray,
+        n_sub_steps: int,
+        watch: Watch | None = None,
+    ) -> None:
+        self._rewind(task)
+        task.before_step(action.copy(), one)  # pyright: ignore[reportArgumentType]
+        self._check_hook(watch, "before_step")
+        one.step(n_sub_steps)
+        self._rewind(task)
+        task.after_step(one)  # pyright: ignore[reportArgumentType]
+        self._check_hook(watch, "after_step")
 
     def play_together(
-        self, actions: np.ndarray, n_sub_steps: int, expected: list[_Record]
+        self, actions: np.ndarray, n_sub_steps: int, expected: list[_Record], looks_again: bool
     ) -> Iterator[_Record]:
-        """Yields the quantities of all rows, after their start and after each step.
+        """Yields the quantities of all rows, after their start, after each step, and later.
 
         Args:
           actions: (steps, num_rows, ...).
           n_sub_steps: physics steps per action.
           expected: quantities of the first row's single simulation.
+          looks_again: whether to play on after the steps.
         """
         task, rows = self._task, self._rows
         batch = rows.physics
@@ -200,13 +276,27 @@ class _Trial:
         with arrays.rows_of_a_batch(self._num_rows):
             yield self._seen(task, batch, is_step=False, expected=expected[0])
             for action in actions:
-                self._rewind(task)
-                with explained("before_step", self._name, self._num_rows):
-                    task.before_step(action.copy(), batch)  # pyright: ignore[reportArgumentType]
-                rows.step(None, n_sub_steps)
-                with explained("after_step", self._name, self._num_rows):
-                    task.after_step(batch)  # pyright: ignore[reportArgumentType]
+                self._step_together(action, n_sub_steps, None)
                 yield self._seen(task, batch, is_step=True, expected=expected[0])
+            if not looks_again:
+                return
+            rows.set_start(_BEGINS_AGAIN, self._second_start)
+            rows.start(np.array([_BEGINS_AGAIN]))
+            running = np.array([row for row in range(self._num_rows) if row != _LEFT_OUT])
+            for step in range(_MORE_STEPS):
+                self._step_together(actions[step % _STEPS], n_sub_steps, running)
+            yield self._seen(task, batch, is_step=True, expected=expected[0])
+
+    def _step_together(
+        self, action: np.ndarray, n_sub_steps: int, running: np.ndarray | None
+    ) -> None:
+        task, rows = self._task, self._rows
+        self._rewind(task)
+        with explained("before_step", self._name, self._num_rows):
+            task.before_step(action.copy(), rows.physics)  # pyright: ignore[reportArgumentType]
+        rows.step(running, n_sub_steps)
+        with explained("after_step", self._name, self._num_rows):
+            task.after_step(rows.physics)  # pyright: ignore[reportArgumentType]
 
     def _seen(
         self,
@@ -214,6 +304,7 @@ class _Trial:
         physics: SimulatedPhysics,
         is_step: bool,
         expected: Mapping[str, np.ndarray] | None = None,
+        watch: Watch | None = None,
     ) -> _Record:
         """The state, and then the task's quantities in the order of a step.
 
@@ -224,6 +315,7 @@ class _Trial:
           physics: the simulation or batch.
           is_step: whether this follows a step instead of a start.
           expected: for a batch, the quantities of a single simulation.
+          watch: of the task and physics; None if they are not watched.
         """
         of = (self._name, self._num_rows)
         read: Physics = physics  # pyright: ignore[reportAssignmentType] (implements both)
@@ -236,6 +328,7 @@ class _Trial:
             # After an underflow the reward would be computed, and its methods called, once more.
             with explained("the reward", *of, is_batch), np.errstate(under="ignore"):
                 reward, terms = reward_and_terms(task, read)
+            self._check_hook(watch, "get_reward")
             seen["the reward"] = reward
             seen |= {f"reward term {name!r}": value for name, value in terms.items()}
             if terms and getattr(task, "GOAL", ()):
@@ -244,11 +337,13 @@ class _Trial:
         self._rewind(task)
         with explained("get_observation", *of, is_batch, list(expected or ())):
             observation = task.get_observation(read)
+        self._check_hook(watch, "get_observation")
         seen |= {f"observation {name!r}": value for name, value in observation.items()}
         if is_step:
             self._rewind(task)
             with explained("get_termination", *of, is_batch):
                 ending = task.get_termination(read)
+            self._check_hook(watch, "get_termination")
             seen["get_termination"] = np.nan if ending is None else ending
         seen = measured | seen  # first, as the cause of differences in the others
         return {name: np.asarray(value) for name, value in seen.items()}
@@ -265,7 +360,7 @@ class _Trial:
     def compare(self, found: _Record, expected: _Record, row: int, step: int) -> None:
         """Raises ValueError if a row differs from its single simulation."""
         for label, value in expected.items():
-            finding = Finding(label, self._name, row, step, self._num_rows, sorted(self._kept))
+            finding = Finding(label, self._name, row, step, self._num_rows)
             if label.startswith(MEASUREMENT):
                 if label in found:
                     finding.check_measurement(found[label], value)
@@ -275,7 +370,7 @@ class _Trial:
             finding.check(found[label], value)
         for label in found:
             if label not in expected and not label.startswith(MEASUREMENT):
-                finding = Finding(label, self._name, row, step, self._num_rows, [])
+                finding = Finding(label, self._name, row, step, self._num_rows)
                 raise finding.surplus()
 
     def check_large_fields(self) -> None:
@@ -298,15 +393,45 @@ class _Trial:
         shared = [name for name in changed if name not in fields_of_rows()]
         task, named = self._name, ", ".join(changed)
         if shared:
-            raise ValueError(
+            raise NotVectorised(
                 f"task {task} sets {named} of the model {when}, but the rows of a batch share "
                 f"{', '.join(shared)}: step single environments, or set it once, before creating "
                 "the batch"
             )
         declared = tuple(sorted({*getattr(self._task, "EPISODE_FIELDS", ()), *changed}))
-        raise ValueError(
+        raise NotVectorised(
             f"task {task} sets {named} of the model {when}; declare EPISODE_FIELDS = {declared}, "
             "so that each row has its own"
+        )
+
+    def _check_hook(self, watch: Watch | None, hook: str) -> None:
+        """Raises NotVectorised if a hook of a step has drawn or remembered something."""
+        if watch is None:
+            return
+        self._check_memory(watch, hook)
+        if not _is_same_state(self._stream.get_state(), self._stream_state):
+            raise NotVectorised(
+                f"task {self._name} draws from the task's random stream in {hook}, and all rows of "
+                "a vectorised batch would get one draw: draw in initialize_episode"
+            )
+        self._check_global_stream(hook)
+
+    def _check_global_stream(self, hook: str) -> None:
+        """Raises NotVectorised if a hook has drawn from NumPy's global stream."""
+        if not _is_same_state(np.random.get_state(), self._stream_state):
+            raise NotVectorised(
+                f"task {self._name} draws from NumPy's global random stream in {hook}, which all "
+                "rows share: draw from self.random in initialize_episode"
+            )
+
+    def _check_memory(self, watch: Watch, hook: str) -> None:
+        changed = watch.changed()
+        if not changed:
+            return
+        named = ", ".join(changed)
+        raise NotVectorised(
+            f"task {self._name} sets {named} in {hook}, which all rows of a vectorised batch would "
+            "share: keep what belongs to an episode in the physics' data or model"
         )
 
     def _rewind(self, task: Task) -> None:
@@ -320,27 +445,16 @@ def _copied(task: Task) -> Task:
     try:
         return copy.deepcopy(task)
     except TypeError as error:
-        raise TypeError(
+        raise NotVectorised(
             f"task {type(task).__name__} cannot be copied ({error}), but a batch tests copies of "
             "its task: store only attributes that copy.deepcopy supports"
         ) from error
 
 
+def _is_same_state(one: Any, other: Any) -> bool:  # results of `RandomState.get_state`
+    return one[2] == other[2] and np.array_equal(one[1], other[1]) and one[3:] == other[3:]
+
+
 def _copies(record: _Record) -> _Record:
     """Copies of the arrays, since quantities may be views of live memory."""
     return {name: value.copy() for name, value in record.items()}
-
-
-def _changed(before: Mapping[str, object], after: Mapping[str, object]) -> set[str]:
-    """The attributes that differ between two starts, other than the random stream."""
-    names = (before.keys() | after.keys()) - {"_random"}
-    return {name for name in names if not _is_same(before.get(name), after.get(name))}
-
-
-def _is_same(one: object, other: object) -> bool:
-    if one is other:
-        return True
-    try:
-        return bool(np.array_equal(one, other))  # pyright: ignore[reportArgumentType]
-    except (TypeError, ValueError):  # objects that cannot be compared
-        return True

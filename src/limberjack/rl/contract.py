@@ -236,17 +236,29 @@ class Batch(Protocol):
     num_envs: int
     first_row: int  # number of the first row in messages; not 0 for the half of a batch
     registration: object  # the suite's record of the domain; see `control.Environment`
-    diverged: np.ndarray  # mask of rows that diverged in the last step, (num_envs,)
-    reward_terms: dict[str, Quantity]  # of the last step, (num_envs,) each, by name
-    randomization: dict[str, np.ndarray]  # values drawn for the rows' episodes, by field
 
     @property
     def step_limit(self) -> float:
-        """Steps per episode; infinite without a limit."""
+        """Steps per episode; infinite without a limit. It can be set."""
         ...
 
     @step_limit.setter
     def step_limit(self, limit: float) -> None: ...
+
+    @property
+    def diverged(self) -> np.ndarray:
+        """Mask of rows that diverged in the last step, (num_envs,)."""
+        ...
+
+    @property
+    def reward_terms(self) -> dict[str, Quantity]:
+        """The terms of the last step's reward, (num_envs,) each, by name."""
+        ...
+
+    @property
+    def randomization(self) -> dict[str, np.ndarray]:
+        """The values drawn for the rows' episodes, (num_envs, ...) by field."""
+        ...
 
     @property
     def why_rows(self) -> str | None:

@@ -15,12 +15,13 @@ reset is interrupted by divergence, Ctrl-C or an error in the task, the next ste
 This module does not depend on MuJoCo; the suite uses `limberjack.mujoco.Physics`.
 """
 
+import copy
 import functools
 import math
 import numbers
 from collections.abc import Mapping
 from threading import get_ident
-from typing import Any, cast
+from typing import Any, Self, cast
 
 import dm_env
 import numpy as np
@@ -29,8 +30,10 @@ from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
+from limberjack.rl.copies import check_copies, copied, difference, exact_copies
 from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
+from limberjack.rl.memory import put_back, remembered
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
@@ -42,6 +45,7 @@ from limberjack.rl.streams import stream_of
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
+    "ATTRIBUTES",
     "FLAT_OBSERVATION_KEY",
     "Environment",
     "Physics",
@@ -50,6 +54,15 @@ __all__ = [
     "compute_n_steps",
     "flatten_observation",
 ]
+
+# The attributes of a plain environment; a subclass or its user may add others.
+ATTRIBUTES = frozenset(
+    [
+        *("_closed", "_draws", "_flat_observation", "_frames", "_n_sub_steps", "_name"),
+        *("_physics", "_randomizer", "_reset_next_step", "_seeded", "_step_count", "_step_limit"),
+        *("_task", "_use", "randomization", "registration", "reward_terms"),
+    ]
+)
 
 
 class Environment(dm_env.Environment):
@@ -168,7 +181,7 @@ class Environment(dm_env.Environment):
             use.refuse(thread)
         try:
             if self._reset_next_step:
-                return self._begin()
+                return self.reset()  # a subclass may define another one, as in dm_control
             physics, task = self._physics, self._task
             self._check_action(action)
             task.before_step(action, physics)
@@ -200,7 +213,10 @@ class Environment(dm_env.Environment):
         try:
             spec = self._task.observation_spec(self._physics)
         except NotImplementedError:
+            # An observation is computed only for its form: the task must not remember it.
+            memory = remembered(self._task, self._physics)
             spec = specs_of(self._observe(draws=False))
+            put_back(memory, self._task, self._physics)
         return spec if self._frames is None else self._frames.spec_with(spec)
 
     @property
@@ -254,12 +270,21 @@ class Environment(dm_env.Environment):
         self._task._random, self._seeded = stream, (stream, seed)
 
     def snapshot(self) -> Snapshot:
-        """Everything that the environment's future depends on; see `limberjack.rl.snapshot`."""
+        """Everything that the environment's future depends on; see `limberjack.rl.snapshot`.
+
+        Raises:
+          TypeError: the task, or an environment with methods or attributes of its own, keeps
+            something that cannot be copied.
+        """
         self._check_open()
+        if difference(self) is not None:
+            check_copies(self)
+            return Snapshot.of_copy(copied(self), self.registration, self._name)
         with self._use:
             streams = [stream_of(self._task).get_state()]
             if self._randomizer is not None:
                 streams.append(self._draw_stream().get_state())
+            memory = remembered(self._task, self._physics)
             return Snapshot(
                 self._origin(),
                 self._simulated.simulation.save(None, self._saved_fields()),
@@ -269,10 +294,14 @@ class Environment(dm_env.Environment):
                 {} if self._frames is None else self._frames.save(None),
                 self.registration,
                 self._name,
+                [memory] if memory else [],
             )
 
     def restore(self, snapshot: Snapshot) -> None:
         """Continues from a snapshot, bit for bit.
+
+        An environment with methods or attributes of its own becomes the saved one, with another
+        `physics` and `task`.
 
         Raises:
           ValueError, TypeError: it is not a snapshot of one environment of this task, model and
@@ -281,6 +310,13 @@ class Environment(dm_env.Environment):
         """
         own = self.snapshot()
         as_snapshot(snapshot).check(own.origin, size=1)
+        snapshot.check_copies(own)
+        if snapshot.copies:
+            kept = copied(snapshot.copies[0])
+            with self._use:
+                vars(self).clear()
+                vars(self).update(vars(kept))
+            return
         snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
         snapshot.check_length(self._step_limit)
         with self._use:
@@ -294,6 +330,8 @@ class Environment(dm_env.Environment):
                 self.randomization = {name: saved[name][0] for name in self._randomizer.fields}
             if self._frames is not None:
                 self._frames.load(snapshot.frames, None)
+            if snapshot.memory:
+                put_back(snapshot.memory[0], self._task, self._physics)
             self._step_count = int(snapshot.step_count[0])
             self._reset_next_step = bool(snapshot.begins[0])
 
@@ -301,7 +339,8 @@ class Environment(dm_env.Environment):
         """Continues the episode that `reset` has just begun from a given state.
 
         Everything else that was drawn for the start, such as targets, remains. All quantities are
-        recomputed with actuation disabled, as at any start.
+        recomputed with actuation disabled, as at any start, and the task observes once more. A
+        subclass that changes the observations of `reset` must change those of this method too.
 
         Args:
           state: some of 'qpos' (nq,), 'qvel' (nv,) and 'act' (na,); or a snapshot, which is
@@ -319,7 +358,10 @@ class Environment(dm_env.Environment):
         """
         if isinstance(state, Snapshot):
             self.restore(state)
-            return self._current_time_step()
+            observation = self.present_observation()
+            if self._step_count:
+                return dm_env.TimeStep(dm_env.StepType.MID, 0.0, 1.0, observation)
+            return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
         self._check_open()
         checked = checked_state(state, state_sizes(self._physics))
         with self._use:
@@ -331,29 +373,39 @@ class Environment(dm_env.Environment):
             self._physics.after_reset()
             if self._frames is not None:
                 self._frames.forget()
-            time_step = self._current_time_step()
+            observation = self._observe()
             self._reset_next_step = False
-        return time_step
+        return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
 
-    def _current_time_step(self) -> dm_env.TimeStep:
-        """The time step of the present state; an episode that has a picture keeps it."""
-        observation = self._observe(draws=False)
-        if self._frames is not None:
-            observation = self._frames.observe(self._simulated, observation, is_step=False)
-        if not self._step_count:
-            return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
-        return dm_env.TimeStep(dm_env.StepType.MID, 0.0, 1.0, observation)
+    def present_observation(self) -> Mapping[str, Quantity]:
+        """The observation of the present state, computed again; the task does not remember it."""
+        memory = remembered(self._task, self._physics)
+        observation = self._task.get_observation(self._physics)
+        put_back(memory, self._task, self._physics)
+        if self._flat_observation:
+            observation = flatten_observation(observation)
+        if self._frames is None:
+            return observation
+        return self._frames.observe(self._simulated, observation, is_step=False)
 
     def __repr__(self) -> str:
         return represented(self, of_environment(self))
 
+    def __deepcopy__(self, memo: dict[int, object]) -> Self:
+        exact_copies(self, memo)
+        new = type(self).__new__(type(self))
+        memo[id(self)] = new
+        kept = {name: value for name, value in vars(self).items() if name != "_use"}
+        vars(new).update(copy.deepcopy(kept, memo))
+        return new
+
     def __getstate__(self) -> dict[str, object]:
         """State for an equal environment with the same current quantities."""
         kept = {name: value for name, value in vars(self).items() if name != "_use"}
-        if self._closed or not hasattr(self._physics, "become"):
+        if self._closed or not hasattr(kept.get("_physics"), "become"):
             return kept
         # Unlike dm_control's copy of a physics, this keeps the solver's warm start.
-        physics = kept.pop("_physics")
+        physics = cast(Any, kept.pop("_physics"))
         return {**kept, "exact": (type(physics), physics.__getstate__())}
 
     def __setstate__(self, state: dict[str, Any]) -> None:  # attributes, each with its own type

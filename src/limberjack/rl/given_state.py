@@ -16,7 +16,14 @@ import numpy as np
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["check_snapshot", "checked_state", "checked_states", "rows_of", "state_sizes"]
+__all__ = [
+    "check_form",
+    "check_snapshot",
+    "checked_state",
+    "checked_states",
+    "rows_of",
+    "state_sizes",
+]
 
 _SIZES = {"qpos": "nq", "qvel": "nv", "act": "na"}  # fields of the data, and of the model
 _MAX_VALUE = 1e10  # mjMAXVAL: MuJoCo replaces a state with larger values by the default state
@@ -117,13 +124,15 @@ def check_snapshot(
         diverged, or has reached the step limit.
     """
     snapshot.check(own.origin, size)
-    snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
+    check_form(snapshot, own)
     snapshot.check_length(step_limit)
     if snapshot.begins.any():
         raise ValueError(
             f"the snapshot holds no running episode in {_where(snapshot.begins, named)}: take it "
             "after reset() and before the last step; nothing was reset"
         )
+    if snapshot.copies:
+        return
     # MuJoCo's state begins with the time, then the positions, velocities and activations.
     bad = _bad(snapshot.physics["state"][:, 1 : 1 + sum(sizes.values())]).any(axis=-1)
     if bad.any():
@@ -131,6 +140,18 @@ def check_snapshot(
             f"the state of the snapshot has diverged in {_where(np.asarray(bad), named)}: take it "
             "before that; nothing was reset"
         )
+
+
+def check_form(snapshot: Snapshot, own: Snapshot) -> None:
+    """Raises ValueError unless the arrays, streams and copies are like those of another snapshot.
+
+    Args:
+      snapshot: the snapshot that is given.
+      own: a snapshot of the environment or batch to restore it into, of any number of rows.
+    """
+    snapshot.check_copies(own)
+    if not snapshot.copies:
+        snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
 
 
 def rows_of(snapshot: Snapshot, rows: np.ndarray) -> Snapshot:
@@ -147,6 +168,9 @@ def rows_of(snapshot: Snapshot, rows: np.ndarray) -> Snapshot:
         begins=snapshot.begins[rows],
         streams=[snapshot.streams[row] for row in rows],
         frames={name: values[rows] for name, values in snapshot.frames.items()},
+        memory=[snapshot.memory[row] for row in rows] if snapshot.memory else [],
+        copies=[snapshot.copies[row] for row in rows] if snapshot.copies else [],
+        observations={name: values[rows] for name, values in snapshot.observations.items()},
     )
 
 

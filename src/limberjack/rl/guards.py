@@ -104,14 +104,15 @@ def at_least_one(name: str, value: object) -> int:
     return int(value)
 
 
-def check_memory(num_envs: int, row: Iterable[np.ndarray]) -> None:
+def check_memory(num_envs: int, row: Iterable[np.ndarray], more_bytes: int = 0) -> None:
     """Raises MemoryError if the rows cannot fit into this machine's memory.
 
     Args:
       num_envs: number of rows.
       row: arrays of one row, which are stored at least twice: now and before the last step.
+      more_bytes: what a row takes beside them.
     """
-    per_row = 2 * sum(array.nbytes for array in row) + 2 * _STREAM_BYTES
+    per_row = 2 * sum(array.nbytes for array in row) + 2 * _STREAM_BYTES + more_bytes
     needed, memory = num_envs * per_row, _memory()
     if needed > memory:
         raise MemoryError(

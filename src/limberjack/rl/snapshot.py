@@ -5,19 +5,23 @@
     batch.restore(row, rows=[3])       # one row into any row
 
 It holds the integration state with the solver's warm start, the model fields set at an episode's
-start, step counters, pending resets, random streams and the most recent pictures. It is a plain
-object that can be pickled and restored in another process, with another patch version of MuJoCo and
-into a batch with another number of threads. It holds neither the task's settings nor the model,
-whose numbers must match. The snapshot is validated completely before anything is restored.
+start, step counters, pending resets, random streams, the most recent pictures, and what a task
+outside the suite remembers. An environment that overrides methods or has attributes of its own is
+held as a deep copy. It is a plain object that can be pickled and restored in another process, with
+another patch version of MuJoCo and into a batch with another number of threads. It holds neither
+the task's settings nor the model, whose numbers must match. The snapshot is validated completely
+before anything is restored.
 """
 
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from limberjack.rl.contract import SimulatedPhysics, Task
+from limberjack.rl.memory import Memory
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.streams import States
 
@@ -27,7 +31,8 @@ _VERSION, _NUMBERS = "MuJoCo", "numbers of the model"
 _MAX_VALUE = 1e10  # mjMAXVAL: MuJoCo replaces a state with larger values by the default state
 _KEY_LENGTH = 624  # numbers of a RandomState's key, of which its position counts the used ones
 # Types of a snapshot's parts on which its checks rely.
-_KINDS = {"origin": dict, "physics": dict, "streams": list, "frames": dict}
+_KINDS: dict[str, type] = {"origin": dict, "physics": dict, "streams": list, "frames": dict}
+_KINDS |= {"memory": list, "copies": list}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +48,9 @@ class Snapshot:
       frames: stacks of pictures, by name, (n, ...) each; empty without pixels.
       registration: the suite's record of the domain, whose module is imported by unpickling.
       name: of the task, such as 'humanoid:walk'; empty for one that `suite.load` did not make.
+      memory: what each one's task and physics remember; empty if the task is the suite's.
+      copies: deep copies of the environments, if these are not plain; the arrays are then empty.
+      observations: the last ones beside such copies, by name, (n, ...) each; may be empty.
     """
 
     origin: dict[str, object]
@@ -53,6 +61,39 @@ class Snapshot:
     frames: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     registration: object = None
     name: str = ""
+    memory: list[Memory] = dataclasses.field(default_factory=list)
+    copies: list[Any] = dataclasses.field(default_factory=list)  # Any: of users' classes
+    observations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def of_copy(cls, env: Any, registration: object = None, name: str = "") -> "Snapshot":
+        """The snapshot of an environment with methods or attributes of its own, as a copy of it."""
+        kind = type(env)
+        return cls(
+            {"environment": f"{kind.__module__}.{kind.__qualname__}"},
+            {},
+            np.array([getattr(env, "_step_count", 0)]),
+            np.array([bool(getattr(env, "_reset_next_step", False))]),
+            [()],
+            registration=registration,
+            name=name,
+            copies=[env],
+        )
+
+    def part(self, index: int) -> "Snapshot":
+        """The snapshot of one of the environments."""
+        one = slice(index, index + 1)
+        return dataclasses.replace(
+            self,
+            physics={name: values[one] for name, values in self.physics.items()},
+            step_count=self.step_count[one],
+            begins=self.begins[one],
+            streams=self.streams[one],
+            frames={name: values[one] for name, values in self.frames.items()},
+            memory=self.memory[one],
+            copies=self.copies[one],
+            observations={name: values[one] for name, values in self.observations.items()},
+        )
 
     def __repr__(self) -> str:
         task = self.name or str(self.origin.get("task"))
@@ -67,7 +108,7 @@ class Snapshot:
         """Raises ValueError if the task, model, version or number of environments differs."""
         for name, kind in _KINDS.items():
             value = getattr(self, name, None)
-            if not isinstance(value, kind):
+            if not isinstance(value, kind):  # an attribute may be missing in an old pickle
                 raise ValueError(
                     f"the snapshot's {name} is {value!r}; expected a {kind.__name__}, as in a "
                     "snapshot of this environment; nothing was restored"
@@ -93,6 +134,24 @@ class Snapshot:
                 f"the snapshot holds {len(self)} environments; expected {size}: restore it into "
                 "the same number of rows"
             )
+
+    def check_copies(self, own: "Snapshot") -> None:
+        """Raises ValueError if this holds copies where `own` does not, or the other way round."""
+        if bool(self.copies) != bool(own.copies):
+            held, expected = (
+                "copies of environments" if one.copies else "states of plain environments"
+                for one in (self, own)
+            )
+            raise ValueError(
+                f"the snapshot holds {held}; expected {expected}, as in a snapshot of this "
+                "environment; nothing was restored"
+            )
+        for name, given in (("memory", self.memory), ("copies", self.copies)):
+            if len(given) not in (0, len(self)):
+                raise ValueError(
+                    f"the snapshot holds {len(given)} {name} for {len(self)} environments; "
+                    "nothing was restored"
+                )
 
     def check_arrays(
         self, physics: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray], streams: int

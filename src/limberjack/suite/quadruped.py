@@ -165,9 +165,13 @@ class Physics(mujoco.Physics):
         hinges = np.flatnonzero(self.model._model.jnt_type == enums.mjtJoint.mjJNT_HINGE)
         return [self.model.id2name(hinge, "joint") for hinge in hinges.tolist()]
 
+    @functools.cached_property
+    def _sensor_types_to_names(self) -> dict[tuple[int, ...], list[str]]:
+        return {}  # filled by `_get_sensor_names`
+
     def _get_sensor_names(self, *sensor_types: int) -> list[str]:
         """Names of the sensors of these types, in the model's order."""
-        known = vars(self).setdefault("_sensor_types_to_names", {})
+        known = self._sensor_types_to_names
         if sensor_types not in known:
             ids = np.flatnonzero(np.isin(self.model._model.sensor_type, sensor_types)).tolist()
             known[sensor_types] = [self.model.id2name(index, "sensor") for index in ids]

@@ -1,1 +1,4 @@
-"""Helpers independent of MuJoCo: rewards, arrays, registries, XML, files, suggestions."""
+"""Helpers: rewards, arrays, rotations, registries, XML, files, suggestions.
+
+They are independent of MuJoCo, except for inverse kinematics.
+"""

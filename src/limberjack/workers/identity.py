@@ -15,6 +15,7 @@ import platform
 from collections.abc import Mapping
 from pathlib import Path
 
+import dm_env
 import numpy as np
 
 from limberjack import policies, report
@@ -22,6 +23,7 @@ from limberjack.factories import Factory
 from limberjack.policies.actors import Found
 from limberjack.report import Facts
 from limberjack.rl.control import Environment, PhysicsError
+from limberjack.rl.copies import control_of
 
 __all__ = [
     "advice_on",
@@ -39,7 +41,7 @@ _BY_PROCESSOR = ("fingerprint", "canary")
 _CPU_INFO = Path("/proc/cpuinfo")
 
 
-def identity_of(factory: Factory, found: Found, environment: Environment) -> Facts:
+def identity_of(factory: Factory, found: Found, environment: dm_env.Environment) -> Facts:
     """Everything that an episode depends on except its seed, as values of JSON.
 
     Args:
@@ -47,7 +49,9 @@ def identity_of(factory: Factory, found: Found, environment: Environment) -> Fac
       found: the policy.
       environment: one that the factory made.
     """
-    limit, control_timestep = environment.step_limit, environment.control_timestep()
+    inner = control_of(environment)
+    assert isinstance(inner, Environment)
+    limit, control_timestep = inner.step_limit, inner.control_timestep()
     return {
         **factory.facts,
         "policy": found.name,
@@ -56,7 +60,7 @@ def identity_of(factory: Factory, found: Found, environment: Environment) -> Fac
         "control_timestep": control_timestep,
         "action_repeat": 1,  # the policy acts at every control step
         "versions": report.versions(),
-        "fingerprint": report.fingerprint(environment.physics.model._model),
+        "fingerprint": report.fingerprint(inner.physics.model._model),
     }
 
 

@@ -18,11 +18,13 @@ import sys
 import threading
 from collections.abc import Callable
 
+import dm_env
+
 from limberjack.factories import Factory, Make, factory_of
 from limberjack.policies import PolicyError, actors
 from limberjack.policies.batched import ROWS
 from limberjack.report import Facts
-from limberjack.rl.control import Environment
+from limberjack.rl.builds import Build
 from limberjack.workers.identity import (
     advice_on,
     canary_of,
@@ -63,13 +65,17 @@ class Opened:
     Attributes:
       environment: of the task; reseed it before each use.
       full_length: the same with the task's own time limit, which determines kinds of starts.
+      build: makes environments like `environment`, for any seed.
+      full_build: makes environments like `full_length`.
       found: the policy, which is no one else's.
       num_threads: that step a batch; None for as many as its work can occupy.
       processor: the processor and the C library, in words.
     """
 
-    environment: Environment
-    full_length: Environment
+    environment: dm_env.Environment
+    full_length: dm_env.Environment
+    build: Build
+    full_build: Build
     found: actors.Found
     num_threads: int | None
     processor: str
@@ -152,8 +158,10 @@ class Setup:
                 f"node {socket.gethostname()} is refused: its {name} is {value!r}, and the "
                 f"driver's is {there!r}: use equal versions, files and processors{advice_on(name)}"
             )
-        full_length = self.made.factory(with_time_limit=False).make(0)
-        return Opened(environment, full_length, found, self.num_threads, processor())
+        of_full_length = self.made.factory(with_time_limit=False)
+        full_length = of_full_length.make(0)
+        builds = factory.build(environment), of_full_length.build(full_length)
+        return Opened(environment, full_length, *builds, found, self.num_threads, processor())
 
 
 def prepare(
@@ -201,7 +209,7 @@ def prepare(
     return setup
 
 
-def _of_policy(policy: object, factory: Factory, environment: Environment) -> Facts:
+def _of_policy(policy: object, factory: Factory, environment: dm_env.Environment) -> Facts:
     """The fields of a setup that depend on the policy."""
     found = actors.find(policy, environment)
     if found.sha256 is None:
@@ -215,14 +223,14 @@ def _of_policy(policy: object, factory: Factory, environment: Environment) -> Fa
 
 def _made(
     factory: Factory,
-    environment: Environment,
+    environment: dm_env.Environment,
     domain: str | Make,
     task: str | None,
     time_limit: float | None,
 ) -> _Made:
     """Raises ValueError if other processes cannot make the environment."""
     if isinstance(domain, str):
-        return _Made(domain, task, time_limit, environment.registration)
+        return _Made(domain, task, time_limit, getattr(environment, "registration", None))
     if not factory.is_known or factory.title.startswith("__main__:"):
         raise ValueError(
             f"{factory.title} cannot be imported by other processes: define make(seed) at the top "
@@ -231,7 +239,7 @@ def _made(
     return _Made(factory.title, None, None, None)
 
 
-def _function(name: str) -> Callable[[int], Environment]:
+def _function(name: str) -> Callable[[int], dm_env.Environment]:
     """The function that MODULE:FUNCTION names."""
     module, _, path = name.partition(":")
     __import__(module)

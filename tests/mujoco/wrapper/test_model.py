@@ -81,6 +81,13 @@ def test_unknown_names_and_kinds_are_refused_with_suggestions(model: wrapper.MjM
     assert issubclass(wrapper.Error, ValueError)
 
 
+@pytest.mark.parametrize("name", [None, 5, ["ball"]])
+def test_a_name_that_is_no_text_is_refused(model: wrapper.MjModel, name: Any) -> None:
+    # MuJoCo's own function ends the process at None.
+    with pytest.raises(TypeError, match="expected the name of an object"):
+        model.name2id(name, "body")
+
+
 @pytest.mark.parametrize(
     "flags", [("gravity",), (_GRAVITY,), (_GRAVITY.value, "contact"), (_GRAVITY, _CONTACT), ()]
 )

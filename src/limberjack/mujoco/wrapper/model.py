@@ -169,7 +169,10 @@ class MjModel(CopyOnWrite):
 
         Raises:
           Error: there is no such type, or no object with that name.
+          TypeError: the name is not a text; MuJoCo would crash at None.
         """
+        if not isinstance(name, str | bytes):
+            raise TypeError(f"name is {name!r}; expected the name of an object as a string")
         kind = object_type_number(object_type)
         index = mujoco.mj_name2id(self._model, kind, name)
         if index == -1:

@@ -1,0 +1,224 @@
+"""`Build`: makes environments that begin the first episode of a given seed.
+
+    build = Build.of(environment)           # from copies of an environment, which is not changed
+    build = Build.of(make)                  # make(seed), and make(seed, **context) with a context
+    seeded = build.seeded(3)
+    seeded.environment.reset()              # the first episode of seed 3
+    seeded.begin(7)
+    seeded.environment.reset()              # the first episode of seed 7
+
+A plain `control.Environment` is given another seed in place: its stream and the model fields that
+belong to it are drawn again, and what its task remembers is put back. Any other is made again.
+"""
+
+import copy
+from collections.abc import Callable, Mapping
+from typing import cast
+
+import dm_env
+import numpy as np
+
+from limberjack.mujoco import model_values
+from limberjack.rl.control import Environment
+from limberjack.rl.copies import check_copies, control_of, copied, difference
+from limberjack.rl.memory import Memory, attributes_of, put_back, remembered
+from limberjack.utils.seeds import checked_seed
+
+__all__ = ["Build", "Make", "Seeded", "is_reproducible", "is_stable"]
+
+# Makes an environment whose first episode is that of its seed.
+Make = Callable[..., dm_env.Environment]
+
+_OTHER_SEED = 1  # added to a seed, to compare what a function makes of two
+
+
+class Build:
+    """See the module's docstring."""
+
+    def __init__(self, make: Make, name: str, original: Environment | None = None) -> None:
+        """Takes the function; `name` is used in messages.
+
+        Args:
+          make: called with a seed, and with the context of a row as keywords.
+          name: of the function, or of the environment's class.
+          original: the environment that is copied, if that is what `make` does.
+        """
+        self._make = make
+        self.name = name
+        self.original = original
+
+    @classmethod
+    def of(cls, given: object) -> "Build":
+        """The build of an environment, by copying it, or of a function of a seed.
+
+        Raises:
+          TypeError: it is neither; or copies of the environment would share state with it.
+        """
+        if isinstance(given, Build):
+            return given
+        if isinstance(given, dm_env.Environment):
+            check_copies(given)
+            inner = control_of(given)
+            if not isinstance(inner, Environment):
+                raise TypeError(
+                    f"this {type(given).__name__} contains no control.Environment, so it cannot be "
+                    "given a seed; pass a function build(seed) that makes it instead"
+                )
+            copies = _Copies(copied(given))
+            original = given if isinstance(given, Environment) else None
+            return cls(copies, type(given).__name__, original)
+        if not callable(given):
+            raise TypeError(
+                f"got {given!r}; expected a dm_env.Environment or a function build(seed) that "
+                "makes one"
+            )
+        make = cast(Make, given)  # `make` checks what it returns
+        return cls(make, getattr(given, "__qualname__", type(given).__name__))
+
+    @property
+    def copies(self) -> bool:
+        """Whether it copies an environment instead of calling a user's function."""
+        return isinstance(self._make, _Copies)
+
+    def make(self, seed: int, context: Mapping[str, object] | None = None) -> dm_env.Environment:
+        """A new environment.
+
+        Raises:
+          TypeError: the function made something else.
+        """
+        made = self._make(checked_seed(seed), **(context or {}))
+        if not isinstance(made, dm_env.Environment):
+            raise TypeError(
+                f"{self.name}({seed}) made a {type(made).__name__}; expected a dm_env.Environment, "
+                "such as a limberjack.rl.control.Environment"
+            )
+        return made
+
+    def seeded(
+        self, seed: int, context: Mapping[str, object] | None = None, is_stable: bool = True
+    ) -> "Seeded":
+        """An environment that begins with the first episode of a seed, and can begin another's.
+
+        Args:
+          seed: of the first episode.
+          context: keywords for the function.
+          is_stable: see the function of that name; if False, it is made again for each seed.
+        """
+        return Seeded(self, seed, dict(context or {}), is_stable)
+
+
+class _Copies:
+    """Makes copies of an environment, which takes another seed."""
+
+    def __init__(self, original: dm_env.Environment) -> None:
+        self._original = original
+
+    def __call__(self, seed: int) -> dm_env.Environment:
+        made = copied(self._original)
+        inner = control_of(made)
+        assert isinstance(inner, Environment)
+        inner.reseed(seed)
+        return made
+
+
+class Seeded:
+    """An environment that can begin the first episode of any seed.
+
+    Attributes:
+      environment: the environment; `begin` may replace it.
+      is_plain: whether it is a `control.Environment` without methods or attributes of its own.
+      attributes: values by name that are set on each environment that is made.
+    """
+
+    def __init__(
+        self, build: Build, seed: int, context: dict[str, object], is_stable: bool
+    ) -> None:
+        self._build = build
+        self._is_stable = is_stable
+        self._context = context
+        self.attributes: dict[str, object] = {}
+        self.environment = build.make(seed, context)
+        self.is_plain = difference(self.environment) is None
+        self._first: Memory = {}
+        if self.is_plain and is_stable:
+            env = self.environment
+            assert isinstance(env, Environment)
+            self._first = remembered(env.task, env.physics)
+
+    def begin(self, seed: int) -> None:
+        """Makes the next episode the first one of a seed."""
+        env = self.environment
+        if self.is_plain and self._is_stable:
+            assert isinstance(env, Environment)
+            put_back(self._first, env.task, env.physics)
+            env.reseed(seed)
+            return
+        made = self._build.make(seed, self._context)
+        for name, value in self.attributes.items():
+            setattr(made, name, copy.deepcopy(value))
+        env.close()
+        self.environment = made
+
+    def set_attribute(self, name: str, value: object) -> None:
+        """Sets an attribute of the environment, and of those that take its place."""
+        setattr(self.environment, name, value)
+        self.attributes[name] = value
+        self.is_plain = difference(self.environment) is None
+
+
+def is_stable(build: Build, seed: int) -> bool:
+    """Whether an environment that is given another seed equals one that is made with it.
+
+    The model, the attributes of the task, the time limit and the control step of two environments
+    are compared, and their first episodes' starts. False for environments that are not plain.
+    """
+    if build.copies:
+        return True
+    another = seed - _OTHER_SEED if seed else seed + _OTHER_SEED
+    one, other = build.make(seed), build.make(another)
+    try:
+        if difference(one) is not None or difference(other) is not None:
+            return False
+        assert isinstance(one, Environment)
+        assert isinstance(other, Environment)
+        if _settings(one) != _settings(other):
+            return False
+        one.reseed(another)
+        return _start(one) == _start(other)
+    finally:
+        one.close()
+        other.close()
+
+
+def is_reproducible(build: Build, seed: int) -> bool:
+    """Whether two environments that are made with one seed begin with the same observation."""
+    starts = []
+    for _ in range(2):
+        env = build.make(seed)
+        starts.append(_start(env))
+        env.close()
+    return starts[0] == starts[1]
+
+
+def _settings(env: Environment) -> object:
+    task, physics = env.task, env.physics
+    numbers = None
+    if hasattr(physics, "simulation"):
+        varying = tuple(getattr(task, "EPISODE_FIELDS", ()))
+        leave_out = {*varying, *model_values.derived_fields(varying)}
+        numbers = model_values.checksums(physics.model._model, {*leave_out, "tex_data"})
+    comparable = (bool, int, float, str, bytes, type(None), tuple, np.ndarray)
+    attributes = {
+        name: value.tobytes() if isinstance(value, np.ndarray) else value
+        for name, value in attributes_of(task).items()
+        if isinstance(value, comparable)
+    }
+    return type(task), env._step_limit, env.control_timestep(), attributes, numbers
+
+
+def _start(env: dm_env.Environment) -> object:
+    observation: object = env.reset().observation
+    named = observation if isinstance(observation, Mapping) else {"": observation}
+    get_state = getattr(getattr(control_of(env), "physics", None), "get_state", None)
+    state = b"" if get_state is None else get_state().tobytes()
+    return state, {name: np.asarray(value).tobytes() for name, value in named.items()}

@@ -1,0 +1,157 @@
+"""Memory of an episode: attributes that a task or its physics keeps between calls.
+
+    before = remembered(task, physics)      # deep copies, by owner and name
+    ...
+    put_back(before, task, physics)
+
+The suite's tasks keep nothing: everything about an episode is in the simulation, and their memory
+is empty. Another task may keep a last action, a counter or a queue. Snapshots contain such
+attributes, and a reset with a seed puts them back. The task's random stream is saved separately.
+"""
+
+import copy
+import functools
+import inspect
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+__all__ = [
+    "Memory",
+    "attributes_of",
+    "is_of_the_suite",
+    "put_back",
+    "remembered",
+]
+
+# Attributes by name, of the "task" and of the "physics".
+Memory = Mapping[str, Mapping[str, object]]
+
+_OURS = "limberjack."
+_SUITE = "limberjack.suite."
+_STREAMS = ("_random", "random")  # names of a task's own stream
+_DECORATORS = ("contextlib", "functools")  # whose functions stand in for those they decorate
+_SETTINGS = ("legacy_step", "_warnings_cause_exception")  # of a physics, not of an episode
+
+
+def attributes_of(owner: object) -> dict[str, object]:
+    """The attributes of an object by name, in `__dict__` or in slots; not cached properties."""
+    cls = type(owner)
+    found = {
+        name: value
+        for name, value in getattr(owner, "__dict__", {}).items()
+        if not isinstance(inspect.getattr_static(cls, name, None), functools.cached_property)
+    }
+    for one in cls.__mro__:
+        slots = vars(one).get("__slots__", ())
+        for name in (slots,) if isinstance(slots, str) else slots:
+            if name not in ("__dict__", "__weakref__") and hasattr(owner, name):
+                found[name] = getattr(owner, name)
+    return found
+
+
+def is_of_the_suite(task: object, physics: object) -> bool:
+    """Whether both are the suite's own, with no method of class or instance replaced."""
+    return all(_is_unchanged(owner) for owner in (task, physics))
+
+
+def remembered(task: object, physics: object) -> Memory:
+    """Deep copies of the attributes of a task and its physics, except for the task's stream.
+
+    They are copied together, so that what they share stays shared. References to the task and the
+    physics themselves stay references. Empty for the suite's own tasks.
+
+    Raises:
+      TypeError: an attribute cannot be copied; the message names it.
+    """
+    if is_of_the_suite(task, physics):
+        return {}
+    kept = _kept(task, physics)
+    memo = _memo(task, physics)
+    copies: dict[str, dict[str, object]] = {}
+    for owner, attributes in kept.items():
+        copies[owner] = {}
+        for name, value in attributes.items():
+            try:
+                copies[owner][name] = copy.deepcopy(value, memo)
+            except Exception as error:  # of any class: it is the user's object
+                cls = type(task if owner == "task" else physics).__name__
+                raise TypeError(
+                    f"attribute {name!r} of {owner} {cls} cannot be copied "
+                    f"({type(error).__name__}: {error}), but copies, snapshots and batches "
+                    "contain it: keep only values that copy.deepcopy supports"
+                ) from error
+    return copies
+
+
+def put_back(memory: Memory, task: object, physics: object, is_complete: bool = True) -> None:
+    """Sets the attributes to copies of remembered ones.
+
+    Args:
+      memory: the result of `remembered`, or a part of it.
+      task: the task.
+      physics: its physics.
+      is_complete: whether attributes that were not remembered are removed.
+    """
+    if not memory:
+        return
+    memory = copy.deepcopy(dict(memory), _memo(task, physics))
+    for key, owner in (("task", task), ("physics", physics)):
+        attributes = memory.get(key, {})
+        if is_complete:
+            for name in _kept(task, physics)[key]:
+                if name not in attributes:
+                    delattr(owner, name)
+        for name, value in attributes.items():
+            # Not through a property or a `__setattr__` of the class, which may do more.
+            object.__setattr__(owner, name, value)
+
+
+def _kept(task: object, physics: object) -> dict[str, dict[str, object]]:
+    of_task = {n: v for n, v in attributes_of(task).items() if not _is_stream(n, v)}
+    return {"task": of_task, "physics": _of_physics(physics)}
+
+
+def _of_physics(physics: object) -> dict[str, object]:
+    """The attributes that a class of physics, or its user, has added."""
+    attributes = getattr(physics, "_attributes", None)
+    own = attributes_of(physics) if attributes is None else attributes()
+    return {name: value for name, value in own.items() if name not in _SETTINGS}
+
+
+def _is_stream(name: str, value: object) -> bool:
+    return name in _STREAMS and isinstance(value, np.random.RandomState)
+
+
+def _memo(task: object, physics: object) -> dict[int, object]:
+    """A memo for `copy.deepcopy` in which the task, its stream and its physics stay themselves."""
+    stream = getattr(task, "_random", None)
+    stay = [task, physics, stream, *(getattr(physics, "__dict__", {}).values())]
+    own = {id(value) for value in _of_physics(physics).values()}
+    memo: dict[int, object] = {id(one): one for one in stay if id(one) not in own}
+    return memo
+
+
+def _is_unchanged(owner: object) -> bool:
+    cls = type(owner)
+    if not cls.__module__.startswith(_SUITE) or any(_shadowed(cls, vars(owner))):
+        return False
+    return all(_is_defined_here(one) for one in cls.__mro__ if one.__module__.startswith(_OURS))
+
+
+def _shadowed(cls: type, attributes: Mapping[str, object]) -> Iterator[str]:
+    """Names of methods that an instance replaces."""
+    for name, value in attributes.items():
+        if callable(value) and callable(getattr(cls, name, None)):
+            yield name
+
+
+def _is_defined_here(cls: type) -> bool:
+    """Whether all functions of a class are this package's, not ones that a user has assigned."""
+    for value in vars(cls).values():
+        function = getattr(value, "__func__", getattr(value, "fget", value))
+        scope = getattr(function, "__globals__", None)
+        name = "" if scope is None else str(scope.get("__name__"))
+        if name and not name.startswith(_OURS) and name not in _DECORATORS:
+            return False
+    return True

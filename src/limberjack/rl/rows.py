@@ -1,0 +1,874 @@
+"""`RowsEnvironment`: complete single environments as the rows of a batch.
+
+    batch = RowsEnvironment(build, num_envs=16, seed=0)     # build(seed) -> dm_env.Environment
+    time_step = batch.reset()
+    time_step = batch.step(actions)                         # (16, ...)
+    batch.environments[3]                                   # the environment of row 3
+
+It has the interface of `BatchEnvironment` for environments that cannot be vectorised: subclasses
+and wrappers, tasks that remember something between steps or draw in them. Row i equals the single
+environment with seed `seed + i`, bit for bit, whatever its class does, except through what all
+environments share: global random streams, class attributes, modules' globals and files. If an
+environment draws from a global stream, the rows are stepped on one thread, in order.
+
+A few threads step the rows. A row whose episode has ended is stepped once more, which begins its
+next one, as dm_env specifies. A row that diverges ends with reward 0 and discount 0, and shows its
+last observation again. Any other error of a row is raised with the row's number once all threads
+have returned; every row then begins an episode with the next step.
+"""
+
+import collections
+import copy
+import math
+import random
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from typing import Any
+
+import dm_env
+import numpy as np
+import numpy.typing as npt
+from dm_env import specs
+
+from limberjack.rl import guards
+from limberjack.rl.action_specs import bounds_to_try, spec_of
+from limberjack.rl.builds import Build, Make, Seeded, is_stable
+from limberjack.rl.contract import Nested, PhysicsError
+from limberjack.rl.control import Environment
+from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
+from limberjack.rl.given_state import checked_states, state_sizes
+from limberjack.rl.observations import FLAT_OBSERVATION_KEY
+from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
+from limberjack.rl.represented import Description, represented
+from limberjack.rl.row_threads import RowThreads
+from limberjack.rl.snapshot import Snapshot, as_snapshot
+from limberjack.utils import arrays
+from limberjack.utils.arrays import Quantity
+from limberjack.utils.cores import usable_cores
+from limberjack.utils.log import log
+from limberjack.utils.seeds import checked_seed
+
+__all__ = ["RowsEnvironment", "draws_globally"]
+
+_Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
+
+_FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
+_TRIAL_STEPS = 3  # of an environment that is looked at before the rows are made
+
+
+class RowsEnvironment:
+    """Complete single environments in lockstep; see the module's docstring."""
+
+    def __init__(
+        self,
+        build: dm_env.Environment | Make | Build,
+        num_envs: int,
+        num_threads: int | None = None,
+        seed: int | None = None,
+        on_divergence: str = "end",
+        contexts: Sequence[Mapping[str, object]] | None = None,
+        why_rows: str = "rows were asked for",
+    ) -> None:
+        """Makes the environments, whose first `step` or `reset` begins an episode in every row.
+
+        Args:
+          build: a function `build(seed)` that makes a `dm_env.Environment`, or an environment to
+            copy, which is not changed.
+          num_envs: number of rows.
+          num_threads: number of threads; by default as many as there are cores.
+          seed: row i begins with the first episode of `seed + i`; None for an arbitrary seed.
+          on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
+            'raise' raises `PhysicsError`.
+          contexts: keywords for `build`, for each row.
+          why_rows: the reason why the task is not vectorised.
+
+        Raises:
+          ValueError: a number is out of range, or rows differ in their specs or control step.
+          TypeError: copies of the environment would share state, or `build` makes something else.
+          MemoryError: this many rows do not fit into memory.
+        """
+        self.num_envs: int = guards.at_least_one("num_envs", num_envs)
+        self.first_row = 0
+        self.why_rows: str | None = why_rows
+        self._raises = guards.raises_on_divergence(on_divergence)
+        first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
+        checked_seed(first + self.num_envs - 1)
+        self._build = Build.of(build)
+        contexts = _checked_contexts(contexts, self.num_envs, self._build)
+        threads = min(usable_cores(), self.num_envs)
+        if num_threads is not None:
+            threads = min(guards.at_least_one("num_threads", num_threads), self.num_envs)
+        trial = _Trial(self._build, first, contexts[0], self.num_envs)
+        self.draws_globally: str | None = trial.draws_globally
+        if self.draws_globally is not None:
+            threads = 1
+            log.info(
+                "%s draws from %s, which all rows share: they are stepped on one thread, in order",
+                self._build.name,
+                self.draws_globally,
+            )
+        self._observation_spec, self._is_mapping = trial.observation_spec, trial.is_mapping
+        self._single_action_spec = trial.action_spec
+        self._action_spec = guards.batched_spec(trial.action_spec, self.num_envs)
+        self._control_timestep = trial.control_timestep
+        self._threads = RowThreads(self.num_envs, threads)
+        self._use = guards.OneUser("batch")
+        stable = is_stable(self._build, first) if contexts == [{}] * self.num_envs else True
+        self._seeds: list[int | None] = list(range(first, first + self.num_envs))
+        self._rows: list[Seeded] = []
+        for row, context in enumerate(contexts):
+            self._rows.append(self._build.seeded(first + row, context, stable))
+            trial.compare(self._rows[row].environment, row, context)
+        env = self.environments[0]
+        self.registration: object = getattr(env, "registration", None)
+        self._name: str = getattr(env, "_name", "") or _task_name(env)
+        self._own_limit: float | None = None  # set by `step_limit`; None for the environments' own
+        self._steps = np.zeros(self.num_envs, int)
+        self._begins = np.ones(self.num_envs, bool)
+        self._has_ended = np.zeros(self.num_envs, bool)  # stepping these begins their next episode
+        self._timed_out = np.zeros(self.num_envs, bool)
+        self.diverged = np.zeros(self.num_envs, bool)
+        self._observation = self._empty()
+
+    @property
+    def environments(self) -> tuple[dm_env.Environment, ...]:
+        """The environment of each row; a reset with a seed may replace it."""
+        return tuple(row.environment for row in self._rows)
+
+    @property
+    def name(self) -> str:
+        """The task's name."""
+        return self._name
+
+    def reset(
+        self, ids: _Rows = None, seeds: Sequence[int | None] | None = None
+    ) -> dm_env.TimeStep:
+        """Begins an episode in all rows or in those given; returns the time step of all rows.
+
+        Other rows keep their state and are reported as mid-episode, with reward 0.
+
+        Args:
+          ids: sorted row numbers or a mask of (num_envs,).
+          seeds: for each row to reset, a seed whose first episode it begins, or None to continue
+            the row's random stream.
+        """
+        rows = self._numbers(ids)
+        guards.streams_of_seeds(seeds, len(rows))  # raises for invalid ones
+        with self._use:
+            self._begins[rows] = True  # until complete: after an interrupt, rows begin again
+            self._has_ended[rows] = False
+            by_row = dict(zip(rows.tolist(), seeds or [None] * len(rows), strict=True))
+            found = _Step(self)
+
+            def begin(row: int) -> None:
+                seed = by_row[row]
+                if seed is not None:
+                    self._seed(row, seed)
+                found.take(row, self._rows[row].environment.reset())
+
+            self._raise(self._threads.each(begin, rows.tolist()))
+            for name, values in found.observation.items():
+                self._observation[name][rows] = values[rows]
+            self._steps[rows] = 0
+            self._begins[rows] = False
+            self._timed_out[rows] = False
+            self.diverged[rows] = False
+        step_type = np.where(self._steps == 0, _FIRST, _MID)
+        observation = self._shown({n: v.copy() for n, v in self._observation.items()})
+        ones = np.ones(self.num_envs)
+        return dm_env.TimeStep(step_type, np.zeros(self.num_envs), ones, observation)
+
+    def restart(self) -> None:
+        """Make every row begin an episode with the next step, in the middle of one too."""
+        self._begins[:] = True
+        self._has_ended[:] = False
+
+    def step(self, actions: Nested) -> dm_env.TimeStep:
+        """Applies an action in every row and returns the batched `TimeStep`.
+
+        Args:
+          actions: numbers, (num_envs, ...); ignored in rows that begin an episode.
+
+        Raises:
+          ValueError, TypeError: the actions are not finite numbers of the spec's shape; nothing
+            was stepped.
+          PhysicsError: a row diverged and `on_divergence` is 'raise'.
+          Exception: any that an environment raises, with a note that has the row's number.
+        """
+        with self._use:
+            begins, has_ended = self._begins.copy(), self._has_ended.copy()
+            given = self._checked(actions, begins)
+            # Until the step is complete: after an interrupt, all rows begin again.
+            self.restart()
+            found = _Step(self)
+
+            def step(row: int) -> None:
+                env = self._rows[row].environment
+                if begins[row]:
+                    found.take(row, env.step(given[row]) if has_ended[row] else env.reset())
+                    return
+                try:
+                    time_step = env.step(given[row])
+                except PhysicsError:
+                    found.diverge(row)
+                else:
+                    found.take(row, time_step)
+
+            self._raise(self._threads.each(step))
+            return self._counted(found)
+
+    def _counted(self, found: "_Step") -> dm_env.TimeStep:
+        """Counts a step that all rows have made; returns its time step."""
+        self.diverged = found.diverged
+        if arrays.any_of(found.diverged):
+            self._report_divergence()
+        first, last = found.step_type == _FIRST, found.step_type == _LAST
+        self._steps += 1
+        self._steps[first] = 0
+        has_ended = last & ~found.diverged
+        timed_out = found.timed_out & has_ended
+        if self._own_limit is not None:
+            over = (self._steps >= self._own_limit) & ~first & ~last
+            found.step_type[over] = _LAST
+            last |= over
+            timed_out |= over
+        self._timed_out = timed_out
+        self._begins, self._has_ended = last, has_ended
+        self._observation = found.observation
+        observation = self._shown({n: v.copy() for n, v in found.observation.items()})
+        return dm_env.TimeStep(found.step_type, found.reward, found.discount, observation)
+
+    def snapshot(self, rows: _Rows = None) -> Snapshot:
+        """Everything that the future of the batch, or of some rows, depends on.
+
+        Plain environments are saved as `control.Environment.snapshot` does, others as copies.
+
+        Raises:
+          TypeError: an environment keeps something that cannot be copied.
+        """
+        numbers = self._numbers(rows)
+        with self._use:
+            saved = [self._saved(row) for row in numbers.tolist()]
+            kept = {name: values[numbers] for name, values in self._observation.items()}
+            return _joined(saved, self._steps[numbers], self._begins[numbers], kept, self)
+
+    def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
+        """Continues the batch, or some rows, from a snapshot, bit for bit.
+
+        Args:
+          snapshot: of a batch of either kind or of a single environment, with as many rows as
+            `rows`.
+          rows: sorted row numbers or a mask; None for all.
+
+        Raises:
+          ValueError, TypeError: it is not a snapshot, has another task, model, version or size, is
+            damaged, or contains an episode at or beyond the step limit; nothing was restored.
+        """
+        numbers = self._numbers(rows)
+        own = self._saved(int(numbers[0]) if len(numbers) else 0)
+        as_snapshot(snapshot).check(own.origin, len(numbers))
+        snapshot.check_copies(own)
+        if not snapshot.copies:
+            snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
+        snapshot.check_length(self.step_limit)
+        with self._use:
+            for index, row in enumerate(numbers.tolist()):
+                self._begins[row], self._has_ended[row] = True, False  # until it is complete
+                self._restore(row, snapshot.part(index))
+
+    def set_states(
+        self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None
+    ) -> dm_env.TimeStep:
+        """Continues the episodes that `reset` has just begun in rows from given states.
+
+        Args:
+          states: some of 'qpos' (n, nq), 'qvel' (n, nv) and 'act' (n, na), for n rows; or a
+            snapshot of n environments. See `control.Environment.set_state`.
+          rows: sorted row numbers or a mask; None for all.
+
+        Returns:
+          The time step of all rows, as `reset` does.
+
+        Raises:
+          ValueError, TypeError: the states are invalid, see `limberjack.rl.given_state`; the
+            snapshot does not fit, see `restore`; or a row has no state to set; nothing was set.
+          RuntimeError: a mapping is given, and `reset` was not the last call for a row.
+        """
+        rows = self._numbers(rows)
+        if isinstance(states, Snapshot):
+            self.restore(states, rows)
+            return self.reset([])
+        numbers = rows + self.first_row
+        checked = checked_states(states, self.state_sizes(), len(rows), named=numbers)
+        with self._use:
+            late = numbers[self._begins[rows] | (self._steps[rows] > 0)].tolist()
+            if late:
+                raise RuntimeError(
+                    f"no episode has just begun in rows {late}: call reset(rows) before "
+                    "set_states()"
+                )
+            self._begins[rows] = True  # until it is complete
+            found, index = _Step(self), {row: i for i, row in enumerate(rows.tolist())}
+
+            def start(row: int) -> None:
+                state = {name: values[index[row]] for name, values in checked.items()}
+                found.take(row, _settable(self._rows[row].environment).set_state(state))
+
+            self._raise(self._threads.each(start, rows.tolist()))
+            for name, values in found.observation.items():
+                self._observation[name][rows] = values[rows]
+            self._begins[rows] = False
+        return self.reset([])
+
+    def state_sizes(self) -> dict[str, int]:
+        """Numbers in each field of a row's state, such as 'qpos', without empty fields.
+
+        Raises:
+          TypeError: a row is not a `control.Environment` on a simulation of MuJoCo.
+        """
+        self._use.check()
+        sizes = [state_sizes(_settable(env).physics) for env in self.environments]
+        return sizes[0]
+
+    def copy_row(self, source: int, target: int) -> None:
+        """Makes row `target` a copy of row `source`, including its random stream."""
+        self.restore(self.snapshot([source]), [target])
+
+    def close(self) -> None:
+        """Closes the environments; the batch then raises if used; may be called repeatedly."""
+        if self._use.what_is_wrong is None:
+            with self._use:
+                self._threads.close()
+                for row in self._rows:
+                    row.environment.close()
+            self._use.what_is_wrong = "this batch is closed: create a new one"
+
+    def description(self) -> Description:
+        """The parts of the batch's `repr`."""
+        steps = self._steps.tolist()
+        begun = not self._begins.all() or any(steps)
+        return Description(
+            self._name, self.num_envs, self._seeds, steps if begun else [], self.step_limit
+        )
+
+    def __repr__(self) -> str:
+        return f"{represented(self, self.description())[:-1]}, not vectorised: {self.why_rows}>"
+
+    def __deepcopy__(self, memo: dict[int, object]) -> "RowsEnvironment":
+        for env in self.environments:
+            exact_copies(env, memo)
+        new = type(self).__new__(type(self))
+        memo[id(self)] = new
+        vars(new).update(copy.deepcopy(vars(self), memo))
+        return new
+
+    def action_spec(self) -> specs.BoundedArray:
+        """The spec of the actions of all rows, (num_envs, ...)."""
+        return self._action_spec
+
+    def single_action_spec(self) -> specs.BoundedArray:
+        """The spec of one row's action."""
+        return self._single_action_spec
+
+    def observation_spec(self) -> Mapping[str, specs.Array]:
+        """The specs of the observations of all rows, (num_envs, ...) each."""
+        return collections.OrderedDict(
+            (name, _batched(spec, self.num_envs)) for name, spec in self._observation_spec.items()
+        )
+
+    def reward_spec(self) -> specs.Array:
+        """The spec of the rewards, (num_envs,)."""
+        return specs.Array((self.num_envs,), float, name="reward")
+
+    def discount_spec(self) -> specs.BoundedArray:
+        """The spec of the discounts, (num_envs,)."""
+        return specs.BoundedArray((self.num_envs,), float, 0.0, 1.0, name="discount")
+
+    @property
+    def step_limit(self) -> float:
+        """Steps per episode; infinite without a limit."""
+        if self._own_limit is not None:
+            return self._own_limit
+        return getattr(control_of(self.environments[0]), "_step_limit", math.inf)
+
+    @step_limit.setter
+    def step_limit(self, limit: float) -> None:
+        self._own_limit = limit
+        for row in self._rows:
+            self._set_limit(row)
+
+    @property
+    def begins(self) -> np.ndarray:
+        """Mask of rows whose next step begins an episode, (num_envs,)."""
+        return self._begins.copy()
+
+    @property
+    def timed_out(self) -> np.ndarray:
+        """Mask of rows whose last step was truncated, (num_envs,).
+
+        A plain environment says so itself; any other ends by its time limit if its discount is 1.
+        """
+        return self._timed_out & self._begins
+
+    @property
+    def reward_terms(self) -> dict[str, Quantity]:
+        """The terms of the last step's reward, (num_envs,) each; empty if rows have others."""
+        of_rows = [getattr(env, "reward_terms", {}) for env in self.environments]
+        begun = self._steps == 0
+        names = next((list(terms) for terms in of_rows if terms), [])
+        if any(list(terms) != names for terms, new in zip(of_rows, begun, strict=True) if not new):
+            return {}
+        return {
+            name: np.array([float(terms.get(name, 0.0)) for terms in of_rows]) for name in names
+        }
+
+    @property
+    def success(self) -> np.ndarray | None:
+        """Whether each row reached the goal in the last step, (num_envs,); None without a goal."""
+        of_rows = [getattr(env, "success", None) for env in self.environments]
+        if all(one is None for one in of_rows):
+            return None
+        return np.array([bool(one) for one in of_rows])
+
+    @property
+    def randomization(self) -> dict[str, np.ndarray]:
+        """The values drawn for the rows' episodes, (num_envs, ...) by field."""
+        of_rows = [getattr(env, "randomization", {}) for env in self.environments]
+        shown: dict[str, np.ndarray] = {}
+        for row, drawn in enumerate(of_rows):
+            for name, value in drawn.items():
+                empty = np.zeros((self.num_envs, *value.shape), value.dtype)
+                shown.setdefault(name, empty)[row] = value
+        return shown
+
+    @property
+    def pixels(self) -> Pixels | None:
+        """Options of the pixel observations; None without them."""
+        return getattr(self.environments[0], "pixels", None)
+
+    def control_timestep(self) -> float:
+        """Time between two actions, seconds."""
+        self._use.check()
+        return self._control_timestep
+
+    def render(self, rows: _Rows = None, **kwargs: object) -> np.ndarray:
+        """Pictures of all rows or some, (n, height, width, 3) uint8.
+
+        Args:
+          rows: sorted row numbers or a mask of (num_envs,); None for all.
+          kwargs: arguments of `Physics.render`: height, width, camera_id (or camera), depth, ...
+            The pictures of a list of cameras are joined side by side.
+
+        Raises:
+          ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
+        """
+        numbers = self._numbers(rows).tolist()
+
+        def draw(**how: Any) -> np.ndarray:  # each keyword has its own type
+            physics = [_physics_of(self.environments[row]) for row in numbers]
+            if not physics:
+                shape, dtype = _physics_of(self.environments[0]).picture_spec(**how)
+                return np.empty((0, *shape), dtype)
+            return np.stack([one.render(**how) for one in physics])
+
+        with self._use:
+            return render_cameras(draw, render_arguments(kwargs), axis=2)
+
+    def get_attr(self, name: str) -> list[object]:
+        """An attribute of each row's environment.
+
+        Raises:
+          AttributeError: an environment has no such attribute.
+        """
+        return [getattr(env, name) for env in self.environments]
+
+    def set_attr(self, name: str, values: Sequence[object]) -> None:
+        """Sets an attribute of each row's environment, and of those made for a row's later seeds.
+
+        Args:
+          name: of the attribute.
+          values: one for each row.
+
+        Raises:
+          ValueError: there are not as many values as rows.
+        """
+        if len(values) != self.num_envs:
+            raise ValueError(
+                f"there are {len(values)} values of {name!r}; expected {self.num_envs}, one for "
+                "each row"
+            )
+        with self._use:
+            for row, value in zip(self._rows, values, strict=True):
+                row.set_attribute(name, value)
+
+    # Any: arguments and result of a user's method.
+    def call(self, name: str, *args: Any, **kwargs: Any) -> list[Any]:
+        """The results of a method, or the values of an attribute, of each row's environment."""
+        with self._use:
+            found = [getattr(env, name) for env in self.environments]
+            return [one(*args, **kwargs) if callable(one) else one for one in found]
+
+    def _checked(self, actions: Nested, begins: np.ndarray) -> np.ndarray:
+        """A copy of the actions, since environments may keep theirs."""
+        given = np.array(guards.check_actions(actions, self.num_envs, begins, self.first_row))
+        shape = self._action_spec.shape
+        if given.shape != shape:
+            if math.prod(shape[1:]) == 1 and given.size == self.num_envs:
+                return given.reshape(shape)  # one number for one actuator, in any shape
+            raise ValueError(
+                f"action has shape {given.shape}; expected {shape}: one number for each actuator "
+                "of each row; nothing was stepped"
+            )
+        return given
+
+    def _seed(self, row: int, seed: int) -> None:
+        self._rows[row].begin(checked_seed(seed))
+        self._set_limit(self._rows[row])
+        self._seeds[row] = seed
+
+    def _set_limit(self, row: Seeded) -> None:
+        """Gives an environment the limit of the batch, if it counts its steps itself."""
+        inner = control_of(row.environment)
+        if self._own_limit is not None and isinstance(inner, Environment):
+            inner._step_limit = self._own_limit
+
+    def _saved(self, row: int) -> Snapshot:
+        env = self._rows[row].environment
+        if self._rows[row].is_plain:
+            assert isinstance(env, Environment)
+            return env.snapshot()
+        check_copies(env)
+        return Snapshot.of_copy(copied(env), self.registration, self._name)
+
+    def _restore(self, row: int, part: Snapshot) -> None:
+        """Continues a row from a snapshot of one environment."""
+        seeded = self._rows[row]
+        if part.copies:
+            seeded.environment.close()
+            seeded.environment = copied(part.copies[0])
+        else:
+            env = seeded.environment
+            assert isinstance(env, Environment)
+            env.restore(part)
+        observation = part.observations
+        if not observation:
+            inner = control_of(seeded.environment)
+            if isinstance(inner, Environment) and not part.begins[0]:
+                present = self._as_mapping(inner.present_observation())
+                observation = {name: np.asarray(value)[None] for name, value in present.items()}
+        for name, values in observation.items():
+            if name in self._observation and self._observation[name][row].shape == values.shape[1:]:
+                self._observation[name][row] = values[0]
+        self._steps[row] = part.step_count[0]
+        self._begins[row] = self._has_ended[row] = part.begins[0]
+        self._seeds[row] = None
+        self._timed_out[row] = self.diverged[row] = False
+
+    def _raise(self, errors: Sequence[tuple[int, BaseException]]) -> None:
+        """Raises the first error of a row, if there is one, with the row's number."""
+        errors = sorted(errors, key=lambda one: (isinstance(one[1], Exception), one[0]))
+        if not errors:
+            return
+        row, error = errors[0]
+        self.restart()
+        error.add_note(
+            f"raised by the environment of row {row + self.first_row}; every row begins an episode "
+            "with the next step"
+        )
+        raise error
+
+    def _report_divergence(self) -> None:
+        rows = (np.flatnonzero(self.diverged) + self.first_row).tolist()
+        if self._raises:
+            raise PhysicsError(f"the simulations of rows {rows} diverged")
+        log.warning("the simulations of rows %s diverged; their episodes end here", rows)
+
+    def _empty(self) -> dict[str, np.ndarray]:
+        return {
+            name: np.zeros((self.num_envs, *spec.shape), spec.dtype)
+            for name, spec in self._observation_spec.items()
+        }
+
+    def _as_mapping(self, observation: object) -> Mapping[str, object]:
+        if isinstance(observation, Mapping):
+            return observation
+        return {FLAT_OBSERVATION_KEY: observation}
+
+    def _shown(self, observation: dict[str, np.ndarray]) -> MutableMapping[str, np.ndarray]:
+        return collections.OrderedDict(observation)
+
+    def _numbers(self, ids: _Rows) -> np.ndarray:
+        """Sorted row numbers from row numbers, a mask, or None for all."""
+        return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
+
+
+class _Step:
+    """The time steps of the rows, collected by the threads; each writes to its own rows."""
+
+    def __init__(self, batch: RowsEnvironment) -> None:
+        count = batch.num_envs
+        self._batch = batch
+        self.step_type = np.full(count, _MID)
+        self.reward = np.zeros(count)
+        self.discount = np.ones(count)
+        self.observation = batch._empty()
+        self.diverged = np.zeros(count, bool)
+        self.timed_out = np.zeros(count, bool)
+
+    def take(self, row: int, time_step: dm_env.TimeStep) -> None:
+        """Adds a row's time step.
+
+        Raises:
+          ValueError, TypeError: it does not have the specs of the batch.
+        """
+        step_type, reward, discount, observation = time_step
+        self.step_type[row] = step_type
+        if step_type != _FIRST:
+            self.reward[row] = self._number("reward", reward)
+            self.discount[row] = self._number("discount", discount)
+        if step_type == _LAST:
+            seeded = self._batch._rows[row]
+            env = seeded.environment
+            if seeded.is_plain and isinstance(env, Environment):
+                self.timed_out[row] = env.timed_out
+            else:
+                self.timed_out[row] = self.discount[row] == 1.0
+        given = self._batch._as_mapping(observation)
+        if given.keys() != self.observation.keys():
+            raise ValueError(
+                f"the observation has {sorted(given)}; expected {sorted(self.observation)}, those "
+                "of the batch"
+            )
+        for name, values in self.observation.items():
+            value = np.asarray(given[name])
+            if value.shape != values.shape[1:] or value.dtype != values.dtype:
+                raise ValueError(
+                    f"observation {name!r} has shape {value.shape} and dtype {value.dtype}; "
+                    f"expected {values.shape[1:]} and {values.dtype}, those of its spec"
+                )
+            values[row] = value
+
+    def diverge(self, row: int) -> None:
+        """Ends a row's episode because its simulation diverged; it shows its last observation."""
+        self.diverged[row] = True
+        self.step_type[row] = _LAST
+        self.reward[row] = self.discount[row] = 0.0
+        for name, values in self.observation.items():
+            values[row] = self._batch._observation[name][row]
+
+    @staticmethod
+    def _number(what: str, value: object) -> float:
+        if isinstance(value, float):
+            return value
+        number = np.asarray(value)
+        if number.ndim or number.dtype.kind not in "fiub":
+            raise TypeError(f"the {what} of a step is {value!r}; expected a number")
+        return number.item()
+
+
+class _Trial:
+    """An environment that is looked at before the rows are made: specs, and global streams."""
+
+    def __init__(
+        self, build: Build, seed: int, context: Mapping[str, object], num_envs: int
+    ) -> None:
+        env = build.make(seed, context)
+        try:
+            self._check_memory(env, num_envs)
+            self.action_spec = spec_of(env)
+            spec: Any = env.observation_spec()  # a spec or a mapping of specs
+            self.is_mapping = isinstance(spec, Mapping)
+            named = spec if self.is_mapping else {FLAT_OBSERVATION_KEY: spec}
+            if not all(isinstance(one, specs.Array) for one in named.values()):
+                raise TypeError(
+                    f"observation_spec of {build.name} is {spec!r}; expected a dm_env.specs.Array, "
+                    "or a mapping of them by name"
+                )
+            self.observation_spec: Mapping[str, specs.Array] = collections.OrderedDict(named)
+            self.control_timestep = _control_timestep(env)
+            self.draws_globally = draws_globally(env, self.action_spec)
+        finally:
+            env.close()
+
+    def compare(self, env: dm_env.Environment, row: int, context: Mapping[str, object]) -> None:
+        """Raises ValueError if the environment of a row has other specs or another control step."""
+        spec: Any = env.observation_spec()
+        named = spec if isinstance(spec, Mapping) else {FLAT_OBSERVATION_KEY: spec}
+        action = env.action_spec()
+        found = [("control step", _control_timestep(env), self.control_timestep)]
+        found += [("actions", _form(action), _form(self.action_spec))]
+        names = list(dict.fromkeys([*self.observation_spec, *named]))
+        for name in names:
+            pair = (_form(named.get(name)), _form(self.observation_spec.get(name)))
+            found.append((f"observation {name!r}", *pair))
+        for what, here, expected in found:
+            if here != expected:
+                given = f", made with {dict(context)}," if context else ""
+                raise ValueError(
+                    f"row {row}{given} has {what} of {here}; expected {expected}, as in row 0: the "
+                    "rows of a batch must agree in their specs and control step"
+                )
+
+    @staticmethod
+    def _check_memory(env: dm_env.Environment, num_envs: int) -> None:
+        physics = getattr(control_of(env), "_physics", None)
+        simulation = getattr(physics, "simulation", None)
+        if simulation is None:
+            return
+        official = simulation.model._model
+        shared = simulation.model._shared is not None
+        more = 0 if shared else official.nbuffer
+        guards.check_memory(num_envs, simulation.save(None, ()).values(), more)
+
+
+def draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | None:
+    """The global random stream that a few steps of an environment draw from, if there is one.
+
+    A stream in an attribute of a class counts. The streams are put back. An error of the
+    environment is not raised here, but by the row.
+    """
+    streams = _shared_streams(env)
+    before = {name: _state(one) for name, one in streams.items()}
+    stream = np.random.RandomState(0)
+    low, high = bounds_to_try(spec)
+    try:
+        env.reset()
+        for _ in range(_TRIAL_STEPS):
+            env.step(stream.uniform(low, high, spec.shape).astype(spec.dtype))
+    except Exception as error:  # of any class: it is the user's code
+        log.debug("the trial of %s ended early: %r", type(env).__name__, error)
+    drawn = [n for n, one in streams.items() if not _is_same_state(before[n], _state(one))]
+    for name in drawn:
+        _set_state(streams[name], before[name])
+    return drawn[0] if drawn else None
+
+
+def _shared_streams(env: dm_env.Environment) -> dict[str, Any]:
+    """The streams that environments of one class share, by name."""
+    found: dict[str, Any] = {"NumPy's global stream": np.random, "the stream of random": random}
+    inner = control_of(env)
+    for one in (env, inner, getattr(inner, "_task", None), getattr(inner, "_physics", None)):
+        for cls in type(one).__mro__:
+            for name, value in vars(cls).items():
+                if isinstance(value, np.random.RandomState | random.Random | np.random.Generator):
+                    found[f"{cls.__name__}.{name}"] = value
+    return found
+
+
+# Any: streams of NumPy and of Python, and their states.
+def _state(stream: Any) -> Any:
+    if isinstance(stream, np.random.Generator):
+        return stream.bit_generator.state
+    return stream.getstate() if hasattr(stream, "getstate") else stream.get_state()
+
+
+def _set_state(stream: Any, state: Any) -> None:
+    if isinstance(stream, np.random.Generator):
+        stream.bit_generator.state = state
+    elif hasattr(stream, "setstate"):
+        stream.setstate(state)
+    else:
+        stream.set_state(state)
+
+
+def _is_same_state(one: Any, other: Any) -> bool:
+    if isinstance(one, dict):
+        return str(one) == str(other)
+    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+def _control_timestep(env: dm_env.Environment) -> float:
+    of_env: Callable[[], float] | None = getattr(env, "control_timestep", None)
+    if of_env is None:
+        of_env = getattr(control_of(env), "control_timestep", None)
+    return math.nan if of_env is None else float(of_env())
+
+
+def _form(spec: object) -> object:
+    """Shape and dtype of a spec; None for no spec. NaN-free, so that forms can be compared."""
+    return None if spec is None else (getattr(spec, "shape", None), str(getattr(spec, "dtype", "")))
+
+
+def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
+    shape = (num_envs, *spec.shape)
+    if isinstance(spec, specs.BoundedArray):
+        bounds = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
+        return specs.BoundedArray(shape, spec.dtype, *bounds, name=spec.name)
+    return specs.Array(shape, spec.dtype, name=spec.name)
+
+
+def _settable(env: dm_env.Environment) -> Environment:
+    """The environment, if its state can be set."""
+    if isinstance(env, Environment):
+        return env
+    raise TypeError(
+        f"a {type(env).__name__} cannot begin in a given state; expected a "
+        "limberjack.rl.control.Environment or a subclass in every row; nothing was reset"
+    )
+
+
+def _physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class
+    physics = getattr(env, "physics", None)
+    if physics is None:
+        physics = getattr(control_of(env), "physics", None)
+    if physics is None:
+        raise TypeError(
+            f"a {type(env).__name__} has no physics, so it cannot be rendered here: draw "
+            "batch.environments[i] yourself"
+        )
+    return physics
+
+
+def _task_name(env: dm_env.Environment) -> str:
+    inner = control_of(env)
+    return getattr(inner, "_name", "") or type(getattr(inner, "_task", env)).__name__
+
+
+def _checked_contexts(
+    contexts: Sequence[Mapping[str, object]] | None, num_envs: int, build: Build
+) -> list[Mapping[str, object]]:
+    if contexts is None:
+        return [{} for _ in range(num_envs)]
+    if build.copies:
+        raise TypeError(
+            "contexts are keywords for a function build(seed, **context), but an environment was "
+            "given: pass the function that makes it"
+        )
+    if isinstance(contexts, Mapping) or not np.iterable(contexts):
+        raise TypeError(f"contexts is {contexts!r}; expected a sequence of mappings, one a row")
+    if len(contexts) != num_envs:
+        raise ValueError(f"there are {len(contexts)} contexts; expected {num_envs}, one a row")
+    for row, context in enumerate(contexts):
+        if not isinstance(context, Mapping):
+            raise TypeError(f"the context of row {row} is {context!r}; expected a mapping")
+    return list(contexts)
+
+
+def _joined(
+    saved: Sequence[Snapshot],
+    steps: np.ndarray,
+    begins: np.ndarray,
+    observations: dict[str, np.ndarray],
+    batch: RowsEnvironment,
+) -> Snapshot:
+    """One snapshot of several environments."""
+    first = saved[0] if saved else batch._saved(0)
+    count = len(saved)
+    physics = {n: _stacked([one.physics[n] for one in saved], v) for n, v in first.physics.items()}
+    frames = {n: _stacked([one.frames[n] for one in saved], v) for n, v in first.frames.items()}
+    return Snapshot(
+        first.origin,
+        physics,
+        steps,
+        begins,
+        [one.streams[0] for one in saved],
+        frames,
+        batch.registration,
+        first.name,
+        [one.memory[0] for one in saved] if first.memory else [],
+        [one.copies[0] for one in saved] if first.copies else [],
+        observations if first.copies and count else {},
+    )
+
+
+def _stacked(parts: Sequence[np.ndarray], like: np.ndarray) -> np.ndarray:
+    return np.concatenate(parts) if parts else like[:0]

@@ -1,0 +1,185 @@
+"""`Watch`: notices what the hooks of a task change in the task, its physics and their classes.
+
+    with Watch(task, physics) as watch:
+        task.get_reward(physics)
+        watch.changed()         # ["self.last_action"]
+
+An assignment counts even if the value is equal. Other changes, such as those of a list or of an
+object that an attribute holds, are found by comparing values. A `functools.cached_property` does
+not count. Values that cannot be compared, such as those of a C library, go unnoticed.
+"""
+
+import collections
+import functools
+import itertools
+import random
+import threading
+import types
+from collections.abc import Mapping
+from typing import Any, Self
+
+import numpy as np
+
+from limberjack.rl.batch_measurements import RECORDS
+from limberjack.rl.memory import attributes_of
+
+__all__ = ["Watch"]
+
+# Classes are changed while a watch is on, so that there is one at a time.
+_one_at_a_time = threading.RLock()
+
+_MOST_PARTS = 20_000  # of the values of one task; an object with more is not compared further
+_ATOMS = (str, bytes, int, complex, bool, type(None), range)
+_MUTABLE = (list, dict, set, collections.deque, bytearray, np.ndarray)
+_RANDOM = (np.random.RandomState, np.random.Generator, random.Random)
+# Attributes of a physics that its own methods set.
+_INTERNAL = ("_data", "_simulation", "_warnings_cause_exception", "legacy_step", "named")
+_STREAMS = ("_random",)  # of a task; its draws are noticed by the stream's state
+_OURS = ("limberjack.", "builtins", "typing", "numpy")  # modules of classes without memory
+
+
+class Watch:
+    """See the module's docstring."""
+
+    def __init__(self, task: object, physics: object) -> None:
+        self._owners = {"self": task, "physics": physics}
+        self._assigned: list[str] = []
+        self._patched: list[tuple[type, object]] = []
+        inside = getattr(physics, "__dict__", {})
+        own = [task, physics, *(inside[name] for name in _INTERNAL if name in inside)]
+        self._opaque = {id(one) for one in own}
+        self._before: dict[str, object] = {}
+
+    def __enter__(self) -> Self:
+        _one_at_a_time.acquire()
+        try:
+            for label, owner in self._owners.items():
+                self._record(label, owner)
+        except BaseException:
+            self.__exit__()
+            raise
+        self._before = self._values()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for cls, original in reversed(self._patched):
+            if original is None:
+                del cls.__setattr__
+            else:
+                cls.__setattr__ = original  # pyright: ignore[reportAttributeAccessIssue]
+        self._patched.clear()
+        _one_at_a_time.release()
+
+    def changed(self) -> list[str]:
+        """What was assigned or changed since the last call, or the start, in no order of time."""
+        before, self._before = self._before, self._values()
+        assigned, self._assigned[:] = list(self._assigned), []
+        names = before.keys() | self._before.keys()
+        differing = [n for n in names if before.get(n) != self._before.get(n)]
+        return sorted({*assigned, *differing})
+
+    def _record(self, label: str, owner: object) -> None:
+        """Makes an object's class record assignments to its attributes."""
+        cls: Any = type(owner)  # a user's class
+        original = vars(cls).get("__setattr__")
+        assign, assigned = cls.__setattr__, self._assigned
+
+        def recording(one: object, name: str, value: object) -> None:
+            if one is owner and name not in _INTERNAL and name not in _STREAMS:
+                assigned.append(f"{label}.{name}")
+            assign(one, name, value)
+
+        try:
+            cls.__setattr__ = recording
+        except (AttributeError, TypeError):  # a class that cannot be changed
+            return
+        self._patched.append((cls, original))
+
+    def _values(self) -> dict[str, object]:
+        found: dict[str, object] = {}
+        for label, owner in self._owners.items():
+            attributes = getattr(owner, "_attributes", None)
+            own = attributes_of(owner) if attributes is None else attributes()
+            frozen = _Frozen(self._opaque)
+            for name, value in own.items():
+                if name not in _INTERNAL and name not in _STREAMS and not hasattr(value, RECORDS):
+                    found[f"{label}.{name}"] = frozen(value)
+            for cls in type(owner).__mro__:
+                if cls.__module__.startswith(_OURS):
+                    continue
+                for name, value in vars(cls).items():
+                    if isinstance(value, _MUTABLE + _RANDOM) and not name.startswith("__"):
+                        found[f"{cls.__name__}.{name}"] = frozen(value)
+        return found
+
+
+class _Frozen:
+    """Makes values comparable at a later time, by copying their parts."""
+
+    def __init__(self, opaque: set[int]) -> None:
+        self._opaque = opaque
+        self._seen: dict[int, int] = {}
+        # Keeps what was seen alive, so that no id is used twice.
+        self._kept: list[object] = []
+
+    def __call__(self, value: object) -> object:
+        if isinstance(value, _ATOMS):
+            return type(value), value
+        if isinstance(value, float):
+            return value.hex()
+        if isinstance(value, np.generic):
+            return value.dtype.str, value.tobytes()
+        if id(value) in self._opaque or isinstance(value, type | types.ModuleType):
+            return id(value)
+        if id(value) in self._seen or len(self._seen) > _MOST_PARTS:
+            return "seen", self._seen.get(id(value))
+        self._seen[id(value)] = len(self._seen)
+        self._kept.append(value)
+        return self._parts(value)
+
+    def _parts(self, value: object) -> object:
+        if isinstance(value, np.ndarray):
+            if value.dtype == object:
+                return value.shape, [self(part) for part in value.ravel().tolist()]
+            return value.dtype.str, value.shape, value.tobytes()
+        stream = _state_of_stream(value)
+        if stream is not None:
+            return self(stream)
+        if isinstance(value, Mapping):
+            return type(value), [(self(key), self(part)) for key, part in value.items()]
+        if isinstance(value, list | tuple | collections.deque):
+            return type(value), [self(part) for part in value]
+        if isinstance(value, set | frozenset):
+            return type(value), sorted(map(repr, value))
+        if isinstance(value, types.FunctionType):
+            return id(value.__code__), self(_cells(value)), self(vars(value))
+        if isinstance(value, types.MethodType):
+            return id(value.__func__), self(value.__self__)
+        if isinstance(value, functools.partial):
+            return self((value.func, value.args, value.keywords))
+        if isinstance(value, types.GeneratorType):
+            frame = value.gi_frame
+            return None if frame is None else (frame.f_lasti, self(dict(frame.f_locals)))
+        if isinstance(value, itertools.count | itertools.repeat):
+            return repr(value)
+        attributes = attributes_of(value)
+        return id(value), [(name, self(part)) for name, part in attributes.items()]
+
+
+def _state_of_stream(value: object) -> object | None:
+    if isinstance(value, np.random.RandomState):
+        return value.get_state(legacy=False)
+    if isinstance(value, np.random.Generator):
+        return value.bit_generator.state
+    return value.getstate() if isinstance(value, random.Random) else None
+
+
+def _cells(function: types.FunctionType) -> list[object]:
+    """The values that a function encloses; empty cells are left out."""
+    found = []
+    for cell in function.__closure__ or ():
+        try:
+            found.append(cell.cell_contents)
+        except ValueError:  # an empty cell
+            continue
+    return found
