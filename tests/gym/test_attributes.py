@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import SyncVectorEnv
 
-from limberjack import gym, suite
+from limberjack import gym, rl, suite
 from limberjack.gym import attributes
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
@@ -17,22 +17,6 @@ from limberjack.rl.randomize import scale
 from .gym_episodes import Falls, assert_same, falling, falling_envs
 
 _WALK = ("humanoid", "walk")
-
-
-class _Rows(BatchEnvironment):
-    """A batch that also has complete environments, which answer for its rows."""
-
-    environments: list[Any]
-
-    def get_attr(self, name: str) -> list[Any]:
-        return [getattr(environment, name) for environment in self.environments]
-
-    def set_attr(self, name: str, values: list[Any]) -> None:
-        for environment, value in zip(self.environments, values, strict=True):
-            setattr(environment, name, value)
-
-    def call(self, name: str, *args: Any, **kwargs: Any) -> list[Any]:
-        return [getattr(one, name)(*args, **kwargs) for one in self.environments]
 
 
 class _Counting(control.Environment):
@@ -56,11 +40,13 @@ def _envs(num_envs: int = 3, task: tuple[str, str] = _WALK, **kwargs: Any) -> gy
 
 def _rows(*sizes: int) -> gym.VectorEnv:
     """A vector environment of batches that have environments."""
-    batches = [_Rows.from_environment(suite.load(*_WALK), size, 1) for size in sizes]
-    for batch in batches:
-        assert isinstance(batch, _Rows)
-        batch.environments = [_counting(seed) for seed in range(batch.num_envs)]
-    return gym.VectorEnv(*batches)
+    starts = [sum(sizes[:i]) for i in range(len(sizes))]
+    return gym.VectorEnv(
+        *(
+            rl.batch_of(_counting, size, 1, seed=start, vectorised=False)
+            for size, start in zip(sizes, starts, strict=True)
+        )
+    )
 
 
 class _Remembers(Falls):
@@ -335,6 +321,22 @@ def test_environments_have_attributes_and_methods_of_their_own() -> None:
     with pytest.raises(AttributeError, match="nothing"):
         envs.get_attr("nothing")
     envs.close()
+
+
+def test_settings_of_tasks_may_differ_between_environments_and_last() -> None:
+    for build in (_counting, suite.load(*_WALK)):
+        envs = gym.VectorEnv(rl.batch_of(build, 3, 1, vectorised=False))
+        assert envs.get_attr("_move_speed") == (1, 1, 1)
+        envs.set_attr("_move_speed", [0, 1, 10])
+        for seed in (None, 0):  # environments that another seed replaces have them too
+            envs.reset(seed=seed)
+            assert envs.get_attr("_move_speed") == (0, 1, 10)
+        rewards = envs.step(np.ones((3, 21)))[1]
+        for row, task in enumerate(("stand", "walk", "run")):
+            single = gym.load("humanoid", task)
+            single.reset(seed=row)
+            assert single.step(np.ones(21))[1] == rewards[row]
+        envs.close()
 
 
 def test_a_method_of_some_rows_is_called_for_these_only() -> None:

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from limberjack import gym, suite
+from limberjack import gym, rl, suite
 from limberjack.gym.states import states_of_rows
+from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.randomize import scale
+from limberjack.suite import humanoid
+from limberjack.suite.wrappers import action_scale
 from tests.plain_pictures import draw_plainly
 
 from .gym_episodes import MODES, assert_same, falling_env, falling_envs
@@ -193,6 +196,104 @@ def test_pictures_show_the_given_state_and_fill_the_stack() -> None:
     assert_same(envs.reset(options={"state": snapshot})[0]["pixels"], now)
     observation, _ = single.reset(options={"state": envs.batches[0].snapshot([1])})
     assert_same(observation["pixels"], now[1])
+
+
+# Rows that are complete environments.
+
+
+class _Delayed(humanoid.Humanoid):
+    """Observes the velocity of one step ago."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(**kwargs)
+        self._last = np.zeros(27)
+
+    def initialize_episode(self, physics: Any) -> None:
+        super().initialize_episode(physics)
+        self._last = np.zeros(27)
+
+    def get_observation(self, physics: Any) -> Any:
+        observation = super().get_observation(physics)
+        observation["delayed"], self._last = self._last, physics.velocity().copy()
+        return observation
+
+
+class _Doubled(control.Environment):
+    """Applies each action twice."""
+
+    def step(self, action: Any) -> Any:
+        super().step(action)
+        return super().step(action)
+
+
+def _delayed(seed: int) -> control.Environment:
+    task = _Delayed(move_speed=1, pure_state=False, random=seed)
+    return control.Environment(suite.load(*_WALK).physics, task, n_sub_steps=5)
+
+
+def _doubled(seed: int) -> control.Environment:
+    plain = suite.load(*_WALK, {"random": seed})
+    return _Doubled(plain.physics, plain.task, n_sub_steps=5)
+
+
+def _plain(seed: int) -> control.Environment:
+    return suite.load(*_WALK, {"random": seed})
+
+
+@pytest.mark.parametrize("build", [_plain, _delayed, _doubled])
+@pytest.mark.parametrize("sizes", [(4,), (1, 3)])
+def test_rows_that_are_environments_begin_in_given_states(
+    build: Any, sizes: tuple[int, ...]
+) -> None:
+    batches = [rl.batch_of(build, size, 1, vectorised=False) for size in sizes]
+    envs, states = gym.VectorEnv(*batches), _states(28, 27, 4)
+    source = gym.Env(build(20))
+    source.reset()
+    for _ in range(3):
+        source.step(np.ones(21))
+    snapshot = source.environment.snapshot()
+    given: list[Any] = [None, _row(states, 1), {"qvel": states["qvel"][2]}, snapshot]
+    envs.reset(seed=0, options={"state": given})
+    singles = [gym.Env(build(row)) for row in range(4)]
+    for row, single in enumerate(singles):
+        single.reset(seed=row, options={"state": given[row]})
+    for _ in range(3):
+        _assert_rows(envs.step(np.ones((4, 21))), singles, np.ones((4, 21)))
+    mask = np.array([False, True, True, False])
+    observations, _ = envs.reset(seed=5, options={"state": states, "reset_mask": mask})
+    for row in (1, 2):
+        observation, _ = singles[row].reset(seed=5 + row, options={"state": _row(states, row)})
+        assert_same({n: v[row] for n, v in observations.items()}, observation)
+    _assert_rows(envs.step(np.ones((4, 21))), singles, np.ones((4, 21)))
+    envs.close()
+
+
+def test_a_refused_state_changes_nothing_in_rows_that_are_environments() -> None:
+    envs, twin = (
+        gym.VectorEnv(*(rl.batch_of(_delayed, n, 1, seed=n, vectorised=False) for n in (1, 2)))
+        for _ in range(2)
+    )
+    for each in (envs, twin):
+        each.reset(seed=0)
+        each.step(np.ones((3, 21)))
+    for state, message in (
+        ({"qvel": np.full((3, 27), np.inf)}, r"invalid in rows \[0, 1, 2\]"),
+        ([None, None, {"qvel": np.zeros(3)}], r"state of row 2 has shape \(3,\)"),
+        (twin.batches[1].snapshot(), "holds 2 environments; expected 3"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            envs.reset(seed=9, options={"state": state})
+    assert_same(envs.step(np.ones((3, 21))), twin.step(np.ones((3, 21))))
+
+
+def test_environments_of_other_kinds_have_no_state_to_set() -> None:
+    def build(seed: int) -> Any:
+        return action_scale.Wrapper(_plain(seed), minimum=-2, maximum=2)
+
+    envs = gym.VectorEnv(rl.batch_of(build, 2, 1, vectorised=False))
+    envs.reset(seed=0)
+    with pytest.raises(TypeError, match="a Wrapper cannot begin in a given state; expected a"):
+        envs.reset(options={"state": {"qvel": np.zeros((2, 27))}})
 
 
 # The count of Gymnasium's `TimeLimit`.

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from limberjack.rl.builds import holder_of
 from limberjack.rl.contract import Batch
 from limberjack.utils.suggest import did_you_mean
 
@@ -174,7 +175,8 @@ def _called(batch: Batch, name: str, args: _Args, kwargs: _Kwargs, rows: list[in
         if rows == list(range(batch.num_envs)):
             return batch.call(name, *args, **kwargs)  # pyright: ignore[reportAttributeAccessIssue]
         some = [batch.environments[row] for row in rows]  # pyright: ignore[reportAttributeAccessIssue]
-        return [getattr(environment, name)(*args, **kwargs) for environment in some]
+        found = [getattr(holder_of(environment, name), name) for environment in some]
+        return [one(*args, **kwargs) if callable(one) else one for one in found]
     if name == "snapshot":
         return [batch.snapshot([row], *args, **kwargs) for row in rows]
     if name == "control_timestep":

@@ -31,7 +31,7 @@ from dm_env import specs
 
 from limberjack.rl import guards
 from limberjack.rl.action_specs import bounds_to_try, spec_of
-from limberjack.rl.builds import Build, Make, Seeded, is_stable
+from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable
 from limberjack.rl.contract import Nested, PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
@@ -474,15 +474,17 @@ class RowsEnvironment:
             return render_cameras(draw, render_arguments(kwargs), axis=2)
 
     def get_attr(self, name: str) -> list[object]:
-        """An attribute of each row's environment.
+        """An attribute of each row's environment, or of its task if only that has it.
 
         Raises:
-          AttributeError: an environment has no such attribute.
+          AttributeError: neither has such an attribute in some row.
         """
-        return [getattr(env, name) for env in self.environments]
+        return [getattr(holder_of(env, name), name) for env in self.environments]
 
     def set_attr(self, name: str, values: Sequence[object]) -> None:
         """Sets an attribute of each row's environment, and of those made for a row's later seeds.
+
+        A name that only the task has is set there.
 
         Args:
           name: of the attribute.
@@ -504,7 +506,7 @@ class RowsEnvironment:
     def call(self, name: str, *args: Any, **kwargs: Any) -> list[Any]:
         """The results of a method, or the values of an attribute, of each row's environment."""
         with self._use:
-            found = [getattr(env, name) for env in self.environments]
+            found = [getattr(holder_of(env, name), name) for env in self.environments]
             return [one(*args, **kwargs) if callable(one) else one for one in found]
 
     def _checked(self, actions: Nested, begins: np.ndarray) -> np.ndarray:
