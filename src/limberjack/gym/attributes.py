@@ -116,32 +116,7 @@ def set_values(envs: Rows, name: str, values: object) -> None:
         for batch, part in zip(envs.batches, parts, strict=True):
             batch.set_attr(name, part)  # pyright: ignore[reportAttributeAccessIssue]
         return
-    tasks = [_task(batch) for batch in envs.batches]
-    # A setting is checked against all rows, those of the other half included.
-    new = [
-        _rows_of_memory(task, name, part) if name in _memory(task) else _setting(task, name, given)
-        for task, part in zip(tasks, parts, strict=True)
-    ]
-    specs = [_specs(batch) for batch in envs.batches]
-    kept = [dict(vars(task)) for task in tasks]
-    is_set = False
-    try:
-        for task, value in zip(tasks, new, strict=True):
-            setattr(task, name, value)
-        if [_specs(batch) for batch in envs.batches] == specs:
-            if not _memory(tasks[0]):  # whose arrays are of all rows, and the check has fewer
-                envs.batches[0].check_task()  # pyright: ignore[reportAttributeAccessIssue]
-            is_set = True
-    finally:
-        if not is_set:
-            for task, attributes in zip(tasks, kept, strict=True):
-                vars(task).clear()
-                vars(task).update(attributes)
-    if not is_set:
-        raise ValueError(
-            f"{name!r} of the task cannot be {given[0]!r} here: that changes the observations or "
-            "actions; make another environment, with this value in task_kwargs"
-        )
+    _set_in_tasks(envs.batches, name, parts)
 
 
 def call(envs: Rows, name: str, args: _Args, kwargs: _Kwargs, rows: Sequence[int]) -> list[object]:
@@ -191,6 +166,37 @@ def _called(batch: Batch, name: str, args: _Args, kwargs: _Kwargs, rows: list[in
         f"the rows of a batch have no method {name!r}.{did_you_mean(name, known)} Their methods "
         f"are {', '.join(_METHODS)}; call those of the batch on `batches`. {_WAY_OUT}"
     )
+
+
+def _set_in_tasks(batches: Sequence[Batch], name: str, parts: Sequence[Sequence[object]]) -> None:
+    """Sets an attribute of the tasks of vectorised batches to values of rows, or of none."""
+    tasks = [_task(batch) for batch in batches]
+    # A setting is checked against all rows, those of the other half included.
+    given = [value for part in parts for value in part]
+    new = [
+        _rows_of_memory(task, name, part) if name in _memory(task) else _setting(task, name, given)
+        for task, part in zip(tasks, parts, strict=True)
+    ]
+    specs = [_specs(batch) for batch in batches]
+    kept = [dict(vars(task)) for task in tasks]
+    is_set = False
+    try:
+        for task, value in zip(tasks, new, strict=True):
+            setattr(task, name, value)
+        if [_specs(batch) for batch in batches] == specs:
+            if not _memory(tasks[0]):  # whose arrays are of all rows, and the check has fewer
+                batches[0].check_task()  # pyright: ignore[reportAttributeAccessIssue]
+            is_set = True
+    finally:
+        if not is_set:
+            for task, attributes in zip(tasks, kept, strict=True):
+                vars(task).clear()
+                vars(task).update(attributes)
+    if not is_set:
+        raise ValueError(
+            f"{name!r} of the task cannot be {given[0]!r} here: that changes the observations or "
+            "actions; make another environment, with this value in task_kwargs"
+        )
 
 
 def _is_of_environments(batch: Batch) -> bool:
