@@ -83,17 +83,20 @@ def test_the_laws_that_users_test_their_own_tasks_with_hold(task: Task) -> None:
 
 
 def test_a_task_that_breaks_a_law_fails_it() -> None:
-    class Forgetful(humanoid.Humanoid):
-        calls = 0
+    calls: list[None] = []
 
+    def count() -> int:
+        calls.append(None)
+        return len(calls)
+
+    class Forgetful(humanoid.Humanoid):
         def get_reward(self, physics: Any) -> Any:
-            Forgetful.calls += 1
             # After the few steps that are compared when a batch is created.
-            is_late = np.asarray(physics.time()) > 0.1
-            return super().get_reward(physics) + np.where(is_late, Forgetful.calls, 0)
+            is_late = np.asarray(physics.time()) > 0.24
+            return super().get_reward(physics) + np.where(is_late, count(), 0)
 
     class Laws(batch_test_utils.BatchEnvironmentTestMixin, unittest.TestCase):
-        num_steps = 8
+        num_steps = 14
 
         def make_single(self, seed: int) -> Any:
             env = suite.load("humanoid", "stand", {"random": seed})

@@ -35,7 +35,7 @@ _OTHER_SEED = 1  # added to a seed, to compare what a function makes of two
 class Build:
     """See the module's docstring."""
 
-    def __init__(self, make: Make, name: str, original: Environment | None = None) -> None:
+    def __init__(self, make: Make, name: str, original: dm_env.Environment | None = None) -> None:
         """Takes the function; `name` is used in messages.
 
         Args:

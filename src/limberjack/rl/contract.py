@@ -358,6 +358,14 @@ class Batch(Protocol):
         """The specs of the observations of all rows, (num_envs, ...) each."""
         ...
 
+    def reward_spec(self) -> specs.Array:
+        """The spec of the rewards, (num_envs,)."""
+        ...
+
+    def discount_spec(self) -> specs.BoundedArray:
+        """The spec of the discounts, (num_envs,)."""
+        ...
+
     def close(self) -> None:
         """Frees the rows; may be called repeatedly."""
         ...

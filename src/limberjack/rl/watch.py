@@ -30,8 +30,6 @@ _one_at_a_time = threading.RLock()
 
 _MOST_PARTS = 20_000  # of the values of one task; an object with more is not compared further
 _ATOMS = (str, bytes, int, complex, bool, type(None), range)
-_MUTABLE = (list, dict, set, collections.deque, bytearray, np.ndarray)
-_RANDOM = (np.random.RandomState, np.random.Generator, random.Random)
 # Attributes of a physics that its own methods set.
 _INTERNAL = ("_data", "_simulation", "_warnings_cause_exception", "legacy_step", "named")
 _STREAMS = ("_random",)  # of a task; its draws are noticed by the stream's state
@@ -108,9 +106,14 @@ class Watch:
                 if cls.__module__.startswith(_OURS):
                     continue
                 for name, value in vars(cls).items():
-                    if isinstance(value, _MUTABLE + _RANDOM) and not name.startswith("__"):
+                    if not name.startswith(("__", "_abc_")) and not _is_behaviour(value):
                         found[f"{cls.__name__}.{name}"] = frozen(value)
         return found
+
+
+def _is_behaviour(value: object) -> bool:
+    """Whether an attribute of a class is a method, a property or a class, instead of a value."""
+    return isinstance(value, type | types.FunctionType) or hasattr(type(value), "__get__")
 
 
 class _Frozen:

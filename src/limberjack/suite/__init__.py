@@ -10,14 +10,23 @@ tuples; `register` appends to all of them except `BENCHMARKING`, `EASY` and `HAR
 the current list, including tasks added to a domain's `SUITE` later.
 """
 
+import dataclasses
 import importlib
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from types import ModuleType
+from typing import Literal, overload
+
+import dm_env
 
 from limberjack import registry
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.batches import batch_of
+from limberjack.rl.builds import Build
+from limberjack.rl.contract import Batch
+from limberjack.rl.copies import control_of
+from limberjack.rl.rows import RowsEnvironment
 from limberjack.suite._registration import (
     Domains,
     find,
@@ -158,6 +167,7 @@ def load(
     )
 
 
+@overload
 def load_batch(
     domain_name: str,
     task_name: str,
@@ -167,8 +177,41 @@ def load_batch(
     task_kwargs: Mapping[str, object] | None = None,
     environment_kwargs: Mapping[str, object] | None = None,
     on_divergence: str = "end",
-) -> BatchEnvironment:
+    *,
+    vectorised: Literal[False],
+) -> RowsEnvironment: ...
+
+
+# Of a task that cannot be vectorised it returns a RowsEnvironment; all of the suite's can be.
+@overload
+def load_batch(
+    domain_name: str,
+    task_name: str,
+    num_envs: int,
+    num_threads: int | None = None,
+    seed: int | None = None,
+    task_kwargs: Mapping[str, object] | None = None,
+    environment_kwargs: Mapping[str, object] | None = None,
+    on_divergence: str = "end",
+    vectorised: bool | None = None,
+) -> BatchEnvironment: ...
+
+
+def load_batch(
+    domain_name: str,
+    task_name: str,
+    num_envs: int,
+    num_threads: int | None = None,
+    seed: int | None = None,
+    task_kwargs: Mapping[str, object] | None = None,
+    environment_kwargs: Mapping[str, object] | None = None,
+    on_divergence: str = "end",
+    vectorised: bool | None = None,
+) -> Batch:
     """Many environments of the suite, stepped in lockstep; see `limberjack.rl.batch`.
+
+    The suite's own tasks are vectorised. A registered one that cannot be is played in complete
+    environments; see `limberjack.rl.batches`.
 
     Args:
       domain_name: such as 'humanoid'.
@@ -180,9 +223,12 @@ def load_batch(
       task_kwargs: as for `load`, without 'random'.
       environment_kwargs: as for `load`.
       on_divergence: 'end' ends the episodes of rows that diverge; 'raise' raises `PhysicsError`.
+      vectorised: None vectorises the task if that changes no number; True raises the reason if it
+        would; False makes complete environments.
 
     Raises:
-      ValueError: there is no such domain or task, or a number is out of range.
+      ValueError: there is no such domain or task, or a number is out of range; or `vectorised` is
+        True and the task cannot be vectorised.
       TypeError: there is no such keyword.
     """
     if "random" in keywords("task_kwargs", task_kwargs):
@@ -191,9 +237,31 @@ def load_batch(
             "each row gets its own"
         )
     env = load(domain_name, task_name, task_kwargs, environment_kwargs)
-    batch = BatchEnvironment.from_environment(env, num_envs, num_threads, seed, on_divergence)
-    batch.registration = env.registration
+    loaded = _Loaded(domain_name, task_name, task_kwargs, environment_kwargs)
+    batch = batch_of(
+        Build(loaded, f"{domain_name}:{task_name}", env),
+        num_envs,
+        num_threads,
+        seed=seed,
+        vectorised=vectorised,
+        on_divergence=on_divergence,
+    )
+    batch.registration = getattr(control_of(env), "registration", None)
     return batch
+
+
+@dataclasses.dataclass(frozen=True)
+class _Loaded:
+    """Loads a task with a seed, also in a copy or another process."""
+
+    domain_name: str
+    task_name: str
+    task_kwargs: Mapping[str, object] | None
+    environment_kwargs: Mapping[str, object] | None
+
+    def __call__(self, seed: int) -> dm_env.Environment:
+        kwargs = {**(self.task_kwargs or {}), "random": seed}
+        return load(self.domain_name, self.task_name, kwargs, self.environment_kwargs)
 
 
 def module_of(domain_name: str) -> ModuleType:
@@ -238,10 +306,12 @@ def build_environment(
             f"{where} sets control_timestep itself; for another value create a "
             "control.Environment(env.physics, env.task, control_timestep=...)"
         ) from None
-    environment.registration = registration_of(domain_name)
-    environment._name = where
-    environment._seeded = getattr(environment.task, "random", None), kwargs.get("random")
-    environment.task.visualize_reward = visualize_reward
+    inner = control_of(environment)  # a registered factory may return a wrapper
+    if isinstance(inner, control.Environment):
+        inner.registration = registration_of(domain_name)
+        inner._name = where
+        inner._seeded = getattr(inner.task, "random", None), kwargs.get("random")
+        inner.task.visualize_reward = visualize_reward
     return environment
 
 
