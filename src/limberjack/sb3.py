@@ -82,7 +82,8 @@ class VecEnv(vec_env.VecEnv):
         self._actions: np.ndarray | None = None
         actions = action_space(_limited_spec(envs.batches[0]))
         super().__init__(envs.num_envs, envs.single_observation_space, actions)
-        self.metadata = {**self.metadata, "render_fps": envs.metadata["render_fps"]}
+        if "render_fps" in envs.metadata:
+            self.metadata = {**self.metadata, "render_fps": envs.metadata["render_fps"]}
         if seed is not None:
             self.seed(seed)
 

@@ -7,14 +7,16 @@ import os
 import pickle
 from typing import Any
 
+import dm_env
 import gymnasium
 import numpy as np
 import pytest
+from dm_env import specs
 from gymnasium import error
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
-from limberjack import gym, suite
+from limberjack import gym, rl, suite
 from limberjack.rl import control
 from limberjack.rl.contract import Batch
 
@@ -579,6 +581,58 @@ def test_a_batch_of_another_kind_needs_only_the_interface_of_batches() -> None:
         assert_same(stepped[0], twin.step(action)[0])
         assert_same(stepped, twin_halves.step(action))
     assert envs.get_attr("dt") == (0.01,) * 3
+
+
+def test_rows_that_are_environments_make_a_vector_environment_too() -> None:
+    for mode in ("NextStep", "SameStep"):
+        kwargs: dict[str, Any] = {"autoreset_mode": mode, "time_limit": 0.1, "flat": True}
+        rows = gymnasium.make_vec(
+            "limberjack/humanoid-walk-v0", 3, vectorised=False, pipelined=True, **kwargs
+        )
+        twin = _envs(3, **kwargs)
+        assert rows.metadata == twin.metadata
+        assert "not vectorised" in repr(rows.unwrapped.batches[0])  # pyright: ignore
+        assert repr(rows).startswith("<VectorEnv humanoid:walk, 3 rows")
+        assert_same(rows.reset(seed=0), twin.reset(seed=0))
+        for action in np.random.RandomState(0).uniform(-1, 1, (7, 3, 21)):
+            one, other = rows.step(action), twin.step(action)
+            assert_same(one[:4], other[:4])
+            assert one[4].keys() == other[4].keys()
+            assert {"diverged", "reward_terms"} <= one[4].keys()
+            for name, value in one[4].items():
+                parts = [list(v) if name == "final_obs" else v for v in (value, other[4][name])]
+                assert_same(parts[0], parts[1], name)
+        rows.close()
+
+
+def test_environments_that_do_not_report_a_control_step_have_no_frame_rate() -> None:
+    class Silent(dm_env.Environment):
+        """Has what dm_env asks for, and nothing else."""
+
+        def reset(self) -> dm_env.TimeStep:
+            return dm_env.restart({"x": np.zeros(1)})
+
+        def step(self, action: Any) -> dm_env.TimeStep:
+            return dm_env.transition(1.0, {"x": np.asarray(action, float)})
+
+        def action_spec(self) -> Any:
+            return specs.BoundedArray((1,), float, -1, 1)
+
+        def observation_spec(self) -> Any:
+            return {"x": specs.Array((1,), float)}
+
+    batches = [rl.batch_of(lambda seed: Silent(), n, 1) for n in (1, 2)]
+    envs = gym.VectorEnv(*batches)
+    assert np.isnan(envs.dt)
+    assert "render_fps" not in envs.metadata
+    envs.reset(seed=0)
+    observations, rewards, *_ = envs.step([[0.5], [1.0], [-1.0]])
+    assert observations["x"].tolist() == [[0.5], [1.0], [-1.0]]
+    assert rewards.tolist() == [1.0] * 3
+    with pytest.raises(TypeError, match="a Silent cannot begin in a given state"):
+        envs.reset(options={"state": {"qpos": np.zeros((3, 1))}})
+    with pytest.raises(TypeError, match="is a Silent; expected a limberjack"):
+        gym.Env(Silent())  # pyright: ignore[reportArgumentType]
 
 
 def test_an_environment_that_could_not_be_made_leaves_its_batch_open() -> None:

@@ -116,8 +116,9 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._parts = [Transitions(batch, mode, self._observations, copy) for batch in batches]
         self._workers = Workers(len(batches))
         self._was_reset = False
-        fps = round(1 / self.dt)
-        self.metadata = {**self.metadata, "render_fps": fps, "autoreset_mode": mode}
+        self.metadata = {**self.metadata, "autoreset_mode": mode}
+        if not math.isnan(self.dt):
+            self.metadata["render_fps"] = round(1 / self.dt)
         self.closed = False
 
     # A plain attribute in Gymnasium, which `make_vec` sets.
@@ -267,7 +268,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
 
     @property
     def dt(self) -> float:
-        """Time between two actions, seconds."""
+        """Time between two actions, seconds; NaN for environments that do not report it."""
         return self.batches[0].control_timestep()
 
     # Any: results of any type.
@@ -361,7 +362,7 @@ def _described(batch: Batch) -> dict[str, object]:
     shapes = specs_of_one_row(batch.observation_spec())
     return {
         "task": batch.name,
-        "control timestep": batch.control_timestep(),
+        "control timestep": str(batch.control_timestep()),  # NaN equals NaN
         "actions": batch.action_spec().shape[1:],
         "observations": {name: (spec.shape, str(spec.dtype)) for name, spec in shapes.items()},
     }
@@ -379,6 +380,7 @@ def load_vector(
     pixels: Mapping[str, object] | None = None,
     num_threads: int | None = None,
     on_divergence: str = "end",
+    vectorised: bool | None = None,
     pipelined: bool = False,
     **kwargs: Any,  # of `VectorEnv`
 ) -> VectorEnv:
@@ -397,6 +399,8 @@ def load_vector(
       num_threads: threads that step the rows; by default as many of the available cores as the
         work of a step can occupy.
       on_divergence: see `suite.load_batch`.
+      vectorised: False makes complete environments, with attributes of their own; see
+        `suite.load_batch`.
       pipelined: make two halves, for `send` and `recv`.
       kwargs: autoreset_mode, flat, dtype, copy, render_mode, render_kwargs, width, height,
         camera_id, camera_name: see `VectorEnv`.
@@ -420,6 +424,7 @@ def load_vector(
             task_kwargs=of_task,
             environment_kwargs=of_environment,
             on_divergence=on_divergence,
+            vectorised=vectorised,
         )
         for size in sizes
     ]

@@ -696,7 +696,8 @@ class _Trial:
         spec: Any = env.observation_spec()
         named = spec if isinstance(spec, Mapping) else {FLAT_OBSERVATION_KEY: spec}
         action = env.action_spec()
-        found = [("control step", _control_timestep(env), self.control_timestep)]
+        # As text, in which NaN, of environments that report no control step, equals NaN.
+        found = [("control step", str(_control_timestep(env)), str(self.control_timestep))]
         found += [("actions", _form(action), _form(self.action_spec))]
         names = list(dict.fromkeys([*self.observation_spec, *named]))
         for name in names:
