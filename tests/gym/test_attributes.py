@@ -284,6 +284,14 @@ def test_values_are_copies() -> None:
     envs = _remembering(2)
     envs.get_attr("weights")[0][:] = 7
     assert envs.get_attr("weights")[1].tolist() == [1, 1, 1]
+    given = np.zeros(3)
+    envs.set_attr("weights", given)
+    rows = _rows(2)
+    rows.set_attr("weights", given)
+    given[:] = 7
+    assert envs.get_attr("weights")[1].tolist() == [0, 0, 0]
+    rows.get_attr("weights")[0][:] = 5  # the environment's own
+    assert [one.tolist() for one in rows.get_attr("weights")] == [[5, 5, 5], [0, 0, 0]]
 
 
 def test_a_half_that_is_stepping_and_a_closed_environment_refuse() -> None:

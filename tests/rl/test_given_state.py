@@ -231,6 +231,43 @@ def test_a_state_is_set_right_after_a_reset_only() -> None:
         batch.set_states({"qvel": np.zeros((3, 27))})
 
 
+# Rows that are complete environments.
+
+
+def test_rows_that_are_environments_take_the_states_of_a_vectorised_batch() -> None:
+    rows = suite.load_batch(*_WALK, 3, seed=0, vectorised=False)
+    batch = suite.load_batch(*_WALK, 3, seed=0)
+    states = _states(batch.single, 3)
+    assert rows.state_sizes() == batch.state_sizes() == {"qpos": 28, "qvel": 27}
+    for each in (rows, batch):
+        each.reset()
+        each.set_states({name: values[[2]] for name, values in states.items()}, [2])
+    _assert_same(rows.set_states(states), batch.set_states(states))
+    for action in np.random.RandomState(0).uniform(-1, 1, (5, 3, 21)):
+        _assert_same(rows.step(action), batch.step(action))
+    snapshot = batch.snapshot([1])
+    expected = batch.set_states(snapshot, [0])
+    _assert_same(rows.set_states(snapshot, [0]), expected)
+    rows.first_row = 3
+    with pytest.raises(RuntimeError, match=r"just begun in rows \[3, 4, 5\]: call reset\(rows\)"):
+        rows.set_states(states)
+    with pytest.raises(ValueError, match=r"'qvel' of the state is invalid in rows \[4\]"):
+        rows.set_states({"qvel": np.full((1, 27), np.nan)}, [1])
+    action = np.zeros((3, 21))
+    _assert_same(rows.step(action), batch.step(action))
+    rows.close()
+    with pytest.raises(RuntimeError, match="closed"):
+        rows.state_sizes()
+
+
+def _assert_same(one: Any, other: Any) -> None:
+    """Fails unless two batched time steps are equal."""
+    for name in ("step_type", "reward", "discount"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), name)
+    for name, values in other.observation.items():
+        np.testing.assert_array_equal(one.observation[name], values, name)
+
+
 # Snapshots.
 
 

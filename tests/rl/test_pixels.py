@@ -13,6 +13,7 @@ from limberjack import suite
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.pixels import Frames, Pixels, render_cameras
+from limberjack.rl.rows import RowsEnvironment
 from limberjack.suite import base
 from tests.plain_pictures import draw_plainly
 from tests.representatives import REPRESENTATIVES
@@ -146,6 +147,9 @@ def test_several_cameras_are_channels_of_each_frame_in_their_order(
     several = {**how, "camera": cameras}
     env, batch = _single(1, pixels=several), _batch(2, pixels=several)
     parts = [_single(1, pixels={**how, "camera": camera}) for camera in cameras]
+    environments = RowsEnvironment(_single(pixels=several), 2, 1, seed=0)
+    begun = _batch(2, pixels=several).reset().observation["pixels"]
+    np.testing.assert_array_equal(environments.reset().observation["pixels"], begun)
     assert env.observation_spec()["pixels"].shape == (12, 16, 9 * frame_stack)
     seen, rows = env.reset(), batch.reset()
     expected, pixels = [part.reset() for part in parts], np.empty(0)
@@ -206,6 +210,12 @@ def test_pictures_of_a_list_of_cameras_are_joined_along_the_width() -> None:
         assert both.shape[:3] == (3, 12, 32)
         np.testing.assert_array_equal(both, np.concatenate(one, axis=2))
     assert batch.render([], camera_id=(0, -1), **size).shape == (0, 12, 32, 3)
+    rows = RowsEnvironment(_single(pixels=None), 3, 1, seed=0)
+    rows.reset()
+    np.testing.assert_array_equal(
+        rows.render(camera=[0, -1], **size), batch.render(camera=[0, -1], **size)
+    )
+    assert rows.render([], camera_id=(0, -1), **size).shape == (0, 12, 32, 3)
     with pytest.raises(ValueError, match="'fixt' does not exist"):
         batch.render(camera=[0, "fixt"], **size)
 

@@ -9,6 +9,7 @@ declares in EPISODE_ATTRIBUTES is separate for each row. A batch of complete env
 `environments`, and answers for each of them by its own `get_attr`, `set_attr` and `call`.
 """
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
@@ -114,7 +115,8 @@ def set_values(envs: Rows, name: str, values: object) -> None:
     parts = [given[rows] for rows in envs.halves]
     if are_environments(envs):
         for batch, part in zip(envs.batches, parts, strict=True):
-            batch.set_attr(name, part)  # pyright: ignore[reportAttributeAccessIssue]
+            own = [copy.deepcopy(value) for value in part]  # else rows would share an array
+            batch.set_attr(name, own)  # pyright: ignore[reportAttributeAccessIssue]
         return
     _set_in_tasks(envs.batches, name, parts)
 
@@ -182,7 +184,7 @@ def _set_in_tasks(batches: Sequence[Batch], name: str, parts: Sequence[Sequence[
     is_set = False
     try:
         for task, value in zip(tasks, new, strict=True):
-            setattr(task, name, value)
+            setattr(task, name, copy.copy(value))
         if [_specs(batch) for batch in batches] == specs:
             if not _memory(tasks[0]):  # whose arrays are of all rows, and the check has fewer
                 batches[0].check_task()  # pyright: ignore[reportAttributeAccessIssue]
@@ -233,7 +235,7 @@ def _of_batch(batch: Batch, name: str) -> list[object]:
             f"{type(task).__name__}. {_WAY_OUT}"
         )
     value = getattr(task, name)
-    return [value.copy() if isinstance(value, np.ndarray) else value for _ in range(count)]
+    return [copy.copy(value) for _ in range(count)]
 
 
 def _knows(batch: Batch, name: str) -> bool:
