@@ -13,6 +13,7 @@ from limberjack import gym, rl, suite
 from limberjack.gym.states import states_of_rows
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.given_state import rows_of
 from limberjack.rl.randomize import scale
 from limberjack.suite import humanoid
 from limberjack.suite.wrappers import action_scale
@@ -86,6 +87,42 @@ def test_rows_with_given_states_equal_single_environments(
 def test_tasks_with_activations_are_among_these() -> None:
     models = [gym.load(*task).physics.model for task in (("quadruped", "walk"), ("dog", "stand"))]
     assert all(model.na for model in models)
+
+
+@pytest.mark.parametrize("vectorised", [None, False])
+def test_given_states_and_repeated_actions_go_together(vectorised: bool | None) -> None:
+    how: dict[str, Any] = {"action_repeat": 3, "time_limit": 0.25}  # 10 control steps
+    envs = gym.load_vector(*_WALK, 2, num_threads=1, vectorised=vectorised, **how)
+    singles, states = [gym.load(*_WALK, **how) for _ in range(2)], _states(28, 27, 2)
+    envs.reset(seed=0, options={"state": states})
+    for row, single in enumerate(singles):
+        single.reset(seed=row, options={"state": _row(states, row)})
+    zeros = np.zeros((2, 21))
+    _assert_rows(envs.step(zeros), singles, zeros)
+    saved = envs.batches[0].snapshot()
+    for _ in range(2):
+        envs.reset(options={"state": saved})
+        for row, single in enumerate(singles):
+            single.reset(options={"state": rows_of(saved, np.array([row]))})
+        for left in (2, 1, 0):
+            results = envs.step(zeros)
+            _assert_rows(results, singles, zeros)
+            assert results[3].all() == (left == 0)
+
+
+def test_given_states_and_staggered_episodes_go_together() -> None:
+    envs, twin = (
+        gym.load_vector(*_WALK, 3, num_threads=1, stagger=True, time_limit=0.25) for _ in range(2)
+    )
+    envs.reset(seed=0, options={"state": _states(28, 27, 3)})
+    twin.reset(seed=0)
+    zeros = np.zeros((3, 21))
+    ends = []
+    for _ in range(12):
+        truncated = envs.step(zeros)[3]
+        assert_same(truncated, twin.step(zeros)[3])
+        ends.append(truncated)
+    assert np.any(ends[:9])  # before the time limit
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -10,6 +10,7 @@ caller resets; `VectorEnv` resets its rows by itself.
 """
 
 import inspect
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -85,6 +86,7 @@ class Env(gymnasium.Env):
                 "Environment or a subclass: make it from the task and its physics, or load it with "
                 "limberjack.gym.load"
             )
+        self._environment = environment
         spec = environment.observation_spec()
         self._observations = observations_of(spec, flat, dtype, environment.pixels)
         self.layout: tuple[Part, ...] = self._observations.layout
@@ -92,11 +94,10 @@ class Env(gymnasium.Env):
         bounded_spec(environment.task, environment.physics)  # raises if there is none
         self.action_space = action_space(environment.action_spec())
         self.render_mode = arguments.render_mode(render_mode)
-        self.metadata = {**self.metadata, "render_fps": round(1 / environment.control_timestep())}
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
         self._render_kwargs = arguments.picture_arguments(
             render_kwargs, width, height, camera_id, camera_name
         )
-        self._environment = environment
         # Whether Gymnasium's TimeLimit counts the steps, and its count.
         self._is_counted_outside = False
         self._counted = 0
@@ -116,7 +117,11 @@ class Env(gymnasium.Env):
     @property
     def dt(self) -> float:
         """Time between two actions, seconds."""
-        return self._environment.control_timestep()
+        return self._environment.control_timestep() * self._environment.action_repeat
+
+    def actions_of(self, steps: int) -> int:
+        """Number of actions that make a number of control steps; each may be repeated."""
+        return math.ceil(steps / self._environment.action_repeat)
 
     def reset(
         self, *, seed: int | None = None, options: Info | None = None
@@ -144,7 +149,7 @@ class Env(gymnasium.Env):
         except (TypeError, ValueError):
             # Gymnasium's `TimeLimit` has set its count to 0 already.
             for limit in _time_limits_resetting(self):
-                limit._elapsed_steps = self._counted
+                limit._elapsed_steps = self.actions_of(self._counted)
             raise
         if number is not None:
             super().reset(seed=number)
@@ -156,7 +161,7 @@ class Env(gymnasium.Env):
         self._counted = self._environment._step_count
         if self._counted:
             for limit in _time_limits_resetting(self):
-                limit._elapsed_steps = self._counted
+                limit._elapsed_steps = self.actions_of(self._counted)
         drawn = {name: v.copy() for name, v in self._environment.randomization.items()}
         info = {"randomization": drawn} if drawn else {}
         return self._observations.of_one(observation), info
@@ -183,7 +188,7 @@ class Env(gymnasium.Env):
                 "snapshot), and step the outermost environment only"
             )
         time_step = environment.step(action)
-        self._counted += 1
+        self._counted = environment._step_count
         is_last = time_step.last()
         truncated = is_last and environment.timed_out
         observation = self._observations.of_one(time_step.observation)
@@ -238,7 +243,7 @@ def _check_length(env: Env, state: State | None) -> None:
     """Raise ValueError for a snapshot of a step at which Gymnasium would have ended the episode."""
     if not isinstance(state, Snapshot):
         return
-    steps = int(state.step_count[0])
+    steps = env.actions_of(int(state.step_count[0]))
     limits = [limit._max_episode_steps for limit in _time_limits_resetting(env)]
     if limits and steps >= min(limits):
         raise ValueError(
@@ -273,6 +278,7 @@ def load(
     environment_kwargs: Mapping[str, object] | None = None,
     randomize: Mapping[str, object] | None = None,
     pixels: Mapping[str, object] | None = None,
+    action_repeat: int | None = None,
     flat: bool = False,
     dtype: npt.DTypeLike = "float64",
     render_mode: str | None = None,
@@ -293,6 +299,7 @@ def load(
       randomize: fields of the model to draw for each episode; see `limberjack.rl.randomize`.
       pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
         `limberjack.rl.pixels`.
+      action_repeat: control steps per action, whose rewards are summed; see `suite.load`.
       flat, dtype, render_mode, render_kwargs, width, height, camera_id, camera_name: see `Env`.
 
     Raises:
@@ -302,7 +309,7 @@ def load(
     of_task = arguments.task_arguments(task_kwargs, time_limit)
     of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
     return Env(
-        suite.load(domain, task, of_task, of_environment),
+        suite.load(domain, task, of_task, of_environment, action_repeat=action_repeat),
         flat=flat,
         dtype=dtype,
         render_mode=render_mode,

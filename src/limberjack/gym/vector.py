@@ -133,7 +133,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     ) -> None:
         self._spec = copy_of(spec)
         if self._spec is not None:
-            limit = self.batches[0].step_limit
+            limit = self.batches[0].step_limit / self.batches[0].action_repeat
             self._spec.max_episode_steps = math.ceil(limit) if math.isfinite(limit) else None
 
     def _set_spaces(self, flat: bool, dtype: npt.DTypeLike) -> None:
@@ -269,7 +269,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     @property
     def dt(self) -> float:
         """Time between two actions, seconds; NaN for environments that do not report it."""
-        return self.batches[0].control_timestep()
+        batch = self.batches[0]
+        return batch.control_timestep() * batch.action_repeat
 
     # Any: results of any type.
     def call(self, name: str, *args: object, **kwargs: object) -> tuple[Any, ...]:
@@ -363,6 +364,7 @@ def _described(batch: Batch) -> dict[str, object]:
     return {
         "task": batch.name,
         "control timestep": str(batch.control_timestep()),  # NaN equals NaN
+        "action_repeat": batch.action_repeat,
         "actions": batch.action_spec().shape[1:],
         "observations": {name: (spec.shape, str(spec.dtype)) for name, spec in shapes.items()},
     }
@@ -381,6 +383,8 @@ def load_vector(
     num_threads: int | None = None,
     on_divergence: str = "end",
     vectorised: bool | None = None,
+    action_repeat: int | None = None,
+    stagger: bool = False,
     pipelined: bool = False,
     **kwargs: Any,  # of `VectorEnv`
 ) -> VectorEnv:
@@ -400,6 +404,9 @@ def load_vector(
         work of a step can occupy.
       on_divergence: see `suite.load_batch`.
       vectorised: False makes complete environments, with attributes of their own; see
+        `suite.load_batch`.
+      action_repeat: control steps per action, whose rewards are summed; see `suite.load_batch`.
+      stagger: end the first episode of each row after a random number of steps; see
         `suite.load_batch`.
       pipelined: make two halves, for `send` and `recv`.
       kwargs: autoreset_mode, flat, dtype, copy, render_mode, render_kwargs, width, height,
@@ -425,6 +432,8 @@ def load_vector(
             environment_kwargs=of_environment,
             on_divergence=on_divergence,
             vectorised=vectorised,
+            action_repeat=action_repeat,
+            stagger=stagger,
         )
         for size in sizes
     ]

@@ -15,7 +15,7 @@ row whose episode has just begun has reward 0 and discount 1.
 
 import copy
 import functools
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Iterable, Mapping, MutableMapping, Sequence
 from typing import Any, Self
 
 import dm_env
@@ -35,13 +35,14 @@ from limberjack.rl.batch_safety import (
 )
 from limberjack.rl.contract import Nested, Task
 from limberjack.rl.copies import check_copies
-from limberjack.rl.endings import Counter
+from limberjack.rl.endings import Counter, Repeated
 from limberjack.rl.given_state import checked_states, state_sizes
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments, render_cameras
 from limberjack.rl.randomize import Randomizer, show_drawn
 from limberjack.rl.represented import Description, of_batch, represented
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, as_snapshot, bad_rows, origin_of
+from limberjack.rl.stagger import Stagger, check_limit
 from limberjack.rl.streams import Streams
 from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
@@ -51,6 +52,7 @@ from limberjack.utils.log import log
 __all__ = ["BatchEnvironment"]
 
 _Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
+_LAST = int(dm_env.StepType.LAST)
 
 
 class BatchEnvironment:
@@ -72,6 +74,8 @@ class BatchEnvironment:
         on_divergence: str = "end",
         randomizer: Randomizer | None = None,
         pixels: PixelOptions | Pixels | None = None,
+        action_repeat: int = 1,
+        stagger: bool = False,
     ) -> None:
         """Creates a batch whose first `step` or `reset` begins an episode in every row.
 
@@ -86,6 +90,9 @@ class BatchEnvironment:
             'raise' raises `PhysicsError`.
           randomizer: draws model fields for each episode.
           pixels: pictures to observe; see `limberjack.rl.pixels`.
+          action_repeat: control steps per action; see `control.Environment.step`.
+          stagger: end the first episode of each row after a random number of steps; see
+            `limberjack.rl.stagger`.
 
         Raises:
           ValueError: the task is not batch-safe, or `on_divergence` is neither of the two.
@@ -105,6 +112,13 @@ class BatchEnvironment:
         self._raises = guards.raises_on_divergence(on_divergence)
         self._streams = Streams(seed, self.num_envs)
         self._counter = Counter(self.num_envs, step_limit)
+        self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
+        self._last_terms: Mapping[str, Quantity] = {}  # of each row's last control step
+        self._stagger: Stagger | None = None
+        if stagger:
+            check_limit(step_limit)
+            self._stagger = Stagger(self.num_envs)
+            self._counter.limits = np.full(self.num_envs, step_limit)
         self._all_begin = np.ones(self.num_envs, bool)
         self._begins = self._all_begin.copy()  # rows whose next step begins an episode
         self.diverged = np.zeros(self.num_envs, bool)
@@ -114,7 +128,7 @@ class BatchEnvironment:
         self._action_spec = guards.batched_spec(spec, self.num_envs)
         if not is_proved(task, replicas.single, randomizer):
             check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
-        self._streams.begin(range(self.num_envs), task, replicas.simulation)
+        self._begin_streams(range(self.num_envs))
 
     @classmethod
     def from_environment(
@@ -124,6 +138,8 @@ class BatchEnvironment:
         num_threads: int | None = None,
         seed: int | None = None,
         on_divergence: str = "end",
+        stagger: bool = False,
+        action_repeat: int | None = None,
     ) -> Self:
         """A batch of environments like `env`, which is not changed.
 
@@ -132,7 +148,8 @@ class BatchEnvironment:
           num_envs: number of rows.
           num_threads: number of threads; by default as many cores as a step can occupy.
           seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
-          on_divergence: see the constructor.
+          on_divergence, stagger: see the constructor.
+          action_repeat: control steps per action; None for that of `env`.
 
         Raises:
           ValueError: the environment has methods of its own, or its task cannot be vectorised; or a
@@ -140,7 +157,8 @@ class BatchEnvironment:
           MemoryError: this many rows do not fit into memory.
         """
         try:
-            return cls._vectorised(env, num_envs, num_threads, seed, on_divergence)
+            how = num_envs, num_threads, seed, on_divergence, stagger, action_repeat
+            return cls._vectorised(env, *how)
         except NotVectorised as reason:
             reason.advice = ". limberjack.rl.batch_of makes a batch of complete environments"
             raise
@@ -153,6 +171,8 @@ class BatchEnvironment:
         num_threads: int | None,
         seed: int | None,
         on_divergence: str,
+        stagger: bool,
+        action_repeat: int | None,
     ) -> Self:
         check_plain(env)
         num_envs = guards.at_least_one("num_envs", num_envs)
@@ -165,7 +185,15 @@ class BatchEnvironment:
             task.visualize_reward = False  # pyright: ignore[reportAttributeAccessIssue]
         how = env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence
         replicas = env.physics.replicate(num_envs, threads_for(num_threads, num_envs, env), fields)
-        batch = cls(replicas, task, *how, randomizer=env._randomizer, pixels=env.pixels)
+        batch = cls(
+            replicas,
+            task,
+            *how,
+            randomizer=env._randomizer,
+            pixels=env.pixels,
+            action_repeat=env.action_repeat if action_repeat is None else action_repeat,
+            stagger=stagger,
+        )
         batch._name = env._name
         return batch
 
@@ -188,7 +216,7 @@ class BatchEnvironment:
             for i, (row, stream) in enumerate(zip(rows.tolist(), streams, strict=True)):
                 if stream is not None and seeds is not None:
                     self._streams.replace(row, stream, seeds[i])
-                    self._streams.begin([row], self._task, self._replicas.simulation)
+                    self._begin_streams([row])
             self._begin(rows)
             observation = self._observe(is_step=False)
             self._begins[rows] = False
@@ -214,6 +242,8 @@ class BatchEnvironment:
             self._task.before_step(checked, self._replicas.physics)
             # Until the step is complete: after an interrupt, all rows begin again.
             self._begins = self._all_begin.copy()
+            if self._action_repeat != 1:
+                return self._step_repeatedly(checked, begins)
             return self._step(begins)
 
     def _step(self, begins: np.ndarray) -> dm_env.TimeStep:
@@ -236,6 +266,52 @@ class BatchEnvironment:
         )
         return time_step
 
+    def _step_repeatedly(self, actions: np.ndarray, begins: np.ndarray) -> dm_env.TimeStep:
+        """Makes several control steps with the actions, which the task has just received.
+
+        Rows whose episode ends wait unchanged. Those that begin one do so at the end, so that no
+        hook of a step changes their start.
+        """
+        replicas, task, counter = self._replicas, self._task, self._counter
+        physics, simulation = replicas.physics, replicas.simulation
+        total = Repeated(self.num_envs)
+        active, diverged = ~begins, np.zeros(self.num_envs, bool)
+        waiting: list[tuple[np.ndarray, Mapping[str, np.ndarray]]] = []
+        for number in range(self._action_repeat):
+            is_final = number == self._action_repeat - 1 or not arrays.any_of(active)
+            if number and arrays.any_of(active):
+                task.before_step(actions, physics)
+            running = np.flatnonzero(active)
+            self.diverged = replicas.step(running, self._n_sub_steps)
+            if arrays.any_of(self.diverged):
+                diverged |= self.diverged
+                self._report_divergence()
+            if running.size:
+                task.after_step(physics)
+            if is_final and arrays.any_of(begins):
+                self._begin(np.flatnonzero(begins))
+            reward, terms = reward_and_terms(task, physics)
+            state = self._state()
+            termination = task.get_termination(physics)
+            steps = counter.steps.copy()
+            time_step, last = counter.count(~active, self.diverged, reward, termination, state)
+            counter.steps[~active] = steps[~active]
+            total.add(time_step, terms, active | begins if is_final else active, active)
+            ended = np.flatnonzero(last & ~self.diverged)
+            if is_final:
+                break
+            if ended.size:
+                waiting.append((ended, simulation.save(ended, self._saved_fields)))
+            active = active & ~last
+        for rows, saved in waiting:
+            simulation.load(saved, rows)
+        self.diverged = diverged
+        self.reward_terms, self._last_terms = total.terms, total.last_terms
+        if self._frames is not None:
+            total.observation = self._frames.observe(replicas, total.observation)
+        self._begins = (total.step_type == _LAST) | diverged
+        return total.time_step()
+
     def snapshot(self, rows: _Rows = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on."""
         rows = self._rows(rows)
@@ -249,6 +325,7 @@ class BatchEnvironment:
                 {} if self._frames is None else self._frames.save(rows),
                 self.registration,
                 self._name,
+                limits=self._limits(rows),
             )
 
     def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
@@ -283,6 +360,7 @@ class BatchEnvironment:
             if self._frames is not None:
                 self._frames.load(snapshot.frames, rows)
             self._counter.steps[rows] = snapshot.step_count
+            self._set_limits(rows, snapshot.limits)
             bad = bad_rows(self._replicas.physics, rows) & ~snapshot.begins
             self._begins[rows], self.diverged[rows] = snapshot.begins | bad, bad
             if arrays.any_of(bad):
@@ -415,7 +493,15 @@ class BatchEnvironment:
 
     @step_limit.setter
     def step_limit(self, limit: float) -> None:
+        if self._stagger is not None:
+            check_limit(limit)
+            self._counter.limits = np.full(self.num_envs, limit)
         self._counter.step_limit = limit
+
+    @property
+    def action_repeat(self) -> int:
+        """Control steps per action."""
+        return self._action_repeat
 
     @property
     def begins(self) -> np.ndarray:
@@ -430,9 +516,10 @@ class BatchEnvironment:
     @property
     def success(self) -> np.ndarray | None:
         """Whether each row reached the goal in the last step, (num_envs,); None without a goal."""
-        if not self.reward_terms or not getattr(self._task, "GOAL", ()):
+        terms = self.reward_terms if self._action_repeat == 1 else self._last_terms
+        if not terms or not getattr(self._task, "GOAL", ()):
             return None  # tasks need not be subclasses of `base.Task`
-        return self._task.is_success(self.reward_terms)  # pyright: ignore[reportAttributeAccessIssue]
+        return self._task.is_success(terms)  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
     def name(self) -> str:
@@ -489,6 +576,30 @@ class BatchEnvironment:
         if self._frames is not None:
             self._frames.forget(rows)
         self._counter.steps[rows] = 0
+        if self._stagger is not None and self._counter.limits is not None:
+            for row in rows.tolist():
+                limit = self._stagger.limit_of_next(row, self._counter.step_limit)
+                self._counter.limits[row] = limit
+
+    def _begin_streams(self, rows: Iterable[int]) -> None:
+        """Draws what belongs to the new streams of rows."""
+        self._streams.begin(rows, self._task, self._replicas.simulation)
+        if self._stagger is not None:
+            for row in rows:
+                self._stagger.draw(row, self._streams.own[row])
+
+    def _limits(self, rows: np.ndarray) -> np.ndarray | None:
+        """The limits of rows as a snapshot holds them."""
+        if self._stagger is None or self._counter.limits is None:
+            return None
+        return np.stack([self._counter.limits[rows], self._stagger.shares[rows]], axis=-1)
+
+    def _set_limits(self, rows: np.ndarray, saved: np.ndarray | None) -> None:
+        if self._stagger is None or self._counter.limits is None:
+            return
+        full = self._counter.step_limit
+        self._counter.limits[rows] = full if saved is None else saved[:, 0]
+        self._stagger.shares[rows] = 1.0 if saved is None else saved[:, 1]
 
     def _observe(self, is_step: bool = True) -> MutableMapping[str, np.ndarray]:
         """Current observations in fresh arrays; a step renders every row."""

@@ -39,6 +39,8 @@ def batch_of(
     vectorised: bool | None = None,
     on_divergence: str = "end",
     contexts: Sequence[Mapping[str, object]] | None = None,
+    action_repeat: int | None = None,
+    stagger: bool = False,
 ) -> Batch:
     """Many episodes in lockstep; row i equals the single environment with seed `seed + i`.
 
@@ -52,6 +54,10 @@ def batch_of(
         would; False makes complete environments.
       on_divergence: 'end' ends the episodes of rows that diverge; 'raise' raises `PhysicsError`.
       contexts: keywords for `build`, for each row, which are then complete environments.
+      action_repeat: control steps per action; None for the environment's own. See
+        `control.Environment.step`.
+      stagger: end the first episode of each row after a random number of steps, so that rows do not
+        end together; see `limberjack.rl.stagger`.
 
     Raises:
       ValueError: a number is out of range; or `vectorised` is True and the task cannot be
@@ -74,7 +80,9 @@ def batch_of(
         if vectorised is False:
             raise NotVectorised("rows were asked for")
         env = _single(environment_or_build, first)
-        return BatchEnvironment.from_environment(env, num_envs, num_threads, first, on_divergence)
+        return BatchEnvironment.from_environment(
+            env, num_envs, num_threads, first, on_divergence, stagger, action_repeat
+        )
     except NotVectorised as reason:
         if vectorised:
             raise
@@ -82,7 +90,8 @@ def batch_of(
         if vectorised is None and contexts is None:
             log.info("not vectorised: %s", why)
         build = Build.of(environment_or_build)
-        return RowsEnvironment(build, num_envs, num_threads, first, on_divergence, contexts, why)
+        how = num_envs, num_threads, first, on_divergence, contexts, action_repeat, stagger
+        return RowsEnvironment(build, *how, why_rows=why)
 
 
 def vectorisable(env: object) -> Environment:

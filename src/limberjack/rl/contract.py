@@ -246,6 +246,11 @@ class Batch(Protocol):
     def step_limit(self, limit: float) -> None: ...
 
     @property
+    def action_repeat(self) -> int:
+        """Control steps per action; returns, lengths and limits count control steps."""
+        ...
+
+    @property
     def diverged(self) -> np.ndarray:
         """Mask of rows that diverged in the last step, (num_envs,)."""
         ...

@@ -7,7 +7,7 @@ A row that begins an episode has reward 0 and discount 1; a row that diverges en
 discount 0. If the time limit and the task end an episode in the same step, the time limit wins.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, MutableMapping
 
 import dm_env
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 
-__all__ = ["Counter"]
+__all__ = ["Counter", "Repeated"]
 
 _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
 
@@ -26,17 +26,19 @@ class Counter:
     Attributes:
       steps: steps since each row's episode began, (num_envs,).
       step_limit: steps per episode.
+      limits: those of each row's present episode, (num_envs,); None if all have `step_limit`.
     """
 
     def __init__(self, num_envs: int, step_limit: float) -> None:
         self.steps = np.zeros(num_envs, int)
         self.step_limit = step_limit
+        self.limits: np.ndarray | None = None
         self._all_mid, self._all_one = np.full(num_envs, _MID), np.ones(num_envs)
 
     @property
     def at_limit(self) -> np.ndarray:
         """Mask of rows that have reached the step limit, (num_envs,)."""
-        return self.steps >= self.step_limit
+        return self.steps >= (self.step_limit if self.limits is None else self.limits)
 
     def shown(self, observation: Mapping[str, np.ndarray]) -> dm_env.TimeStep:
         """The time step of a reset: FIRST for rows that begin, MID for others; rewards are 0."""
@@ -86,3 +88,55 @@ class Counter:
         if arrays.any_of(last):
             step_type[last] = _LAST
         return dm_env.TimeStep(step_type, reward, discount, observation), last
+
+
+class Repeated:
+    """The time step of a batch that makes several control steps with one action.
+
+    Attributes:
+      terms: the reward terms of each row, summed, (num_envs,) by name.
+      last_terms: those of each row's last control step.
+      observation: of each row's last control step.
+      step_type: as above.
+    """
+
+    def __init__(self, num_envs: int) -> None:
+        self.terms: dict[str, Quantity] = {}
+        self.last_terms: dict[str, np.ndarray] = {}
+        self.observation: MutableMapping[str, np.ndarray] = {}
+        self.step_type = np.full(num_envs, _LAST)
+        self._reward, self._discount = np.zeros(num_envs), np.ones(num_envs)
+
+    def add(
+        self,
+        time_step: dm_env.TimeStep,
+        terms: Mapping[str, Quantity],
+        shown: np.ndarray,
+        stepped: np.ndarray,
+    ) -> None:
+        """Adds a control step.
+
+        Args:
+          time_step: of all rows.
+          terms: the reward terms of all rows.
+          shown: mask of rows whose observation and step type count, (num_envs,).
+          stepped: mask of those among them whose reward and discount count too.
+        """
+        for name, values in time_step.observation.items():
+            if name in self.observation:
+                self.observation[name][shown] = values[shown]
+        if not self.observation:
+            self.observation = time_step.observation
+        self.step_type[shown] = time_step.step_type[shown]
+        self._reward[stepped] += time_step.reward[stepped]
+        self._discount[stepped] = time_step.discount[stepped]
+        for name, values in terms.items():
+            of_rows = np.broadcast_to(values, stepped.shape)
+            known = self.terms.setdefault(name, np.zeros(stepped.shape))
+            last = self.last_terms.setdefault(name, np.zeros(stepped.shape))
+            self.terms[name] = np.where(stepped, known + of_rows, known)
+            last[stepped] = of_rows[stepped]
+
+    def time_step(self) -> dm_env.TimeStep:
+        """The time step of all rows."""
+        return dm_env.TimeStep(self.step_type, self._reward, self._discount, self.observation)

@@ -161,17 +161,16 @@ def rows_of(snapshot: Snapshot, rows: np.ndarray) -> Snapshot:
       snapshot: a snapshot whose arrays were checked.
       rows: their numbers in the snapshot, (n,).
     """
-    return dataclasses.replace(
-        snapshot,
-        physics={name: values[rows] for name, values in snapshot.physics.items()},
-        step_count=snapshot.step_count[rows],
-        begins=snapshot.begins[rows],
-        streams=[snapshot.streams[row] for row in rows],
-        frames={name: values[rows] for name, values in snapshot.frames.items()},
-        memory=[snapshot.memory[row] for row in rows] if snapshot.memory else [],
-        copies=[snapshot.copies[row] for row in rows] if snapshot.copies else [],
-        observations={name: values[rows] for name, values in snapshot.observations.items()},
-    )
+    parts = {}
+    for field in dataclasses.fields(snapshot):
+        value = getattr(snapshot, field.name)
+        if isinstance(value, np.ndarray):
+            parts[field.name] = value[rows]
+        elif isinstance(value, list):  # an empty one stands for nothing, whatever the size
+            parts[field.name] = [value[row] for row in rows] if value else []
+        elif isinstance(value, dict) and field.name != "origin":
+            parts[field.name] = {name: array[rows] for name, array in value.items()}
+    return dataclasses.replace(snapshot, **parts)
 
 
 _EXPECTED = f"expected finite numbers from -{_MAX_VALUE:g} to {_MAX_VALUE:g}; nothing was reset"

@@ -19,6 +19,7 @@ have returned; every row then begins an episode with the next step.
 
 import collections
 import copy
+import dataclasses
 import math
 import random
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
@@ -41,6 +42,7 @@ from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.row_threads import RowThreads
 from limberjack.rl.snapshot import Snapshot, as_snapshot
+from limberjack.rl.stagger import Stagger, check_limit
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 from limberjack.utils.cores import usable_cores
@@ -66,6 +68,8 @@ class RowsEnvironment:
         seed: int | None = None,
         on_divergence: str = "end",
         contexts: Sequence[Mapping[str, object]] | None = None,
+        action_repeat: int | None = None,
+        stagger: bool = False,
         why_rows: str = "rows were asked for",
     ) -> None:
         """Makes the environments, whose first `step` or `reset` begins an episode in every row.
@@ -79,6 +83,10 @@ class RowsEnvironment:
           on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
             'raise' raises `PhysicsError`.
           contexts: keywords for `build`, for each row.
+          action_repeat: calls of `step` per action, stopped at the end of an episode, with the sum
+            of their rewards; None for the environments' own.
+          stagger: end the first episode of each row after a random number of steps; see
+            `limberjack.rl.stagger`.
           why_rows: the reason why the task is not vectorised.
 
         Raises:
@@ -114,15 +122,28 @@ class RowsEnvironment:
         self._use = guards.OneUser("batch")
         stable = is_stable(self._build, first) if contexts == [{}] * self.num_envs else True
         self._seeds: list[int | None] = list(range(first, first + self.num_envs))
+        self._action_repeat = trial.action_repeat
+        if action_repeat is not None:
+            self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
+        self._own_limit: float | None = None  # set by `step_limit`; None for the environments' own
+        self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
+        self._stagger = Stagger(self.num_envs) if stagger else None
         self._rows: list[Seeded] = []
         for row, context in enumerate(contexts):
             self._rows.append(self._build.seeded(first + row, context, stable))
             trial.compare(self._rows[row].environment, row, context)
+            self._set_up(row)
+            if self._stagger is not None:
+                self._stagger.draw(row, np.random.RandomState(first + row))
+        self._full_limits = [self._limit_of(row.environment) for row in self._rows]
+        if stagger:
+            check_limit(self.step_limit)
         env = self.environments[0]
         self.registration: object = getattr(env, "registration", None)
         self._name: str = getattr(env, "_name", "") or _task_name(env)
-        self._own_limit: float | None = None  # set by `step_limit`; None for the environments' own
         self._steps = np.zeros(self.num_envs, int)
+        # Reward terms of rows whose `step` is called repeatedly.
+        self._summed_terms: dict[int, Mapping[str, float]] = {}
         self._begins = np.ones(self.num_envs, bool)
         self._has_ended = np.zeros(self.num_envs, bool)  # stepping these begins their next episode
         self._timed_out = np.zeros(self.num_envs, bool)
@@ -163,6 +184,7 @@ class RowsEnvironment:
                 seed = by_row[row]
                 if seed is not None:
                     self._seed(row, seed)
+                self._set_limit_of_next(row)
                 found.take(row, self._rows[row].environment.reset())
 
             self._raise(self._threads.each(begin, rows.tolist()))
@@ -204,14 +226,10 @@ class RowsEnvironment:
             def step(row: int) -> None:
                 env = self._rows[row].environment
                 if begins[row]:
+                    self._set_limit_of_next(row)
                     found.take(row, env.step(given[row]) if has_ended[row] else env.reset())
                     return
-                try:
-                    time_step = env.step(given[row])
-                except PhysicsError:
-                    found.diverge(row)
-                else:
-                    found.take(row, time_step)
+                self._step_row(row, given[row], found)
 
             self._raise(self._threads.each(step))
             return self._counted(found)
@@ -221,21 +239,41 @@ class RowsEnvironment:
         self.diverged = found.diverged
         if arrays.any_of(found.diverged):
             self._report_divergence()
-        first, last = found.step_type == _FIRST, found.step_type == _LAST
-        self._steps += 1
-        self._steps[first] = 0
-        has_ended = last & ~found.diverged
-        timed_out = found.timed_out & has_ended
-        if self._own_limit is not None:
-            over = (self._steps >= self._own_limit) & ~first & ~last
-            found.step_type[over] = _LAST
-            last |= over
-            timed_out |= over
-        self._timed_out = timed_out
-        self._begins, self._has_ended = last, has_ended
+        last = found.step_type == _LAST
+        self._steps += found.steps
+        self._steps[found.step_type == _FIRST] = 0
+        self._timed_out = found.timed_out & ~found.diverged
+        self._begins, self._has_ended = last, last & ~found.diverged & ~found.cut_off
         self._observation = found.observation
         observation = self._shown({n: v.copy() for n, v in found.observation.items()})
         return dm_env.TimeStep(found.step_type, found.reward, found.discount, observation)
+
+    def _step_row(self, row: int, action: np.ndarray, found: "_Step") -> None:
+        """Steps a row in mid-episode, as often as an action is repeated."""
+        seeded = self._rows[row]
+        env = seeded.environment
+        repeat = 1 if seeded.is_plain else self._action_repeat  # a plain one repeats by itself
+        inner = control_of(env)
+        before = getattr(inner, "_step_count", 0)
+        terms: collections.Counter[str] = collections.Counter()
+        for number in range(1, repeat + 1):
+            try:
+                time_step = env.step(action)
+            except PhysicsError:
+                found.diverge(row)
+                return
+            found.take(row, time_step)
+            if repeat > 1:
+                terms.update(getattr(env, "reward_terms", {}))
+                self._summed_terms[row] = terms
+            if isinstance(inner, Environment):
+                found.steps[row] = inner._step_count - before
+            else:
+                found.steps[row] = number
+                if self._steps[row] + number >= self._limits[row]:
+                    found.cut(row)
+            if found.step_type[row] == _LAST:
+                return
 
     def snapshot(self, rows: _Rows = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on.
@@ -249,7 +287,11 @@ class RowsEnvironment:
         with self._use:
             saved = [self._saved(row) for row in numbers.tolist()]
             kept = {name: values[numbers] for name, values in self._observation.items()}
-            return _joined(saved, self._steps[numbers], self._begins[numbers], kept, self)
+            joined = _joined(saved, self._steps[numbers], self._begins[numbers], kept, self)
+            if self._stagger is None:
+                return joined
+            limits = np.stack([self._limits[numbers], self._stagger.shares[numbers]], axis=-1)
+            return dataclasses.replace(joined, limits=limits)
 
     def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
         """Continues the batch, or some rows, from a snapshot, bit for bit.
@@ -386,15 +428,20 @@ class RowsEnvironment:
     @property
     def step_limit(self) -> float:
         """Steps per episode; infinite without a limit."""
-        if self._own_limit is not None:
-            return self._own_limit
-        return getattr(control_of(self.environments[0]), "_step_limit", math.inf)
+        return self._full_limits[0] if self._own_limit is None else self._own_limit
 
     @step_limit.setter
     def step_limit(self, limit: float) -> None:
+        if self._stagger is not None:
+            check_limit(limit)
         self._own_limit = limit
-        for row in self._rows:
-            self._set_limit(row)
+        for row in range(self.num_envs):
+            self._set_limit(row, limit)
+
+    @property
+    def action_repeat(self) -> int:
+        """Calls of `step` per action."""
+        return self._action_repeat
 
     @property
     def begins(self) -> np.ndarray:
@@ -412,7 +459,10 @@ class RowsEnvironment:
     @property
     def reward_terms(self) -> dict[str, Quantity]:
         """The terms of the last step's reward, (num_envs,) each; empty if rows have others."""
-        of_rows = [getattr(env, "reward_terms", {}) for env in self.environments]
+        of_rows = [
+            self._summed_terms.get(row, getattr(env, "reward_terms", {}))
+            for row, env in enumerate(self.environments)
+        ]
         begun = self._steps == 0
         names = next((list(terms) for terms in of_rows if terms), [])
         if any(list(terms) != names for terms, new in zip(of_rows, begun, strict=True) if not new):
@@ -523,15 +573,38 @@ class RowsEnvironment:
         return given
 
     def _seed(self, row: int, seed: int) -> None:
-        self._rows[row].begin(checked_seed(seed))
-        self._set_limit(self._rows[row])
+        seed = checked_seed(seed)
+        self._set_limit(row, self._full_limits[row])
+        self._rows[row].begin(seed)
+        self._set_up(row)
+        self._full_limits[row] = self._limit_of(self._rows[row].environment)
         self._seeds[row] = seed
+        if self._stagger is not None:
+            self._stagger.draw(row, np.random.RandomState(seed))
 
-    def _set_limit(self, row: Seeded) -> None:
-        """Gives an environment the limit of the batch, if it counts its steps itself."""
-        inner = control_of(row.environment)
-        if self._own_limit is not None and isinstance(inner, Environment):
-            inner._step_limit = self._own_limit
+    def _set_up(self, row: int) -> None:
+        """Makes a plain environment repeat actions by itself; of others `step` is repeated."""
+        inner = control_of(self._rows[row].environment)
+        if isinstance(inner, Environment):
+            inner.action_repeat = self._action_repeat if self._rows[row].is_plain else 1
+
+    @staticmethod
+    def _limit_of(env: dm_env.Environment) -> float:
+        return getattr(control_of(env), "_step_limit", math.inf)
+
+    def _set_limit_of_next(self, row: int) -> None:
+        """Sets the limit of the episode that begins."""
+        limit = self._full_limits[row] if self._own_limit is None else self._own_limit
+        if self._stagger is not None:
+            limit = self._stagger.limit_of_next(row, limit)
+        self._set_limit(row, limit)
+
+    def _set_limit(self, row: int, limit: float) -> None:
+        """Sets the limit of a row's episode; an environment that counts its steps ends by it."""
+        self._limits[row] = limit
+        inner = control_of(self._rows[row].environment)
+        if isinstance(inner, Environment) and inner._step_limit != limit:
+            inner._step_limit = limit
 
     def _saved(self, row: int) -> Snapshot:
         env = self._rows[row].environment
@@ -560,6 +633,11 @@ class RowsEnvironment:
         for name, values in observation.items():
             if name in self._observation and self._observation[name][row].shape == values.shape[1:]:
                 self._observation[name][row] = values[0]
+        full = self._full_limits[row] if self._own_limit is None else self._own_limit
+        if part.limits is not None and self._stagger is not None:
+            full, self._stagger.shares[row] = part.limits[0]
+        self._set_up(row)
+        self._set_limit(row, full)
         self._steps[row] = part.step_count[0]
         self._begins[row] = self._has_ended[row] = part.begins[0]
         self._seeds[row] = None
@@ -615,6 +693,8 @@ class _Step:
         self.observation = batch._empty()
         self.diverged = np.zeros(count, bool)
         self.timed_out = np.zeros(count, bool)
+        self.cut_off = np.zeros(count, bool)  # rows whose environment does not know of its end
+        self.steps = np.zeros(count, int)  # that each row has made
 
     def take(self, row: int, time_step: dm_env.TimeStep) -> None:
         """Adds a row's time step.
@@ -625,7 +705,7 @@ class _Step:
         step_type, reward, discount, observation = time_step
         self.step_type[row] = step_type
         if step_type != _FIRST:
-            self.reward[row] = self._number("reward", reward)
+            self.reward[row] += self._number("reward", reward)
             self.discount[row] = self._number("discount", discount)
         if step_type == _LAST:
             seeded = self._batch._rows[row]
@@ -649,11 +729,18 @@ class _Step:
                 )
             values[row] = value
 
+    def cut(self, row: int) -> None:
+        """Ends a row's episode at the limit, which its environment does not know."""
+        self.cut_off[row] = self.step_type[row] != _LAST
+        self.timed_out[row] |= self.cut_off[row]
+        self.step_type[row] = _LAST
+
     def diverge(self, row: int) -> None:
         """Ends a row's episode because its simulation diverged; it shows its last observation."""
         self.diverged[row] = True
         self.step_type[row] = _LAST
-        self.reward[row] = self.discount[row] = 0.0
+        self.discount[row] = 0.0
+        self.steps[row] += 1
         for name, values in self.observation.items():
             values[row] = self._batch._observation[name][row]
 
@@ -687,6 +774,7 @@ class _Trial:
                 )
             self.observation_spec: Mapping[str, specs.Array] = collections.OrderedDict(named)
             self.control_timestep = _control_timestep(env)
+            self.action_repeat: int = getattr(control_of(env), "action_repeat", 1)
             self.draws_globally = draws_globally(env, self.action_spec)
         finally:
             env.close()

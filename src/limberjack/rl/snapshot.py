@@ -50,6 +50,8 @@ class Snapshot:
       name: of the task, such as 'humanoid:walk'; empty for one that `suite.load` did not make.
       memory: what each one's task and physics remember; empty if the task is the suite's.
       copies: deep copies of the environments, if these are not plain; the arrays are then empty.
+      limits: the step limit of each one's present episode, and the share of the limit that its
+        next one takes, (n, 2); None unless the first episodes of a batch are staggered.
       observations: the last ones beside such copies, by name, (n, ...) each; may be empty.
     """
 
@@ -64,6 +66,7 @@ class Snapshot:
     memory: list[Memory] = dataclasses.field(default_factory=list)
     copies: list[Any] = dataclasses.field(default_factory=list)  # Any: of users' classes
     observations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    limits: np.ndarray | None = None
 
     @classmethod
     def of_copy(cls, env: Any, registration: object = None, name: str = "") -> "Snapshot":
@@ -93,6 +96,7 @@ class Snapshot:
             memory=self.memory[one],
             copies=self.copies[one],
             observations={name: values[one] for name, values in self.observations.items()},
+            limits=None if self.limits is None else self.limits[one],
         )
 
     def __repr__(self) -> str:
@@ -174,6 +178,8 @@ class Snapshot:
                 f"'step_count' of the snapshot is {self.step_count}; expected numbers of at least "
                 "0; nothing was restored"
             )
+        if self.limits is not None:
+            _check_form({"limits": self.limits}, {"limits": np.zeros((1, 2))}, size)
         for row, states in enumerate(self.streams):
             _check_streams(row, states, streams)
 
