@@ -416,10 +416,6 @@ def load_vector(
       TypeError: an argument is unknown; the message suggests the nearest name.
     """
     arguments.refuse_unknown(kwargs, VectorEnv, load_vector)
-    num_envs = at_least_one("num_envs", num_envs)
-    if pipelined and num_envs == 1:
-        raise ValueError("num_envs is 1; expected at least 2 for two halves")
-    sizes = [num_envs - num_envs // 2, num_envs // 2] if pipelined else [num_envs]
     of_task = arguments.task_arguments(task_kwargs, time_limit)
     of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
     batches = [
@@ -435,6 +431,14 @@ def load_vector(
             action_repeat=action_repeat,
             stagger=stagger,
         )
-        for size in sizes
+        for size in _sizes(num_envs, pipelined)
     ]
     return VectorEnv(*batches, **kwargs)
+
+
+def _sizes(num_envs: int, pipelined: bool) -> list[int]:
+    """Numbers of rows of the batch, or of the halves."""
+    num_envs = at_least_one("num_envs", num_envs)
+    if pipelined and num_envs == 1:
+        raise ValueError("num_envs is 1; expected at least 2 for two halves")
+    return [num_envs - num_envs // 2, num_envs // 2] if pipelined else [num_envs]
