@@ -9,7 +9,14 @@ import typer
 
 from limberjack.cli.app import command
 from limberjack.cli.options import Domain, FirstSeed, TaskName, TimeLimit, named_task
-from limberjack.cli.output import FAILED, INTERRUPTED, complain, find_policy, misuse_reported
+from limberjack.cli.output import (
+    FAILED,
+    INTERRUPTED,
+    complain,
+    find_policy,
+    misuse_reported,
+    users_failure,
+)
 
 if TYPE_CHECKING:
     from limberjack.rl.control import Environment
@@ -133,6 +140,12 @@ def _show(environment: "Environment", begin: "Begin", seed: int, speed: float, s
         return INTERRUPTED
     except (PolicyError, PhysicsError, ViewerError) as error:
         complain(error)
+        return FAILED
+    except Exception as error:
+        sentence = users_failure(error)
+        if sentence is None:
+            raise
+        complain(sentence)
         return FAILED
     return 0
 

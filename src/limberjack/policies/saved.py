@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 from limberjack.policies.batched import alone
 from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
 from limberjack.rl.control import Environment
+from limberjack.utils.log import log
+from limberjack.utils.regular import read_regular
 
 if TYPE_CHECKING:
     from limberjack.sb3 import SavedPolicy
@@ -43,8 +45,9 @@ def read_model(name: str) -> dict[Path, bytes]:
         path = path.with_name(f"{path.name}.zip")
     beside = path.with_suffix(".vecnormalize.pkl")
     try:
-        return {file: file.read_bytes() for file in (path, *([beside] if beside.exists() else []))}
-    except OSError as error:
+        files = (path, *([beside] if beside.exists() else []))
+        return {file: read_regular(file) for file in files}
+    except (OSError, ValueError) as error:
         raise PolicyError(f"policy {name!r}: {error}") from error
 
 
@@ -68,6 +71,7 @@ def load_model(
         raise PolicyError(f"policy {name!r}: {error}") from None
     if files is None:
         files = read_model(name)
+        log.warning("policy %r is a pickle, and loading it runs the Python code in it", name)
     try:
         return sb3.SavedPolicy(files, environment)
     except ValueError as error:

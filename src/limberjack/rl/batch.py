@@ -41,7 +41,7 @@ from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments,
 from limberjack.rl.randomize import Randomizer, show_drawn
 from limberjack.rl.represented import Description, of_batch, represented
 from limberjack.rl.reward_terms import reward_and_terms
-from limberjack.rl.snapshot import Snapshot, as_snapshot, bad_rows, origin_of
+from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.stagger import Stagger, check_limit
 from limberjack.rl.streams import Streams
 from limberjack.rl.threads import threads_for
@@ -111,7 +111,9 @@ class BatchEnvironment:
         self._frames = Frames.of(self.pixels, replicas)
         self._raises = guards.raises_on_divergence(on_divergence)
         self._streams = Streams(seed, self.num_envs)
-        self._counter = Counter(self.num_envs, step_limit)
+        self._counter = Counter(self.num_envs, step_limit, type(task).__name__)
+        # Shape and dtype of each observation, by name, once they are known.
+        self._forms: dict[str, tuple[tuple[int, ...], np.dtype]] = {}
         self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
         self._last_terms: Mapping[str, Quantity] = {}  # of each row's last control step
         self._stagger: Stagger | None = None
@@ -338,8 +340,8 @@ class BatchEnvironment:
         Raises:
           ValueError, TypeError: it is not a snapshot, has another task, model, version or size, is
             damaged, or contains an episode at or beyond the step limit; nothing was restored.
-          PhysicsError: it contains diverged states and `on_divergence` is 'raise'; otherwise their
-            rows are flagged and begin an episode at the next step.
+
+        A row whose saved state is invalid diverges with the next step, as the saved row would.
         """
         rows = self._rows(rows)
         as_snapshot(snapshot).check(self._origin, len(rows))
@@ -361,10 +363,7 @@ class BatchEnvironment:
                 self._frames.load(snapshot.frames, rows)
             self._counter.steps[rows] = snapshot.step_count
             self._set_limits(rows, snapshot.limits)
-            bad = bad_rows(self._replicas.physics, rows) & ~snapshot.begins
-            self._begins[rows], self.diverged[rows] = snapshot.begins | bad, bad
-            if arrays.any_of(bad):
-                self._report_divergence()
+            self._begins[rows], self.diverged[rows] = snapshot.begins, False
 
     def set_states(
         self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None
@@ -453,7 +452,9 @@ class BatchEnvironment:
         self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
         self._frames = Frames.of(self.pixels, self._replicas)
+        diverged = self.diverged.copy()
         self.restore(snapshot)
+        self.diverged = diverged
 
     def _rows(self, ids: _Rows) -> np.ndarray:
         """Sorted row numbers from row numbers, a mask, or None for all."""
@@ -609,7 +610,38 @@ class BatchEnvironment:
     def _state(self) -> MutableMapping[str, np.ndarray]:
         """The task's observations, without pictures."""
         observation = self._task.get_observation(self._replicas.physics)
+        self._check_forms(observation)
         return observations.of_rows(observation, self.num_envs, self._flat_observation)
+
+    def _check_forms(self, observation: object) -> None:
+        """Raises unless an observation has the names, shapes and dtypes of the first one."""
+        task = type(self._task).__name__
+        if not isinstance(observation, Mapping):
+            raise TypeError(
+                f"get_observation of task {task} returned {observation!r}; expected a mapping from "
+                "names to arrays"
+            )
+        forms = self._forms
+        if not forms:
+            for name, value in observation.items():
+                if not isinstance(value, np.ndarray) or value.shape[:1] != (self.num_envs,):
+                    raise ValueError(
+                        f"observation {name!r} of task {task} is {value!r}; expected an array of "
+                        f"{self.num_envs} rows"
+                    )
+                forms[name] = value.shape, value.dtype
+            return
+        for name, value in observation.items():
+            form = forms.get(name)
+            if form is None or getattr(value, "shape", None) != form[0] or value.dtype != form[1]:
+                shape, dtype = getattr(value, "shape", value), getattr(value, "dtype", None)
+                raise ValueError(
+                    f"observation {name!r} of task {task} has shape {shape} and dtype {dtype}; "
+                    f"expected {form or 'no observation of that name'}, as in the first step"
+                )
+        if len(observation) != len(forms):
+            missing = [name for name in forms if name not in observation]
+            raise ValueError(f"get_observation of task {task} lacks {missing}, unlike before")
 
     def _report_divergence(self) -> None:
         rows = (np.flatnonzero(self.diverged) + self.first_row).tolist()

@@ -534,7 +534,8 @@ class Environment(dm_env.Environment):
 
         If the spec is a nested structure, the task checks everything.
         """
-        if type(action) is np.ndarray and action.dtype.kind == "f":
+        # Not a wider type than that of the controls, of which it may be finite and they infinite.
+        if type(action) is np.ndarray and action.dtype.char in "df":
             # Runs at every step; searching the bytes is the fastest check.
             if b"\0" in np.isfinite(action).tobytes():
                 actions.check_finite(action)

@@ -29,7 +29,9 @@ class Counter:
       limits: those of each row's present episode, (num_envs,); None if all have `step_limit`.
     """
 
-    def __init__(self, num_envs: int, step_limit: float) -> None:
+    def __init__(self, num_envs: int, step_limit: float, task: str = "task") -> None:
+        """Takes the number of rows, the limit, and the task's name for messages."""
+        self._task = task
         self.steps = np.zeros(num_envs, int)
         self.step_limit = step_limit
         self.limits: np.ndarray | None = None
@@ -64,10 +66,8 @@ class Counter:
           termination: the task's termination; see `control.Task.get_termination`.
           observation: the observation for the time step.
         """
+        reward = self._numbers("get_reward", reward)
         self.steps += 1
-        reward = np.array(reward, float)
-        if reward.shape != self.steps.shape:
-            reward = np.broadcast_to(reward, self.steps.shape).copy()
         discount, step_type = self._all_one.copy(), self._all_mid.copy()
         last = self.at_limit
         if begins is not None:
@@ -76,10 +76,11 @@ class Counter:
             reward[begins] = 0.0
             step_type[begins] = _FIRST
         if termination is not None:
+            termination = self._numbers("get_termination", termination)
             ends = ~np.isnan(termination) & ~last
             if begins is not None:
                 ends &= ~begins
-            discount[ends] = np.asarray(termination)[ends]
+            discount[ends] = termination[ends]
             last |= ends
         if arrays.any_of(diverged):
             last |= diverged
@@ -88,6 +89,31 @@ class Counter:
         if arrays.any_of(last):
             step_type[last] = _LAST
         return dm_env.TimeStep(step_type, reward, discount, observation), last
+
+    def _numbers(self, hook: str, given: object) -> np.ndarray:
+        """A copy of what a hook returned as one number for each row.
+
+        Raises:
+          TypeError: it is not made of numbers.
+          ValueError: it has another shape than () or (num_envs,).
+        """
+        try:
+            if given is None:  # of which NumPy makes NaN
+                raise TypeError("None is no number")
+            numbers = np.array(given, float)  # pyright: ignore[reportArgumentType, reportCallIssue]
+        except (TypeError, ValueError) as error:
+            raise TypeError(
+                f"{hook} of task {self._task} returned {given!r}; expected a number for each of "
+                f"{len(self.steps)} rows"
+            ) from error
+        if numbers.shape == self.steps.shape:
+            return numbers
+        if numbers.shape != ():
+            raise ValueError(
+                f"{hook} of task {self._task} returned an array of shape {numbers.shape}; expected "
+                f"{self.steps.shape}, one number for each row"
+            )
+        return np.full(self.steps.shape, numbers)
 
 
 class Repeated:

@@ -25,10 +25,9 @@ from limberjack.rl.memory import Memory
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.streams import States
 
-__all__ = ["Snapshot", "as_snapshot", "bad_rows", "origin_of"]
+__all__ = ["Snapshot", "as_snapshot", "origin_of"]
 
 _VERSION, _NUMBERS = "MuJoCo", "numbers of the model"
-_MAX_VALUE = 1e10  # mjMAXVAL: MuJoCo replaces a state with larger values by the default state
 _KEY_LENGTH = 624  # numbers of a RandomState's key, of which its position counts the used ones
 # Types of a snapshot's parts on which its checks rely.
 _KINDS: dict[str, type] = {"origin": dict, "physics": dict, "streams": list, "frames": dict}
@@ -217,15 +216,6 @@ def origin_of(
         **pixels,
         **physics.identity(fields),
     }
-
-
-def bad_rows(physics: SimulatedPhysics, rows: np.ndarray) -> np.ndarray:
-    """Mask of rows whose state MuJoCo would replace by the default state, (n,)."""
-    is_bad = np.zeros(len(rows), bool)
-    for name in ("qpos", "qvel", "act"):
-        values = getattr(physics.data, name)[rows]
-        is_bad |= ~(abs(values) <= _MAX_VALUE).all(axis=-1)  # also True for NaN
-    return is_bad
 
 
 def _is_patch_of(what: str, found: object, expected: object) -> bool:
