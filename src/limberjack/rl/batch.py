@@ -20,6 +20,7 @@ from typing import Any, Self
 
 import dm_env
 import numpy as np
+import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.mujoco.replicas import Replicas
@@ -35,9 +36,10 @@ from limberjack.rl.batch_safety import (
 from limberjack.rl.contract import Nested, Task
 from limberjack.rl.copies import check_copies
 from limberjack.rl.endings import Counter, Repeated
-from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments
+from limberjack.rl.given_state import checked_states, state_sizes
+from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments, render_cameras
 from limberjack.rl.randomize import Randomizer, show_drawn
-from limberjack.rl.represented import of_batch, represented
+from limberjack.rl.represented import Description, of_batch, represented
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.stagger import Stagger, check_limit
@@ -363,6 +365,52 @@ class BatchEnvironment:
             self._set_limits(rows, snapshot.limits)
             self._begins[rows], self.diverged[rows] = snapshot.begins, False
 
+    def set_states(
+        self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None
+    ) -> dm_env.TimeStep:
+        """Continues the episodes that `reset` has just begun in rows from given states.
+
+        Args:
+          states: some of 'qpos' (n, nq), 'qvel' (n, nv) and 'act' (n, na), for n rows; or a
+            snapshot of n environments. See `control.Environment.set_state`.
+          rows: sorted row numbers or a mask; None for all.
+
+        Returns:
+          The time step of all rows, as `reset` does.
+
+        Raises:
+          ValueError, TypeError: the states are invalid, see `limberjack.rl.given_state`, or the
+            snapshot does not fit, see `restore`; nothing was set.
+          RuntimeError: a mapping is given, and `reset` was not the last call for a row.
+        """
+        rows = self._rows(rows)
+        if isinstance(states, Snapshot):
+            self.restore(states, rows)
+            return self.reset([])
+        numbers = rows + self.first_row
+        checked = checked_states(states, self.state_sizes(), len(rows), named=numbers)
+        with self._use, arrays.rows_of_a_batch(self.num_envs):
+            late = numbers[self._begins[rows] | (self._counter.steps[rows] > 0)].tolist()
+            if late:
+                raise RuntimeError(
+                    f"no episode has just begun in rows {late}: call reset(rows) before "
+                    "set_states()"
+                )
+            self._begins[rows] = True  # until it is complete
+            for name, values in checked.items():
+                getattr(self._replicas.physics.data, name)[rows] = values
+            self._replicas.start(rows)
+            if self._frames is not None:
+                self._frames.forget(rows)
+            observation = self._observe(is_step=False)
+            self._begins[rows] = False
+        return self._counter.shown(observation)
+
+    def state_sizes(self) -> dict[str, int]:
+        """Numbers in each field of a row's state, such as 'qpos', without empty fields."""
+        self._use.check()
+        return state_sizes(self._replicas.single)
+
     def copy_row(self, source: int, target: int) -> None:
         """Makes row `target` a copy of row `source`, including its random stream."""
         self.restore(self.snapshot([source]), [target])
@@ -373,6 +421,20 @@ class BatchEnvironment:
             with self._use:
                 self._replicas.free()
             self._use.what_is_wrong = "this batch is closed: create a new one"
+
+    def check_task(self) -> None:
+        """Checks again that the task, whose settings have changed, is batch-safe.
+
+        Raises:
+          ValueError, TypeError: it is not; see `limberjack.rl.batch_safety`.
+        """
+        task, replicas = self._task, self._replicas
+        how = self._n_sub_steps, self._saved_fields, self._randomizer
+        check_batch_safe(task, replicas, bounded_spec(task, replicas.single), *how)
+
+    def description(self) -> Description:
+        """The parts of the batch's `repr`."""
+        return of_batch(self)
 
     def __repr__(self) -> str:
         return represented(self, of_batch(self))
@@ -476,12 +538,14 @@ class BatchEnvironment:
         Args:
           rows: sorted row numbers or a mask of (num_envs,); None for all.
           kwargs: arguments of `Physics.render`: height, width, camera_id (or camera), depth, ...
+            The pictures of a list of cameras are joined side by side.
 
         Raises:
           ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
         """
         with self._use:
-            return self._replicas.render_rows(self._rows(rows), **render_arguments(kwargs))
+            draw = functools.partial(self._replicas.render_rows, self._rows(rows))
+            return render_cameras(draw, render_arguments(kwargs), axis=2)
 
     @property
     def physics(self) -> Any:  # of the domain's own class

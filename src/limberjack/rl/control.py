@@ -25,11 +25,13 @@ from typing import Any, Self, cast
 
 import dm_env
 import numpy as np
+import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.copies import check_copies, copied, difference, exact_copies
+from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.memory import put_back, remembered
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
@@ -396,6 +398,48 @@ class Environment(dm_env.Environment):
                 put_back(snapshot.memory[0], self._task, self._physics)
             self._step_count = int(snapshot.step_count[0])
             self._reset_next_step = bool(snapshot.begins[0])
+
+    def set_state(self, state: Mapping[str, npt.ArrayLike] | Snapshot) -> dm_env.TimeStep:
+        """Continues the episode that `reset` has just begun from a given state.
+
+        Everything else that was drawn for the start, such as targets, remains. All quantities are
+        recomputed with actuation disabled, as at any start, and the task observes once more. A
+        subclass that changes the observations of `reset` must change those of this method too.
+
+        Args:
+          state: some of 'qpos' (nq,), 'qvel' (nv,) and 'act' (na,); or a snapshot, which is
+            restored with its step count, see `restore`.
+
+        Returns:
+          The first `TimeStep` of the episode; for a snapshot of a later step a middle one, with
+          reward 0.
+
+        Raises:
+          ValueError, TypeError: the state is invalid, see `limberjack.rl.given_state`, or the
+            snapshot does not fit; nothing was set.
+          RuntimeError: a mapping is given, and `reset` was not the last call.
+          PhysicsError: the state diverges at once; the next step begins an episode.
+        """
+        if isinstance(state, Snapshot):
+            self.restore(state)
+            observation = self.present_observation()
+            if self._step_count:
+                return dm_env.TimeStep(dm_env.StepType.MID, 0.0, 1.0, observation)
+            return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
+        self._check_open()
+        checked = checked_state(state, state_sizes(self._physics))
+        with self._use:
+            if self._reset_next_step or self._step_count:
+                raise RuntimeError("no episode has just begun: call reset() before set_state()")
+            self._reset_next_step = True  # until it is complete
+            for name, values in checked.items():
+                getattr(self._simulated.data, name)[...] = values
+            self._physics.after_reset()
+            if self._frames is not None:
+                self._frames.forget()
+            observation = self._observe()
+            self._reset_next_step = False
+        return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
 
     def present_observation(self) -> Mapping[str, Quantity]:
         """The observation of the present state, computed again; the task does not remember it."""

@@ -27,16 +27,18 @@ from typing import Any
 
 import dm_env
 import numpy as np
+import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.rl import guards
 from limberjack.rl.action_specs import bounds_to_try, spec_of
-from limberjack.rl.builds import Build, Make, Seeded, is_stable
+from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable
 from limberjack.rl.contract import Nested, PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
+from limberjack.rl.given_state import checked_states, state_sizes
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
-from limberjack.rl.pixels import Pixels, render_arguments
+from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.row_threads import RowThreads
 from limberjack.rl.snapshot import Snapshot, as_snapshot
@@ -315,6 +317,60 @@ class RowsEnvironment:
                 self._begins[row], self._has_ended[row] = True, False  # until it is complete
                 self._restore(row, snapshot.part(index))
 
+    def set_states(
+        self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None
+    ) -> dm_env.TimeStep:
+        """Continues the episodes that `reset` has just begun in rows from given states.
+
+        Args:
+          states: some of 'qpos' (n, nq), 'qvel' (n, nv) and 'act' (n, na), for n rows; or a
+            snapshot of n environments. See `control.Environment.set_state`.
+          rows: sorted row numbers or a mask; None for all.
+
+        Returns:
+          The time step of all rows, as `reset` does.
+
+        Raises:
+          ValueError, TypeError: the states are invalid, see `limberjack.rl.given_state`; the
+            snapshot does not fit, see `restore`; or a row has no state to set; nothing was set.
+          RuntimeError: a mapping is given, and `reset` was not the last call for a row.
+        """
+        rows = self._numbers(rows)
+        if isinstance(states, Snapshot):
+            self.restore(states, rows)
+            return self.reset([])
+        numbers = rows + self.first_row
+        checked = checked_states(states, self.state_sizes(), len(rows), named=numbers)
+        with self._use:
+            late = numbers[self._begins[rows] | (self._steps[rows] > 0)].tolist()
+            if late:
+                raise RuntimeError(
+                    f"no episode has just begun in rows {late}: call reset(rows) before "
+                    "set_states()"
+                )
+            self._begins[rows] = True  # until it is complete
+            found, index = _Step(self), {row: i for i, row in enumerate(rows.tolist())}
+
+            def start(row: int) -> None:
+                state = {name: values[index[row]] for name, values in checked.items()}
+                found.take(row, _settable(self._rows[row].environment).set_state(state))
+
+            self._raise(self._threads.each(start, rows.tolist()))
+            for name, values in found.observation.items():
+                self._observation[name][rows] = values[rows]
+            self._begins[rows] = False
+        return self.reset([])
+
+    def state_sizes(self) -> dict[str, int]:
+        """Numbers in each field of a row's state, such as 'qpos', without empty fields.
+
+        Raises:
+          TypeError: a row is not a `control.Environment` on a simulation of MuJoCo.
+        """
+        self._use.check()
+        sizes = [state_sizes(_settable(env).physics) for env in self.environments]
+        return sizes[0]
+
     def copy_row(self, source: int, target: int) -> None:
         """Makes row `target` a copy of row `source`, including its random stream."""
         self.restore(self.snapshot([source]), [target])
@@ -328,13 +384,16 @@ class RowsEnvironment:
                     row.environment.close()
             self._use.what_is_wrong = "this batch is closed: create a new one"
 
-    def __repr__(self) -> str:
+    def description(self) -> Description:
+        """The parts of the batch's `repr`."""
         steps = self._steps.tolist()
         begun = not self._begins.all() or any(steps)
-        description = Description(
+        return Description(
             self._name, self.num_envs, self._seeds, steps if begun else [], self.step_limit
         )
-        return f"{represented(self, description)[:-1]}, not vectorised: {self.why_rows}>"
+
+    def __repr__(self) -> str:
+        return f"{represented(self, self.description())[:-1]}, not vectorised: {self.why_rows}>"
 
     def __deepcopy__(self, memo: dict[int, object]) -> "RowsEnvironment":
         for env in self.environments:
@@ -447,29 +506,35 @@ class RowsEnvironment:
         Args:
           rows: sorted row numbers or a mask of (num_envs,); None for all.
           kwargs: arguments of `Physics.render`: height, width, camera_id (or camera), depth, ...
+            The pictures of a list of cameras are joined side by side.
 
         Raises:
           ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
         """
         numbers = self._numbers(rows).tolist()
-        arguments = render_arguments(kwargs)
-        with self._use:
+
+        def draw(**how: Any) -> np.ndarray:  # each keyword has its own type
             physics = [_physics_of(self.environments[row]) for row in numbers]
             if not physics:
-                shape, dtype = _physics_of(self.environments[0]).picture_spec(**arguments)
+                shape, dtype = _physics_of(self.environments[0]).picture_spec(**how)
                 return np.empty((0, *shape), dtype)
-            return np.stack([one.render(**arguments) for one in physics])
+            return np.stack([one.render(**how) for one in physics])
+
+        with self._use:
+            return render_cameras(draw, render_arguments(kwargs), axis=2)
 
     def get_attr(self, name: str) -> list[object]:
-        """An attribute of each row's environment.
+        """An attribute of each row's environment, or of its task if only that has it.
 
         Raises:
-          AttributeError: an environment has no such attribute.
+          AttributeError: neither has such an attribute in some row.
         """
-        return [getattr(env, name) for env in self.environments]
+        return [getattr(holder_of(env, name), name) for env in self.environments]
 
     def set_attr(self, name: str, values: Sequence[object]) -> None:
         """Sets an attribute of each row's environment, and of those made for a row's later seeds.
+
+        A name that only the task has is set there.
 
         Args:
           name: of the attribute.
@@ -491,7 +556,7 @@ class RowsEnvironment:
     def call(self, name: str, *args: Any, **kwargs: Any) -> list[Any]:
         """The results of a method, or the values of an attribute, of each row's environment."""
         with self._use:
-            found = [getattr(env, name) for env in self.environments]
+            found = [getattr(holder_of(env, name), name) for env in self.environments]
             return [one(*args, **kwargs) if callable(one) else one for one in found]
 
     def _checked(self, actions: Nested, begins: np.ndarray) -> np.ndarray:
@@ -719,7 +784,8 @@ class _Trial:
         spec: Any = env.observation_spec()
         named = spec if isinstance(spec, Mapping) else {FLAT_OBSERVATION_KEY: spec}
         action = env.action_spec()
-        found = [("control step", _control_timestep(env), self.control_timestep)]
+        # As text, in which NaN, of environments that report no control step, equals NaN.
+        found = [("control step", str(_control_timestep(env)), str(self.control_timestep))]
         found += [("actions", _form(action), _form(self.action_spec))]
         names = list(dict.fromkeys([*self.observation_spec, *named]))
         for name in names:
@@ -819,6 +885,16 @@ def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
         bounds = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
         return specs.BoundedArray(shape, spec.dtype, *bounds, name=spec.name)
     return specs.Array(shape, spec.dtype, name=spec.name)
+
+
+def _settable(env: dm_env.Environment) -> Environment:
+    """The environment, if its state can be set."""
+    if isinstance(env, Environment):
+        return env
+    raise TypeError(
+        f"a {type(env).__name__} cannot begin in a given state; expected a "
+        "limberjack.rl.control.Environment or a subclass in every row; nothing was reset"
+    )
 
 
 def _physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class
