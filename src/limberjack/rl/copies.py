@@ -28,6 +28,7 @@ _MOST_OBJECTS = 100_000  # that are looked at; an environment with more holds da
 _ATOMS = (str, bytes, int, float, complex, bool, type(None), type, types.ModuleType, range)
 _INTERNAL = "limberjack.mujoco."  # objects without references to a user's
 _STREAMS = (np.random.RandomState, np.random.Generator, np.random.BitGenerator, random.Random)
+_PROTOCOL = 4  # of pickle, which `copy.deepcopy` uses too
 _ITERATORS = (types.GeneratorType, types.CoroutineType, types.AsyncGeneratorType)
 _DERIVED = ("_seeded", "_draws")  # attributes of an environment with streams made from the task's
 
@@ -106,16 +107,37 @@ def copied(env: _Env) -> _Env:
 
 
 def exact_copies(env: object, memo: dict[int, object]) -> None:
-    """Adds exact copies of the physics within an environment to a memo of `copy.deepcopy`.
+    """Adds exact copies of the physics and wrappers within an environment to a deep copy's memo.
 
     A copied physics alone recomputes its quantities, as in dm_control, which changes the solver's
-    warm start.
+    warm start. A wrapper that delegates all names delegates `__deepcopy__` too, so that
+    `copy.deepcopy` would return a copy of what it wraps.
     """
+    wrappers: list[tuple[Any, Any]] = []  # copies, and the states that they get
     for _, value in _reachable(env):
+        if id(value) in memo:
+            continue
         kind: Any = type(value)  # a Physics, whose module imports this one
-        if hasattr(kind, "become") and "_simulation" in vars(value) and id(value) not in memo:
+        if hasattr(kind, "become") and "_simulation" in vars(value):
             memo[id(value)] = twin = kind.__new__(kind)
             twin.become(copy.deepcopy(value.__getstate__(), memo))
+        elif isinstance(value, dm_env.Environment) and not hasattr(kind, "__deepcopy__"):
+            make, arguments, state, *_ = kind.__reduce_ex__(value, _PROTOCOL)
+            memo[id(value)] = twin = make(*copy.deepcopy(arguments, memo))
+            wrappers.append((twin, state))
+    for twin, state in wrappers:
+        _set_state(twin, copy.deepcopy(state, memo))
+
+
+def _set_state(twin: Any, state: Any) -> None:  # of a user's class, and as that class reduces
+    """Sets the state of an object as `copy.deepcopy` does."""
+    if hasattr(type(twin), "__setstate__"):
+        twin.__setstate__(state)
+        return
+    in_dict, in_slots = state if isinstance(state, tuple) and len(state) == 2 else (state, None)
+    vars(twin).update(in_dict or {})
+    for name, value in (in_slots or {}).items():
+        object.__setattr__(twin, name, value)
 
 
 def check_copies(env: object) -> None:
