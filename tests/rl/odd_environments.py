@@ -393,11 +393,13 @@ class Catch(dm_env.Environment):
         return specs.BoundedArray((1,), np.float64, -1.0, 1.0, name="move")
 
 
-def _of_task(task: type[Pole], seed: int) -> Any:
+def of_task(task: type[Pole], seed: int) -> Any:
+    """A plain environment with a task of a class."""
     return environment(task, seed)
 
 
-def _of_class(kind: type[control.Environment], seed: int) -> Any:
+def of_class(kind: type[control.Environment], seed: int) -> Any:
+    """An environment of a subclass with a plain task."""
     return environment(Pole, seed, kind)
 
 
@@ -474,8 +476,8 @@ _CLASSES: dict[str, type[control.Environment]] = {
 }
 # Functions of a seed, by what is odd about their environments.
 KINDS: dict[str, Callable[[int], Any]] = {
-    **{name: functools.partial(_of_task, task) for name, task in _TASKS.items()},
-    **{name: functools.partial(_of_class, kind) for name, kind in _CLASSES.items()},
+    **{name: functools.partial(of_task, task) for name, task in _TASKS.items()},
+    **{name: functools.partial(of_class, kind) for name, kind in _CLASSES.items()},
     "a physics that remembers": measuring,
     "a distracting wrapper": distracting,
     "repeated actions": repeating,

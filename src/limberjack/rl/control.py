@@ -31,7 +31,7 @@ from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.copies import check_copies, copied, difference, exact_copies
 from limberjack.rl.guards import OneUser, at_least_one
-from limberjack.rl.memory import put_back, remembered
+from limberjack.rl.memory import put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
@@ -212,9 +212,8 @@ class Environment(dm_env.Environment):
             spec = self._task.observation_spec(self._physics)
         except NotImplementedError:
             # An observation is computed only for its form: the task must not remember it.
-            memory = remembered(self._task, self._physics)
-            spec = specs_of(self._observe(draws=False))
-            put_back(memory, self._task, self._physics)
+            with stand_in(self._task, self._physics) as task:
+                spec = specs_of(self._seen_by(task))
         return spec if self._frames is None else self._frames.spec_with(spec)
 
     @property
@@ -335,11 +334,8 @@ class Environment(dm_env.Environment):
 
     def present_observation(self) -> Mapping[str, Quantity]:
         """The observation of the present state, computed again; the task does not remember it."""
-        memory = remembered(self._task, self._physics)
-        observation = self._task.get_observation(self._physics)
-        put_back(memory, self._task, self._physics)
-        if self._flat_observation:
-            observation = flatten_observation(observation)
+        with stand_in(self._task, self._physics) as task:
+            observation = self._seen_by(task)
         if self._frames is None:
             return observation
         return self._frames.observe(self._simulated, observation, is_step=False)
@@ -411,12 +407,15 @@ class Environment(dm_env.Environment):
 
     def _observe(self, draws: bool = True) -> Mapping[str, Quantity]:
         """The current observation, with a new picture if pixels are observed."""
-        observation = self._task.get_observation(self._physics)
-        if self._flat_observation:
-            observation = flatten_observation(observation)
+        observation = self._seen_by(self._task)
         if self._frames is None or not draws:
             return observation
         return self._frames.observe(self._simulated, observation)
+
+    def _seen_by(self, task: Task) -> Mapping[str, Quantity]:
+        """The observation of a task, without pictures."""
+        observation = task.get_observation(self._physics)
+        return flatten_observation(observation) if self._flat_observation else observation
 
     def _check_action(self, action: Nested) -> None:
         """Raises unless the action is made of finite numbers; the task checks its shape.

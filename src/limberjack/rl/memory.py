@@ -9,10 +9,12 @@ is empty. Another task may keep a last action, a counter or a queue. Snapshots c
 attributes, and a reset with a seed puts them back. The task's random stream is saved separately.
 """
 
+import contextlib
 import copy
 import functools
 import inspect
 from collections.abc import Iterator, Mapping
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,6 +24,7 @@ __all__ = [
     "is_of_the_suite",
     "put_back",
     "remembered",
+    "stand_in",
 ]
 
 # Attributes by name, of the "task" and of the "physics".
@@ -32,6 +35,8 @@ _SUITE = "limberjack.suite."
 _STREAMS = ("_random", "random")  # names of a task's own stream
 _DECORATORS = ("contextlib", "functools")  # whose functions stand in for those they decorate
 _SETTINGS = ("legacy_step", "_warnings_cause_exception")  # of a physics, not of an episode
+
+_Task = TypeVar("_Task")
 
 
 def attributes_of(owner: object) -> dict[str, object]:
@@ -105,6 +110,50 @@ def put_back(memory: Memory, task: object, physics: object, is_complete: bool = 
         for name, value in attributes.items():
             # Not through a property or a `__setattr__` of the class, which may do more.
             object.__setattr__(owner, name, value)
+
+
+@contextlib.contextmanager
+def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
+    """A copy of a task for one call that neither task nor physics may remember, nor draw for.
+
+    An attribute that cannot be copied is shared with the task. The suite's own tasks, which
+    remember nothing, stand in for themselves.
+    """
+    if is_of_the_suite(task, physics):
+        yield task
+        return
+    memo = {id(one): one for one in (physics, *(getattr(physics, "__dict__", {}).values()))}
+    twin = _copied_as_far_as_possible(task, memo)
+    before = _copies_of(_of_physics(physics), dict(memo))
+    try:
+        yield twin
+    finally:
+        for name in _of_physics(physics).keys() - before.keys():
+            delattr(physics, name)
+        for name, value in before.items():
+            object.__setattr__(physics, name, value)
+
+
+def _copied_as_far_as_possible(task: _Task, memo: dict[int, object]) -> _Task:
+    try:
+        twin = copy.copy(task)
+    except Exception:  # of any class: it is the user's object
+        return task
+    memo[id(task)] = twin
+    for name, value in _copies_of(attributes_of(task), memo).items():
+        object.__setattr__(twin, name, value)
+    return twin
+
+
+def _copies_of(attributes: Mapping[str, object], memo: dict[int, object]) -> dict[str, object]:
+    """Deep copies of attributes; those that cannot be copied themselves."""
+    found = {}
+    for name, value in attributes.items():
+        try:
+            found[name] = copy.deepcopy(value, memo)
+        except Exception:  # of any class: it is the user's object
+            found[name] = value
+    return found
 
 
 def _kept(task: object, physics: object) -> dict[str, dict[str, object]]:
