@@ -143,7 +143,10 @@ class Seeded:
         if self.is_plain and is_stable:
             env = self.environment
             assert isinstance(env, Environment)
-            self._first = remembered(env.task, env.physics)
+            try:
+                self._first = remembered(env.task, env.physics)
+            except TypeError:  # an attribute cannot be copied: made again for each seed
+                self._is_stable = False
 
     def begin(self, seed: int) -> None:
         """Makes the next episode the first one of a seed."""

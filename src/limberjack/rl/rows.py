@@ -122,7 +122,8 @@ class RowsEnvironment:
         self._own_limit: float | None = None  # set by `step_limit`; None for the environments' own
         self._steps = np.zeros(self.num_envs, int)
         self._begins = np.ones(self.num_envs, bool)
-        self._has_ended = np.zeros(self.num_envs, bool)  # stepping these begins their next episode
+        # Stepping these begins their next episode; others must be reset.
+        self._has_ended = np.array([_begins_if_stepped(one) for one in self.environments])
         self._timed_out = np.zeros(self.num_envs, bool)
         self.diverged = np.zeros(self.num_envs, bool)
         self._observation = self._empty()
@@ -732,6 +733,12 @@ def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
         bounds = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
         return specs.BoundedArray(shape, spec.dtype, *bounds, name=spec.name)
     return specs.Array(shape, spec.dtype, name=spec.name)
+
+
+def _begins_if_stepped(env: dm_env.Environment) -> bool:
+    """Whether a new environment begins an episode when it is stepped, as far as can be seen."""
+    inner = control_of(env)
+    return isinstance(inner, Environment) and not inner.is_running
 
 
 def _physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class
