@@ -29,7 +29,7 @@ from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
-from limberjack.rl.copies import check_copies, copied, difference, exact_copies
+from limberjack.rl.copies import check_copies, control_of, copied, difference, exact_copies
 from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.memory import put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
@@ -275,8 +275,9 @@ class Environment(dm_env.Environment):
         """
         self._check_open()
         if difference(self) is not None:
-            check_copies(self)
-            return Snapshot.of_copy(copied(self), self.registration, self._name)
+            check_copies(self, are_seeded=False)
+            twin = copied(self)
+            return Snapshot.of_copy(twin, control_of(twin), self.registration, self._name)
         with self._use:
             streams = [stream_of(self._task).get_state()]
             if self._randomizer is not None:
@@ -305,15 +306,20 @@ class Environment(dm_env.Environment):
             version, is damaged, or is at or beyond the time limit; nothing was restored.
           PhysicsError: its state has diverged; the next step begins an episode.
         """
-        own = self.snapshot()
-        as_snapshot(snapshot).check(own.origin, size=1)
-        snapshot.check_copies(own)
-        if snapshot.copies:
+        self._check_open()
+        if as_snapshot(snapshot).copies:
+            snapshot.check(Snapshot.origin_of_copy(self, control_of(self)), size=1)
+            snapshot.check_copies(is_plain=difference(self) is None)
             kept = copied(snapshot.copies[0])
             with self._use:
                 vars(self).clear()
                 vars(self).update(vars(kept))
+                if snapshot.resets.any():
+                    self._reset_next_step = True
             return
+        own = self.snapshot()
+        snapshot.check(own.origin, size=1)
+        snapshot.check_copies(is_plain=not own.copies)
         snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
         snapshot.check_length(self._step_limit)
         with self._use:

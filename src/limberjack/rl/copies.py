@@ -1,7 +1,7 @@
 """Independent copies of environments, and what keeps an environment from being copied.
 
     difference(env)       # "its class Half overrides step"; None for a plain `control.Environment`
-    check_copies(env)     # raises TypeError if a copy would share state with the original
+    check_copies(env)     # raises TypeError if a copy with another seed would share its state
     twin = copied(env)    # continues as `env` does, bit for bit
 
 A plain environment can be seeded; any other may keep anything anywhere, so its copies are made of
@@ -140,10 +140,14 @@ def _set_state(twin: Any, state: Any) -> None:  # of a user's class, and as that
         object.__setattr__(twin, name, value)
 
 
-def check_copies(env: object) -> None:
+def check_copies(env: object, are_seeded: bool = True) -> None:
     """Raises TypeError if copies of an environment would not be independent.
 
     The message names the attribute, and asks for a function that makes the environment.
+
+    Args:
+      env: the environment.
+      are_seeded: whether each copy gets a seed of its own, which sets the task's stream only.
     """
     inner = control_of(env)
     task, physics = getattr(inner, "_task", None), getattr(inner, "_physics", None)
@@ -154,7 +158,7 @@ def check_copies(env: object) -> None:
         if isinstance(value, types.FunctionType | functools.partial):
             if _reaches(value, targets):
                 raise _refused(env, path, "is a function that uses the environment itself")
-        elif isinstance(value, _STREAMS) and value is not stream:
+        elif are_seeded and isinstance(value, _STREAMS) and value is not stream:
             bit_generator = getattr(stream, "_bit_generator", None)
             if value is not bit_generator:
                 raise _refused(env, path, "is a random stream other than the task's")

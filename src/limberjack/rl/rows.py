@@ -33,7 +33,7 @@ from limberjack.rl.action_specs import bounds_to_try, spec_of
 from limberjack.rl.builds import Build, Make, Seeded, is_stable
 from limberjack.rl.contract import Nested, PhysicsError
 from limberjack.rl.control import Environment
-from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
+from limberjack.rl.copies import check_copies, control_of, copied, difference, exact_copies
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.pixels import Pixels, render_arguments
 from limberjack.rl.represented import Description, represented
@@ -110,12 +110,15 @@ class RowsEnvironment:
         self._control_timestep = trial.control_timestep
         self._threads = RowThreads(self.num_envs, threads)
         self._use = guards.OneUser("batch")
-        stable = is_stable(self._build, first) if contexts == [{}] * self.num_envs else True
+        # With contexts, each row is made again for another seed, since models may depend on both.
+        stable = contexts == [{}] * self.num_envs and is_stable(self._build, first)
         self._seeds: list[int | None] = list(range(first, first + self.num_envs))
         self._rows: list[Seeded] = []
         for row, context in enumerate(contexts):
             self._rows.append(self._build.seeded(first + row, context, stable))
             trial.compare(self._rows[row].environment, row, context)
+        models = [] if stable else [_model_of(one) for one in self.environments]
+        self._edits_models = trial.edits_model or any(one != models[0] for one in models)
         env = self.environments[0]
         self.registration: object = getattr(env, "registration", None)
         self._name: str = getattr(env, "_name", "") or _task_name(env)
@@ -239,16 +242,15 @@ class RowsEnvironment:
     def snapshot(self, rows: _Rows = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on.
 
-        Plain environments are saved as `control.Environment.snapshot` does, others as copies.
+        Plain environments are saved as `control.Environment.snapshot` does, others, and those that
+        edit their models, as copies.
 
         Raises:
           TypeError: an environment keeps something that cannot be copied.
         """
         numbers = self._numbers(rows)
         with self._use:
-            saved = [self._saved(row) for row in numbers.tolist()]
-            kept = {name: values[numbers] for name, values in self._observation.items()}
-            return _joined(saved, self._steps[numbers], self._begins[numbers], kept, self)
+            return self._joined(numbers)
 
     def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
         """Continues the batch, or some rows, from a snapshot, bit for bit.
@@ -263,11 +265,17 @@ class RowsEnvironment:
             damaged, or contains an episode at or beyond the step limit; nothing was restored.
         """
         numbers = self._numbers(rows)
-        own = self._saved(int(numbers[0]) if len(numbers) else 0)
-        as_snapshot(snapshot).check(own.origin, len(numbers))
-        snapshot.check_copies(own)
-        if not snapshot.copies:
-            snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
+        as_snapshot(snapshot)
+        for row in numbers[:1].tolist() or [0]:
+            seeded = self._rows[row]
+            if snapshot.copies or not seeded.is_plain:
+                env = seeded.environment
+                snapshot.check(Snapshot.origin_of_copy(env, control_of(env)), len(numbers))
+            else:
+                own = self._saved(row, as_copy=False)
+                snapshot.check(own.origin, len(numbers))
+                snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
+            snapshot.check_copies(seeded.is_plain)
         snapshot.check_length(self.step_limit)
         with self._use:
             for index, row in enumerate(numbers.tolist()):
@@ -469,20 +477,46 @@ class RowsEnvironment:
         if self._own_limit is not None and isinstance(inner, Environment):
             inner._step_limit = self._own_limit
 
-    def _saved(self, row: int) -> Snapshot:
+    def _joined(self, numbers: np.ndarray) -> Snapshot:
+        """One snapshot of several rows."""
+        rows = numbers.tolist()
+        as_copies = self._edits_models or not all(self._rows[row].is_plain for row in rows or [0])
+        saved = [self._saved(row, as_copies) for row in rows or [0]]
+        if any(one.origin != saved[0].origin for one in saved):
+            as_copies = True
+            saved = [self._saved(row, as_copies) for row in rows]
+        first = saved[0]
+        saved = saved[: len(rows)]
+        observations = {name: values[numbers] for name, values in self._observation.items()}
+        return Snapshot(
+            first.origin,
+            {n: _stacked([one.physics[n] for one in saved], v) for n, v in first.physics.items()},
+            self._steps[numbers],
+            self._begins[numbers],
+            [one.streams[0] for one in saved],
+            {n: _stacked([one.frames[n] for one in saved], v) for n, v in first.frames.items()},
+            self.registration,
+            self._name,
+            [one.memory[0] for one in saved] if first.memory else [],
+            [one.copies[0] for one in saved] if as_copies else [],
+            observations if as_copies and rows else {},
+            self._begins[numbers] & ~self._has_ended[numbers],
+        )
+
+    def _saved(self, row: int, as_copy: bool) -> Snapshot:
         env = self._rows[row].environment
-        if self._rows[row].is_plain:
+        if not as_copy:
             assert isinstance(env, Environment)
             return env.snapshot()
-        check_copies(env)
-        return Snapshot.of_copy(copied(env), self.registration, self._name)
+        check_copies(env, are_seeded=False)
+        twin = copied(env)
+        return Snapshot.of_copy(twin, control_of(twin), self.registration, self._name)
 
     def _restore(self, row: int, part: Snapshot) -> None:
         """Continues a row from a snapshot of one environment."""
         seeded = self._rows[row]
         if part.copies:
-            seeded.environment.close()
-            seeded.environment = copied(part.copies[0])
+            seeded.replace(copied(part.copies[0]))
         else:
             env = seeded.environment
             assert isinstance(env, Environment)
@@ -497,7 +531,8 @@ class RowsEnvironment:
             if name in self._observation and self._observation[name][row].shape == values.shape[1:]:
                 self._observation[name][row] = values[0]
         self._steps[row] = part.step_count[0]
-        self._begins[row] = self._has_ended[row] = part.begins[0]
+        self._begins[row] = part.begins[0]
+        self._has_ended[row] = part.begins[0] and not part.resets.any()
         self._seeds[row] = None
         self._timed_out[row] = self.diverged[row] = False
 
@@ -623,7 +658,9 @@ class _Trial:
                 )
             self.observation_spec: Mapping[str, specs.Array] = collections.OrderedDict(named)
             self.control_timestep = _control_timestep(env)
+            before = _model_of(env)
             self.draws_globally = draws_globally(env, self.action_spec)
+            self.edits_model = _model_of(env) != before
         finally:
             env.close()
 
@@ -715,6 +752,11 @@ def _is_same_state(one: Any, other: Any) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
+def _model_of(env: dm_env.Environment) -> object:
+    """What tells the model of a plain environment from one with other numbers."""
+    return env._origin() if difference(env) is None and isinstance(env, Environment) else None
+
+
 def _control_timestep(env: dm_env.Environment) -> float:
     of_env: Callable[[], float] | None = getattr(env, "control_timestep", None)
     if of_env is None:
@@ -776,33 +818,6 @@ def _checked_contexts(
         if not isinstance(context, Mapping):
             raise TypeError(f"the context of row {row} is {context!r}; expected a mapping")
     return list(contexts)
-
-
-def _joined(
-    saved: Sequence[Snapshot],
-    steps: np.ndarray,
-    begins: np.ndarray,
-    observations: dict[str, np.ndarray],
-    batch: RowsEnvironment,
-) -> Snapshot:
-    """One snapshot of several environments."""
-    first = saved[0] if saved else batch._saved(0)
-    count = len(saved)
-    physics = {n: _stacked([one.physics[n] for one in saved], v) for n, v in first.physics.items()}
-    frames = {n: _stacked([one.frames[n] for one in saved], v) for n, v in first.frames.items()}
-    return Snapshot(
-        first.origin,
-        physics,
-        steps,
-        begins,
-        [one.streams[0] for one in saved],
-        frames,
-        batch.registration,
-        first.name,
-        [one.memory[0] for one in saved] if first.memory else [],
-        [one.copies[0] for one in saved] if first.copies else [],
-        observations if first.copies and count else {},
-    )
 
 
 def _stacked(parts: Sequence[np.ndarray], like: np.ndarray) -> np.ndarray:
