@@ -13,6 +13,7 @@ import contextlib
 import copy
 import functools
 import inspect
+import types
 from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
@@ -67,11 +68,13 @@ def remembered(task: object, physics: object) -> Memory:
     physics themselves stay references. Empty for the suite's own tasks.
 
     Raises:
-      TypeError: an attribute cannot be copied; the message names it.
+      TypeError: an attribute cannot be copied, or a copy would not be complete; the message names
+        it.
     """
     if is_of_the_suite(task, physics):
         return {}
     kept = _kept(task, physics)
+    _check_complete(kept, task, physics)
     memo = _memo(task, physics)
     copies: dict[str, dict[str, object]] = {}
     for owner, attributes in kept.items():
@@ -87,6 +90,29 @@ def remembered(task: object, physics: object) -> Memory:
                     "contain it: keep only values that copy.deepcopy supports"
                 ) from error
     return copies
+
+
+def _check_complete(
+    kept: Mapping[str, Mapping[str, object]], task: object, physics: object
+) -> None:
+    """Raises TypeError if copies of attributes would share or lose what they keep."""
+    from limberjack.rl.references import is_live, kept_by, reachable  # see `_uses`
+
+    own = _ids_of(task, physics)
+    for owner, attributes in kept.items():
+        for name, value in attributes.items():
+            if id(value) in own:
+                continue
+            for _, part in reachable(value):
+                why = "shows the memory of the simulation" if is_live(part) else None
+                if (keeping := kept_by(part, own)) is not None:
+                    why = f"is a function that keeps {keeping}"
+                if why is not None:
+                    cls = type(task if owner == "task" else physics).__name__
+                    raise TypeError(
+                        f"attribute {name!r} of {owner} {cls} {why}, which a copy would not: keep "
+                        "it in an attribute of the task, so that copies and snapshots contain it"
+                    )
 
 
 def put_back(memory: Memory, task: object, physics: object, is_complete: bool = True) -> None:
@@ -157,8 +183,34 @@ def _copies_of(attributes: Mapping[str, object], memo: dict[int, object]) -> dic
 
 
 def _kept(task: object, physics: object) -> dict[str, dict[str, object]]:
+    """The attributes by owner, without the task's stream.
+
+    Functions that use their owners stay with them.
+    """
     of_task = {n: v for n, v in attributes_of(task).items() if not _is_stream(n, v)}
-    return {"task": of_task, "physics": _of_physics(physics)}
+    kept = {"task": of_task, "physics": _of_physics(physics)}
+    own = _ids_of(task, physics)
+    return {
+        owner: {name: one for name, one in attributes.items() if not _uses(one, own)}
+        for owner, attributes in kept.items()
+    }
+
+
+def _uses(value: object, own: set[int]) -> bool:
+    """Whether a value is a function that uses the task or the physics, and keeps nothing else."""
+    if not isinstance(value, types.FunctionType | functools.partial):
+        return False
+    from limberjack.rl.references import kept_by, reaches  # which import this module
+
+    return reaches(value, own) and kept_by(value, own) is None
+
+
+def _ids_of(task: object, physics: object) -> set[int]:
+    """Ids of the task, its stream, its physics and that one's parts."""
+    stream = getattr(task, "_random", None)
+    own = [task, physics, stream, *getattr(physics, "__dict__", {}).values()]
+    atoms = (str, bytes, int, float, complex, bool, type(None))
+    return {id(one) for one in own if not isinstance(one, atoms)}
 
 
 def _of_physics(physics: object) -> dict[str, object]:
