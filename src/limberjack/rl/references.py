@@ -50,6 +50,8 @@ def reachable(root: object) -> Iterator[tuple[str, object]]:
         path, value = todo.popleft()
         if isinstance(value, ATOMS) or id(value) in seen:
             continue
+        if _is_global(value) and not isinstance(value, types.FunctionType | type):
+            continue  # a module's own, such as a function of NumPy
         seen.add(id(value))
         kept.append(value)
         yield path, value
@@ -91,6 +93,8 @@ def kept_by(function: object, besides: Container[int] = ()) -> str | None:
       function: the function; anything else keeps nothing.
       besides: ids of objects that do not count.
     """
+    if _is_global(function):
+        return None
     if isinstance(function, functools.partial):
         parts = (function.func, *function.args, *function.keywords.values())
         return _first_kept(parts, besides)
@@ -158,6 +162,8 @@ def _kept_in(value: object, besides: Container[int]) -> str | None:
 
 def _is_global(value: object) -> bool:
     """Whether a value is a module's own function or class."""
+    if not callable(value):
+        return False
     module = sys.modules.get(getattr(value, "__module__", None) or "")
     return getattr(module, getattr(value, "__name__", ""), None) is value
 
