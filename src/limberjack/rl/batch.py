@@ -653,7 +653,7 @@ class BatchEnvironment:
 def _copy_of(env: control.Environment) -> Task:
     """A deep copy of an environment's task, which does not hold a copy of the physics."""
     try:
-        check_copies(env)
+        check_copies(env, is_vectorised=True)
     except TypeError as error:
         raise NotVectorised(str(error)) from error
     memo: dict[int, object] = {id(env): env, id(env.physics): env.physics}

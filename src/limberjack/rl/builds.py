@@ -18,7 +18,6 @@ from typing import cast
 import dm_env
 import numpy as np
 
-from limberjack.mujoco import model_values
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, difference
 from limberjack.rl.memory import Memory, attributes_of, put_back, remembered
@@ -140,15 +139,20 @@ class Seeded:
         self.environment = build.make(seed, context)
         self.is_plain = difference(self.environment) is None
         self._first: Memory = {}
+        self._numbers: object = None  # of the model
         if self.is_plain and is_stable:
             env = self.environment
             assert isinstance(env, Environment)
-            self._first = remembered(env.task, env.physics)
+            self._numbers = _numbers(env)
+            try:
+                self._first = remembered(env.task, env.physics)
+            except TypeError:  # an attribute cannot be copied: made again for each seed
+                self._is_stable = False
 
     def begin(self, seed: int) -> None:
         """Makes the next episode the first one of a seed."""
         env = self.environment
-        if self.is_plain and self._is_stable:
+        if self.is_plain and self._is_stable and self._has_first_model():
             assert isinstance(env, Environment)
             put_back(self._first, env.task, env.physics)
             env.reseed(seed)
@@ -158,6 +162,18 @@ class Seeded:
             setattr(holder_of(made, name), name, copy.deepcopy(value))
         env.close()
         self.environment = made
+
+    def replace(self, env: dm_env.Environment) -> None:
+        """Takes another environment, such as a saved one."""
+        self.environment.close()
+        self.environment = env
+        self.is_plain = difference(env) is None
+
+    def _has_first_model(self) -> bool:
+        """Whether the model has the numbers that it was made with, except for declared fields."""
+        env = self.environment
+        assert isinstance(env, Environment)
+        return _numbers(env) == self._numbers
 
     def set_attribute(self, name: str, value: object) -> None:
         """Sets an attribute of the environment or its task, and of those that take their place."""
@@ -210,19 +226,21 @@ def is_reproducible(build: Build, seed: int) -> bool:
 
 
 def _settings(env: Environment) -> object:
-    task, physics = env.task, env.physics
-    numbers = None
-    if hasattr(physics, "simulation"):
-        varying = tuple(getattr(task, "EPISODE_FIELDS", ()))
-        leave_out = {*varying, *model_values.derived_fields(varying)}
-        numbers = model_values.checksums(physics.model._model, {*leave_out, "tex_data"})
+    task = env.task
     comparable = (bool, int, float, str, bytes, type(None), tuple, np.ndarray)
     attributes = {
         name: value.tobytes() if isinstance(value, np.ndarray) else value
         for name, value in attributes_of(task).items()
         if isinstance(value, comparable)
     }
-    return type(task), env._step_limit, env.control_timestep(), attributes, numbers
+    return type(task), env._step_limit, env.control_timestep(), attributes, _numbers(env)
+
+
+def _numbers(env: Environment) -> object:
+    """What tells one model from another, without the fields that are set per episode."""
+    return (
+        env._simulated.identity(env._saved_fields()) if hasattr(env.physics, "identity") else None
+    )
 
 
 def _start(env: dm_env.Environment) -> object:

@@ -30,10 +30,10 @@ from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
-from limberjack.rl.copies import check_copies, copied, difference, exact_copies
+from limberjack.rl.copies import check_copies, control_of, copied, difference, exact_copies
 from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
-from limberjack.rl.memory import put_back, remembered
+from limberjack.rl.memory import put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
@@ -268,9 +268,8 @@ class Environment(dm_env.Environment):
             spec = self._task.observation_spec(self._physics)
         except NotImplementedError:
             # An observation is computed only for its form: the task must not remember it.
-            memory = remembered(self._task, self._physics)
-            spec = specs_of(self._observe(draws=False))
-            put_back(memory, self._task, self._physics)
+            with stand_in(self._task, self._physics) as task:
+                spec = specs_of(self._seen_by(task))
         return spec if self._frames is None else self._frames.spec_with(spec)
 
     @property
@@ -342,8 +341,9 @@ class Environment(dm_env.Environment):
         """
         self._check_open()
         if difference(self) is not None:
-            check_copies(self)
-            return Snapshot.of_copy(copied(self), self.registration, self._name)
+            check_copies(self, are_seeded=False)
+            twin = copied(self)
+            return Snapshot.of_copy(twin, control_of(twin), self.registration, self._name)
         with self._use:
             streams = [stream_of(self._task).get_state()]
             if self._randomizer is not None:
@@ -372,15 +372,20 @@ class Environment(dm_env.Environment):
             version, is damaged, or is at or beyond the time limit; nothing was restored.
           PhysicsError: its state has diverged; the next step begins an episode.
         """
-        own = self.snapshot()
-        as_snapshot(snapshot).check(own.origin, size=1)
-        snapshot.check_copies(own)
-        if snapshot.copies:
+        self._check_open()
+        if as_snapshot(snapshot).copies:
+            snapshot.check(Snapshot.origin_of_copy(self, control_of(self)), size=1)
+            snapshot.check_copies(is_plain=difference(self) is None)
             kept = copied(snapshot.copies[0])
             with self._use:
                 vars(self).clear()
                 vars(self).update(vars(kept))
+                if snapshot.resets.any():
+                    self._reset_next_step = True
             return
+        own = self.snapshot()
+        snapshot.check(own.origin, size=1)
+        snapshot.check_copies(is_plain=not own.copies)
         snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
         snapshot.check_length(self._step_limit)
         with self._use:
@@ -443,11 +448,8 @@ class Environment(dm_env.Environment):
 
     def present_observation(self) -> Mapping[str, Quantity]:
         """The observation of the present state, computed again; the task does not remember it."""
-        memory = remembered(self._task, self._physics)
-        observation = self._task.get_observation(self._physics)
-        put_back(memory, self._task, self._physics)
-        if self._flat_observation:
-            observation = flatten_observation(observation)
+        with stand_in(self._task, self._physics) as task:
+            observation = self._seen_by(task)
         if self._frames is None:
             return observation
         return self._frames.observe(self._simulated, observation, is_step=False)
@@ -528,6 +530,11 @@ class Environment(dm_env.Environment):
         if self._frames is None or not draws:
             return observation
         return self._frames.observe(self._simulated, observation)
+
+    def _seen_by(self, task: Task) -> Mapping[str, Quantity]:
+        """The observation of a task, without pictures."""
+        observation = task.get_observation(self._physics)
+        return flatten_observation(observation) if self._flat_observation else observation
 
     def _check_action(self, action: Nested) -> None:
         """Raises unless the action is made of finite numbers; the task checks its shape.

@@ -1,7 +1,7 @@
 """Independent copies of environments, and what keeps an environment from being copied.
 
     difference(env)       # "its class Half overrides step"; None for a plain `control.Environment`
-    check_copies(env)     # raises TypeError if a copy would share state with the original
+    check_copies(env)     # raises TypeError if a copy with another seed would share its state
     twin = copied(env)    # continues as `env` does, bit for bit
 
 A plain environment can be seeded; any other may keep anything anywhere, so its copies are made of
@@ -9,27 +9,31 @@ all its attributes. `copy.deepcopy` does not copy functions, nor what they refer
 environment whose `step` is `lambda a: old(a)` would step the original.
 """
 
-import collections
 import copy
 import functools
-import random
 import types
-from collections.abc import Iterator, Mapping
+import weakref
 from typing import Any, TypeVar
 
 import dm_env
-import numpy as np
 
 from limberjack.rl.memory import attributes_of
+from limberjack.rl.references import (
+    ATOMS,
+    STREAMS,
+    is_live,
+    kept_by,
+    local_methods,
+    reachable,
+    reaches,
+)
 
 __all__ = ["check_copies", "control_of", "copied", "difference", "exact_copies"]
 
-_MOST_OBJECTS = 100_000  # that are looked at; an environment with more holds data, not functions
-_ATOMS = (str, bytes, int, float, complex, bool, type(None), type, types.ModuleType, range)
-_INTERNAL = "limberjack.mujoco."  # objects without references to a user's
-_STREAMS = (np.random.RandomState, np.random.Generator, np.random.BitGenerator, random.Random)
+_FUNCTIONS = (types.FunctionType, types.BuiltinFunctionType, types.MethodWrapperType)
+_FUNCTIONS += (functools.partial, staticmethod, classmethod)
+_PROTOCOL = 4  # of pickle, which `copy.deepcopy` uses too
 _ITERATORS = (types.GeneratorType, types.CoroutineType, types.AsyncGeneratorType)
-_DERIVED = ("_seeded", "_draws")  # attributes of an environment with streams made from the task's
 
 _Env = TypeVar("_Env")
 
@@ -106,43 +110,92 @@ def copied(env: _Env) -> _Env:
 
 
 def exact_copies(env: object, memo: dict[int, object]) -> None:
-    """Adds exact copies of the physics within an environment to a memo of `copy.deepcopy`.
+    """Adds exact copies of the physics and wrappers within an environment to a deep copy's memo.
 
     A copied physics alone recomputes its quantities, as in dm_control, which changes the solver's
-    warm start.
+    warm start. A wrapper that delegates all names delegates `__deepcopy__` too, so that
+    `copy.deepcopy` would return a copy of what it wraps.
     """
-    for _, value in _reachable(env):
+    wrappers: list[tuple[Any, Any]] = []  # copies, and the states that they get
+    for _, value in reachable(env):
+        if id(value) in memo:
+            continue
         kind: Any = type(value)  # a Physics, whose module imports this one
-        if hasattr(kind, "become") and "_simulation" in vars(value) and id(value) not in memo:
+        if hasattr(kind, "become") and "_simulation" in vars(value):
             memo[id(value)] = twin = kind.__new__(kind)
             twin.become(copy.deepcopy(value.__getstate__(), memo))
+        elif isinstance(value, dm_env.Environment) and not hasattr(kind, "__deepcopy__"):
+            make, arguments, state, *_ = kind.__reduce_ex__(value, _PROTOCOL)
+            memo[id(value)] = twin = make(*copy.deepcopy(arguments, memo))
+            wrappers.append((twin, state))
+    for twin, state in wrappers:
+        _set_state(twin, copy.deepcopy(state, memo))
 
 
-def check_copies(env: object) -> None:
+def _set_state(twin: Any, state: Any) -> None:  # of a user's class, and as that class reduces
+    """Sets the state of an object as `copy.deepcopy` does."""
+    if hasattr(type(twin), "__setstate__"):
+        twin.__setstate__(state)
+        return
+    in_dict, in_slots = state if isinstance(state, tuple) and len(state) == 2 else (state, None)
+    vars(twin).update(in_dict or {})
+    for name, value in (in_slots or {}).items():
+        object.__setattr__(twin, name, value)
+
+
+def check_copies(env: object, are_seeded: bool = True, is_vectorised: bool = False) -> None:
     """Raises TypeError if copies of an environment would not be independent.
 
     The message names the attribute, and asks for a function that makes the environment.
+
+    Args:
+      env: the environment.
+      are_seeded: whether each copy gets a seed of its own, which sets the task's stream only.
+      is_vectorised: whether the one copy is to be vectorised, which compares its values.
     """
     inner = control_of(env)
     task, physics = getattr(inner, "_task", None), getattr(inner, "_physics", None)
-    own = [env, inner, task, physics, *getattr(physics, "__dict__", {}).values()]
-    targets = {id(one) for one in own if one is not None and not isinstance(one, _ATOMS)}
     stream = getattr(task, "_random", getattr(task, "random", None))
-    for path, value in _reachable(env):
-        if isinstance(value, types.FunctionType | functools.partial):
-            if _reaches(value, targets):
-                raise _refused(env, path, "is a function that uses the environment itself")
-        elif isinstance(value, _STREAMS) and value is not stream:
+    own = [env, inner, task, physics, stream, *getattr(physics, "__dict__", {}).values()]
+    targets = {id(one) for one in own if one is not None and not isinstance(one, (*ATOMS, type))}
+    # Copies of these are not those of the copied physics.
+    parts = [getattr(physics, "model", None), getattr(physics, "data", None)]
+    views = {id(parts[0]), *(id(getattr(one, "ptr", None)) for one in parts)} - {id(None)}
+    for path, value in reachable(env):
+        if id(value) in views and not is_vectorised:
+            raise _refused(env, path, f"is the {type(value).__name__} of its physics: keep physics")
+        may_share = is_vectorised or path.startswith("_randomizer")
+        why = _why_shared(value, targets, may_share)
+        if why is not None:
+            raise _refused(env, path, why)
+        if are_seeded and isinstance(value, STREAMS) and value is not stream:
             bit_generator = getattr(stream, "_bit_generator", None)
             if value is not bit_generator:
                 raise _refused(env, path, "is a random stream other than the task's")
-        elif isinstance(value, _ITERATORS):
-            raise _refused(env, path, f"is a {type(value).__name__}, which cannot be copied")
     try:
         copied(env)
     except Exception as error:  # of any class: it is the user's object
         name = _cannot_be_copied(env)
         raise _refused(env, name, f"cannot be copied ({type(error).__name__}: {error})") from error
+
+
+def _why_shared(value: object, targets: set[int], may_share: bool) -> str | None:
+    """Why a deep copy of a value would share something with the original; None if it would not."""
+    if isinstance(value, _ITERATORS):
+        return f"is a {type(value).__name__}, which cannot be copied"
+    if not may_share and is_live(value):
+        return "shows the memory of its simulation, which a copy would not: keep physics"
+    if isinstance(value, _FUNCTIONS):
+        if reaches(value, targets):
+            return "is a function that uses the environment itself"
+        kept = None if may_share else kept_by(value)
+        if kept is not None:
+            return f"is a function that keeps {kept}, which copies would share"
+    elif isinstance(value, weakref.ref | type) and reaches(value, targets):
+        return "refers to the environment itself"
+    elif any(reaches(one, targets) for one in local_methods(value)):
+        return f"is a {type(value).__name__}, whose class uses the environment itself"
+    return None
 
 
 def _refused(env: object, path: str, why: str) -> TypeError:
@@ -166,87 +219,3 @@ def _cannot_be_copied(env: object) -> str:
             except Exception:  # of any class: it is the user's object
                 return f"{prefix}{name}"
     return ""
-
-
-def _reachable(root: object) -> Iterator[tuple[str, object]]:
-    """Objects that an environment holds, each once, with the attribute that leads to it.
-
-    Functions are included, but not what they refer to.
-    """
-    seen: set[int] = set()
-    todo: collections.deque[tuple[str, object]] = collections.deque([("", root)])
-    while todo and len(seen) < _MOST_OBJECTS:
-        path, value = todo.popleft()
-        if isinstance(value, _ATOMS) or id(value) in seen:
-            continue
-        seen.add(id(value))
-        yield path, value
-        if not isinstance(value, types.FunctionType):
-            todo.extend(_parts(path, value))
-
-
-def _parts(path: str, value: object) -> Iterator[tuple[str, object]]:
-    """What an object holds, with paths."""
-    if isinstance(value, functools.partial):
-        yield from ((path, part) for part in (value.func, *value.args, *value.keywords.values()))
-    elif isinstance(value, types.MethodType):
-        yield path, value.__self__
-    elif isinstance(value, np.ndarray):
-        if value.dtype == object:
-            yield from ((path, part) for part in value.ravel().tolist())
-    elif isinstance(value, Mapping):
-        yield from ((f"{path}[{key!r}]", part) for key, part in value.items())
-        yield from ((path, key) for key in value)
-    elif isinstance(value, list | tuple | set | frozenset | collections.deque):
-        yield from ((path, part) for part in value)
-    elif hasattr(value, "_attributes") and "_simulation" in getattr(value, "__dict__", {}):
-        attributes: Mapping[str, object] = value._attributes()  # pyright: ignore
-        yield from ((_joined(path, name), part) for name, part in attributes.items())
-    elif not type(value).__module__.startswith((_INTERNAL, "mujoco.")):
-        for name, part in attributes_of(value).items():
-            if name not in _DERIVED:
-                yield _joined(path, name), part
-
-
-def _joined(path: str, name: str) -> str:
-    return f"{path}.{name}" if path else name
-
-
-def _reaches(function: object, targets: set[int]) -> bool:
-    """Whether a function refers to one of the objects: by closure, default, global or attribute."""
-    seen: set[int] = set()
-    todo = [function]
-    while todo and len(seen) < _MOST_OBJECTS:
-        value = todo.pop()
-        if id(value) in targets:
-            return True
-        if isinstance(value, _ATOMS) or id(value) in seen:
-            continue
-        seen.add(id(value))
-        if isinstance(value, types.FunctionType):
-            todo += _referred(value)
-        else:
-            todo += [part for _, part in _parts("", value)]
-    return False
-
-
-def _referred(function: types.FunctionType) -> list[object]:
-    """What a function refers to, except for modules' own functions and classes."""
-    found: list[object] = [
-        *(function.__defaults__ or ()),
-        *(function.__kwdefaults__ or {}).values(),
-    ]
-    for cell in function.__closure__ or ():
-        try:
-            found.append(cell.cell_contents)
-        except ValueError:  # an empty cell
-            continue
-    found += vars(function).values()
-    codes = [function.__code__]
-    while codes:
-        code = codes.pop()
-        found += [
-            function.__globals__[name] for name in code.co_names if name in function.__globals__
-        ]
-        codes += [const for const in code.co_consts if isinstance(const, types.CodeType)]
-    return found

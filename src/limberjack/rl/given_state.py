@@ -149,7 +149,7 @@ def check_form(snapshot: Snapshot, own: Snapshot) -> None:
       snapshot: the snapshot that is given.
       own: a snapshot of the environment or batch to restore it into, of any number of rows.
     """
-    snapshot.check_copies(own)
+    snapshot.check_copies(not own.copies)
     if not snapshot.copies:
         snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
 

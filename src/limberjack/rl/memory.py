@@ -9,10 +9,13 @@ is empty. Another task may keep a last action, a counter or a queue. Snapshots c
 attributes, and a reset with a seed puts them back. The task's random stream is saved separately.
 """
 
+import contextlib
 import copy
 import functools
 import inspect
+import types
 from collections.abc import Iterator, Mapping
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,6 +25,7 @@ __all__ = [
     "is_of_the_suite",
     "put_back",
     "remembered",
+    "stand_in",
 ]
 
 # Attributes by name, of the "task" and of the "physics".
@@ -32,6 +36,8 @@ _SUITE = "limberjack.suite."
 _STREAMS = ("_random", "random")  # names of a task's own stream
 _DECORATORS = ("contextlib", "functools")  # whose functions stand in for those they decorate
 _SETTINGS = ("legacy_step", "_warnings_cause_exception")  # of a physics, not of an episode
+
+_Task = TypeVar("_Task")
 
 
 def attributes_of(owner: object) -> dict[str, object]:
@@ -62,11 +68,13 @@ def remembered(task: object, physics: object) -> Memory:
     physics themselves stay references. Empty for the suite's own tasks.
 
     Raises:
-      TypeError: an attribute cannot be copied; the message names it.
+      TypeError: an attribute cannot be copied, or a copy would not be complete; the message names
+        it.
     """
     if is_of_the_suite(task, physics):
         return {}
     kept = _kept(task, physics)
+    _check_complete(kept, task, physics)
     memo = _memo(task, physics)
     copies: dict[str, dict[str, object]] = {}
     for owner, attributes in kept.items():
@@ -82,6 +90,29 @@ def remembered(task: object, physics: object) -> Memory:
                     "contain it: keep only values that copy.deepcopy supports"
                 ) from error
     return copies
+
+
+def _check_complete(
+    kept: Mapping[str, Mapping[str, object]], task: object, physics: object
+) -> None:
+    """Raises TypeError if copies of attributes would share or lose what they keep."""
+    from limberjack.rl.references import is_live, kept_by, reachable  # see `_uses`
+
+    own = _ids_of(task, physics)
+    for owner, attributes in kept.items():
+        for name, value in attributes.items():
+            if id(value) in own:
+                continue
+            for _, part in reachable(value):
+                why = "shows the memory of the simulation" if is_live(part) else None
+                if (keeping := kept_by(part, own)) is not None:
+                    why = f"is a function that keeps {keeping}"
+                if why is not None:
+                    cls = type(task if owner == "task" else physics).__name__
+                    raise TypeError(
+                        f"attribute {name!r} of {owner} {cls} {why}, which a copy would not: keep "
+                        "it in an attribute of the task, so that copies and snapshots contain it"
+                    )
 
 
 def put_back(memory: Memory, task: object, physics: object, is_complete: bool = True) -> None:
@@ -107,9 +138,79 @@ def put_back(memory: Memory, task: object, physics: object, is_complete: bool = 
             object.__setattr__(owner, name, value)
 
 
+@contextlib.contextmanager
+def stand_in(task: _Task, physics: object) -> Iterator[_Task]:
+    """A copy of a task for one call that neither task nor physics may remember, nor draw for.
+
+    An attribute that cannot be copied is shared with the task. The suite's own tasks, which
+    remember nothing, stand in for themselves.
+    """
+    if is_of_the_suite(task, physics):
+        yield task
+        return
+    memo = {id(one): one for one in (physics, *(getattr(physics, "__dict__", {}).values()))}
+    twin = _copied_as_far_as_possible(task, memo)
+    before = _copies_of(_of_physics(physics), dict(memo))
+    try:
+        yield twin
+    finally:
+        for name in _of_physics(physics).keys() - before.keys():
+            delattr(physics, name)
+        for name, value in before.items():
+            object.__setattr__(physics, name, value)
+
+
+def _copied_as_far_as_possible(task: _Task, memo: dict[int, object]) -> _Task:
+    try:
+        twin = copy.copy(task)
+    except Exception:  # of any class: it is the user's object
+        return task
+    memo[id(task)] = twin
+    for name, value in _copies_of(attributes_of(task), memo).items():
+        object.__setattr__(twin, name, value)
+    return twin
+
+
+def _copies_of(attributes: Mapping[str, object], memo: dict[int, object]) -> dict[str, object]:
+    """Deep copies of attributes; those that cannot be copied themselves."""
+    found = {}
+    for name, value in attributes.items():
+        try:
+            found[name] = copy.deepcopy(value, memo)
+        except Exception:  # of any class: it is the user's object
+            found[name] = value
+    return found
+
+
 def _kept(task: object, physics: object) -> dict[str, dict[str, object]]:
+    """The attributes by owner, without the task's stream.
+
+    Functions that use their owners stay with them.
+    """
     of_task = {n: v for n, v in attributes_of(task).items() if not _is_stream(n, v)}
-    return {"task": of_task, "physics": _of_physics(physics)}
+    kept = {"task": of_task, "physics": _of_physics(physics)}
+    own = _ids_of(task, physics)
+    return {
+        owner: {name: one for name, one in attributes.items() if not _uses(one, own)}
+        for owner, attributes in kept.items()
+    }
+
+
+def _uses(value: object, own: set[int]) -> bool:
+    """Whether a value is a function that uses the task or the physics, and keeps nothing else."""
+    if not isinstance(value, types.FunctionType | functools.partial):
+        return False
+    from limberjack.rl.references import kept_by, reaches  # which import this module
+
+    return reaches(value, own) and kept_by(value, own) is None
+
+
+def _ids_of(task: object, physics: object) -> set[int]:
+    """Ids of the task, its stream, its physics and that one's parts."""
+    stream = getattr(task, "_random", None)
+    own = [task, physics, stream, *getattr(physics, "__dict__", {}).values()]
+    atoms = (str, bytes, int, float, complex, bool, type(None))
+    return {id(one) for one in own if not isinstance(one, atoms)}
 
 
 def _of_physics(physics: object) -> dict[str, object]:

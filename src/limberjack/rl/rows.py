@@ -35,7 +35,7 @@ from limberjack.rl.action_specs import bounds_to_try, spec_of
 from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable
 from limberjack.rl.contract import Nested, PhysicsError
 from limberjack.rl.control import Environment
-from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
+from limberjack.rl.copies import check_copies, control_of, copied, difference, exact_copies
 from limberjack.rl.given_state import checked_states, state_sizes
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
@@ -120,7 +120,8 @@ class RowsEnvironment:
         self._control_timestep = trial.control_timestep
         self._threads = RowThreads(self.num_envs, threads)
         self._use = guards.OneUser("batch")
-        stable = is_stable(self._build, first) if contexts == [{}] * self.num_envs else True
+        # With contexts, each row is made again for another seed, since models may depend on both.
+        stable = contexts == [{}] * self.num_envs and is_stable(self._build, first)
         self._seeds: list[int | None] = list(range(first, first + self.num_envs))
         self._action_repeat = trial.action_repeat
         if action_repeat is not None:
@@ -138,6 +139,8 @@ class RowsEnvironment:
         self._full_limits = [self._limit_of(row.environment) for row in self._rows]
         if stagger:
             check_limit(self.step_limit)
+        models = [] if stable else [_model_of(one) for one in self.environments]
+        self._edits_models = trial.edits_model or any(one != models[0] for one in models)
         env = self.environments[0]
         self.registration: object = getattr(env, "registration", None)
         self._name: str = getattr(env, "_name", "") or _task_name(env)
@@ -145,7 +148,8 @@ class RowsEnvironment:
         # Reward terms of rows whose `step` is called repeatedly.
         self._summed_terms: dict[int, Mapping[str, float]] = {}
         self._begins = np.ones(self.num_envs, bool)
-        self._has_ended = np.zeros(self.num_envs, bool)  # stepping these begins their next episode
+        # Stepping these begins their next episode; others must be reset.
+        self._has_ended = np.array([_begins_if_stepped(one) for one in self.environments])
         self._timed_out = np.zeros(self.num_envs, bool)
         self.diverged = np.zeros(self.num_envs, bool)
         self._observation = self._empty()
@@ -278,16 +282,15 @@ class RowsEnvironment:
     def snapshot(self, rows: _Rows = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on.
 
-        Plain environments are saved as `control.Environment.snapshot` does, others as copies.
+        Plain environments are saved as `control.Environment.snapshot` does, others, and those that
+        edit their models, as copies.
 
         Raises:
           TypeError: an environment keeps something that cannot be copied.
         """
         numbers = self._numbers(rows)
         with self._use:
-            saved = [self._saved(row) for row in numbers.tolist()]
-            kept = {name: values[numbers] for name, values in self._observation.items()}
-            joined = _joined(saved, self._steps[numbers], self._begins[numbers], kept, self)
+            joined = self._joined(numbers)
             if self._stagger is None:
                 return joined
             limits = np.stack([self._limits[numbers], self._stagger.shares[numbers]], axis=-1)
@@ -306,11 +309,17 @@ class RowsEnvironment:
             damaged, or contains an episode at or beyond the step limit; nothing was restored.
         """
         numbers = self._numbers(rows)
-        own = self._saved(int(numbers[0]) if len(numbers) else 0)
-        as_snapshot(snapshot).check(own.origin, len(numbers))
-        snapshot.check_copies(own)
-        if not snapshot.copies:
-            snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
+        as_snapshot(snapshot)
+        for row in numbers[:1].tolist() or [0]:
+            seeded = self._rows[row]
+            if snapshot.copies or not seeded.is_plain:
+                env = seeded.environment
+                snapshot.check(Snapshot.origin_of_copy(env, control_of(env)), len(numbers))
+            else:
+                own = self._saved(row, as_copy=False)
+                snapshot.check(own.origin, len(numbers))
+                snapshot.check_arrays(own.physics, own.frames, len(own.streams[0]))
+            snapshot.check_copies(seeded.is_plain)
         snapshot.check_length(self.step_limit)
         with self._use:
             for index, row in enumerate(numbers.tolist()):
@@ -606,20 +615,46 @@ class RowsEnvironment:
         if isinstance(inner, Environment) and inner._step_limit != limit:
             inner._step_limit = limit
 
-    def _saved(self, row: int) -> Snapshot:
+    def _joined(self, numbers: np.ndarray) -> Snapshot:
+        """One snapshot of several rows."""
+        rows = numbers.tolist()
+        as_copies = self._edits_models or not all(self._rows[row].is_plain for row in rows or [0])
+        saved = [self._saved(row, as_copies) for row in rows or [0]]
+        if any(one.origin != saved[0].origin for one in saved):
+            as_copies = True
+            saved = [self._saved(row, as_copies) for row in rows]
+        first = saved[0]
+        saved = saved[: len(rows)]
+        observations = {name: values[numbers] for name, values in self._observation.items()}
+        return Snapshot(
+            first.origin,
+            {n: _stacked([one.physics[n] for one in saved], v) for n, v in first.physics.items()},
+            self._steps[numbers],
+            self._begins[numbers],
+            [one.streams[0] for one in saved],
+            {n: _stacked([one.frames[n] for one in saved], v) for n, v in first.frames.items()},
+            self.registration,
+            self._name,
+            [one.memory[0] for one in saved] if first.memory else [],
+            [one.copies[0] for one in saved] if as_copies else [],
+            observations if as_copies and rows else {},
+            self._begins[numbers] & ~self._has_ended[numbers],
+        )
+
+    def _saved(self, row: int, as_copy: bool) -> Snapshot:
         env = self._rows[row].environment
-        if self._rows[row].is_plain:
+        if not as_copy:
             assert isinstance(env, Environment)
             return env.snapshot()
-        check_copies(env)
-        return Snapshot.of_copy(copied(env), self.registration, self._name)
+        check_copies(env, are_seeded=False)
+        twin = copied(env)
+        return Snapshot.of_copy(twin, control_of(twin), self.registration, self._name)
 
     def _restore(self, row: int, part: Snapshot) -> None:
         """Continues a row from a snapshot of one environment."""
         seeded = self._rows[row]
         if part.copies:
-            seeded.environment.close()
-            seeded.environment = copied(part.copies[0])
+            seeded.replace(copied(part.copies[0]))
         else:
             env = seeded.environment
             assert isinstance(env, Environment)
@@ -639,7 +674,8 @@ class RowsEnvironment:
         self._set_up(row)
         self._set_limit(row, full)
         self._steps[row] = part.step_count[0]
-        self._begins[row] = self._has_ended[row] = part.begins[0]
+        self._begins[row] = part.begins[0]
+        self._has_ended[row] = part.begins[0] and not part.resets.any()
         self._seeds[row] = None
         self._timed_out[row] = self.diverged[row] = False
 
@@ -775,7 +811,9 @@ class _Trial:
             self.observation_spec: Mapping[str, specs.Array] = collections.OrderedDict(named)
             self.control_timestep = _control_timestep(env)
             self.action_repeat: int = getattr(control_of(env), "action_repeat", 1)
+            before = _model_of(env)
             self.draws_globally = draws_globally(env, self.action_spec)
+            self.edits_model = _model_of(env) != before
         finally:
             env.close()
 
@@ -784,8 +822,8 @@ class _Trial:
         spec: Any = env.observation_spec()
         named = spec if isinstance(spec, Mapping) else {FLAT_OBSERVATION_KEY: spec}
         action = env.action_spec()
-        # As text, in which NaN, of environments that report no control step, equals NaN.
-        found = [("control step", str(_control_timestep(env)), str(self.control_timestep))]
+        here, there = str(_control_timestep(env)), str(self.control_timestep)  # of NaN, too
+        found: list[tuple[str, object, object]] = [("control step", here, there)]
         found += [("actions", _form(action), _form(self.action_spec))]
         names = list(dict.fromkeys([*self.observation_spec, *named]))
         for name in names:
@@ -867,6 +905,11 @@ def _is_same_state(one: Any, other: Any) -> bool:
     return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
+def _model_of(env: dm_env.Environment) -> object:
+    """What tells the model of a plain environment from one with other numbers."""
+    return env._origin() if difference(env) is None and isinstance(env, Environment) else None
+
+
 def _control_timestep(env: dm_env.Environment) -> float:
     of_env: Callable[[], float] | None = getattr(env, "control_timestep", None)
     if of_env is None:
@@ -895,6 +938,12 @@ def _settable(env: dm_env.Environment) -> Environment:
         f"a {type(env).__name__} cannot begin in a given state; expected a "
         "limberjack.rl.control.Environment or a subclass in every row; nothing was reset"
     )
+
+
+def _begins_if_stepped(env: dm_env.Environment) -> bool:
+    """Whether a new environment begins an episode when it is stepped, as far as can be seen."""
+    inner = control_of(env)
+    return isinstance(inner, Environment) and not inner.is_running
 
 
 def _physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class
@@ -932,33 +981,6 @@ def _checked_contexts(
         if not isinstance(context, Mapping):
             raise TypeError(f"the context of row {row} is {context!r}; expected a mapping")
     return list(contexts)
-
-
-def _joined(
-    saved: Sequence[Snapshot],
-    steps: np.ndarray,
-    begins: np.ndarray,
-    observations: dict[str, np.ndarray],
-    batch: RowsEnvironment,
-) -> Snapshot:
-    """One snapshot of several environments."""
-    first = saved[0] if saved else batch._saved(0)
-    count = len(saved)
-    physics = {n: _stacked([one.physics[n] for one in saved], v) for n, v in first.physics.items()}
-    frames = {n: _stacked([one.frames[n] for one in saved], v) for n, v in first.frames.items()}
-    return Snapshot(
-        first.origin,
-        physics,
-        steps,
-        begins,
-        [one.streams[0] for one in saved],
-        frames,
-        batch.registration,
-        first.name,
-        [one.memory[0] for one in saved] if first.memory else [],
-        [one.copies[0] for one in saved] if first.copies else [],
-        observations if first.copies and count else {},
-    )
 
 
 def _stacked(parts: Sequence[np.ndarray], like: np.ndarray) -> np.ndarray:

@@ -6,11 +6,11 @@
 
 It holds the integration state with the solver's warm start, the model fields set at an episode's
 start, step counters, pending resets, random streams, the most recent pictures, and what a task
-outside the suite remembers. An environment that overrides methods or has attributes of its own is
-held as a deep copy. It is a plain object that can be pickled and restored in another process, with
-another patch version of MuJoCo and into a batch with another number of threads. It holds neither
-the task's settings nor the model, whose numbers must match. The snapshot is validated completely
-before anything is restored.
+outside the suite remembers. An environment that overrides methods, has attributes of its own or
+edits its model is held as a deep copy. It is a plain object that can be pickled and restored in
+another process, with another patch version of MuJoCo and into a batch with another number of
+threads. It holds neither the task's settings nor the model, whose numbers must match. The snapshot
+is validated completely before anything is restored.
 """
 
 import dataclasses
@@ -52,6 +52,7 @@ class Snapshot:
       limits: the step limit of each one's present episode, and the share of the limit that its
         next one takes, (n, 2); None unless the first episodes of a batch are staggered.
       observations: the last ones beside such copies, by name, (n, ...) each; may be empty.
+      resets: whether such a copy begins its next episode by `reset`, not `step`, (n,); or empty.
     """
 
     origin: dict[str, object]
@@ -65,14 +66,23 @@ class Snapshot:
     memory: list[Memory] = dataclasses.field(default_factory=list)
     copies: list[Any] = dataclasses.field(default_factory=list)  # Any: of users' classes
     observations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
+    resets: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
     limits: np.ndarray | None = None
 
     @classmethod
-    def of_copy(cls, env: Any, registration: object = None, name: str = "") -> "Snapshot":
-        """The snapshot of an environment with methods or attributes of its own, as a copy of it."""
-        kind = type(env)
+    def of_copy(
+        cls, env: Any, inner: Any, registration: object = None, name: str = ""
+    ) -> "Snapshot":
+        """The snapshot of an environment as a copy of it.
+
+        Args:
+          env: the copy, of a user's class.
+          inner: the `control.Environment` inside; None if there is none.
+          registration: the suite's record of the domain.
+          name: of the task.
+        """
         return cls(
-            {"environment": f"{kind.__module__}.{kind.__qualname__}"},
+            cls.origin_of_copy(env, inner),
             {},
             np.array([getattr(env, "_step_count", 0)]),
             np.array([bool(getattr(env, "_reset_next_step", False))]),
@@ -81,6 +91,19 @@ class Snapshot:
             name=name,
             copies=[env],
         )
+
+    @staticmethod
+    def origin_of_copy(env: Any, inner: Any) -> dict[str, object]:
+        """Facts that must match for a copy to be restored; the arguments are those of `of_copy`."""
+        origin: dict[str, object] = {"environment": _class_of(env)}
+        if inner is None:
+            return origin
+        identity = getattr(inner.physics, "identity", dict)()
+        return {
+            **origin,
+            "task": type(inner.task).__name__,
+            **{what: fact for what, fact in identity.items() if what != _NUMBERS},
+        }
 
     def part(self, index: int) -> "Snapshot":
         """The snapshot of one of the environments."""
@@ -95,6 +118,7 @@ class Snapshot:
             memory=self.memory[one],
             copies=self.copies[one],
             observations={name: values[one] for name, values in self.observations.items()},
+            resets=self.resets[one],
             limits=None if self.limits is None else self.limits[one],
         )
 
@@ -138,16 +162,17 @@ class Snapshot:
                 "the same number of rows"
             )
 
-    def check_copies(self, own: "Snapshot") -> None:
-        """Raises ValueError if this holds copies where `own` does not, or the other way round."""
-        if bool(self.copies) != bool(own.copies):
-            held, expected = (
-                "copies of environments" if one.copies else "states of plain environments"
-                for one in (self, own)
-            )
+    def check_copies(self, is_plain: bool) -> None:
+        """Raises ValueError if this holds states that a restored environment cannot take.
+
+        Args:
+          is_plain: whether the environment has no methods or attributes of its own; any other can
+            only be replaced by a copy.
+        """
+        if not self.copies and not is_plain:
             raise ValueError(
-                f"the snapshot holds {held}; expected {expected}, as in a snapshot of this "
-                "environment; nothing was restored"
+                "the snapshot holds states of plain environments; expected copies of environments, "
+                "as in a snapshot of this environment; nothing was restored"
             )
         for name, given in (("memory", self.memory), ("copies", self.copies)):
             if len(given) not in (0, len(self)):
@@ -155,6 +180,13 @@ class Snapshot:
                     f"the snapshot holds {len(given)} {name} for {len(self)} environments; "
                     "nothing was restored"
                 )
+        for one in self.copies:
+            if _class_of(one) != self.origin["environment"]:
+                raise ValueError(
+                    f"the snapshot holds a copy of a {_class_of(one)}; expected a "
+                    f"{self.origin['environment']}; nothing was restored"
+                )
+        self._check_counters()
 
     def check_arrays(
         self, physics: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray], streams: int
@@ -170,17 +202,21 @@ class Snapshot:
         _check_form(self.physics, physics, size)
         if frames:  # pictures are ignored if the environment does not observe any
             _check_form(self.frames, frames, size)
+        self._check_counters()
+        for row, states in enumerate(self.streams):
+            _check_streams(row, states, streams)
+
+    def _check_counters(self) -> None:
         counters = {"step_count": self.step_count, "begins": self.begins}
-        _check_form(counters, {"step_count": np.zeros(1, int), "begins": np.zeros(1, bool)}, size)
+        form = {"step_count": np.zeros(1, int), "begins": np.zeros(1, bool)}
+        _check_form(counters, form, len(self))
         if (self.step_count < 0).any():
             raise ValueError(
                 f"'step_count' of the snapshot is {self.step_count}; expected numbers of at least "
                 "0; nothing was restored"
             )
         if self.limits is not None:
-            _check_form({"limits": self.limits}, {"limits": np.zeros((1, 2))}, size)
-        for row, states in enumerate(self.streams):
-            _check_streams(row, states, streams)
+            _check_form({"limits": self.limits}, {"limits": np.zeros((1, 2))}, len(self))
 
     def check_length(self, step_limit: float) -> None:
         """Raises ValueError if an unfinished episode has reached the step limit."""
@@ -190,6 +226,10 @@ class Snapshot:
                 f"the snapshot is of step {running.max()} of an episode, and episodes end after "
                 f"{math.ceil(step_limit)} steps here: restore it where the time limit is longer"
             )
+
+
+def _class_of(env: object) -> str:
+    return f"{type(env).__module__}.{type(env).__qualname__}"
 
 
 def as_snapshot(given: object) -> Snapshot:

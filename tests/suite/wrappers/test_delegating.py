@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from dm_env import specs
 
+from limberjack import suite
 from limberjack.suite.wrappers._delegating import Wrapper, checked_action
 
 
@@ -87,3 +88,11 @@ def test_numbers_of_the_right_shape_pass() -> None:
 def test_invalid_actions_are_refused(action: Any, error: Any, message: str) -> None:
     with pytest.raises(error, match=message):
         checked_action(action, (2,))
+
+
+def test_a_deep_copy_is_of_the_wrapper_not_only_of_what_it_wraps() -> None:
+    env = Wrapper(suite.load("cartpole", "swingup", task_kwargs={"random": 0}))
+    twin = copy.deepcopy(env)
+    assert type(twin) is Wrapper
+    assert twin._env is not env._env
+    assert twin.physics is not env.physics

@@ -47,8 +47,9 @@ class Wrapper(dm_env.Environment):
         self._env.close()
 
     def __getattr__(self, name: str) -> Any:  # attributes of the wrapped environment
-        # Prevents infinite recursion while copying, when `_env` is not yet set.
-        if name == "_env":
+        # Prevents infinite recursion while copying, when `_env` is not yet set. The `__deepcopy__`
+        # of what it wraps is not its own.
+        if name == "_env" or name.startswith("__"):
             raise AttributeError(name)
         return getattr(self._env, name)
 

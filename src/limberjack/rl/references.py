@@ -1,0 +1,233 @@
+"""What objects refer to, and which references a deep copy would leave shared.
+
+    for path, value in reachable(environment):
+        ...                                 # "_task.get_reward", <function>
+    reaches(function, {id(environment)})    # through a closure, a default, a global, an attribute
+    kept_by(function)                       # "a list in its closure"; None if it keeps nothing
+
+`copy.deepcopy` copies neither functions, methods of built-in objects and weak references, nor what
+they refer to; and a copy of an array that shows a simulation's memory shows nothing that moves.
+"""
+
+import collections
+import dis
+import functools
+import gc
+import random
+import sys
+import types
+import weakref
+from collections.abc import Container, Iterable, Iterator, Mapping
+
+import numpy as np
+
+from limberjack.rl.memory import attributes_of
+
+__all__ = ["ATOMS", "STREAMS", "is_live", "kept_by", "local_methods", "reachable", "reaches"]
+
+ATOMS = (str, bytes, int, float, complex, bool, type(None), types.ModuleType, range, np.generic)
+STREAMS = (np.random.RandomState, np.random.Generator, np.random.BitGenerator, random.Random)
+
+_MOST_OBJECTS = 100_000  # that are looked at; an environment with more holds data, not functions
+_INTERNAL = "limberjack.mujoco."  # objects without references to a user's
+_DERIVED = ("_seeded", "_draws")  # attributes of an environment with streams made from the task's
+_C_MODULES = ("builtins", "itertools", "functools", "operator", "_operator", "collections")
+# Modules of views into a simulation, and the classes in them whose copies are complete.
+_PARTS_OF_SIMULATIONS = ("mujoco._structs", "limberjack.mujoco.index")
+_WHOLE = ("MjModel", "MjData", "MjSpec", "MjvOption", "MjvCamera", "MjvPerturb", "MjLROpt")
+_WRITES = ("STORE_DEREF", "STORE_SUBSCR", "STORE_ATTR", "DELETE_DEREF", "DELETE_SUBSCR")
+
+
+def reachable(root: object) -> Iterator[tuple[str, object]]:
+    """Objects that an environment holds, each once, with the attribute that leads to it.
+
+    Functions are included, but not what they refer to.
+    """
+    seen: set[int] = set()
+    kept: list[object] = []  # so that no id is used twice
+    todo: collections.deque[tuple[str, object]] = collections.deque([("", root)])
+    while todo and len(seen) < _MOST_OBJECTS:
+        path, value = todo.popleft()
+        if isinstance(value, ATOMS) or id(value) in seen:
+            continue
+        if _is_global(value) and not isinstance(value, types.FunctionType | type):
+            continue  # a module's own, such as a function of NumPy
+        seen.add(id(value))
+        kept.append(value)
+        yield path, value
+        if not isinstance(value, types.FunctionType | type):
+            todo.extend(_parts(path, value))
+
+
+def reaches(value: object, targets: set[int]) -> bool:
+    """Whether an object refers to one of others, given by id, also through functions."""
+    seen: set[int] = set()
+    kept: list[object] = []
+    todo = [value]
+    while todo and len(seen) < _MOST_OBJECTS:
+        one = todo.pop()
+        if id(one) in targets:
+            return True
+        if isinstance(one, ATOMS) or id(one) in seen:
+            continue
+        seen.add(id(one))
+        kept.append(one)
+        if isinstance(one, types.FunctionType):
+            todo += _referred(one)
+        elif isinstance(one, weakref.ref):
+            todo.append(one())
+        elif isinstance(one, type):
+            todo += _of_local_class(one)
+        else:
+            todo += [part for _, part in _parts("", one)]
+            todo += local_methods(one)
+    return False
+
+
+def kept_by(function: object, besides: Container[int] = ()) -> str | None:
+    """What a function or a method of a built-in object keeps between calls; None for nothing.
+
+    Globals, which all environments share, do not count.
+
+    Args:
+      function: the function; anything else keeps nothing.
+      besides: ids of objects that do not count.
+    """
+    if _is_global(function):
+        return None
+    if isinstance(function, functools.partial):
+        parts = (function.func, *function.args, *function.keywords.values())
+        return _first_kept(parts, besides)
+    if isinstance(function, types.BuiltinFunctionType | types.MethodWrapperType):
+        owner = function.__self__
+        is_free = owner is None or isinstance(owner, (*ATOMS, type, tuple, frozenset))
+        return None if is_free else f"a {type(owner).__name__}"
+    if not isinstance(function, types.FunctionType):
+        return None
+    attributes = {name for name in vars(function) if name != "__wrapped__"}
+    if attributes:
+        return f"an attribute {min(attributes)!r} of it"
+    enclosed = [*_cells(function), *(function.__defaults__ or ())]
+    enclosed += (function.__kwdefaults__ or {}).values()
+    if not enclosed:
+        return None
+    if function.__code__.co_freevars and _writes(function.__code__):
+        return "what it assigns to"
+    return _first_kept(enclosed, besides)
+
+
+def is_live(value: object) -> bool:
+    """Whether an array, or a part of a model or of data, shows the memory of a simulation."""
+    kind = type(value)
+    if kind.__module__ in _PARTS_OF_SIMULATIONS and kind.__name__ not in _WHOLE:
+        return True
+    while isinstance(value, np.ndarray):
+        value = value.base
+    return type(value).__name__ == "PyCapsule"
+
+
+def local_methods(value: object) -> list[object]:
+    """The functions of the classes of an object that a function defines, with their closures."""
+    return [part for cls in type(value).__mro__ for part in _of_local_class(cls)]
+
+
+def _of_local_class(cls: type) -> list[object]:
+    if "<locals>" not in cls.__qualname__:
+        return []
+    return [getattr(part, "__func__", getattr(part, "fget", part)) for part in vars(cls).values()]
+
+
+def _first_kept(values: Iterable[object], besides: Container[int]) -> str | None:
+    return next((kept for one in values if (kept := _kept_in(one, besides)) is not None), None)
+
+
+def _kept_in(value: object, besides: Container[int]) -> str | None:
+    """What can change in a value that a function encloses; None for nothing."""
+    if id(value) in besides or _is_global(value):
+        return None
+    if isinstance(value, types.MethodType):
+        return _kept_in(value.__self__, besides)
+    if isinstance(value, types.FunctionType | types.BuiltinFunctionType | functools.partial):
+        return kept_by(value, besides)
+    if isinstance(value, (*ATOMS, type, np.dtype, np.ufunc)):
+        return None
+    if is_live(value):
+        return "an array of a simulation"
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        return None  # a function that writes to it is found by its code
+    if isinstance(value, tuple | frozenset):
+        return _first_kept(value, besides)
+    return f"a {type(value).__name__}"
+
+
+def _is_global(value: object) -> bool:
+    """Whether a value is a module's own function or class."""
+    if not callable(value):
+        return False
+    module = sys.modules.get(getattr(value, "__module__", None) or "")
+    return getattr(module, getattr(value, "__name__", ""), None) is value
+
+
+def _writes(code: types.CodeType) -> bool:
+    """Whether code assigns to enclosed variables, to elements or to attributes."""
+    if any(one.opname in _WRITES for one in dis.get_instructions(code)):
+        return True
+    return any(_writes(one) for one in code.co_consts if isinstance(one, types.CodeType))
+
+
+def _parts(path: str, value: object) -> Iterator[tuple[str, object]]:
+    """What an object holds, with paths."""
+    if isinstance(value, functools.partial):
+        yield from ((path, part) for part in (value.func, *value.args, *value.keywords.values()))
+    elif isinstance(value, types.MethodType | types.BuiltinFunctionType | types.MethodWrapperType):
+        yield path, value.__self__
+    elif isinstance(value, np.ndarray):
+        if value.dtype == object:
+            yield from ((path, part) for part in value.ravel().tolist())
+    elif isinstance(value, Mapping):
+        yield from ((f"{path}[{key!r}]", part) for key, part in value.items())
+        yield from ((path, key) for key in value)
+    elif isinstance(value, list | tuple | set | frozenset | collections.deque):
+        yield from ((path, part) for part in value)
+    elif hasattr(value, "_attributes") and "_simulation" in getattr(value, "__dict__", {}):
+        attributes: Mapping[str, object] = value._attributes()  # pyright: ignore
+        yield from ((_joined(path, name), part) for name, part in attributes.items())
+    elif not type(value).__module__.startswith((_INTERNAL, "mujoco.")):
+        for name, part in attributes_of(value).items():
+            if name not in _DERIVED:
+                yield _joined(path, name), part
+        if type(value).__module__ in _C_MODULES:  # such as a map, which holds its function
+            yield from ((path, part) for part in gc.get_referents(value))
+
+
+def _joined(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _referred(function: types.FunctionType) -> list[object]:
+    """What a function refers to, except for modules' own functions and classes."""
+    found: list[object] = [
+        *(function.__defaults__ or ()),
+        *(function.__kwdefaults__ or {}).values(),
+        *_cells(function),
+        *vars(function).values(),
+    ]
+    codes = [function.__code__]
+    while codes:
+        code = codes.pop()
+        found += [
+            function.__globals__[name] for name in code.co_names if name in function.__globals__
+        ]
+        codes += [const for const in code.co_consts if isinstance(const, types.CodeType)]
+    return found
+
+
+def _cells(function: types.FunctionType) -> list[object]:
+    """The values that a function encloses; empty cells are left out."""
+    found = []
+    for cell in function.__closure__ or ():
+        try:
+            found.append(cell.cell_contents)
+        except ValueError:  # an empty cell
+            continue
+    return found
