@@ -10,11 +10,11 @@ import dataclasses
 import functools
 import statistics
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any
+from typing import Annotated
 
-import gymnasium
 import numpy as np
 import typer
+from gymnasium.vector import AsyncVectorEnv
 from report import Bar, Json, Quick, Row, at_most, finish, spread
 
 from limberjack import bench, gym, suite
@@ -73,11 +73,15 @@ def _taken(
     """Seconds per step of each side in each round; all take the same actions."""
     spec, random = batch.action_spec(), np.random.RandomState(_SEED)
     low, high = bounds_to_try(spec)
+
+    def actions(steps: int) -> np.ndarray:
+        drawn = random.uniform(low, high, (steps, *spec.shape))
+        return drawn.astype(np.float32).astype(float)  # rounded to the type of Gymnasium's actions
+
     last = {name: _Last(step) for name, step in sides.items()}
     taken = bench.take_turns(
         {name: bench.player(step) for name, step in last.items()},
-        # Rounded to float32, the type of Gymnasium's actions.
-        lambda steps: random.uniform(low, high, (steps, *spec.shape)).astype(np.float32).astype(float),
+        actions,
         effort.seconds,
         effort.rounds,
     )
@@ -128,10 +132,8 @@ def _beside_vectorised(domain: str, task: str, bar: Bar, effort: Effort) -> Row:
 
 def _beside_processes(domain: str, task: str, effort: Effort) -> Row:
     make = functools.partial(gym.load, domain, task)
-    # Any: the spaces of Gymnasium's base class. It forks before this process has any threads.
-    processes: gymnasium.vector.AsyncVectorEnv[Any, Any, Any] = gymnasium.vector.AsyncVectorEnv(
-        [make] * _NUM_PROCESSES
-    )
+    # First, so that it forks before this process has any threads.
+    processes = AsyncVectorEnv([make] * _NUM_PROCESSES)
     processes.reset(seed=_SEED)
     rows = _begun(domain, task, _NUM_PROCESSES, effort.threads)
     sides: dict[str, _Step] = {
