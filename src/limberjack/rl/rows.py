@@ -221,8 +221,8 @@ class RowsEnvironment:
           Exception: any that an environment raises, with a note that has the row's number.
         """
         with self._use:
-            begins, has_ended = self._begins.copy(), self._has_ended.copy()
-            given = self._checked(actions, begins)
+            given = self._checked(actions, self._begins)
+            begins, has_ended = self._begins.tolist(), self._has_ended.tolist()
             # Until the step is complete: after an interrupt, all rows begin again.
             self.restart()
             found = _Step(self)
@@ -247,9 +247,10 @@ class RowsEnvironment:
         self._steps += found.steps
         self._steps[found.step_type == _FIRST] = 0
         self._timed_out = found.timed_out & ~found.diverged
+        for name, values in found.observation.items():
+            np.copyto(self._observation[name], values)
         self._begins, self._has_ended = last, last & ~found.diverged & ~found.cut_off
-        self._observation = found.observation
-        observation = self._shown({n: v.copy() for n, v in found.observation.items()})
+        observation = self._shown(found.observation)
         return dm_env.TimeStep(found.step_type, found.reward, found.discount, observation)
 
     def _step_row(self, row: int, action: np.ndarray, found: "_Step") -> None:
@@ -257,7 +258,7 @@ class RowsEnvironment:
         seeded = self._rows[row]
         env = seeded.environment
         repeat = 1 if seeded.is_plain else self._action_repeat  # a plain one repeats by itself
-        inner = control_of(env)
+        inner = env if seeded.is_plain else control_of(env)
         before = getattr(inner, "_step_count", 0)
         terms: collections.Counter[str] = collections.Counter()
         for number in range(1, repeat + 1):
@@ -727,6 +728,8 @@ class _Step:
         self.reward = np.zeros(count)
         self.discount = np.ones(count)
         self.observation = batch._empty()
+        # Name, array of all rows, and the shape and dtype that each row must have.
+        self._forms = [(n, v, v.shape[1:], v.dtype) for n, v in self.observation.items()]
         self.diverged = np.zeros(count, bool)
         self.timed_out = np.zeros(count, bool)
         self.cut_off = np.zeros(count, bool)  # rows whose environment does not know of its end
@@ -738,11 +741,12 @@ class _Step:
         Raises:
           ValueError, TypeError: it does not have the specs of the batch.
         """
-        step_type, reward, discount, observation = time_step
-        self.step_type[row] = step_type
+        step_type = time_step.step_type  # by name: wrappers return tuples with more fields
+        if step_type != _MID:
+            self.step_type[row] = step_type
         if step_type != _FIRST:
-            self.reward[row] += self._number("reward", reward)
-            self.discount[row] = self._number("discount", discount)
+            self.reward[row] += self._number("reward", time_step.reward)
+            self.discount[row] = self._number("discount", time_step.discount)
         if step_type == _LAST:
             seeded = self._batch._rows[row]
             env = seeded.environment
@@ -750,18 +754,21 @@ class _Step:
                 self.timed_out[row] = env.timed_out
             else:
                 self.timed_out[row] = self.discount[row] == 1.0
-        given = self._batch._as_mapping(observation)
-        if given.keys() != self.observation.keys():
-            raise ValueError(
-                f"the observation has {sorted(given)}; expected {sorted(self.observation)}, those "
-                "of the batch"
-            )
-        for name, values in self.observation.items():
-            value = np.asarray(given[name])
-            if value.shape != values.shape[1:] or value.dtype != values.dtype:
+        given = time_step.observation
+        if type(given) is not collections.OrderedDict:
+            given = self._batch._as_mapping(given)
+        if len(given) != len(self._forms):
+            raise self._other_names(given)
+        for name, values, shape, dtype in self._forms:
+            value = given.get(name)
+            if type(value) is not np.ndarray:
+                if name not in given:
+                    raise self._other_names(given)
+                value = np.asarray(value)
+            if value.shape != shape or value.dtype != dtype:
                 raise ValueError(
                     f"observation {name!r} has shape {value.shape} and dtype {value.dtype}; "
-                    f"expected {values.shape[1:]} and {values.dtype}, those of its spec"
+                    f"expected {shape} and {dtype}, those of its spec"
                 )
             values[row] = value
 
@@ -779,6 +786,12 @@ class _Step:
         self.steps[row] += 1
         for name, values in self.observation.items():
             values[row] = self._batch._observation[name][row]
+
+    def _other_names(self, given: Mapping[str, object]) -> ValueError:
+        return ValueError(
+            f"the observation has {sorted(given)}; expected {sorted(self.observation)}, those of "
+            "the batch"
+        )
 
     @staticmethod
     def _number(what: str, value: object) -> float:
