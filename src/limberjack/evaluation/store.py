@@ -61,6 +61,7 @@ _KINDS: dict[str, tuple[type | tuple[type, ...], str]] = {
     "processor": ((str, type(None)), "a name or null"),
 }
 _RESULT_HAS = ("summary", "episodes", "floors")  # entries of result.json besides the identity's
+_OF_EVERY_IDENTITY = ("policy", "policy_sha256", "fingerprint", _VERSIONS)
 _LONGEST_VALUE = 60  # characters of a value that a message shows
 
 # Versions, policy and score.
@@ -357,8 +358,9 @@ def check_folder(directory: Path, identity: Mapping[str, object]) -> None:
             "another folder, or remove that file"
         )
     result = _entry(read_regular(path))
-    # Names only: the values may be those of an evaluation without episodes, or of an older version.
-    if result is None or not {*identity, *_RESULT_HAS} <= result.keys():
+    # Names only: the episodes say which evaluation it is.
+    needed = {*_RESULT_HAS, *(name for name in _OF_EVERY_IDENTITY if name in identity)}
+    if result is None or not needed <= result.keys():
         raise ValueError(
             f"{path} is not the result of an evaluation: choose another folder, or remove that file"
         )
