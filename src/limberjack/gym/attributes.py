@@ -185,7 +185,7 @@ def _set_in_tasks(batches: Sequence[Batch], name: str, parts: Sequence[Sequence[
     try:
         for task, value in zip(tasks, new, strict=True):
             setattr(task, name, copy.copy(value))
-        if [_specs(batch) for batch in batches] == specs:
+        if _are_kept(batches, specs):
             if not _memory(tasks[0]):  # whose arrays are of all rows, and the check has fewer
                 batches[0].check_task()  # pyright: ignore[reportAttributeAccessIssue]
             is_set = True
@@ -326,6 +326,14 @@ def _is_equal(one: object, other: object) -> bool:
     if isinstance(one, np.ndarray):
         return np.array_equal(one, np.asarray(other))
     return one is other or (not isinstance(other, np.ndarray) and bool(one == other))
+
+
+def _are_kept(batches: Sequence[Batch], specs: list[list[object]]) -> bool:
+    """Whether the specs of batches are still these."""
+    try:
+        return [_specs(batch) for batch in batches] == specs
+    except ValueError:  # a batch refuses an observation of another form itself
+        return False
 
 
 def _specs(batch: Batch) -> list[object]:
