@@ -214,6 +214,7 @@ class BatchEnvironment:
         rows = self._rows(ids)
         streams = guards.streams_of_seeds(seeds, len(rows))
         with self._use, arrays.rows_of_a_batch(self.num_envs):
+            self._replicas.check()
             self._begins[rows] = True  # until complete: after an interrupt, rows begin again
             for i, (row, stream) in enumerate(zip(rows.tolist(), streams, strict=True)):
                 if stream is not None and seeds is not None:
@@ -240,6 +241,7 @@ class BatchEnvironment:
         """
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             begins = self._begins
+            self._replicas.check()
             checked = guards.check_actions(actions, self.num_envs, begins, self.first_row)
             self._task.before_step(checked, self._replicas.physics)
             # Until the step is complete: after an interrupt, all rows begin again.
@@ -352,6 +354,7 @@ class BatchEnvironment:
         )
         snapshot.check_length(self.step_limit)
         with self._use:
+            self._replicas.check()
             self._begins[rows] = True  # until it is complete
             self._replicas.simulation.load(snapshot.physics, rows)
             self._streams.load(rows, snapshot.streams)
