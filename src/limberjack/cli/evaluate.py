@@ -9,6 +9,7 @@ import typer
 
 from limberjack.cli.app import command
 from limberjack.cli.options import (
+    ActionRepeat,
     AnyProcessor,
     Domain,
     PolicyName,
@@ -29,6 +30,7 @@ from limberjack.cli.output import (
     complain,
     console,
     misuse_reported,
+    rows_reported,
     search_working_directory,
     users_failure,
     worded,
@@ -78,6 +80,7 @@ def _evaluate(
     out: _Out = None,
     threads: _Threads = None,
     time_limit: TimeLimit = None,
+    action_repeat: ActionRepeat = 1,
     workers: Workers = None,
     ray: Ray = None,
     shard: Shard = None,
@@ -96,7 +99,7 @@ def _evaluate(
         chosen = _chosen_seeds(seeds, episodes)
         part = shard_named(shard, out)
     search_working_directory(policy)
-    with show_units() as progress, _failures_reported(progress, out):
+    with rows_reported(), show_units() as progress, _failures_reported(progress, out):
         from limberjack.evaluation import evaluate
 
         progress.begin(_count(chosen, part, policy))
@@ -108,6 +111,7 @@ def _evaluate(
             out=out,
             num_threads=threads,
             time_limit=time_limit,
+            action_repeat=action_repeat,
             workers=workers,
             ray=ray,
             shard=part,

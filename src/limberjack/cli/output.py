@@ -1,6 +1,7 @@
 """Tables, error lines and exit statuses of commands."""
 
 import contextlib
+import logging
 import os
 import sys
 from collections.abc import Iterator
@@ -15,6 +16,7 @@ import typer
 import limberjack
 from limberjack.cli.process import INTERRUPTED, TERMINATED
 from limberjack.utils.described import described, is_of_user
+from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS
 
 if TYPE_CHECKING:
@@ -33,6 +35,7 @@ __all__ = [
     "find_policy",
     "is_terminal",
     "misuse_reported",
+    "rows_reported",
     "search_working_directory",
     "table",
     "users_failure",
@@ -128,6 +131,30 @@ def misuse_reported() -> Iterator[None]:
             raise
         complain(worded(error))
         raise typer.Exit(MISUSED) from None
+
+
+@contextlib.contextmanager
+def rows_reported() -> Iterator[None]:
+    """Prints at exit, once, why a task was played in complete environments, if it was."""
+    from limberjack.rl.batches import NOT_VECTORISED
+
+    reasons: dict[str, None] = {}
+
+    class Reasons(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.msg == NOT_VECTORISED:
+                reasons[record.getMessage()] = None
+
+    handler, level = Reasons(logging.INFO), log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+        for reason in reasons:
+            complain(reason)
 
 
 def complain(what: object) -> None:

@@ -28,7 +28,9 @@ from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.log import log
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["batch_of", "vectorisable"]
+__all__ = ["NOT_VECTORISED", "batch_of", "vectorisable"]
+
+NOT_VECTORISED = "not vectorised: %s"  # logged with the reason, which commands print
 
 
 def batch_of(
@@ -89,7 +91,7 @@ def batch_of(
             raise
         why = str(reason.args[0])
         if vectorised is None and contexts is None:
-            log.info("not vectorised: %s", why)
+            log.info(NOT_VECTORISED, why)
         build = Build.of(environment_or_build)
         how = num_envs, num_threads, first, on_divergence, contexts, action_repeat, stagger
         return RowsEnvironment(build, *how, why_rows=why)
