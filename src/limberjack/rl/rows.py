@@ -798,7 +798,7 @@ def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
 def _begins_if_stepped(env: dm_env.Environment) -> bool:
     """Whether a new environment begins an episode when it is stepped, as far as can be seen."""
     inner = control_of(env)
-    return isinstance(inner, Environment) and not inner.is_running
+    return not (isinstance(inner, Environment) and inner.is_running)
 
 
 def _physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class
