@@ -46,10 +46,13 @@ class RowThreads:
         if self._process != os.getpid():  # forked: threads stay in the parent
             self._forget()
         if not self._threads:
-            self._threads = [
+            threads = [
                 concurrent.futures.ThreadPoolExecutor(1, f"limberjack-rows-{number}")
                 for number in range(self.num_threads)
             ]
+            for thread in threads:  # starts it; one interrupted as it starts would get a second one
+                thread.submit(int).result()
+            self._threads = threads
         try:
             started = []
             for thread, (first, end) in zip(self._threads, self._shares, strict=True):
