@@ -94,16 +94,22 @@ class Build:
         return made
 
     def seeded(
-        self, seed: int, context: Mapping[str, object] | None = None, is_stable: bool = True
+        self,
+        seed: int,
+        context: Mapping[str, object] | None = None,
+        stable: bool | None = None,
     ) -> "Seeded":
         """An environment that begins with the first episode of a seed, and can begin another's.
 
         Args:
           seed: of the first episode.
           context: keywords for the function.
-          is_stable: see the function of that name; if False, it is made again for each seed.
+          stable: the result of `is_stable`, which is called by default; if False, it is made again
+            for each seed.
         """
-        return Seeded(self, seed, dict(context or {}), is_stable)
+        if stable is None:
+            stable = not context and is_stable(self, seed)
+        return Seeded(self, seed, dict(context or {}), stable)
 
 
 class _Copies:

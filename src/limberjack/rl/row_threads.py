@@ -46,13 +46,15 @@ class RowThreads:
         if self._process != os.getpid():  # forked: threads stay in the parent
             self._forget()
         if not self._threads:
-            self._threads = [
+            threads = [
                 concurrent.futures.ThreadPoolExecutor(1, f"limberjack-rows-{number}")
                 for number in range(self.num_threads)
             ]
-        started = []
-        interrupt: BaseException | None = None
+            for thread in threads:  # starts it; one interrupted as it starts would get a second one
+                thread.submit(int).result()
+            self._threads = threads
         try:
+            started = []
             for thread, (first, end) in zip(self._threads, self._shares, strict=True):
                 if rows is None:
                     share: Sequence[int] = range(first, end)
@@ -61,20 +63,21 @@ class RowThreads:
                 if share:
                     context = contextvars.copy_context()
                     started.append(thread.submit(context.run, _run, job, share))
-        except BaseException as error:
-            interrupt = error
-        errors: list[tuple[int, BaseException]] = []
-        for future in started:
+            return [error for future in started for error in future.result()]
+        except BaseException:  # an interrupt of the caller: the threads go on
+            self._wait()
+            raise
+
+    def _wait(self) -> None:
+        """Waits until the threads have done all they were given, through interrupts too."""
+        for thread in self._threads:
             while True:
                 try:
-                    future.exception()  # waits
+                    # An interrupted `submit` returns nothing, but what comes next is done last.
+                    thread.submit(int).result()
                     break
-                except KeyboardInterrupt as error:  # in the caller: the threads go on
-                    interrupt = error
-            errors += future.result()
-        if interrupt is not None:
-            raise interrupt
-        return errors
+                except KeyboardInterrupt:
+                    continue
 
     def close(self) -> None:
         """Ends the threads."""

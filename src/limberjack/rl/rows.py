@@ -18,11 +18,12 @@ have returned; every row then begins an episode with the next step.
 """
 
 import collections
+import contextlib
 import copy
 import dataclasses
 import math
 import random
-from collections.abc import Callable, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from typing import Any
 
 import dm_env
@@ -105,7 +106,8 @@ class RowsEnvironment:
         threads = min(usable_cores(), self.num_envs)
         if num_threads is not None:
             threads = min(guards.at_least_one("num_threads", num_threads), self.num_envs)
-        trial = _Trial(self._build, first, contexts[0], self.num_envs)
+        trial = _Trial(self._build, first, contexts[0] if contexts else {}, self.num_envs)
+        of_rows = contexts or [{}] * self.num_envs
         self.draws_globally: str | None = trial.draws_globally
         if self.draws_globally is not None:
             threads = 1
@@ -121,7 +123,7 @@ class RowsEnvironment:
         self._threads = RowThreads(self.num_envs, threads)
         self._use = guards.OneUser("batch")
         # With contexts, each row is made again for another seed, since models may depend on both.
-        stable = contexts == [{}] * self.num_envs and is_stable(self._build, first)
+        stable = not any(of_rows) and is_stable(self._build, first)
         self._seeds: list[int | None] = list(range(first, first + self.num_envs))
         self._action_repeat = trial.action_repeat
         if action_repeat is not None:
@@ -130,8 +132,9 @@ class RowsEnvironment:
         self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
         self._stagger = Stagger(self.num_envs) if stagger else None
         self._rows: list[Seeded] = []
-        for row, context in enumerate(contexts):
-            self._rows.append(self._build.seeded(first + row, context, stable))
+        for row, context in enumerate(of_rows):
+            with _noted(row, context):
+                self._rows.append(self._build.seeded(first + row, context, stable))
             trial.compare(self._rows[row].environment, row, context)
             self._set_up(row)
             if self._stagger is not None:
@@ -687,10 +690,12 @@ class RowsEnvironment:
             return
         row, error = errors[0]
         self.restart()
-        error.add_note(
+        note = (
             f"raised by the environment of row {row + self.first_row}; every row begins an episode "
             "with the next step"
         )
+        if note not in getattr(error, "__notes__", ()):  # one object may be raised repeatedly
+            error.add_note(note)
         raise error
 
     def _report_divergence(self) -> None:
@@ -809,9 +814,9 @@ class _Trial:
     def __init__(
         self, build: Build, seed: int, context: Mapping[str, object], num_envs: int
     ) -> None:
-        env = build.make(seed, context)
+        with _noted(0, context):
+            env = build.make(seed, context)
         try:
-            self._check_memory(env, num_envs)
             self.action_spec = spec_of(env)
             spec: Any = env.observation_spec()  # a spec or a mapping of specs
             self.is_mapping = isinstance(spec, Mapping)
@@ -822,6 +827,7 @@ class _Trial:
                     "or a mapping of them by name"
                 )
             self.observation_spec: Mapping[str, specs.Array] = collections.OrderedDict(named)
+            self._check_memory(env, num_envs)
             self.control_timestep = _control_timestep(env)
             self.action_repeat: int = getattr(control_of(env), "action_repeat", 1)
             before = _model_of(env)
@@ -850,16 +856,28 @@ class _Trial:
                     "rows of a batch must agree in their specs and control step"
                 )
 
-    @staticmethod
-    def _check_memory(env: dm_env.Environment, num_envs: int) -> None:
+    def _check_memory(self, env: dm_env.Environment, num_envs: int) -> None:
         physics = getattr(control_of(env), "_physics", None)
         simulation = getattr(physics, "simulation", None)
         if simulation is None:
+            observed = [np.empty(spec.shape, spec.dtype) for spec in self.observation_spec.values()]
+            guards.check_memory(num_envs, observed)
             return
         official = simulation.model._model
         shared = simulation.model._shared is not None
         more = 0 if shared else official.nbuffer
         guards.check_memory(num_envs, simulation.save(None, ()).values(), more)
+
+
+@contextlib.contextmanager
+def _noted(row: int, context: Mapping[str, object]) -> Iterator[None]:
+    """Adds the row and its context to an error of the function that makes environments."""
+    try:
+        yield
+    except Exception as error:  # of any class: it is the user's code
+        given = f", with the context {dict(context)}" if context else ""
+        error.add_note(f"raised while the environment of row {row} was made{given}")
+        raise
 
 
 def draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | None:
@@ -956,7 +974,7 @@ def _settable(env: dm_env.Environment) -> Environment:
 def _begins_if_stepped(env: dm_env.Environment) -> bool:
     """Whether a new environment begins an episode when it is stepped, as far as can be seen."""
     inner = control_of(env)
-    return isinstance(inner, Environment) and not inner.is_running
+    return not (isinstance(inner, Environment) and inner.is_running)
 
 
 def _physics_of(env: dm_env.Environment) -> Any:  # of the domain's own class
@@ -979,14 +997,15 @@ def _task_name(env: dm_env.Environment) -> str:
 def _checked_contexts(
     contexts: Sequence[Mapping[str, object]] | None, num_envs: int, build: Build
 ) -> list[Mapping[str, object]]:
+    """The contexts of the rows as a list; empty if there are none."""
     if contexts is None:
-        return [{} for _ in range(num_envs)]
+        return []
     if build.copies:
         raise TypeError(
             "contexts are keywords for a function build(seed, **context), but an environment was "
             "given: pass the function that makes it"
         )
-    if isinstance(contexts, Mapping) or not np.iterable(contexts):
+    if isinstance(contexts, str) or not isinstance(contexts, Sequence):
         raise TypeError(f"contexts is {contexts!r}; expected a sequence of mappings, one a row")
     if len(contexts) != num_envs:
         raise ValueError(f"there are {len(contexts)} contexts; expected {num_envs}, one a row")

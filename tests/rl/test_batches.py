@@ -1,0 +1,159 @@
+"""`batch_of`: the kind of batch, its reason, and the numbers of single environments in each."""
+
+import functools
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import policies, rl, rollout, suite
+from limberjack.evaluation.episodes import play, play_alone
+from limberjack.evaluation.statistics import Score
+from limberjack.policies.batched import EachRow
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.batches import batch_of, vectorisable
+from limberjack.rl.builds import Build
+from limberjack.rl.rows import RowsEnvironment
+
+from . import odd_environments as odd
+
+# What the reasons name, by kind.
+_REASONS = {
+    "a last action": "self.last",
+    "a kept array": "before_step",
+    "a counter": "self.steps in after_step",
+    "queues": "self.means in get_observation",
+    "noise": "draws from the task's random stream in get_observation",
+    "a perturbed model": "EPISODE_FIELDS",
+    "a potential": "self.potential",
+    "a curriculum": "self.episodes in initialize_episode",
+    "slots": "self.count",
+    "constraints": "the reward",
+    "delayed observations": "Delaying overrides reset",
+    "a reset that writes the model": "ModelWriting overrides reset",
+    "a log": "Logging overrides reset",
+    "a physics that remembers": "physics.total",
+    "a distracting wrapper": "Distracting overrides __getattr__",
+    "repeated actions": "it is a Repeating",
+    "nested wrappers": "it is a Repeating",
+    "scaled actions": "it is a Wrapper",
+    "noisy actions": "it is a Wrapper",
+    "randomisation": "self.last",
+    "a model for each seed": "differ in more than their seed",
+    "flat observations": "self.means",
+    "a walk on a line": "it is a Catch",
+}
+
+
+@pytest.mark.parametrize("kind", odd.KINDS)
+def test_any_environment_becomes_a_batch_with_the_numbers_of_single_ones(kind: str) -> None:
+    build, actions = odd.KINDS[kind], odd.actions_of(odd.STEPS + 3, 2)
+    singles = [odd.steps_of(build(3 + row), actions[:, row]) for row in range(2)]
+    expected = [list(step) for step in zip(*singles, strict=True)]
+    given = [build] if kind in odd.FROM_BUILD_ONLY else [build, build(3)]
+    for one in given:
+        batch = batch_of(one, 2, 1, seed=3)
+        assert odd.future(batch, actions) == expected
+        if kind == "a plain task":
+            assert isinstance(batch, BatchEnvironment)
+            assert batch.why_rows is None
+        else:
+            assert isinstance(batch, RowsEnvironment)
+            assert _REASONS[kind] in str(batch.why_rows)
+            assert str(batch.why_rows) in repr(batch)
+        batch.close()
+
+
+@pytest.mark.parametrize("kind", _REASONS)
+def test_the_reason_is_raised_where_vectorised_is_asked_for(kind: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(_REASONS[kind])):
+        batch_of(odd.KINDS[kind], 2, 1, seed=3, vectorised=True)
+
+
+def _alone(build: Any, policy: Any, seeds: list[int]) -> list[Score]:
+    scores = []
+    for seed in seeds:
+        env = build(seed)
+        episode = rollout.run_episode(env, policy, seed)
+        scores.append(Score.of_rewards(seed, episode.rewards))
+    return scores
+
+
+@pytest.mark.parametrize("kind", odd.KINDS)
+def test_episodes_that_are_played_are_those_of_single_environments(kind: str) -> None:
+    build, policy = odd.KINDS[kind], policies.find("random")
+    seeds = [5, 0, 3, 69, 133]  # 5, 69 and 133 are played in turn by one row
+    expected = _alone(build, policy, seeds)
+    for played in (
+        play(Build.of(build), EachRow(policy), seeds, 1),
+        play_alone(Build.of(build).seeded(5), policy, seeds),
+    ):
+        scores = {score.seed: score for ended in played for score in ended}
+        assert [scores[seed] for seed in seeds] == expected
+
+
+def test_rows_can_be_asked_for_and_contexts_need_them() -> None:
+    env = odd.environment()
+    batch = batch_of(env, 2, seed=0, vectorised=False)
+    assert isinstance(batch, RowsEnvironment)
+    assert batch.why_rows == "rows were asked for"
+    batch = batch_of(_weighed, 2, seed=0, contexts=[{"mass": 1.0}, {"mass": 2.0}])
+    assert isinstance(batch, RowsEnvironment)
+    assert [one.physics.model.body_mass[1] for one in batch.environments] == [1.0, 2.0]
+    with pytest.raises(ValueError, match="contexts were given"):
+        batch_of(_weighed, 2, seed=0, vectorised=True, contexts=[{}, {}])
+
+
+def _weighed(seed: int, mass: float = 1.0) -> Any:
+    env = odd.environment(odd.Pole, seed)
+    env.physics.model.body_mass[1] = mass
+    return env
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error"),
+    [
+        ({"num_envs": 0}, ValueError),
+        ({"num_threads": 0}, ValueError),
+        ({"seed": -1}, ValueError),
+        ({"seed": "a"}, TypeError),
+        ({"on_divergence": "stop"}, ValueError),
+        ({"vectorised": "no"}, ValueError),
+    ],
+)
+@pytest.mark.parametrize("kind", ["a plain task", "a last action"])
+def test_wrong_numbers_are_refused_for_both_kinds(
+    kind: str, wrong: dict[str, Any], error: type[Exception]
+) -> None:
+    with pytest.raises(error, match=f"{next(iter(wrong))} is"):
+        batch_of(odd.KINDS[kind], **{"num_envs": 2, **wrong})
+
+
+def test_the_package_has_the_function() -> None:
+    assert rl.batch_of is batch_of
+    with pytest.raises(TypeError, match="expected a dm_env.Environment or a function"):
+        batch_of(None, 2)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(MemoryError, match="num_envs is 1000000000"):
+        batch_of(odd.KINDS["a log"], 10**9, seed=0)
+
+
+def test_only_tasks_that_can_be_vectorised_are_for_code_without_rows() -> None:
+    plain = odd.environment()
+    assert vectorisable(plain) is plain
+    with pytest.raises(ValueError, match="Logging overrides"):
+        vectorisable(odd.KINDS["a log"](0))
+    with pytest.raises(ValueError, match=r"self\.last.*batches play such tasks"):
+        vectorisable(odd.KINDS["a last action"](0))
+
+
+def test_the_suites_own_tasks_are_vectorised() -> None:
+    batch = batch_of(functools.partial(_cartpole), 2, seed=0)
+    assert batch.why_rows is None
+    np.testing.assert_array_equal(
+        batch.reset().observation["position"][1], _cartpole(1).reset().observation["position"]
+    )
+
+
+def _cartpole(seed: int) -> Any:
+    return suite.load("cartpole", "swingup", {"random": seed})

@@ -1,0 +1,190 @@
+"""Changes that the hooks of a task make to the task, its physics and their classes."""
+
+import collections
+import functools
+import random
+import threading
+import types
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack.rl.watch import Watch
+
+from . import odd_environments as odd
+
+
+class _Held:
+    def __init__(self) -> None:
+        self.inside: Any = [1]
+
+
+class _Task(odd.Pole):
+    of_class: Any = None
+
+    def __init__(self) -> None:
+        super().__init__(random=0)
+        self.number = 1
+        self.array = np.zeros(3)
+        self.objects = np.array([[1], None], object)
+        self.queue = collections.deque([1])
+        self.table: dict[Any, Any] = {"a": {"b": [1]}}
+        self.some = {1}
+        self.stream = np.random.RandomState(0)
+        self.generator = np.random.default_rng(0)
+        self.python = random.Random(0)
+        self.held = _Held()
+        self.partial = functools.partial(print, [1])
+        self.function = _counter()
+        self.numbers = (number for number in range(9))
+        self.not_a_number = float("nan")
+
+    @functools.cached_property
+    def slow(self) -> int:
+        return 3
+
+    @property
+    def double(self) -> int:
+        return self.number
+
+    @double.setter
+    def double(self, value: int) -> None:
+        self.number = value // 2
+
+
+def _counter() -> Callable[[], int]:
+    count = [0]
+
+    def counted() -> int:
+        count[0] += 1
+        return count[0]
+
+    return counted
+
+
+def _assign(name: str, value: Any) -> Callable[[Any, Any], None]:
+    return lambda task, physics: setattr(task, name, value)
+
+
+def _watched() -> tuple[Any, Any]:
+    return _Task(), odd.OddPhysics.from_xml_string(odd.POLE)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (lambda task, physics: setattr(task, "number", 1), "self.number"),
+        (lambda task, physics: setattr(task, "more", 1), "self.more"),
+        (lambda task, physics: setattr(task, "double", 2), "self.double"),
+        (lambda task, physics: delattr(task, "number"), "self.number"),
+        (lambda task, physics: task.__dict__.update(number=2), "self.number"),
+        (lambda task, physics: object.__setattr__(task, "number", 5), "self.number"),
+        (lambda task, physics: task.array.__setitem__(0, 1.0), "self.array"),
+        (lambda task, physics: task.array.__setitem__(0, -0.0), "self.array"),
+        (lambda task, physics: task.objects[0].append(2), "self.objects"),
+        (lambda task, physics: task.queue.append(2), "self.queue"),
+        (lambda task, physics: task.table["a"]["b"].append(2), "self.table"),
+        (lambda task, physics: task.some.add(2), "self.some"),
+        (lambda task, physics: task.stream.uniform(), "self.stream"),
+        (lambda task, physics: task.generator.uniform(), "self.generator"),
+        (lambda task, physics: task.python.random(), "self.python"),
+        (lambda task, physics: setattr(task.held, "inside", 2), "self.held"),
+        (lambda task, physics: task.held.inside.append(2), "self.held"),
+        (lambda task, physics: task.partial.args[0].append(2), "self.partial"),
+        (lambda task, physics: task.function(), "self.function"),
+        (lambda task, physics: next(task.numbers), "self.numbers"),
+        (lambda task, physics: setattr(_Task, "of_class", object()), "_Task.of_class"),
+        (lambda task, physics: setattr(physics, "total", 0.0), "physics.total"),
+        (lambda task, physics: physics.measured(), "physics.total"),
+    ],
+)
+def test_a_change_is_noticed_by_name(change: Any, name: str) -> None:
+    task, physics = _watched()
+    with Watch(task, physics) as watch:
+        change(task, physics)
+        assert name in watch.changed()
+        assert watch.changed() == []
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda task, physics: task.slow,
+        lambda task, physics: task.get_observation(physics),
+        lambda task, physics: task.before_step(np.zeros(1), physics),
+        lambda task, physics: task.random.uniform(),
+        lambda task, physics: physics.step(),
+        lambda task, physics: physics.named.data.qpos["hinge"],
+        lambda task, physics: setattr(_Task(), "number", 3),
+        lambda task, physics: [task.number, task.not_a_number, list(task.table)],
+    ],
+)
+def test_what_changes_nothing_goes_unnoticed(use: Any) -> None:
+    task, physics = _watched()
+    with Watch(task, physics) as watch:
+        use(task, physics)
+        assert watch.changed() == []
+
+
+def test_classes_are_as_they_were_afterwards_even_after_an_error() -> None:
+    task, physics = _watched()
+    before = _Task.__setattr__, odd.OddPhysics.__setattr__
+    with pytest.raises(ZeroDivisionError), Watch(task, physics):
+        raise ZeroDivisionError
+    assert (_Task.__setattr__, odd.OddPhysics.__setattr__) == before
+    assert "__setattr__" not in vars(_Task)
+
+
+class _Assigning(odd.Pole):
+    seen = 0
+
+    def __setattr__(self, name: str, value: object) -> None:
+        type(self).seen += 1
+        super().__setattr__(name, value)
+
+
+def test_a_class_that_assigns_in_its_own_way_still_does() -> None:
+    task, physics = _Assigning(random=0), odd.OddPhysics.from_xml_string(odd.POLE)
+    own = vars(_Assigning)["__setattr__"]
+    with Watch(task, physics) as watch:
+        seen = _Assigning.seen
+        task.number = 1  # pyright: ignore[reportAttributeAccessIssue]
+        assert _Assigning.seen == seen + 1
+        assert "self.number" in watch.changed()
+    assert vars(_Assigning)["__setattr__"] is own
+
+
+def test_a_slot_is_watched() -> None:
+    task, physics = odd.Slotted(random=0), odd.OddPhysics.from_xml_string(odd.POLE)
+    with Watch(task, physics) as watch:
+        task.before_step(np.zeros(1), physics)
+        assert watch.changed() == ["self.count"]
+
+
+def test_values_that_refer_to_each_other_end_the_comparison() -> None:
+    task, physics = _watched()
+    task.table["self"] = [task.table, task, physics]
+    with Watch(task, physics) as watch:
+        assert watch.changed() == []
+        task.table["a"]["b"].append(1)
+        assert watch.changed() == ["self.table"]
+
+
+def test_two_threads_watch_one_after_the_other() -> None:
+    found: list[list[str]] = []
+
+    def watching() -> None:
+        task, physics = _watched()
+        with Watch(task, physics) as watch:
+            task.number = 3
+            found.append(watch.changed())
+
+    threads = [threading.Thread(target=watching) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [["self.number"]] * 4
+    assert "__setattr__" not in vars(_Task)
