@@ -1,4 +1,4 @@
-"""Independent copies of environments, and what keeps an environment from being copied.
+"""Independent copies of environments, and a check that copies share no state.
 
     difference(env)       # "its class Half overrides step"; None for a plain `control.Environment`
     check_copies(env)     # raises TypeError if a copy would share state with the original
@@ -35,9 +35,10 @@ _Env = TypeVar("_Env")
 
 
 def difference(env: object) -> str | None:
-    """What makes an environment other than a plain `control.Environment`; None if nothing does.
+    """The first difference from a plain `control.Environment`, as a clause; None if there is none.
 
-    Overridden or replaced methods, and attributes of its own, count; further methods do not.
+    Differences are overridden or replaced methods and additional attributes, but not additional
+    methods.
     """
     from limberjack.rl.control import ATTRIBUTES, Environment
 
@@ -186,7 +187,7 @@ def _reachable(root: object) -> Iterator[tuple[str, object]]:
 
 
 def _parts(path: str, value: object) -> Iterator[tuple[str, object]]:
-    """What an object holds, with paths."""
+    """The parts of an object, with paths."""
     if isinstance(value, functools.partial):
         yield from ((path, part) for part in (value.func, *value.args, *value.keywords.values()))
     elif isinstance(value, types.MethodType):
@@ -231,7 +232,7 @@ def _reaches(function: object, targets: set[int]) -> bool:
 
 
 def _referred(function: types.FunctionType) -> list[object]:
-    """What a function refers to, except for modules' own functions and classes."""
+    """The objects that a function refers to, by closure, default, attribute or global name."""
     found: list[object] = [
         *(function.__defaults__ or ()),
         *(function.__kwdefaults__ or {}).values(),
