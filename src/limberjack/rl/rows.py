@@ -465,7 +465,8 @@ class RowsEnvironment:
     def timed_out(self) -> np.ndarray:
         """Mask of rows whose last step was truncated, (num_envs,).
 
-        A plain environment says so itself; any other ends by its time limit if its discount is 1.
+        A plain environment reports it; the last step of any other is a truncation if its discount
+        is 1.
         """
         return self._timed_out & self._begins
 

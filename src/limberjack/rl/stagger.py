@@ -6,7 +6,7 @@
 
 Rows that begin together also end together, so that a learner sees one phase of the episode at a
 time. The first episode of a row is truncated after a number of steps, uniform from 1 to the limit,
-which is drawn from a stream of its own. No draw of the task changes, and later episodes are full.
+which is drawn from a separate stream. No draw of the task changes, and later episodes are full.
 """
 
 import math
