@@ -260,8 +260,18 @@ class RowsEnvironment:
         """Steps a row in mid-episode, as often as an action is repeated."""
         seeded = self._rows[row]
         env = seeded.environment
-        repeat = 1 if seeded.is_plain else self._action_repeat  # a plain one repeats by itself
-        inner = env if seeded.is_plain else control_of(env)
+        if seeded.is_plain and isinstance(env, Environment):  # it repeats and counts by itself
+            before = env._step_count
+            try:
+                time_step = env.step(action)
+            except PhysicsError:
+                found.diverge(row)
+                return
+            found.take(row, time_step)
+            found.steps[row] = env._step_count - before
+            return
+        repeat = self._action_repeat
+        inner = control_of(env)
         before = getattr(inner, "_step_count", 0)
         terms: collections.Counter[str] = collections.Counter()
         for number in range(1, repeat + 1):
