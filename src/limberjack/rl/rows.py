@@ -231,8 +231,8 @@ class RowsEnvironment:
             found = _Step(self)
 
             def step(row: int) -> None:
-                env = self._rows[row].environment
                 if begins[row]:
+                    env = self._rows[row].environment
                     self._set_limit_of_next(row)
                     found.take(row, env.step(given[row]) if has_ended[row] else env.reset())
                     return
