@@ -948,7 +948,7 @@ def _is_same_state(one: Any, other: Any) -> bool:
 
 
 def _model_of(env: dm_env.Environment) -> object:
-    """What tells the model of a plain environment from one with other numbers."""
+    """The identity of a plain environment's model, with its numbers; None for any other."""
     return env._origin() if difference(env) is None and isinstance(env, Environment) else None
 
 
