@@ -25,6 +25,17 @@ POLE = """
 <mujoco model="pole">
   <option timestep="0.01"/>
   <visual><global offwidth="32" offheight="32"/></visual>
+  <asset>
+    <material name="self"/>
+    <material name="self_default"/>
+    <material name="self_highlight"/>
+    <material name="effector"/>
+    <material name="effector_default"/>
+    <material name="effector_highlight"/>
+    <material name="target"/>
+    <material name="target_default"/>
+    <material name="target_highlight"/>
+  </asset>
   <worldbody>
     <light pos="0 0 3"/>
     <camera name="side" pos="0 -2 1" xyaxes="1 0 0 0 0 1"/>
