@@ -16,6 +16,7 @@ import weakref
 from typing import Any, TypeVar
 
 import dm_env
+
 from limberjack.rl.memory import attributes_of
 from limberjack.rl.references import (
     ATOMS,

@@ -675,8 +675,8 @@ class _Trial:
         spec: Any = env.observation_spec()
         named = spec if isinstance(spec, Mapping) else {FLAT_OBSERVATION_KEY: spec}
         action = env.action_spec()
-        times = [str(one) for one in (_control_timestep(env), self.control_timestep)]  # NaN too
-        found: list[tuple[str, object, object]] = [("control step", *times)]
+        here, expected = str(_control_timestep(env)), str(self.control_timestep)  # NaN too
+        found: list[tuple[str, object, object]] = [("control step", here, expected)]
         found += [("actions", _form(action), _form(self.action_spec))]
         names = list(dict.fromkeys([*self.observation_spec, *named]))
         for name in names:

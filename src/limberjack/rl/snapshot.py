@@ -7,10 +7,10 @@
 It holds the integration state with the solver's warm start, the model fields set at an episode's
 start, step counters, pending resets, random streams, the most recent pictures, and what a task
 outside the suite remembers. An environment that overrides methods, has attributes of its own or
-edits its model is held as a deep copy. It is a plain object that can be pickled and restored in another process, with
-another patch version of MuJoCo and into a batch with another number of threads. It holds neither
-the task's settings nor the model, whose numbers must match. The snapshot is validated completely
-before anything is restored.
+edits its model is held as a deep copy. It is a plain object that can be pickled and restored in
+another process, with another patch version of MuJoCo and into a batch with another number of
+threads. It holds neither the task's settings nor the model, whose numbers must match. The snapshot
+is validated completely before anything is restored.
 """
 
 import dataclasses
@@ -51,7 +51,7 @@ class Snapshot:
       memory: what each one's task and physics remember; empty if the task is the suite's.
       copies: deep copies of the environments, if these are not plain; the arrays are then empty.
       observations: the last ones beside such copies, by name, (n, ...) each; may be empty.
-      resets: whether such a copy begins its next episode by `reset`, not `step`, (n,); may be empty.
+      resets: whether `reset`, not `step`, begins such a copy's next episode, (n,); may be empty.
     """
 
     origin: dict[str, object]
@@ -69,7 +69,11 @@ class Snapshot:
 
     @classmethod
     def of_copy(
-        cls, env: Any, inner: Any, registration: object = None, name: str = ""
+        cls,
+        env: Any,  # of a user's class
+        inner: Any,  # its physics and task are
+        registration: object = None,
+        name: str = "",
     ) -> "Snapshot":
         """The snapshot of an environment as a copy of it.
 
@@ -91,7 +95,7 @@ class Snapshot:
         )
 
     @staticmethod
-    def origin_of_copy(env: Any, inner: Any) -> dict[str, object]:
+    def origin_of_copy(env: object, inner: Any) -> dict[str, object]:  # as `of_copy` takes it
         """Facts that must match for a copy to be restored; the arguments are those of `of_copy`."""
         origin: dict[str, object] = {"environment": _class_of(env)}
         if inner is None:
