@@ -21,6 +21,7 @@ from limberjack import data, suite
 from limberjack.evaluation.runner import Runner
 from limberjack.evaluation.store import Store
 from limberjack.policies import actors
+from limberjack.rl.builds import Build
 
 __all__ = ["Effort", "main"]
 
@@ -74,9 +75,10 @@ def _evaluated(domain: str, task: str, seeds: list[int], effort: Effort) -> floa
     kwargs = {} if effort.seconds is None else {"time_limit": effort.seconds}
     began = time.perf_counter()
     environment = suite.load(domain, task, {"random": 0, **kwargs})
-    full_length = suite.load(domain, task, {"random": 0})
+    full_length = Build.of(suite.load(domain, task, {"random": 0})).seeded(0)
     store = Store(None, {"versions": {}})
-    with contextlib.closing(Runner(environment, full_length, store, seeds, None)) as runner:
+    made, limit = Build.of(environment), environment.step_limit
+    with contextlib.closing(Runner(made, 1, limit, full_length, store, seeds, None)) as runner:
         runner.run(actors.find("random", environment), None)
     seconds = time.perf_counter() - began
     return sum(score.length for score in store.scores["random"].values()) / seconds

@@ -19,7 +19,7 @@ def test_names_make_the_environment_that_the_suite_loads() -> None:
         "stacker stack_2",
         {"domain": "stacker", "task": "stack_2"},
     )
-    made, loaded = factory.make(3), suite.load("stacker", "stack_2", {"random": 3})
+    made, loaded = factory.make_plain(3), suite.load("stacker", "stack_2", {"random": 3})
     assert made.step_limit == 20
     assert (
         made.reset().observation["box_pos"].tolist()
@@ -33,7 +33,7 @@ def test_a_function_is_known_by_its_module_its_name_and_its_source() -> None:
     assert factory.title == factory.facts["environment"] == "tests.plain_domain:make"
     assert re.fullmatch("[0-9a-f]{64}", factory.facts["environment_sha256"] or "")
     assert factory.is_known
-    assert factory.make(3).step_limit == 25
+    assert factory.make_plain(3).step_limit == 25
 
 
 class _Maker:
@@ -64,7 +64,7 @@ def test_a_function_that_depends_on_more_than_its_source_has_no_hash(
     factory = factory_of(make)
     assert factory.facts["environment_sha256"] is None
     assert not factory.is_known
-    assert factory.make(3).step_limit == 25
+    assert factory.make_plain(3).step_limit == 25
 
 
 @pytest.mark.parametrize("seed", [True, 1.5, -1])

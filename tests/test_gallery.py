@@ -97,3 +97,24 @@ def test_without_opengl_it_is_one_line_and_status_1(
     assert done.exit_code == 1
     assert done.stderr == "limberjack: no pictures: no OpenGL can be had\n"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["suite.png", "humanoid-walk.png"])
+def test_a_picture_of_ones_own_is_not_replaced(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(b"hours of work")
+    done = typer.testing.CliRunner().invoke(app, ["gallery", "--out", str(tmp_path)])
+    assert done.exit_code == 2
+    assert f"{name} is not a picture that an earlier call wrote: choose" in done.stderr
+    assert (tmp_path / name).read_bytes() == b"hours of work"
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_pictures_of_an_earlier_call_are_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(suite, "tasks", lambda: (("cartpole", "balance"),))
+    size = np.zeros((8, 8, 3), np.uint8)
+    monkeypatch.setattr(gallery, "_draw_sizes", lambda *task: [size, size])
+    for _ in range(2):
+        gallery.write(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {"cartpole-balance.png", "suite.png"}

@@ -193,9 +193,42 @@ def test_a_seed_given_at_first_is_used_once() -> None:
     assert not np.array_equal(one.reset(), first)
 
 
+def test_options_of_rows_are_those_of_the_single_environments() -> None:
+    envs, dummies = sb3.make_vec_env("humanoid", "walk", 3), _dummies(3, "humanoid", "walk")
+    options = [{"state": {"qvel": np.full(27, 0.1)}}, {}, {"state": {"qvel": np.zeros(27)}}]
+    for given in (options, options[0], None):
+        for each in (envs, dummies):
+            each.seed(4)
+            each.set_options(given)
+        assert_same(envs.reset(), dummies.reset())
+        assert_same(envs.reset(), dummies.reset())  # options are used once
+    for bad, message in (
+        ({"stat": 1}, "Did you mean 'state'"),
+        ([{}, {}, {"state": {"qps": 1}}], "state of row 2 has no field 'qps'"),
+    ):
+        envs.set_options(bad)
+        with pytest.raises(TypeError, match=message):
+            envs.reset()
+
+
+def test_a_setting_of_the_task_is_set_in_all_rows_at_once() -> None:
+    envs = sb3.make_vec_env("humanoid", "walk", 2, seed=0)
+    assert envs.get_attr("_move_speed") == [1, 1]
+    envs.set_attr("_move_speed", 10)
+    assert envs.get_attr("_move_speed", 1) == [10]
+    with pytest.raises(ValueError, match="'_move_speed' differs between rows"):
+        envs.set_attr("_move_speed", 5, indices=0)
+    run = sb3.make_vec_env("humanoid", "run", 2, seed=0)
+    assert_same(envs.reset(), run.reset())
+    actions = np.ones((2, 21), np.float32)
+    assert_same(envs.step(actions)[:3], run.step(actions)[:3])
+
+
 def test_attributes_are_those_of_a_row() -> None:
     envs = _falling()
     assert envs.get_attr("action_space") == [envs.action_space] * 3
+    assert envs.get_attr("dt") == [0.025] * 3
+    assert envs.get_attr("num_envs", 1) == [3]  # of the vector environment
     assert envs.get_attr("layout", 1) == [envs.vector_env.layout]
     assert not envs.has_attr("level")
     envs.set_attr("level", 4, indices=[0, 2])
@@ -212,6 +245,10 @@ def test_methods_are_those_that_rows_have() -> None:
     envs = _falling()
     assert envs.env_method("render", indices=[0, 1]) == [None, None]
     assert envs.env_method("get_wrapper_attr", "render_mode") == [None] * 3
+    assert envs.env_method("get_wrapper_attr", name="dt", indices=[1]) == [0.025]
+    assert envs.env_method("control_timestep", indices=2) == [0.025]
+    envs.set_attr("level", 4)
+    assert envs.env_method("get_wrapper_attr", "level") == [4] * 3
     with pytest.raises(AttributeError, match=r"no method 'rendr'\. Did you mean 'render'"):
         envs.env_method("rendr")
 

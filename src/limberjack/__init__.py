@@ -14,11 +14,47 @@ displays pictures and films. Importing this package registers Gymnasium ids such
 `limberjack.mujoco` and `limberjack.rl` explicitly.
 """
 
+import os
+import signal
 import sys
+from types import FrameType
 
 __all__ = ["__version__", "install_as_dm_control", "show"]
 
 __version__ = "0.1.0"
+
+_INTERRUPTED = 130  # exit status, as shells report what Ctrl-C ended
+
+
+def _importer() -> FrameType | None:
+    """The frame of the program or module that imports this package first."""
+    frame = sys._getframe(1)
+    while frame is not None:
+        module = str(frame.f_globals.get("__name__"))
+        if module != __name__ and "importlib" not in module:
+            return frame
+        frame = frame.f_back
+    return None
+
+
+def _is_command() -> bool:
+    """Whether the importing program is the command `limberjack`, or `python -m limberjack`."""
+    importer = _importer()
+    if importer is None:
+        return False
+    module = importer.f_globals.get("__name__")
+    if module == "runpy":
+        options = sys.orig_argv[: len(sys.orig_argv) - len(sys.argv) + 1]  # before the arguments
+        return "".join(options).endswith(f"-m{__name__}")
+    script, _ = os.path.splitext(os.path.basename(sys.argv[0] if sys.argv else ""))
+    is_script = script.removesuffix("-script") == __name__
+    return is_script and module == "__main__" and f"{__name__}.cli" in importer.f_code.co_names
+
+
+# The command's imports take a second, and Ctrl-C would show their traceback. `cli.process` handles
+# it later. A program that imports the package handles it as it likes.
+if _is_command() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, lambda *_: os._exit(_INTERRUPTED))
 
 
 def install_as_dm_control() -> None:
@@ -61,13 +97,8 @@ def show(frames: object, fps: float = 30.0) -> object:
 
 def _is_imported_by_hook() -> bool:
     """Whether a .pth file is importing this package while Python starts."""
-    frame = sys._getframe(1)
-    while frame is not None:
-        module = str(frame.f_globals.get("__name__"))
-        if module != __name__ and "importlib" not in module:
-            return module == "site"
-        frame = frame.f_back
-    return False
+    importer = _importer()
+    return importer is not None and importer.f_globals.get("__name__") == "site"
 
 
 if not _is_imported_by_hook():  # see `_gymnasium_plugin`

@@ -348,7 +348,7 @@ def take_turns(
 
 
 def _batch(factory: Factory, num_envs: int, num_threads: int) -> BatchEnvironment:
-    environment = factory.make(_SEED)
+    environment = factory.make_plain(_SEED)
     return BatchEnvironment.from_environment(environment, num_envs, num_threads, _SEED)
 
 

@@ -49,10 +49,10 @@ class Factory:
     make: Make
 
     def build(self, environment: dm_env.Environment) -> Build:
-        """What makes the rows of a batch.
+        """The build of the rows of a batch.
 
         Args:
-          environment: one that the factory made; rows of a task of the suite are made of it.
+          environment: one that the factory made; a task of the suite is vectorised with it.
         """
         is_named = "domain" in self.facts
         return Build(self.make, self.title, environment if is_named else None)

@@ -7,6 +7,7 @@ domain's module names, so they show the tasks as they are now. With the same Ope
 call draws the same pictures.
 """
 
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from limberjack.rl.action_specs import bounds_to_try
 from limberjack.suite import base
 from limberjack.utils import png
 from limberjack.utils.files import replacing
+from limberjack.utils.regular import open_regular
 from limberjack.video import mosaic
 
 __all__ = ["draw", "write"]
@@ -66,9 +68,14 @@ def write(
       The files, the sheet last.
 
     Raises:
+      ValueError: a file of such a name is there that is no picture of an earlier call; nothing was
+        written.
       OSError: a file cannot be written.
       RenderingError: OpenGL is not available.
     """
+    for domain, task in suite.tasks():
+        _check_replaceable(directory / _name(domain, task))
+    _check_replaceable(directory / _SHEET)
     sizes = [(*_PICTURE, False), (*_SHEET_PICTURE, True)]
     tasks, drawn = suite.tasks(), {}
     for domain, task in tasks:
@@ -77,7 +84,7 @@ def write(
         drawn[domain, task] = _draw_sizes(domain, task, sizes)
         # After the first picture: without OpenGL nothing is left, and a bad name costs no time.
         directory.mkdir(parents=True, exist_ok=True)
-    files = {f"{domain}-{task}.png": large for (domain, task), (large, _) in drawn.items()}
+    files = {_name(domain, task): large for (domain, task), (large, _) in drawn.items()}
     files[_SHEET] = mosaic([small for _, small in drawn.values()], columns)
     return _write_all(directory, files)
 
@@ -100,6 +107,23 @@ def _draw_sizes(domain: str, task: str, sizes: list[tuple[int, int, bool]]) -> l
     ]
     environment.close()
     return pictures
+
+
+def _name(domain: str, task: str) -> str:
+    """The file of a task's picture."""
+    return f"{domain}-{task}.png"
+
+
+def _check_replaceable(path: Path) -> None:
+    """Raises ValueError if a file is there that no earlier call can have written."""
+    if not os.path.lexists(path):
+        return
+    with open_regular(path) as file:
+        if not png.is_encoded(file.read(png.BEGINNING)):
+            raise ValueError(
+                f"{path} is not a picture that an earlier call wrote: choose another folder, or "
+                "remove that file"
+            )
 
 
 def _write_all(directory: Path, files: Mapping[str, np.ndarray]) -> list[Path]:

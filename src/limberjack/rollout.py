@@ -69,6 +69,7 @@ def run_episode(
     seed: int,
     on_step: OnStep | None = None,
     max_steps: float = float("inf"),
+    action_repeat: int = 1,
 ) -> Episode:
     """Runs the next episode of an environment, from its reset to its last step.
 
@@ -78,6 +79,7 @@ def run_episode(
       seed: the seed of the environment.
       on_step: called once after the reset and once after each step.
       max_steps: the most steps to run; by default the episode runs to its end.
+      action_repeat: control steps per action of the policy; steps are control steps.
 
     Raises:
       TypeError, ValueError: the seed is not a seed; nothing was run.
@@ -87,11 +89,12 @@ def run_episode(
     start = kind_of_start(environment)
     act = begin(policy, environment, seed)
     rewards: list[float] = []
-    total = 0.0
+    total, action = 0.0, None
     if on_step is not None:
         on_step(Step(0, total, time_step, None))
     while not time_step.last() and len(rewards) < max_steps:
-        action = act(time_step.observation)
+        if len(rewards) % action_repeat == 0:
+            action = act(time_step.observation)
         time_step = environment.step(action)
         rewards.append(float(time_step.reward))
         total += rewards[-1]

@@ -23,20 +23,19 @@ import pickle
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import dm_env
 import numpy as np
 from dm_env import specs
 
 from limberjack import gym
-from limberjack.gym import arguments
+from limberjack.gym import arguments, attributes
 from limberjack.gym.observations import Observations, action_space
 from limberjack.rl.action_specs import bounds_to_try
-from limberjack.rl.batch import BatchEnvironment
-from limberjack.rl.control import Environment
+from limberjack.rl.contract import Batch
 from limberjack.utils.requirements import missing_extra
 from limberjack.utils.seeds import checked_seed
-from limberjack.utils.suggest import did_you_mean
 
 try:
     from stable_baselines3.common import (  # pyright: ignore[reportMissingImports]
@@ -63,7 +62,7 @@ class VecEnv(vec_env.VecEnv):
     are any.
     """
 
-    def __init__(self, envs: gym.VectorEnv | BatchEnvironment, seed: int | None = None) -> None:
+    def __init__(self, envs: gym.VectorEnv | Batch, seed: int | None = None) -> None:
         """Takes over a batch, with float32 observations in one array, or a vector environment.
 
         Args:
@@ -75,15 +74,16 @@ class VecEnv(vec_env.VecEnv):
           TypeError: `envs` is neither a batch nor a vector environment.
           ValueError: its autoreset mode is another, or later observations overwrite earlier ones.
         """
-        if isinstance(envs, BatchEnvironment):
-            envs = gym.VectorEnv(envs, autoreset_mode="SameStep", flat=True, dtype="float32")
+        if not isinstance(envs, gym.VectorEnv):
+            envs = _made_of(envs)
         _check_vector_env(envs)
         self.vector_env = envs
         self._own: list[_ByName] = [{} for _ in range(envs.num_envs)]
         self._actions: np.ndarray | None = None
         actions = action_space(_limited_spec(envs.batches[0]))
         super().__init__(envs.num_envs, envs.single_observation_space, actions)
-        self.metadata = {**self.metadata, "render_fps": envs.metadata["render_fps"]}
+        if "render_fps" in envs.metadata:
+            self.metadata = {**self.metadata, "render_fps": envs.metadata["render_fps"]}
         if seed is not None:
             self.seed(seed)
 
@@ -97,8 +97,17 @@ class VecEnv(vec_env.VecEnv):
         return list(self._seeds)
 
     def reset(self) -> _Observations:
-        """Begins an episode in every row; returns the observations. Options are ignored."""
-        observations, info = self.vector_env.reset(seed=self._seeds)
+        """Begins an episode in every row; returns the observations.
+
+        The options given to `set_options` are those of `gym.Env.reset`, such as `state`.
+
+        Raises:
+          TypeError, ValueError: an option of a row is unknown or invalid; nothing was reset.
+        """
+        given = [arguments.check_options(o or None, arguments.STATE) for o in self._options]
+        states = [options.get(arguments.STATE) for options in given]
+        options = {arguments.STATE: states} if any(state is not None for state in states) else None
+        observations, info = self.vector_env.reset(seed=self._seeds, options=options)
         self._reset_seeds()
         self._reset_options()
         self._actions = None
@@ -135,26 +144,44 @@ class VecEnv(vec_env.VecEnv):
         return self.vector_env.render() or [None] * self.num_envs
 
     def get_attr(self, attr_name: str, indices: _Indices = None) -> list[object]:
-        """An attribute of each row: the value given by `set_attr`, else the rows' common value.
+        """An attribute of each row: of the row itself, or a value that only `set_attr` gave.
 
-        The rows have the spaces and the attributes of the `VectorEnv`, such as `layout`, in common.
+        See `gym.VectorEnv.get_attr`; the rows also have the attributes of the `VectorEnv`, such as
+        `layout`, in common.
 
         Raises:
           AttributeError: there is no such attribute.
         """
         rows = self._rows(indices)
-        return [
-            self._own[row][attr_name] if attr_name in self._own[row] else self._common(attr_name)
-            for row in rows
-        ]
+        if all(attr_name in self._own[row] for row in rows):
+            return [self._own[row][attr_name] for row in rows]
+        if attributes.has(self.vector_env, attr_name) or not hasattr(self.vector_env, attr_name):
+            values = self.vector_env.get_attr(attr_name)
+        else:
+            values = [getattr(self.vector_env, attr_name)] * self.num_envs
+        return [self._own[row].get(attr_name, values[row]) for row in rows]
 
     def set_attr(self, attr_name: str, value: object, indices: _Indices = None) -> None:
-        """Sets an attribute of rows, which `get_attr` returns and the simulations do not see.
+        """Sets an attribute of rows: a setting of the task, or one that only `get_attr` returns.
+
+        A setting of the task of a vectorised batch is set in all rows at once; see
+        `gym.VectorEnv.set_attr`. A value under a new name changes nothing in the simulations.
 
         Raises:
-          AttributeError: the rows have that attribute in common.
+          AttributeError: the rows have that attribute in common, and it cannot be set.
+          ValueError, TypeError: the value does not fit, or it would differ between rows that share
+            their task; nothing was set.
         """
         rows = self._rows(indices)
+        if attributes.has(self.vector_env, attr_name):
+            values = list(self.vector_env.get_attr(attr_name))
+            for row in rows:
+                values[row] = value
+            self.vector_env.set_attr(attr_name, values)
+            return
+        if len(rows) == self.num_envs and attributes.are_environments(self.vector_env):
+            self.vector_env.set_attr(attr_name, [value] * self.num_envs)
+            return
         if hasattr(self.vector_env, attr_name):
             raise AttributeError(
                 f"all rows share the attribute {attr_name!r}: set it as the batch is made"
@@ -165,17 +192,23 @@ class VecEnv(vec_env.VecEnv):
     def env_method(
         self,
         method_name: str,
-        *method_args: object,
+        *method_args: Any,  # of the method
         indices: _Indices = None,
-        **method_kwargs: object,
+        **method_kwargs: Any,  # as above
     ) -> list[object]:
-        """Calls a method of rows: `render` or `get_wrapper_attr`.
+        """Calls a method of rows, such as `render`; see `gym.VectorEnv.call`.
 
         Raises:
           AttributeError: rows have no such method; the `VectorEnv` may have it.
         """
-        methods = [self._method(method_name, row) for row in self._rows(indices)]
-        return [method(*method_args, **method_kwargs) for method in methods]
+        rows = self._rows(indices)
+
+        def of_row(row: int, name: str) -> object:
+            return self.get_attr(name, row)[0]
+
+        if method_name == "get_wrapper_attr":  # with the attributes that only `get_attr` returns
+            return [of_row(row, *method_args, **method_kwargs) for row in rows]
+        return attributes.call(self.vector_env, method_name, method_args, method_kwargs, rows)
 
     def env_is_wrapped(self, wrapper_class: type, indices: _Indices = None) -> list[bool]:
         """False for each row: a batch's rows have no wrappers of their own."""
@@ -189,23 +222,6 @@ class VecEnv(vec_env.VecEnv):
                 raise IndexError(f"row is {row}; expected 0 to {self.num_envs - 1}")
         return rows
 
-    def _common(self, name: str) -> object:
-        if name in ("action_space", "observation_space"):
-            return getattr(self.vector_env, f"single_{name}")
-        return getattr(self.vector_env, name)
-
-    def _method(self, name: str, row: int) -> Callable[..., object]:
-        known: dict[str, Callable[..., object]] = {
-            "get_wrapper_attr": lambda name: self.get_attr(name, row)[0],
-            "render": lambda: self.get_images()[row],
-        }
-        if name in known:
-            return known[name]
-        raise AttributeError(
-            f"the rows of a batch have no method {name!r}.{did_you_mean(name, list(known))} Their "
-            f"methods are {', '.join(known)}; the attribute vector_env has those of the batch."
-        )
-
     def _note_what_was_drawn(self, info: _ByName) -> None:
         """Keeps the model fields that were drawn for the rows whose episodes have just begun."""
         drawn = info.get("randomization", {})
@@ -214,12 +230,17 @@ class VecEnv(vec_env.VecEnv):
             self.reset_infos[row] = {"randomization": fields}
 
 
-def _check_vector_env(envs: object) -> None:
-    """Raises unless SB3 can use it."""
-    if not isinstance(envs, gym.VectorEnv):
+def _made_of(batch: Batch) -> gym.VectorEnv:
+    """A vector environment of a batch, as SB3 needs it."""
+    if not arguments.is_batch(batch):
         raise TypeError(
-            f"got {type(envs).__name__}; expected a limberjack.gym.VectorEnv or a BatchEnvironment"
+            f"got {type(batch).__name__}; expected a limberjack.gym.VectorEnv or a BatchEnvironment"
         )
+    return gym.VectorEnv(batch, autoreset_mode="SameStep", flat=True, dtype="float32")
+
+
+def _check_vector_env(envs: gym.VectorEnv) -> None:
+    """Raises unless SB3 can use it."""
     mode = envs.metadata["autoreset_mode"].value
     if mode != "SameStep":
         raise ValueError(
@@ -233,9 +254,9 @@ def _check_vector_env(envs: object) -> None:
         )
 
 
-def _limited_spec(batch: BatchEnvironment) -> specs.BoundedArray:
+def _limited_spec(batch: Batch) -> specs.BoundedArray:
     """The spec of one row's actions, with the bounds of random actions where it has none."""
-    spec = batch.task.action_spec(batch.single)
+    spec = batch.single_action_spec()
     low, high = bounds_to_try(spec)
     return specs.BoundedArray(spec.shape, spec.dtype, low, high)
 
@@ -296,13 +317,13 @@ class SavedPolicy:
     normalised here too. Both files contain pickled Python: load only files that you trust.
     """
 
-    def __init__(self, files: Mapping[Path, bytes], environment: Environment) -> None:
+    def __init__(self, files: Mapping[Path, bytes], environment: dm_env.Environment) -> None:
         """Loads the model, on the CPU.
 
         Args:
           files: contents by path: of the file that `model.save` wrote, then of the normalisation
             beside it, if there is one; see `policies.saved.read_model`.
-          environment: the `control.Environment` to act in.
+          environment: the one to act in.
 
         Raises:
           ValueError: it is not a model, or one of other observations or actions.
@@ -313,7 +334,8 @@ class SavedPolicy:
         space = data["observation_space"]
         is_dict = hasattr(space, "spaces")
         dtype = np.float32 if is_dict else space.dtype
-        self._observations = Observations(environment.observation_spec(), not is_dict, dtype)
+        spec = cast(Mapping[str, specs.Array], environment.observation_spec())
+        self._observations = Observations(spec, not is_dict, dtype)
         _check_space("observations", space, self._observations.space)
         _check_space("actions", data["action_space"], environment.action_spec())
         self._normalise = _saved_normalisation(*beside[0], space) if beside else None

@@ -24,7 +24,7 @@ from typing import Protocol
 
 import numpy as np
 
-from limberjack.utils.files import partial_path, put_in_place
+from limberjack.utils.files import Partial
 from limberjack.utils.requirements import missing_extra
 
 __all__ = ["Film", "Rendered", "Writer", "find_ffmpeg", "frame_stride", "mosaic"]
@@ -102,8 +102,8 @@ class Writer:
             raise ValueError(f"a film of {height}x{width} pixels: H.264 needs even numbers")
         self._ffmpeg = find_ffmpeg()
         self._path = path
-        self._partial = partial_path(path)
-        self._lossless = self._partial.with_suffix(".mkv")  # of a GIF's frames
+        self._partial: Partial | None = None
+        self._lossless: Partial | None = None  # of a GIF's frames
         self._shape = height, width, 3
         self._frame_rate = fractions.Fraction(frame_rate).limit_denominator(1000)
         self._encoder: subprocess.Popen[bytes] | None = None
@@ -142,7 +142,8 @@ class Writer:
                 raise self._write_error()
             if self._ending == ".gif" and self._write_gif() != 0:
                 raise self._write_error()
-            put_in_place(self._partial, self._path)
+            assert self._partial is not None
+            self._partial.finish()
         finally:
             self.discard()
 
@@ -152,16 +153,22 @@ class Writer:
             self._encoder.kill()
             self._end_encoder()
         self._complaints.close()
-        for path in (self._partial, self._lossless):
-            path.unlink(missing_ok=True)
+        for partial in (self._partial, self._lossless):
+            if partial is not None:
+                partial.discard()
 
     def _start_encoder(self) -> "subprocess.Popen[bytes]":
         height, width, _ = self._shape
         raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
         raw += ["-r", str(self._frame_rate), "-i", "-", "-an"]
         is_gif = self._ending == ".gif"
-        file = _address(self._lossless if is_gif else self._partial)
-        coded = [*(_LOSSLESS if is_gif else _H264), file]
+        try:
+            self._partial = written = Partial(self._path)
+            if is_gif:
+                self._lossless = written = Partial(self._path, ".mkv")
+        except OSError as error:
+            raise OSError(f"{self._path} cannot be written: {error.strerror}") from error
+        coded = [*(_LOSSLESS if is_gif else _H264), _address(written.path)]
         return subprocess.Popen(
             [self._ffmpeg, "-y", "-v", "error", *raw, *coded],
             stdin=subprocess.PIPE,
@@ -181,10 +188,13 @@ class Writer:
 
     def _write_gif(self) -> int:
         """Makes a GIF of the lossless file; returns the exit status."""
-        frames = ["-i", _address(self._lossless)]
+        assert self._partial is not None
+        assert self._lossless is not None
+        frames = ["-i", _address(self._lossless.path)]
+        file = _address(self._partial.path)
         graph = ["-filter_complex", f"[0:v]{_COLOURS}[colours];[1:v][colours]{_COLOURED}"]
         return subprocess.run(
-            [self._ffmpeg, "-y", "-v", "error", *frames, *frames, *graph, _address(self._partial)],
+            [self._ffmpeg, "-y", "-v", "error", *frames, *frames, *graph, file],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=self._complaints,

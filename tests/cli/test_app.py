@@ -1,5 +1,6 @@
 """The command itself: version, help, and what every command refuses."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -75,8 +76,9 @@ def test_a_folder_whose_name_is_no_text_is_written_to(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        ("import sys; sys.exit(0)", "--import a_module: raised SystemExit(0)"),
-        ("int('x')", "--import a_module: invalid literal for int() with base 10: 'x'"),
+        ("import sys; sys.exit(0)", "raised SystemExit(0) (a_module.py, line 1, in <module>)"),
+        ("{}['x']", "KeyError: 'x' (a_module.py, line 1, in <module>)"),
+        ("raise ValueError('x')", "ValueError: x (a_module.py, line 1, in <module>)"),
     ],
 )
 def test_a_module_that_cannot_be_imported_is_named(
@@ -84,7 +86,7 @@ def test_a_module_that_cannot_be_imported_is_named(
 ) -> None:
     (tmp_path / "a_module.py").write_text(source)
     done = call("--import", "a_module", "list", directory=tmp_path)
-    assert (done.returncode, done.stderr) == (2, f"limberjack: {message}\n")
+    assert (done.returncode, done.stderr) == (2, f"limberjack: --import a_module: {message}\n")
 
 
 def test_a_relative_import_is_refused() -> None:
@@ -169,3 +171,30 @@ def test_ray_takes_an_address_or_none(
     monkeypatch.setattr("limberjack.evaluation.evaluate", evaluate)
     assert invoke("evaluate", "humanoid", "walk", *arguments).stderr.endswith("that will do\n")
     assert asked == [address]
+
+
+@pytest.mark.parametrize("command", ["list", "run cartpole balance", "info .", "doctor"])
+def test_a_damaged_mujoco_is_reported_with_commands_on_lines_of_their_own(
+    command: str, tmp_path: Path
+) -> None:
+    (tmp_path / "mujoco").mkdir()
+    (tmp_path / "mujoco" / "__init__.py").write_text(
+        "raise ImportError('no core bindings. Repair with:\\n  pip install --no-deps mujoco')\n"
+    )
+    paths = [str(tmp_path), str(Path(limberjack.__file__).parents[1])]
+    done = subprocess.run(
+        [sys.executable, "-m", "limberjack", *command.split()],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    said = done.stdout + done.stderr
+    lines = [line.strip() for line in said.splitlines()]
+    assert "pip uninstall -y mujoco mujoco-core mujoco-studio" in lines
+    assert "pip install 'mujoco>=4.0,<5'" in lines
+    assert "MuJoCo cannot be imported: no core bindings" in said
+    assert "--no-deps" not in said
+    assert "Traceback" not in said

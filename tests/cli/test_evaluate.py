@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -153,14 +154,32 @@ def test_a_policy_that_fails_in_its_first_step_is_status_1_too(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", ["raising", "Raising"])
-def test_an_error_of_a_policy_is_raised_with_seed_step_and_kept_episodes(name: str) -> None:
-    result = _invoke(*_STAND, "--policy", f"evaluated:{name}", "--seeds", "5:7")
+def test_an_error_of_a_policy_is_the_sentence_that_workers_give(name: str) -> None:
+    command = (*_STAND, "--policy", f"evaluated:{name}", "--seeds", "5:7")
+    result = _invoke(*command)
     assert result.exit_code == 1
-    assert isinstance(result.exception, ValueError)
-    assert result.exception.__notes__ == [
-        f"policy 'evaluated:{name}', step 0 of the episode with seed 5",
-        "limberjack: 0 of 6 episodes finished; with --out they would have been kept",
-    ]
+    place = r"\((.*/)?tests/evaluation/evaluated\.py, line \d+, in \w+\)"
+    assert re.fullmatch(
+        f"limberjack: policy 'evaluated:{name}', step 0 of the episode with seed 5: ValueError: "
+        f"[^(]*{place}; 0 of 6 episodes finished; with --out they would have been kept\n",
+        result.stderr,
+    )
+    of_workers = _invoke(*command, "--workers", "1").stderr
+    assert of_workers.replace(f"; on node {socket.gethostname()}", "") == result.stderr
+
+
+def test_an_error_of_a_policys_module_is_one_line_and_status_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "unfinished.py").write_text("act = undefined\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    result = _invoke(*_STAND, "--policy", "unfinished:act")
+    assert result.exit_code == 2
+    assert result.stderr.startswith(
+        "limberjack: policy 'unfinished:act', as its module is imported: NameError: name "
+        "'undefined' is not defined ("
+    )
+    assert result.stderr.endswith("unfinished.py, line 1, in <module>)\n")
 
 
 def test_an_interrupt_is_status_130_and_says_how_to_continue(tmp_path: Path) -> None:
@@ -213,8 +232,9 @@ def test_a_policy_that_fails_in_a_worker_is_one_line_and_status_1(tmp_path: Path
     assert result.stderr.count("\n") == 1
     assert result.stderr.startswith(
         "limberjack: policy 'evaluated:Raising', step 0 of the episode with seed 0: ValueError: a "
-        "mistake of the policy's own; on node "
+        "mistake of the policy's own ("
     )
+    assert ", in raising); on node " in result.stderr
     assert result.stderr.endswith(
         f"; 0 of 6 episodes finished, and are kept in {tmp_path}: the same command continues from "
         "there\n"

@@ -8,6 +8,7 @@ import typer
 
 from limberjack import suite
 from limberjack.cli import output
+from limberjack.policies.kinds import Locating, PolicyError
 
 
 def _printed(table: object, capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -82,8 +83,36 @@ def test_an_error_is_shown_after_its_notes(capsys: pytest.CaptureFixture[str]) -
     error = FileNotFoundError("no weights")
     error.add_note("policy 'a:b', step 3 of the episode with seed 4")
     output.complain(error)
-    expected = "limberjack: policy 'a:b', step 3 of the episode with seed 4: no weights\n"
-    assert capsys.readouterr().err == expected
+    where = "limberjack: policy 'a:b', step 3 of the episode with seed 4: "
+    assert capsys.readouterr().err == f"{where}FileNotFoundError: no weights\n"
+    own = PolicyError("nan")  # whose message needs nothing more
+    own.add_note("policy 'a:b'")
+    output.complain(own)
+    assert capsys.readouterr().err == "limberjack: policy 'a:b': nan\n"
+
+
+def test_an_error_of_a_policys_module_is_one_line_and_status_2(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(typer.Exit) as caught, output.misuse_reported(), Locating("policy 'a:b'"):
+        raise NameError("no such\nname")
+    assert caught.value.exit_code == 2
+    error = capsys.readouterr().err
+    assert error.startswith("limberjack: policy 'a:b': NameError: no such name (")
+    assert error.count("\n") == 1
+
+
+def test_only_errors_of_a_users_code_have_a_sentence() -> None:
+    assert output.users_failure(KeyError("x")) is None
+    assert output.users_failure(KeyboardInterrupt()) is None
+    error = KeyError("x")
+    error.add_note("policy 'a:b'")
+    assert output.users_failure(error) == "policy 'a:b': KeyError: 'x'"
+    with pytest.raises(KeyError) as caught:
+        raise KeyError("x")  # here, which is no code of the package
+    sentence = output.users_failure(caught.value)
+    assert sentence is not None
+    assert sentence.startswith("KeyError: 'x' (")
 
 
 def test_a_working_directory_that_was_removed_is_not_searched(
@@ -99,3 +128,19 @@ def test_a_working_directory_that_was_removed_is_not_searched(
 
 def test_a_stream_that_was_closed_before_the_start_is_no_terminal() -> None:
     assert not output.is_terminal(None)
+
+
+def test_a_saved_model_is_called_code_once_if_its_file_is_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    output.search_working_directory("sb3:walk")
+    assert capsys.readouterr().err == ""
+    (tmp_path / "walk.zip").touch()
+    for _ in range(2):
+        output.search_working_directory("sb3:walk")
+    output.search_working_directory("zero")
+    assert capsys.readouterr().err == (
+        "limberjack: policy 'sb3:walk' is a pickle, and loading it runs the Python code in it: use "
+        "only files of people whom you trust\n"
+    )

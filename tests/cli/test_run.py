@@ -22,6 +22,14 @@ from tests.policies import saved_models
 _RUN = ["run", "humanoid", "stand", "--time-limit", "0.25"]
 
 
+_BLOCKING = """
+import os
+import numpy as np
+
+def block(observation):
+    os.makedirs("out/result.json", exist_ok=True)
+    return np.zeros(21)
+"""
 _STEPS = 10  # of 0.025 s
 
 
@@ -168,13 +176,24 @@ def test_files_are_written_though_the_table_cannot_be_printed(tmp_path: Path) ->
     assert len(_result(tmp_path / "out")["episodes"]) == 1
 
 
-def test_a_result_that_cannot_be_written_is_one_line_and_status_1(tmp_path: Path) -> None:
+def test_a_result_that_cannot_be_written_is_one_line_and_status_2_at_once(tmp_path: Path) -> None:
     (tmp_path / "out" / "result.json").mkdir(parents=True)  # a directory is in its place
     result = call(*_RUN, "--out", "out", directory=tmp_path)
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert result.stderr.startswith("limberjack: ")
     assert "result.json" in result.stderr
     assert result.stderr.count("\n") == 1
+    assert result.stdout == ""
+
+
+def test_a_result_that_can_no_longer_be_written_is_one_line_and_status_1(tmp_path: Path) -> None:
+    (tmp_path / "my_policies.py").write_text(_BLOCKING)
+    policy = ["--policy", "my_policies:block", "--out", "out"]
+    result = call(*_RUN, *policy, directory=tmp_path, MUJOCO_GL="disable")
+    assert result.returncode == 1
+    assert re.fullmatch(
+        r"limberjack: .*Is a directory: '.*result\.json'", result.stderr.splitlines()[-1]
+    )
     assert re.search(rf"^ +0 +\w+ +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
 
 
@@ -250,10 +269,13 @@ def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory:
     arguments = [*_RUN, "--episodes", "3", "--policy", "my_policies:Broken", "--out", "out"]
     result = call(*arguments, directory=directory, MUJOCO_GL="disable")  # no film: it takes long
     assert result.returncode == 1
-    assert "Traceback" in result.stderr
-    assert result.stderr.rstrip().endswith(
-        "KeyError: 'no such key'\npolicy 'my_policies:Broken', step 4 of the episode with seed 1"
+    assert re.search(
+        "^limberjack: policy 'my_policies:Broken', step 4 of the episode with seed 1: KeyError: "
+        r"'no such key' \(my_policies\.py, line \d+, in \w+\); 1 of 3 episodes finished$",
+        result.stderr,
+        re.MULTILINE,
     )
+    assert "Traceback" not in result.stderr
     assert len(_result(directory / "out")["episodes"]) == 1
 
 

@@ -20,12 +20,16 @@ _LINES = {  # what each program prints
     "spec_driven": 8,
     "dreamer": 24,
     "pixel_learner": 2,
+    "background": 12,
     "custom_tasks": 264,
 }
 _CAN_DRAW = os.environ.get("MUJOCO_GL") != "disable"
 _NO_OPENGL = "" if _CAN_DRAW else "there is no off-screen OpenGL"
 _NO_LXML = "" if importlib.util.find_spec("lxml") else "lxml is not installed"
-_CANNOT_RUN = {"dreamer": _NO_OPENGL, "pixel_learner": _NO_OPENGL, "custom_tasks": _NO_LXML}
+_CANNOT_RUN = {
+    **dict.fromkeys(("background", "dreamer", "pixel_learner"), _NO_OPENGL),
+    "custom_tasks": _NO_LXML,
+}
 _CLIENTS = [
     pytest.param(client, marks=pytest.mark.skipif(bool(reason), reason=reason))
     for client in _LINES

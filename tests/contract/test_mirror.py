@@ -32,6 +32,7 @@ _ACROSS = {
     "planner/test_sleep.py",
     "rl/test_batch_rendering.py",
     "rl/test_batch_time_steps.py",
+    "rl/test_row_time_steps.py",
     "suite/test_suite.py",
     "test_plain_domain.py",
     "test_tutorial_package.py",

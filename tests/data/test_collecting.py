@@ -288,15 +288,15 @@ def test_a_driver_whose_unfinished_file_is_removed_by_another_one_says_so(
     whole: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(files, "fcntl", None)
-    put_in_place, ran = files.put_in_place, []
+    finish, ran = files.Partial.finish, []
 
-    def late(partial: Path, path: Path) -> None:
-        if path.suffix == ".parquet" and not ran:
-            ran.append(path)
+    def late(partial: files.Partial) -> None:
+        if partial.path.suffix == ".parquet" and not ran:
+            ran.append(partial)
             assert _collect(tmp_path, range(130)) == whole
-        put_in_place(partial, path)
+        finish(partial)
 
-    monkeypatch.setattr(files, "put_in_place", late)
+    monkeypatch.setattr(files.Partial, "finish", late)
     with pytest.raises(OSError, match=f"another process writes to {tmp_path}: end one of the two"):
         _collect(tmp_path, range(130))
     assert hashes(tmp_path) == whole

@@ -1,6 +1,7 @@
 """The folder of a dataset: what is missing, what is written, and what is refused."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 from typing import NamedTuple
@@ -207,3 +208,30 @@ def test_without_locks_a_second_writer_is_noticed_as_it_logs_its_call(
     second.log({"began": 1, "ended": "later"})
     calls = json.loads((tmp_path / "run.json").read_text())["calls"]
     assert calls == [{"began": 0}, {"began": 1, "ended": "later"}]
+
+
+@pytest.mark.parametrize("text", ['{"calls": [], "notes": "mine"}', '{"calls": [{"mine": 1}]}'])
+def test_a_log_of_something_else_is_refused_and_stays(text: str, tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(text)
+    with pytest.raises(ValueError, match=r"run\.json is no log of a collection: choose another"):
+        Folder(tmp_path, _RECIPE)
+    assert (tmp_path / "run.json").read_text() == text
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no special files")
+def test_a_pipe_in_the_place_of_a_file_is_refused_at_once(tmp_path: Path) -> None:
+    for name in ("run.json", "run-1-of-2.json", "seeds-0000000000-0000000064.parquet"):
+        os.mkfifo(tmp_path / name)
+        with pytest.raises(ValueError, match=f"{name} is a pipe; expected a regular file"):
+            Folder(tmp_path, _RECIPE)
+        (tmp_path / name).unlink()
+
+
+def test_hidden_files_of_others_are_not_removed(tmp_path: Path) -> None:
+    names = (".seeds-mine.parquet", ".seeds-0000000060-0000000064.mine.parquet")
+    for name in names:
+        (tmp_path / name).write_text("mine")
+    with Folder(tmp_path, _RECIPE) as folder:
+        folder.plan(range(60, 64))
+        folder.log({"began": "now"})
+    assert {path.name for path in tmp_path.iterdir()} == {*names, "run.json"}

@@ -141,3 +141,20 @@ def test_a_new_environment_opens_a_dataset_and_steps(
     install = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     subprocess.run([*install, f"{_REPOSITORY}[minari]"], check=True, timeout=_LIMIT)
     assert _stepped(tmp_path, name, python) == "2 10"
+
+
+def test_what_is_beside_an_earlier_conversion_is_not_removed(
+    arms: Dataset, to_minari: Any, tmp_path: Path
+) -> None:
+    hidden = tmp_path / ".mine-v0"
+    hidden.mkdir()
+    (hidden / "notes").write_text("mine")
+    to_minari(arms, tmp_path, "mine-v0")
+    assert (hidden / "notes").read_text() == "mine"
+    for notes in (tmp_path / "mine-v0" / "notes", tmp_path / "mine-v0" / "data" / "notes"):
+        notes.write_text("mine")
+        with pytest.raises(ValueError, match=r"mine-v0 exists: remove it"):
+            to_minari(arms, tmp_path, "mine-v0")
+        assert notes.read_text() == "mine"
+        notes.unlink()
+    to_minari(arms, tmp_path, "mine-v0")

@@ -102,6 +102,19 @@ def test_the_speeds_over_the_whole_suite_are_those_that_were_measured(
     assert f"| {told} | {kind} | {' | '.join(expected)} |" in _text(_BATCHES)
 
 
+@pytest.mark.parametrize(
+    ("told", "measure"),
+    [("a vectorised batch", "rows / vectorised"), ("`AsyncVectorEnv`", "rows / AsyncVectorEnv")],
+)
+def test_the_times_of_rows_are_those_that_were_measured(told: str, measure: str) -> None:
+    cells = ["-"] * 4
+    path = _RESULTS / "rows.json"
+    if path.exists():
+        rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
+        cells = [f"{row['value']:.2f}" for row in rows if row["measure"] == measure]
+    assert f"| {told} | {' | '.join(cells)} |" in _text(_BATCHES)
+
+
 def _messages() -> str:
     """All texts of the package, those that are made of parts joined as they are printed."""
     texts = []

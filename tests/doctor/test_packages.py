@@ -9,10 +9,10 @@ from limberjack.doctor import packages
 from limberjack.utils import requirements
 
 _CLEAN = {"mujoco": "4.0.0", "mujoco-core": "4.0.0", "mujoco-studio": "4.0.0"}
-_REMEDY = (
-    "run: pip uninstall -y mujoco mujoco-core mujoco-studio; then: pip install 'mujoco>=4.0,<5'. "
-    "Programs that need MuJoCo 3, as dm_control does, belong into another virtual environment"
-)
+_REMEDY = """Run these commands, one after the other:
+  pip uninstall -y mujoco mujoco-core mujoco-studio
+  pip install 'mujoco>=4.0,<5'
+Programs that need MuJoCo 3, as dm_control does, belong into another virtual environment."""
 
 
 def test_extras_name_the_packages_that_are_missing_and_the_command(

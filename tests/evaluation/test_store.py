@@ -201,6 +201,203 @@ def test_without_a_folder_episodes_are_kept_in_memory_only(tmp_path: Path) -> No
     assert not list(tmp_path.iterdir())
 
 
+# Files that are not a store's.
+
+_FOREIGN = [
+    '{"my own": "hours of work"}\n',
+    '{"my own": "hours of work"}',
+    "hours of work\n",
+    "hours of work",
+    "one\ntwo\n",
+    "\n",
+    "{}\n",
+    '{"versions": {}}\n',
+    '{"versions": "mine", "task": "stand"}\n',
+    '{"task": "stand", "mine": {"mujoco"',
+]
+
+
+def _seen(folder: Path) -> dict[str, tuple[bytes, int, str | None]]:
+    """Content, time of change and target of links, of everything in a folder."""
+    return {
+        path.name: (
+            path.read_bytes(),
+            path.lstat().st_mtime_ns,
+            os.readlink(path) if path.is_symlink() else None,
+        )
+        for path in folder.iterdir()
+    }
+
+
+@pytest.mark.parametrize("text", _FOREIGN)
+@pytest.mark.parametrize("shard", [None, (1, 2)])
+def test_a_file_of_something_else_is_refused_and_untouched(
+    text: str, shard: tuple[int, int] | None, tmp_path: Path
+) -> None:
+    name = "episodes.jsonl" if shard is None else "episodes-1-of-2.jsonl"
+    (tmp_path / name).write_text(text)
+    before = _seen(tmp_path)
+    with pytest.raises(ValueError, match=rf"{name} does not begin with the line of an evaluation"):
+        Store(tmp_path, _OURS, shard=shard)
+    assert _seen(tmp_path) == before
+
+
+@pytest.mark.parametrize("text", _FOREIGN)
+def test_a_shards_file_of_something_else_is_refused_before_anything_is_written(
+    text: str, tmp_path: Path
+) -> None:
+    shard = Store(tmp_path, _OURS, shard=(1, 2))
+    shard.add("zero", [_SCORE])
+    shard.close()
+    (tmp_path / "episodes-x-of-y.jsonl").write_text(text)
+    before = _seen(tmp_path)
+    with pytest.raises(ValueError, match=r"episodes-x-of-y\.jsonl does not begin with the line"):
+        Store(tmp_path, _OURS)
+    assert _seen(tmp_path) == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows links need a privilege")
+@pytest.mark.parametrize("text", [*_FOREIGN, "", None])
+def test_a_link_is_refused_and_its_file_untouched(text: str | None, tmp_path: Path) -> None:
+    victim, folder = tmp_path / "victim", tmp_path / "scores"
+    folder.mkdir()
+    (folder / "episodes.jsonl").symlink_to(victim)
+    if text is not None:
+        victim.write_text(text)
+    with pytest.raises(ValueError, match=r"episodes\.jsonl is a link, which an evaluation never"):
+        Store(folder, _OURS)
+    assert victim.exists() == (text is not None)
+    assert text is None or victim.read_text() == text
+    assert (folder / "episodes.jsonl").is_symlink()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no special files")
+def test_a_pipe_in_the_place_of_a_store_or_result_is_refused_at_once(tmp_path: Path) -> None:
+    for name in ("episodes.jsonl", "result.json"):
+        folder = tmp_path / name.partition(".")[0]
+        Store(folder, _OURS).close()
+        (folder / name).unlink(missing_ok=True)
+        os.mkfifo(folder / name)
+        with pytest.raises(ValueError, match=rf"{name} is a pipe; expected a regular file"):
+            Store(folder, _OURS)
+
+
+def test_a_store_without_episodes_is_begun_again_by_another_evaluation(tmp_path: Path) -> None:
+    Store(tmp_path, _THEIRS).close()
+    store = Store(tmp_path, _OURS)
+    store.add("zero", [_SCORE])
+    store.close()
+    (first, _) = (tmp_path / "episodes.jsonl").read_text().splitlines()
+    assert json.loads(first) == _OURS
+
+
+def test_a_first_line_that_a_kill_cut_off_is_written_again(tmp_path: Path) -> None:
+    Store(tmp_path, _OURS).close()
+    path = tmp_path / "episodes.jsonl"
+    whole = path.read_bytes()
+    for length in (0, 1, len(whole) - 1):
+        path.write_bytes(whole[:length])
+        Store(tmp_path, _OURS).close()
+        assert path.read_bytes() == whole
+
+
+def test_a_refused_folder_keeps_an_unfinished_line(tmp_path: Path) -> None:
+    store = Store(tmp_path, _OURS)
+    store.add("zero", [_SCORE])
+    store.close()
+    with (tmp_path / "episodes.jsonl").open("a") as file:
+        file.write('{"policy": "zero"')
+    (tmp_path / "episodes-1-of-1.jsonl").write_text("mine\n")
+    before = _seen(tmp_path)
+    with pytest.raises(ValueError, match="does not begin with the line"):
+        Store(tmp_path, _OURS)
+    assert _seen(tmp_path) == before
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", "mine", '{"domain": "humanoid", "task": "stand"}'])
+def test_a_result_of_something_else_is_refused_beside_a_store_too(
+    text: str, tmp_path: Path
+) -> None:
+    Store(tmp_path, _OURS).close()
+    (tmp_path / "result.json").write_text(text)
+    before = _seen(tmp_path)
+    with pytest.raises(ValueError, match=r"result\.json is not the result of an evaluation"):
+        Store(tmp_path, _OURS)
+    assert _seen(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["report.html", "returns.png"])
+def test_a_page_or_picture_without_a_result_is_refused(name: str, tmp_path: Path) -> None:
+    Store(tmp_path, _OURS).close()
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(ValueError, match=rf"holds {name} but no result\.json, so no evaluation"):
+        Store(tmp_path, _OURS)
+    assert (tmp_path / name).read_text() == "mine"
+
+
+_LIMITED = {**_OURS, "time_limit": 25.0, "control_timestep": 0.025}
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ({"length": -3}, "length is -3; expected a number of steps from 1 on"),
+        ({"length": 0}, "length is 0; expected a number of steps from 1 on"),
+        ({"length": 1001}, "length is 1001; expected at most 1000, the steps of the time limit"),
+        ({"length": 10**9}, "length is 1000000000; expected at most 1000"),
+        ({"length": 10**400}, "length is 1000000"),
+        ({"length": 10.0}, "length is 10.0; expected a number of steps"),
+        ({"seed": -1}, "seed is -1; expected a number from 0 to 4294967295"),
+        ({"seed": 2**32}, "seed is 4294967296; expected"),
+        ({"total": float("inf")}, "total is inf; expected a finite number"),
+        ({"final_reward": float("nan")}, "final_reward is nan; expected a finite number"),
+        ({"policy": "x" * 5000, "total": "x" * 5000}, "total is 'xxx"),
+        ({"more": 1}, "it has 'more'"),
+    ],
+)
+def test_a_value_that_no_episode_has_is_refused_with_file_line_and_value(
+    entry: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    store = Store(tmp_path, _LIMITED)
+    store.add("zero", [_SCORE])
+    store.close()
+    path = tmp_path / "episodes.jsonl"
+    line = {**json.loads(path.read_text().splitlines()[1]), **entry}
+    with path.open("a") as file:
+        file.write(json.dumps(line) + "\n")
+    before = _seen(tmp_path)
+    with pytest.raises(ValueError, match="line 3 is no episode") as caught:
+        Store(tmp_path, _LIMITED)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: line 3 is no episode: remove that line")
+    assert message in text
+    assert len(text) < 500
+    assert _seen(tmp_path) == before
+
+
+@pytest.mark.parametrize("versions", [-3, "4.0.0", ["4.0.0"], {"mujoco": 4}, None])
+def test_versions_of_another_form_are_refused_with_the_line(versions: Any, tmp_path: Path) -> None:
+    store = Store(tmp_path, _OURS)
+    store.add("zero", [_SCORE])
+    store.close()
+    with (tmp_path / "episodes.jsonl").open("a") as file:
+        file.write(json.dumps({"versions": versions}) + "\n")
+    with pytest.raises(ValueError, match=r"line 3 is no episode: .* \(versions is "):
+        Store(tmp_path, _OURS)
+
+
+def test_episodes_of_another_minor_version_are_refused_later_in_the_file_too(
+    tmp_path: Path,
+) -> None:
+    store = Store(tmp_path, _OURS)
+    store.add("zero", [_SCORE])
+    store.close()
+    with (tmp_path / "episodes.jsonl").open("a") as file:
+        file.write(json.dumps({"versions": {**_VERSIONS, "mujoco": "4.7.0"}}) + "\n")
+    with pytest.raises(ValueError, match=r"evaluation with versions {'mujoco': '4\.7\.0'}"):
+        Store(tmp_path, _OURS)
+
+
 # Shards, and file systems without locks.
 
 

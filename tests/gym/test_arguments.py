@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+from limberjack import suite
 from limberjack.gym import arguments
 
 _LARGEST = 2**32 - 1
@@ -52,6 +53,23 @@ def test_a_mask_is_copied() -> None:
 def test_without_a_mask_there_is_none() -> None:
     assert arguments.reset_mask(None, 3) is None
     assert arguments.reset_mask({}, 3) is None
+    assert arguments.reset_mask({"state": 1}, 3, "state") is None
+    with pytest.raises(TypeError, match="has 'state', which reset does not take"):
+        arguments.reset_mask({"state": 1}, 3)
+
+
+def test_options_are_known_by_name() -> None:
+    assert arguments.check_options(None, "state") == {}
+    assert arguments.check_options({"state": 1}, "state") == {"state": 1}
+    with pytest.raises(TypeError, match="options is 3; expected a mapping, which may have 'state'"):
+        arguments.check_options(3, "state")
+    with pytest.raises(TypeError, match=r"options has 'stat', .*Did you mean 'state'"):
+        arguments.check_options({"stat": 1}, "state")
+
+
+def test_a_batch_is_known_by_its_interface() -> None:
+    assert arguments.is_batch(suite.load_batch("humanoid", "walk", 1))
+    assert not arguments.is_batch(suite.load("humanoid", "walk"))
 
 
 @pytest.mark.parametrize(

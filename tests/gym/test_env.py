@@ -5,6 +5,7 @@ import os
 import pickle
 from typing import Any
 
+import dm_env
 import gymnasium
 import numpy as np
 import pytest
@@ -413,6 +414,102 @@ def test_options_that_are_not_a_mapping_are_refused_and_nothing_is_reset(make: A
     after = env.reset(seed=0)[0]
     for name, value in before.items():
         np.testing.assert_array_equal(after[name], value)
+
+
+def _two_rows(domain: str, task: str) -> gym.VectorEnv:
+    return gym.load_vector(domain, task, 2)
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "message"),
+    [
+        (gym.load, {"stat": None}, r"has 'stat', .*Did you mean 'state'\? There are: state"),
+        (gym.load, {"reset_mask": np.ones(1, bool)}, "has 'reset_mask', which reset does not take"),
+        (gym.load, {"seed": 3}, "has 'seed'"),
+        (gym.load, {3: 1}, "has 3, which"),
+        (_two_rows, {"reset_msk": 0}, "Did you mean 'reset_mask'"),
+        (_two_rows, {"qpos": 0}, "There are: reset_mask, state"),
+    ],
+)
+def test_unknown_options_are_refused_with_the_nearest_name_and_nothing_is_reset(
+    make: Any, options: Any, message: str
+) -> None:
+    env, twin = make("stacker", "stack_2"), make("stacker", "stack_2")
+    action = np.zeros(env.action_space.shape)
+    for each in (env, twin):
+        each.reset(seed=0)
+        each.step(action)
+    with pytest.raises(TypeError, match=message):
+        env.reset(seed=1, options=options)
+    assert_same(env.step(action), twin.step(action))
+    assert_same(env.reset(), twin.reset(options={}))
+
+
+@pytest.mark.parametrize("task", [("humanoid", "walk"), ("manipulator", "bring_ball")])
+def test_the_time_between_two_actions_is_that_of_the_dm_env_environment(
+    task: tuple[str, str],
+) -> None:
+    env: Any = gymnasium.make("limberjack/{}-{}-v0".format(*task))
+    expected = suite.load(*task).control_timestep()
+    assert env.unwrapped.dt == gym.load_vector(*task, 2).dt == expected
+
+
+def test_environments_of_other_kinds_are_refused() -> None:
+    class Other(dm_env.Environment):
+        """Has what dm_env asks for."""
+
+        def reset(self) -> Any: ...
+        def step(self, action: Any) -> Any: ...
+        def action_spec(self) -> Any: ...
+        def observation_spec(self) -> Any: ...
+
+    class Own(control.Environment):
+        """A subclass of ours."""
+
+    other: Any = Other()
+    with pytest.raises(TypeError, match=r"is a Other; expected a limberjack\.rl\.control\.Env"):
+        gym.Env(other)
+    one = suite.load("humanoid", "walk")
+    assert gym.Env(Own(one.physics, one.task)).dt == 0.005
+
+
+@pytest.mark.skipif(_NO_OPENGL, reason="MUJOCO_GL turns rendering off")
+def test_pictures_of_a_list_of_cameras_are_side_by_side() -> None:
+    shown: dict[str, Any] = {"render_mode": "rgb_array", "width": 32, "height": 24}
+    one = [_env(camera_name=camera, **shown) for camera in ("back", "side")]
+    several: list[dict[str, Any]] = [
+        {"camera_name": ["back", "side"]},
+        {"camera_id": [0, 1]},
+        {"camera_id": ("back", 1)},
+        {"render_kwargs": {"camera_id": ["back", "side"]}},
+        {"render_kwargs": {"camera": [0, "side"]}},
+    ]
+    names = [one[0].physics.model.id2name(i, "camera") for i in (0, 1)]
+    assert names == ["back", "side"]
+    for env in one:
+        env.reset(seed=0)
+    expected = np.concatenate([np.asarray(env.render()) for env in one], axis=1)
+    assert expected.shape == (24, 64, 3)
+    for kwargs in several:
+        env = _env(**shown, **kwargs)
+        env.reset(seed=0)
+        np.testing.assert_array_equal(env.render(), expected)
+        envs = gym.load_vector("humanoid", "walk", 2, num_threads=1, **shown, **kwargs)
+        envs.reset(seed=0)
+        pictures = envs.render()
+        assert pictures is not None
+        assert [picture.shape for picture in pictures] == [(24, 64, 3)] * 2
+        np.testing.assert_array_equal(pictures[0], expected)
+        envs.close()
+
+
+def test_no_cameras_are_refused_where_the_environment_is_made() -> None:
+    none: list[dict[str, Any]] = [{"camera_id": []}, {"camera_name": ()}]
+    for kwargs in (*none, {"render_kwargs": {"camera": []}}):
+        with pytest.raises(ValueError, match="expected at least one camera"):
+            _env(render_mode="rgb_array", **kwargs)
+    with pytest.raises(TypeError, match="expected the name or number of a camera, or a list"):
+        _env(render_mode="rgb_array", camera_id=[[0, 1]])
 
 
 @pytest.mark.parametrize("make", [gym.load, lambda *task: gym.load_vector(*task, num_envs=2)])

@@ -1,5 +1,6 @@
 """Two halves stepped in turn: the same numbers, on threads that never harm anybody."""
 
+import logging
 import pickle
 import threading
 import time
@@ -135,6 +136,31 @@ def test_errors_of_a_half_number_rows_within_the_whole_batch() -> None:
     halves.send(np.zeros((2, 21)), 1)
     with pytest.raises(control.PhysicsError, match=r"rows \[3\] diverged"):
         halves.recv()
+    halves.close()
+
+
+def test_a_restored_or_given_state_and_the_log_number_rows_within_the_whole_batch(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    _, halves = _pair()
+    second = halves.batches[1]
+    snapshot = second.snapshot()
+    snapshot.physics["state"][1, 3] = np.nan
+    with caplog.at_level(logging.WARNING, "limberjack"):
+        second.restore(snapshot)
+    assert "rows [4] diverged" in caplog.text
+    with pytest.raises(RuntimeError, match=r"just begun in rows \[4\]: call reset"):
+        second.set_states({"qvel": np.zeros((2, 27))})
+    halves.reset()
+    with pytest.raises(ValueError, match=r"'qvel' of the state is invalid in rows \[3, 4\]"):
+        second.set_states({"qvel": np.full((2, 27), np.nan)})
+    states = {"qvel": np.zeros((5, 27))}
+    states["qvel"][3] = np.inf
+    with pytest.raises(ValueError, match=r"'qvel' of the state is invalid in rows \[3\]"):
+        halves.reset(options={"state": states})
+    second._raises = True
+    with pytest.raises(control.PhysicsError, match=r"rows \[4\] diverged"):
+        second.restore(snapshot)
     halves.close()
 
 

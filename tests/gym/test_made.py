@@ -1,5 +1,6 @@
 """Entry points of Gymnasium's ids: `gym.load` and `load_vector` with Gymnasium's lengths."""
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -135,3 +136,47 @@ def test_gymnasium_knows_the_render_modes_of_single_environments() -> None:
     env = gymnasium.make("limberjack/manipulator-bring_ball-v0", render_mode="rgb_array_list")
     assert env.render_mode == "rgb_array_list"
     env.close()
+
+
+@pytest.mark.parametrize("repeat", [2, 3])
+def test_repeated_actions_leave_fewer_steps_in_an_episode(repeat: int) -> None:
+    name = "limberjack/humanoid-walk-v0"
+    env: Any = gymnasium.make(name, action_repeat=repeat, time_limit=0.3)  # 12 control steps
+    envs: Any = gymnasium.make_vec(name, 2, action_repeat=repeat, time_limit=0.3)
+    plain = gym.load("humanoid", "walk", time_limit=0.3)
+    assert env.unwrapped.dt == envs.dt == repeat * plain.dt
+    assert env.unwrapped.metadata["render_fps"] == round(40 / repeat)
+    assert envs.spec.max_episode_steps == 12 // repeat
+    for each in (env, envs, plain):
+        each.reset(seed=0)
+    snapshot: Any = None
+    for step in range(12 // repeat):
+        one, rows = env.step(np.zeros(21)), envs.step(np.zeros((2, 21)))
+        rewards = [plain.step(np.zeros(21))[1] for _ in range(repeat)]
+        assert one[1] == rows[1][0] == pytest.approx(sum(rewards))
+        assert one[3] == rows[3][0] == (step == 12 // repeat - 1)
+        if step == 1:
+            snapshot = env.unwrapped.environment.snapshot()
+    for start in (
+        lambda: gym.restore(env, snapshot),
+        lambda: env.reset(options={"state": snapshot}),
+    ):
+        start()
+        rest = [env.step(np.zeros(21))[3] for _ in range(12 // repeat - 2)]
+        assert rest == [False] * (len(rest) - 1) + [True]
+
+
+def test_repeated_actions_keep_the_length_of_the_task_unless_another_is_given() -> None:
+    name = "limberjack/humanoid-walk-v0"
+    found = []
+    given: list[dict[str, Any]] = [{}, {"max_episode_steps": 4}]
+    for kwargs in given:
+        env: Any = gymnasium.make(name, action_repeat=100, **kwargs)
+        envs: Any = gymnasium.make_vec(name, 2, action_repeat=100, **kwargs)
+        again: Any = gymnasium.make_vec(envs.spec)
+        for each in (env, envs, again):
+            each.reset(seed=0)
+            zeros = np.zeros(each.action_space.shape)
+            found.append(next(n for n in itertools.count(1) if np.any(each.step(zeros)[3])))
+            each.close()
+    assert found == [10, 10, 10, 4, 4, 4]

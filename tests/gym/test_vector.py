@@ -7,15 +7,18 @@ import os
 import pickle
 from typing import Any
 
+import dm_env
 import gymnasium
 import numpy as np
 import pytest
+from dm_env import specs
 from gymnasium import error
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
-from limberjack import gym, suite
+from limberjack import gym, rl, suite
 from limberjack.rl import control
+from limberjack.rl.contract import Batch
 
 from .gym_episodes import MODES, TASKS, assert_same, falling_env, falling_envs, told_alike
 
@@ -169,11 +172,11 @@ def test_a_mask_resets_its_rows_and_leaves_the_others_alone(mode: AutoresetMode)
 
 def test_the_callers_options_and_mask_stay_as_they_were() -> None:
     mask = np.array([True, False, False])
-    options = {"reset_mask": mask, "other": 1}
+    options = {"reset_mask": mask, "state": None}
     envs = _envs(3, autoreset_mode="SameStep")
     envs.reset(seed=0)
     envs.reset(options=options)
-    assert options == {"reset_mask": mask, "other": 1}
+    assert options == {"reset_mask": mask, "state": None}
     assert mask.tolist() == [True, False, False]
 
 
@@ -532,12 +535,104 @@ def test_halves_are_two_batches_of_the_same_kind() -> None:
     walk = suite.load_batch(*_WALK, 2, 1)
     with pytest.raises(ValueError, match="both halves are the same batch; load another one"):
         gym.VectorEnv(walk, walk)
-    with pytest.raises(ValueError, match="halves differ in their task: Humanoid and Bring; load"):
+    with pytest.raises(ValueError, match="differ in their task: humanoid:walk and manip"):
         gym.VectorEnv(walk, suite.load_batch("manipulator", "bring_ball", 2, 1))
-    pure = suite.load_batch("humanoid", "run_pure_state", 2, 1)
-    with pytest.raises(ValueError, match=r"halves differ in their observations: .*'position'"):
-        gym.VectorEnv(walk, pure)
+    flat = suite.load_batch(*_WALK, 2, 1, environment_kwargs={"flat_observation": True})
+    with pytest.raises(ValueError, match=r"halves differ in their observations: .*'observations'"):
+        gym.VectorEnv(walk, flat)
     gym.VectorEnv(walk, suite.load_batch(*_WALK, 3, 1)).close()
+
+
+def test_anything_but_a_batch_is_refused() -> None:
+    single: Any = suite.load(*_WALK)
+    for given in ([single], [suite.load_batch(*_WALK, 2, 1), single]):
+        with pytest.raises(TypeError, match="got Environment; expected a batch, from suite"):
+            gym.VectorEnv(*given)
+
+
+def test_a_batch_of_another_kind_needs_only_the_interface_of_batches() -> None:
+    class Plain:
+        """The interface of a batch, and nothing else of the one behind it."""
+
+        def __init__(self, batch: Any) -> None:
+            self._batch = batch
+
+        def __getattr__(self, name: str) -> Any:
+            if name == "_batch" or name not in {**vars(Batch), **Batch.__annotations__}:
+                raise AttributeError(name)
+            return getattr(self._batch, name)
+
+        def __setattr__(self, name: str, value: Any) -> None:
+            if name == "_batch":
+                super().__setattr__(name, value)
+            else:
+                setattr(self._batch, name, value)
+
+    ball = ("manipulator", "bring_ball")
+    plain: Any = [Plain(suite.load_batch(*ball, n, 1)) for n in (1, 2)]
+    envs, twin = gym.VectorEnv(*plain), _envs(3, ball, pipelined=True)
+    twin_halves = gym.VectorEnv(*(suite.load_batch(*ball, n, 1) for n in (1, 2)))
+    assert repr(envs).startswith("<VectorEnv manipulator:bring_ball, 3 rows")
+    state = {"qvel": np.ones((3, 11))}
+    for each in (envs, twin, twin_halves):
+        each.reset(seed=0, options={"state": state})
+    for action in np.random.RandomState(0).uniform(-1, 1, (5, 3, 5)):
+        stepped = envs.step(action)
+        assert_same(stepped[0], twin.step(action)[0])
+        assert_same(stepped, twin_halves.step(action))
+    assert envs.get_attr("dt") == (0.01,) * 3
+
+
+def test_rows_that_are_environments_make_a_vector_environment_too() -> None:
+    for mode in ("NextStep", "SameStep"):
+        kwargs: dict[str, Any] = {"autoreset_mode": mode, "time_limit": 0.1, "flat": True}
+        rows = gymnasium.make_vec(
+            "limberjack/humanoid-walk-v0", 3, vectorised=False, pipelined=True, **kwargs
+        )
+        twin = _envs(3, **kwargs)
+        assert rows.metadata == twin.metadata
+        assert "not vectorised" in repr(rows.unwrapped.batches[0])  # pyright: ignore
+        assert repr(rows).startswith("<VectorEnv humanoid:walk, 3 rows")
+        assert_same(rows.reset(seed=0), twin.reset(seed=0))
+        for action in np.random.RandomState(0).uniform(-1, 1, (7, 3, 21)):
+            one, other = rows.step(action), twin.step(action)
+            assert_same(one[:4], other[:4])
+            assert one[4].keys() == other[4].keys()
+            assert {"diverged", "reward_terms"} <= one[4].keys()
+            for name, value in one[4].items():
+                parts = [list(v) if name == "final_obs" else v for v in (value, other[4][name])]
+                assert_same(parts[0], parts[1], name)
+        rows.close()
+
+
+def test_environments_that_do_not_report_a_control_step_have_no_frame_rate() -> None:
+    class Silent(dm_env.Environment):
+        """Has what dm_env asks for, and nothing else."""
+
+        def reset(self) -> dm_env.TimeStep:
+            return dm_env.restart({"x": np.zeros(1)})
+
+        def step(self, action: Any) -> dm_env.TimeStep:
+            return dm_env.transition(1.0, {"x": np.asarray(action, float)})
+
+        def action_spec(self) -> Any:
+            return specs.BoundedArray((1,), float, -1, 1)
+
+        def observation_spec(self) -> Any:
+            return {"x": specs.Array((1,), float)}
+
+    batches = [rl.batch_of(lambda seed: Silent(), n, 1) for n in (1, 2)]
+    envs = gym.VectorEnv(*batches)
+    assert np.isnan(envs.dt)
+    assert "render_fps" not in envs.metadata
+    envs.reset(seed=0)
+    observations, rewards, *_ = envs.step([[0.5], [1.0], [-1.0]])
+    assert observations["x"].tolist() == [[0.5], [1.0], [-1.0]]
+    assert rewards.tolist() == [1.0] * 3
+    with pytest.raises(TypeError, match="a Silent cannot begin in a given state"):
+        envs.reset(options={"state": {"qpos": np.zeros((3, 1))}})
+    with pytest.raises(TypeError, match="is a Silent; expected a limberjack"):
+        gym.Env(Silent())  # pyright: ignore[reportArgumentType]
 
 
 def test_an_environment_that_could_not_be_made_leaves_its_batch_open() -> None:

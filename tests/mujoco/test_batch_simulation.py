@@ -1,5 +1,7 @@
 """A batch implements the complete interface of a simulation, like a single one."""
 
+import ctypes
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +12,7 @@ import pytest
 from limberjack import suite
 from limberjack.mujoco.batch_simulation import BatchSimulation
 from limberjack.mujoco.simulation import STATE, Simulation
+from limberjack.mujoco.wrapper.core import callback_context
 from limberjack.rl.control import PhysicsError
 
 _ROWS = 3
@@ -198,12 +201,53 @@ os.wait()
     assert printed == "True\n"
 
 
-@pytest.mark.parametrize("nstep", [0, -3])
-def test_a_batch_takes_at_least_one_step(nstep: int) -> None:
+_CALLBACKS = [n.removeprefix("get_") for n in dir(mujoco) if n.startswith("get_mjcb_")]
+
+
+@pytest.mark.parametrize("callback", _CALLBACKS)
+@pytest.mark.parametrize("kind", ["step", "step_whole", "forward", "start", "reset", "load"])
+def test_a_batch_that_refuses_a_python_callback_is_unchanged(callback: str, kind: str) -> None:
+    batch, _ = _pair()
+    simulation = batch.simulation
+    batch.step(3)
+    saved = simulation.save(None, ("body_mass",))
+    calls: dict[str, Callable[[], None]] = {
+        "step": lambda: simulation.step(2),
+        "step_whole": lambda: simulation.step_whole(2),
+        "forward": simulation.forward,
+        "start": simulation.forward_without_actuation,
+        "reset": simulation.reset,
+        "load": lambda: simulation.load({n: 0 * v for n, v in saved.items()}),
+    }
+    message = f"^{callback} is a Python function.*None.*ctypes"
+    with callback_context(callback, lambda *_: 0), pytest.raises(ValueError, match=message):
+        calls[kind]()
+    for name, value in simulation.save(None, ("body_mass",)).items():
+        np.testing.assert_array_equal(value, saved[name])
+
+
+@pytest.mark.parametrize("callback", _CALLBACKS)
+def test_replicas_can_be_asked_before_a_step(callback: str) -> None:
+    rows = suite.load("pendulum", "swingup").physics.replicate(2, 1)
+    rows.check()
+    with callback_context(callback, time.time), pytest.raises(ValueError, match=callback):
+        rows.check()
+    rows.check()
+
+
+def test_a_batch_runs_a_callback_compiled_in_c() -> None:
+    batch, _ = _pair()
+    called = []
+    kind = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
+    with callback_context("mjcb_control", kind(lambda model, data: called.append(model))):
+        batch.step(2)
+    assert len(called) == 2 * _ROWS
+
+
+@pytest.mark.parametrize("nstep", [0, -3, 1.5, True, None, 2**31])
+def test_a_batch_takes_at_least_one_step(nstep: Any) -> None:
     physics = suite.load("pendulum", "swingup").physics.replicate(2, 1).physics
-    with pytest.raises(ValueError, match=f"nstep is {nstep}; expected at least one time step"):
-        physics.step(nstep)
-    physics.legacy_step = False
-    with pytest.raises(ValueError, match=f"nstep is {nstep}"):
-        physics.step(nstep)
+    for physics.legacy_step in (True, False):
+        with pytest.raises(ValueError, match=rf"nstep is {nstep}; expected a whole .* at least 1"):
+            physics.step(nstep)
     assert physics.time().tolist() == [0.0, 0.0]

@@ -111,6 +111,38 @@ def test_reloading_takes_the_new_model_and_its_names(physics: Physics, tmp_path:
     assert swing(physics, 5) == swing(fresh, 5)
 
 
+@pytest.mark.parametrize("legacy_step", [True, False])
+@pytest.mark.parametrize("nstep", [0, -5, 1.0, 2.5, True, None, "1", 2**31, 2**70])
+def test_a_number_of_steps_that_is_none_is_refused_and_changes_nothing(
+    nstep: Any, legacy_step: bool
+) -> None:
+    physics = Physics.from_xml_string(_PENDULUM)
+    physics.legacy_step = legacy_step
+    physics.data.warning.number[:] = 1
+    whole = mujoco.mjtState.mjSTATE_INTEGRATION.value
+    before = physics.get_state(whole)
+    for step in (physics.step, physics.simulation.step, physics.simulation.step_whole):
+        with pytest.raises(ValueError, match=rf"nstep is {nstep!r}; expected a whole number"):
+            step(nstep)
+    np.testing.assert_array_equal(physics.get_state(whole), before)
+    assert (physics.data.warning.number == 1).all()
+
+
+def test_a_number_of_steps_may_be_numpys() -> None:
+    physics = Physics.from_xml_string(_PENDULUM)
+    physics.step(np.int64(3))  # pyright: ignore[reportArgumentType]
+    assert physics.time() == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize("keyframe", [0.5, "aside", [0]])
+def test_a_keyframe_that_is_no_number_is_refused(keyframe: Any) -> None:
+    physics = Physics.from_xml_string(_PENDULUM)
+    physics.step(3)
+    with pytest.raises(TypeError, match=r"keyframe_id is .*; expected a keyframe's number"):
+        physics.reset(keyframe)
+    assert physics.time() > 0
+
+
 @pytest.mark.parametrize("nstep", [1, 2, 5])
 @pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast", "RK4"])
 def test_a_step_is_mujocos_and_positions_are_up_to_date_after_it(

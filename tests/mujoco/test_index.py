@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from limberjack import suite
 from limberjack.mujoco import Physics, fields
 from limberjack.mujoco.index import Axes, Axis, FieldIndexer, Names
 
@@ -452,3 +453,15 @@ def test_a_field_cannot_be_replaced_by_mistake() -> None:
         named.data.qpos = 1.0  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(AttributeError, match=r"named\.model\.body_mass cannot be replaced"):
         named.model.body_mass = 1.0  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_named_integers_of_a_model_are_read_as_ordinary_arrays_and_written_with_a_check() -> None:
+    physics = suite.load("walker", "walk").physics
+    for named in (physics.named.model, physics.replicate(2, 1).physics.named.model):
+        for field in (named.geom_bodyid, named.geom_type):
+            assert type(field[:2]) is type(field[[0, 1]]) is np.ndarray
+            assert type(field["floor"]) is np.int32
+            with pytest.raises(ValueError, match=r"geom_(bodyid|type).*"):
+                field["floor"] = 106
+    physics.named.model.geom_type["torso"] = 5
+    assert physics.model._model.geom_type[1] == 5

@@ -261,3 +261,9 @@ def test_a_batch_made_again_has_every_quantity_and_constant() -> None:
         expected, found = lazy.official.expand(name), new.official.expand(name)
         np.testing.assert_array_equal(found, expected)
         assert (found[0] != found[1]).any()
+
+
+def test_every_callback_of_this_mujoco_is_looked_at() -> None:
+    names = "act_bias act_dyn act_gain contactfilter control passive sensor time"
+    assert list(lazy_batch._CALLBACKS) == [f"mjcb_{name}" for name in names.split()]
+    lazy_batch.check_callbacks()

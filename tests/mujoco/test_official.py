@@ -161,7 +161,8 @@ def test_an_older_mujoco_is_refused_with_the_versions(tmp_path: Path) -> None:
         timeout=60,
     )
     assert result.returncode == 1
-    message = result.stderr.strip().splitlines()[-1]
-    assert message.startswith("ImportError: limberjack needs mujoco.batch")
-    assert "mujoco 3.3.7 is installed; run: pip uninstall -y mujoco mujoco-core" in message
-    assert "then: pip install 'mujoco>=4.0,<5'" in message
+    message = result.stderr[result.stderr.index("ImportError: limberjack needs mujoco.batch") :]
+    assert "mujoco 3.3.7 is installed" in message
+    commands = [line.strip() for line in message.splitlines()]
+    assert any(line.startswith("pip uninstall -y mujoco") for line in commands), message
+    assert any(line.startswith("pip install ") and "mujoco" in line for line in commands), message

@@ -1,5 +1,7 @@
 """The state of a physics as one array, of one simulation and of a batch."""
 
+from typing import Any
+
 import mujoco
 import numpy as np
 import pytest
@@ -40,6 +42,27 @@ def test_a_state_of_another_shape_is_refused_and_changes_nothing(shape: tuple[in
     with pytest.raises(ValueError, match=r"Expected \(3,\)"):
         physics.set_state(np.ones(shape))
     assert not physics.get_state().any()
+
+
+@pytest.mark.parametrize("rows", [None, 2])
+@pytest.mark.parametrize("sig", [-1, 2**15, 2**31, 2**70, 1.5, "qpos", [1]])
+def test_unknown_parts_of_a_state_are_refused(sig: Any, rows: int | None) -> None:
+    physics = Physics.from_xml_string(_XML)
+    if rows is not None:
+        physics = physics.replicate(rows, 1).physics
+    for use in (physics.get_state, lambda sig: physics.set_state(np.ones(3), sig)):
+        with pytest.raises((ValueError, TypeError), match=r"sig is .*; expected bits of mujoco"):
+            use(sig)
+    assert not physics.get_state().any()
+
+
+def test_parts_of_a_state_are_bits_or_their_names() -> None:
+    physics = Physics.from_xml_string(_XML)
+    assert physics.get_state(0).shape == (0,)
+    assert physics.get_state(np.int64(_VELOCITY)).shape == (1,)  # pyright: ignore[reportArgumentType]
+    assert physics.get_state(mujoco.mjtState.mjSTATE_QVEL).shape == (1,)  # pyright: ignore[reportArgumentType]
+    whole = 2**mujoco.mjtState.mjNSTATE.value - 1
+    physics.set_state(physics.get_state(whole), whole)
 
 
 def test_a_subclass_may_name_other_parts_of_the_state() -> None:

@@ -1,5 +1,6 @@
 """`sb3:PATH`, with a stand-in for the reader; evaluation/test_saved_models.py has real models."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -67,3 +68,13 @@ def test_without_stable_baselines3_the_error_says_what_is_needed(
     monkeypatch.delattr(limberjack, "sb3", raising=False)  # imported before, where it is installed
     with pytest.raises(policies.PolicyError, match=r"policy 'sb3:model\.zip': needs"):
         policies.find("sb3:model.zip", suite.load("humanoid", "stand"))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no special files")
+def test_what_may_never_end_is_refused_at_once(tmp_path: Path) -> None:
+    (tmp_path / "model.zip").write_text("")
+    os.mkfifo(tmp_path / "model.vecnormalize.pkl")  # which is read beside the model
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("/dev/zero", tmp_path / "pipe", tmp_path / "model.zip"):
+        with pytest.raises(policies.PolicyError, match=r"policy 'sb3:.* is a (pipe|device); expec"):
+            saved.read_model(f"sb3:{name}")

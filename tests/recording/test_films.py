@@ -203,3 +203,33 @@ def test_one_film_is_written_by_one_process_at_a_time(films: list[_Frames], tmp_
             recording.record(plain_domain.make, out=out, **_SIZE)
         recording.record(plain_domain.make, out=tmp_path / "other.mp4", seconds=0.02, **_SIZE)
     assert [path.name for path in tmp_path.iterdir()] == ["other.mp4"]
+
+
+@pytest.mark.parametrize("content", [b"hours of work", b"\x89PNG\r\n", b"\0" * 20])
+def test_a_file_that_is_no_film_is_not_replaced(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "film.mp4"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"film\.mp4, and the file of that name is no film"):
+        recording.record(plain_domain.make, out=path, seconds=0.04, **_SIZE)
+    assert path.read_bytes() == content
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no special files")
+def test_a_pipe_or_a_link_to_nothing_is_not_replaced(tmp_path: Path) -> None:
+    pipe, link = tmp_path / "pipe.gif", tmp_path / "link.gif"
+    os.mkfifo(pipe)
+    link.symlink_to(tmp_path / "nothing")
+    with pytest.raises(ValueError, match=r"pipe\.gif is a pipe; expected a regular file"):
+        recording.record(plain_domain.make, out=pipe, seconds=0.04, **_SIZE)
+    with pytest.raises(FileNotFoundError, match=r"link\.gif"):
+        recording.record(plain_domain.make, out=link, seconds=0.04, **_SIZE)
+    assert pipe.is_fifo()
+    assert link.is_symlink()
+
+
+def test_an_earlier_film_is_replaced(films: list[_Frames], tmp_path: Path) -> None:
+    for name, beginning in (("a.mp4", b"\0\0\0\x20ftypisom"), ("b.gif", b"GIF89a"), ("c.gif", b"")):
+        (tmp_path / name).write_bytes(beginning)
+        recording.record(plain_domain.make, out=tmp_path / name, seconds=0.04, **_SIZE)
+    assert len(films) == 3

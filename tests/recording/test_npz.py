@@ -1,6 +1,7 @@
 """Arrays of files that anybody may have written."""
 
 import io
+import os
 import struct
 import tracemalloc
 import zipfile
@@ -129,3 +130,11 @@ def test_damage_anywhere_is_a_value_error_or_changes_nothing(tmp_path: Path) -> 
 def test_a_file_that_is_not_there_is_an_os_error(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         read_arrays(tmp_path / "nothing.npz")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no special files")
+def test_what_may_never_end_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "episode.npz")
+    for path in (tmp_path / "episode.npz", Path("/dev/zero")):
+        with pytest.raises(ValueError, match=f"{path} is a .*; expected a regular file"):
+            read_arrays(path)

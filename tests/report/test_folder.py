@@ -1,6 +1,7 @@
 """Folders that a run may write to, and those that hold other results."""
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,26 @@ def test_a_file_that_a_run_would_replace_is_refused_if_no_run_wrote_it(
 ) -> None:
     (tmp_path / name).write_text("a film of `limberjack record`")
     with pytest.raises(ValueError, match=rf"holds {name} but no result\.json, so it is not the"):
+        check_folder(tmp_path, _RUN)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows links need a privilege")
+@pytest.mark.parametrize("name", ["result.json", "video.mp4", "return.png", "report.html"])
+def test_a_link_to_nothing_is_not_replaced(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).symlink_to(tmp_path / "nothing")
+    with pytest.raises((ValueError, FileNotFoundError), match=name):
+        check_folder(tmp_path, _RUN)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no special files")
+def test_a_result_that_is_a_pipe_or_a_folder_is_refused_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "result.json"
+    os.mkfifo(path)
+    with pytest.raises(ValueError, match=r"result\.json is a pipe; expected a regular file"):
+        check_folder(tmp_path, _RUN)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(IsADirectoryError, match=r"result\.json"):
         check_folder(tmp_path, _RUN)
 
 

@@ -633,3 +633,62 @@ def test_the_suites_tasks_are_accepted_with_all_observation_options(
     monkeypatch.setattr(batch, "is_proved", lambda *given: False)  # this is their proof
     for options in ({}, {"legacy_step": False}, {"randomize": {"body_mass": scale(0.9, 1.1)}}):
         assert suite.load_batch(*task, 1, 1, task_kwargs=kwargs, environment_kwargs=options)
+
+
+@pytest.mark.parametrize(
+    ("hook", "value", "message"),
+    [
+        ("get_reward", None, "get_reward of task Broken returned None; expected a number"),
+        ("get_reward", "text", "get_reward of task Broken returned 'text'; expected a number"),
+        ("get_reward", np.zeros(3), r"returned an array of shape \(3,\) in a single simulation"),
+        ("get_termination", "text", "get_termination of task Broken returned 'text'; expected"),
+        ("get_termination", np.zeros(2), r"get_termination of task Broken returned an array"),
+        ("get_observation", None, "get_observation of task Broken returned None; expected a map"),
+        ("get_observation", {"a": None}, "observation 'a' of task Broken returned None; expected"),
+        ("get_observation", {"a": "b"}, "observation 'a' of task Broken returned 'b'; expected"),
+    ],
+)
+def test_what_is_not_a_number_is_named_with_task_and_hook(
+    hook: str, value: Any, message: str
+) -> None:
+    def broken(self: Any, physics: Physics) -> Any:
+        return value
+
+    with pytest.raises((TypeError, ValueError), match=message):
+        _batch(_with(**{hook: broken}))
+
+
+@pytest.mark.parametrize(
+    ("hook", "value", "message"),
+    [
+        ("get_reward", None, "get_reward of task Broken returned None; expected a number for each"),
+        ("get_reward", "text", "get_reward of task Broken returned 'text'; expected a number for"),
+        ("get_reward", np.zeros(2), r"returned an array of shape \(2,\); expected \(3,\)"),
+        ("get_termination", "text", "get_termination of task Broken returned 'text'; expected a"),
+        ("get_termination", np.zeros((3, 1)), r"get_termination .* shape \(3, 1\); expected"),
+        ("get_observation", None, "get_observation of task Broken returned None; expected a map"),
+        ("get_observation", {}, r"get_observation of task Broken lacks \['angles'\]"),
+        ("get_observation", {"angles": None}, "observation 'angles' of task Broken has shape None"),
+        ("get_observation", {"angles": np.zeros((3, 3))}, r"has shape \(3, 3\) .*; expected"),
+        ("get_observation", {"angles": np.zeros((3, 2), "f4")}, "dtype float32; expected"),
+        ("get_observation", {"angles": np.zeros((3, 2)), "b": np.zeros(3)}, "'b' of task Broken"),
+    ],
+)
+def test_what_changes_only_later_is_named_at_that_step(hook: str, value: Any, message: str) -> None:
+    def broken(self: Any, physics: Physics) -> Any:
+        if np.any(np.asarray(physics.data.time) > 0.3):
+            return value
+        if hook == "get_observation":
+            return {"angles": physics.position()}
+        return getattr(Reach, hook)(self, physics)
+
+    batch = _batch(_with(**{hook: broken}))
+    batch.reset()
+
+    def play() -> None:
+        for _ in range(100):
+            batch.step(np.zeros((3, 2)))
+
+    with pytest.raises((TypeError, ValueError), match=message):
+        play()
+    assert batch.begins.all()

@@ -12,7 +12,8 @@ import pytest
 from limberjack import suite
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
-from limberjack.rl.pixels import Frames, Pixels
+from limberjack.rl.pixels import Frames, Pixels, render_cameras
+from limberjack.rl.rows import RowsEnvironment
 from limberjack.suite import base
 from tests.plain_pictures import draw_plainly
 from tests.representatives import REPRESENTATIVES
@@ -133,6 +134,103 @@ def test_returned_observations_may_be_modified() -> None:
         last = env.step(np.zeros(env.action_spec().shape)).observation["pixels"]
         np.testing.assert_array_equal(last[..., :3], expected[..., :3])
         assert last[..., 3:6].any()
+
+
+@_draws
+@pytest.mark.parametrize("frame_stack", [1, 2])
+@pytest.mark.parametrize("quality", ["full", "fast"])
+def test_several_cameras_are_channels_of_each_frame_in_their_order(
+    frame_stack: int, quality: str
+) -> None:
+    how = {**_PIXELS, "frame_stack": frame_stack, "quality": quality}
+    cameras = [-1, 0, -1]
+    several = {**how, "camera": cameras}
+    env, batch = _single(1, pixels=several), _batch(2, pixels=several)
+    parts = [_single(1, pixels={**how, "camera": camera}) for camera in cameras]
+    environments = RowsEnvironment(_single(pixels=several), 2, 1, seed=0)
+    begun = _batch(2, pixels=several).reset().observation["pixels"]
+    np.testing.assert_array_equal(environments.reset().observation["pixels"], begun)
+    assert env.observation_spec()["pixels"].shape == (12, 16, 9 * frame_stack)
+    seen, rows = env.reset(), batch.reset()
+    expected, pixels = [part.reset() for part in parts], np.empty(0)
+    for action in _actions(env, _STEPS + 2):  # across the end of an episode
+        pixels = seen.observation["pixels"]
+        env.observation_spec()["pixels"].validate(pixels)
+        np.testing.assert_array_equal(rows.observation["pixels"][1], pixels)
+        frames = np.split(pixels, frame_stack, axis=-1)
+        for number in range(3):
+            alone = _pictures(expected[number].observation["pixels"])
+            for frame, picture in zip(frames, alone, strict=True):
+                np.testing.assert_array_equal(_pictures(frame)[number], picture)
+        seen, rows = env.step(action), batch.step(np.stack([action, action]))
+        expected = [part.step(action) for part in parts]
+    assert (_pictures(pixels)[0] != _pictures(pixels)[1]).any()
+
+
+@_draws
+def test_a_list_of_one_camera_is_that_camera() -> None:
+    one, other = _single(pixels={**_PIXELS, "camera": [0]}), _single()
+    assert one.pixels == other.pixels
+    _assert_same(one.reset(), other.reset())
+    other.restore(one.snapshot())
+
+
+@_draws
+def test_snapshots_and_copies_hold_the_frames_of_all_cameras() -> None:
+    pixels: dict[str, Any] = {**_PIXELS, "camera": [0, -1]}
+    for make in (_single, _batch):
+        env: Any = make(pixels=pixels)
+        pixels["camera"].append(0)  # later changes of the caller's list make no difference
+        env.reset()
+        actions = _actions(env, 4)
+        env.step(actions[0])
+        snapshot = pickle.loads(pickle.dumps(env.snapshot()))
+        twin = copy.deepcopy(env)
+        other: Any = make(pixels={**_PIXELS, "camera": (0, -1)})
+        other.restore(snapshot)
+        for action in actions:
+            seen = env.step(action)
+            assert seen.observation["pixels"].shape[-1] == 18
+            _assert_same(seen, twin.step(action))
+            _assert_same(seen, other.step(action))
+        with pytest.raises(ValueError, match="the snapshot is of pixels"):
+            make(pixels={**_PIXELS, "camera": [-1, 0]}).restore(snapshot)
+        pixels = {**_PIXELS, "camera": [0, -1]}
+
+
+@_draws
+def test_pictures_of_a_list_of_cameras_are_joined_along_the_width() -> None:
+    batch = _batch(pixels=None)
+    batch.reset()
+    size: dict[str, Any] = {"height": 12, "width": 16}
+    kinds: list[dict[str, Any]] = [{}, {"depth": True}, {"segmentation": True}]
+    for kwargs in kinds:
+        one = [batch.render(camera=camera, **size, **kwargs) for camera in (0, -1)]
+        both = batch.render(camera=[0, -1], **size, **kwargs)
+        assert both.shape[:3] == (3, 12, 32)
+        np.testing.assert_array_equal(both, np.concatenate(one, axis=2))
+    assert batch.render([], camera_id=(0, -1), **size).shape == (0, 12, 32, 3)
+    rows = RowsEnvironment(_single(pixels=None), 3, 1, seed=0)
+    rows.reset()
+    np.testing.assert_array_equal(
+        rows.render(camera=[0, -1], **size), batch.render(camera=[0, -1], **size)
+    )
+    assert rows.render([], camera_id=(0, -1), **size).shape == (0, 12, 32, 3)
+    with pytest.raises(ValueError, match="'fixt' does not exist"):
+        batch.render(camera=[0, "fixt"], **size)
+
+
+def test_every_picture_of_several_cameras_gets_the_overlays() -> None:
+    seen = []
+
+    def draw(**kwargs: Any) -> np.ndarray:
+        seen.append((kwargs["camera_id"], list(kwargs["overlays"])))
+        return np.full((1, 2), kwargs["camera_id"])
+
+    overlays = (name for name in ("a", "b"))
+    picture = render_cameras(draw, {"camera_id": [3, 4], "overlays": overlays}, axis=1)
+    assert seen == [(3, ["a", "b"]), (4, ["a", "b"])]
+    assert picture.tolist() == [[3, 3, 4, 4]]
 
 
 # Partial resets, snapshots, copies.
@@ -266,6 +364,11 @@ def _restored_into_only(batch: BatchEnvironment) -> BatchEnvironment:
         ("side", TypeError, "pixels is 'side'; expected a mapping"),
         ({"camera": "fixt"}, ValueError, "'fixt' does not exist"),
         ({"camera": 3}, ValueError, "camera_id is 3"),
+        ({"camera": []}, ValueError, r"pixels' camera is \[\]; expected at least one camera"),
+        ({"camera": [0, "fixt"]}, ValueError, "'fixt' does not exist"),
+        ({"camera": [0, 3]}, ValueError, "camera_id is 3"),
+        ({"camera": [[0]]}, TypeError, "expected the name or number of a camera, or a list of"),
+        ({"camera": {0}}, TypeError, "expected the name or number of a camera, or a list of"),
         ({"width": 0}, ValueError, "image width is 0; expected a whole number"),
         ({"width": 10_000}, ValueError, "image width 10000 > "),
         ({"frame_stack": 0}, ValueError, "frame_stack is 0; expected a whole number of at least"),

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import mujoco
+from limberjack import mujoco, suite
 from limberjack.rl import control
+from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import base, common
 
 _XML = """
@@ -48,6 +49,13 @@ def make(random: Any = None) -> control.Environment:
     return control.Environment(physics, Stay(random), time_limit=0.02)
 
 
+def control_batch(num_envs: int) -> BatchEnvironment:
+    """A batch of cartpoles whose episodes have begun."""
+    batch = suite.load_batch("cartpole", "swingup", num_envs, 1, seed=0)
+    batch.reset()
+    return batch
+
+
 def test_a_user_task_runs() -> None:
     env = make(random=0)
     first = env.reset()
@@ -78,6 +86,48 @@ def test_a_wrapped_action_is_looked_into() -> None:
     env.reset()
     env.task.before_step(SimpleNamespace(continuous_actions=[0.25]), env.physics)
     np.testing.assert_array_equal(env.physics.control(), [0.25])
+
+
+@pytest.mark.parametrize("action", [0.25, [0.25], [[0.25]], [[[0.25]]], np.float32(0.25)])
+def test_one_number_for_one_actuator_may_have_any_shape(action: Any) -> None:
+    env, same = make(random=0), make(random=0)
+    env.reset(), same.reset()
+    ours, theirs = env.step(action), same.step([0.25])
+    assert ours.observation["position"] == theirs.observation["position"]
+    np.testing.assert_array_equal(env.physics.control(), [0.25])
+
+
+@pytest.mark.parametrize("shape", [(0,), (2,), (1, 2), (2, 1), (1, 0)])
+def test_more_or_fewer_numbers_than_one_are_refused(shape: tuple[int, ...]) -> None:
+    env = make(random=0)
+    env.reset()
+    with pytest.raises(ValueError, match=r"expected \(1,\): one number for each actuator"):
+        env.step(np.zeros(shape))
+    assert env.physics.time() == 0.0
+
+
+@pytest.mark.parametrize("num_envs", [1, 3])
+@pytest.mark.parametrize("more", [(), (1,), (1, 1)])
+def test_one_number_for_each_row_may_have_any_shape(num_envs: int, more: tuple[int, ...]) -> None:
+    batch, same = (control_batch(num_envs) for _ in range(2))
+    actions = np.linspace(-1, 1, num_envs)
+    first, second = batch.step(actions.reshape(num_envs, *more)), same.step(actions[:, None])
+    for name, value in first.observation.items():
+        np.testing.assert_array_equal(value, second.observation[name])
+
+
+@pytest.mark.parametrize("shape", [(3, 2), (3, 0), (3, 1, 2)])
+def test_a_batch_refuses_another_number_of_numbers(shape: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"expected \(3, 1\)"):
+        control_batch(3).step(np.zeros(shape))
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (1, 21), (21, 1), (1, 1, 21)])
+def test_several_actuators_take_the_shape_of_the_spec_only(shape: tuple[int, ...]) -> None:
+    env = suite.load("humanoid", "stand")
+    env.reset()
+    with pytest.raises(ValueError, match=r"expected \(21,\)"):
+        env.step(np.zeros(shape))
 
 
 @pytest.mark.parametrize("value", [1, 0, None, "yes", np.bool_(True)])

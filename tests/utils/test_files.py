@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from limberjack.utils.files import Hold, replacing
+from limberjack.utils.files import Hold, Partial, appending, replacing
 from tests.programs import run
 
 
@@ -66,6 +66,156 @@ def test_the_content_reaches_the_disk_before_the_name_and_the_name_at_the_end(
     assert done == ["content", "name", "folder"]
 
 
+needs_links = pytest.mark.skipif(os.name == "nt", reason="Windows links need a privilege")
+
+
+def test_unfinished_files_have_names_that_nobody_can_foresee(tmp_path: Path) -> None:
+    path = tmp_path / ("a" * 200 + ".json")  # a long name leaves room for the letters
+    first, second = Partial(path), Partial(path)
+    assert first.path != second.path
+    for partial in (first, second):
+        assert partial.path.suffix == ".json"
+        assert partial.path.name.startswith(".a")
+        assert len(partial.path.stem.rpartition(".")[2]) == 16
+        partial.discard()
+        partial.discard()
+    assert not list(tmp_path.iterdir())
+
+
+@needs_links
+def test_a_link_under_the_name_of_an_unfinished_file_is_never_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    victim, path = tmp_path / "victim", tmp_path / "name.txt"
+    victim.write_text("precious")
+    monkeypatch.setattr("limberjack.utils.files.random_letters", lambda: "guessed")
+    (tmp_path / ".name.guessed.txt").symlink_to(victim)
+    with pytest.raises(FileExistsError, match=r"name\.txt"), replacing(path) as partial:
+        partial.write_text("new")
+    (tmp_path / ".name.guessed.txt").unlink()
+    (tmp_path / ".name.guessed.txt").symlink_to(tmp_path / "nothing")
+    with pytest.raises(FileExistsError), replacing(path) as partial:
+        partial.write_text("new")
+    assert victim.read_text() == "precious"
+    assert not path.exists()
+    assert not (tmp_path / "nothing").exists()
+
+
+@needs_links
+def test_a_file_that_takes_the_unfinished_ones_place_is_refused_and_left_alone(
+    tmp_path: Path,
+) -> None:
+    victim, path = tmp_path / "victim", tmp_path / "name.txt"
+    victim.write_text("precious")
+    for is_link in (True, False):
+        partial = Partial(path)
+        partial.path.unlink()
+        if is_link:
+            partial.path.symlink_to(victim)
+        else:
+            partial.path.write_text("planted")
+        with pytest.raises(OSError, match=r"\.name\.[0-9a-f]{16}\.txt"):
+            partial.finish()
+        partial.discard()
+        assert partial.path.is_symlink() == is_link
+        assert os.path.lexists(partial.path)
+    assert not path.exists()
+    assert victim.read_text() == "precious"
+
+
+def test_two_threads_that_save_to_one_path_never_fail(tmp_path: Path) -> None:
+    path = tmp_path / "name.json"
+
+    def save(text: str) -> None:
+        for _ in range(100):
+            with replacing(path) as partial:
+                partial.write_text(text)
+
+    with ThreadPoolExecutor(3) as pool:
+        for done in [pool.submit(save, letter * 1000) for letter in "abc"]:
+            done.result()
+    assert path.read_text() in {letter * 1000 for letter in "abc"}
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has other permissions")
+@pytest.mark.parametrize("umask", [0o000, 0o022, 0o027, 0o077])
+def test_permissions_are_those_that_a_plain_open_gives(umask: int, tmp_path: Path) -> None:
+    plain, path = tmp_path / "plain", tmp_path / "name.txt"
+    before = os.umask(umask)
+    try:
+        plain.write_text("")
+        with replacing(path) as partial:
+            partial.write_text("")
+        appending(tmp_path / "grows").close()
+    finally:
+        os.umask(before)
+    for written in (path, tmp_path / "grows"):
+        assert written.stat().st_mode == plain.stat().st_mode
+    path.chmod(0o640)  # which opening the file again would not change
+    with replacing(path) as partial:
+        partial.write_text("new")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+
+
+def test_a_file_that_cannot_be_moved_into_place_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*paths: Path) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with pytest.raises(PermissionError), replacing(tmp_path / "name.txt") as partial:
+        partial.write_text("new")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_folder_is_named_with_the_file_that_was_asked_for(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match=r"missing/name\.txt'$"):
+        Partial(tmp_path / "missing" / "name.txt")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no special files")
+def test_a_pipe_or_a_folder_is_not_replaced(tmp_path: Path) -> None:
+    pipe, folder = tmp_path / "pipe", tmp_path / "folder"
+    os.mkfifo(pipe)
+    folder.mkdir()
+    for path, message in ((pipe, "expected a file's name"), (folder, "Is a directory")):
+        with pytest.raises(OSError, match=message), replacing(path) as partial:
+            partial.write_text("new")
+    assert pipe.is_fifo()
+    assert set(tmp_path.iterdir()) == {pipe, folder}
+
+
+@needs_links
+def test_a_link_that_is_replaced_leaves_the_file_that_it_names(tmp_path: Path) -> None:
+    victim, path = tmp_path / "victim", tmp_path / "name.txt"
+    victim.write_text("precious")
+    path.symlink_to(victim)
+    with replacing(path) as partial:
+        partial.write_text("new")
+    assert victim.read_text() == "precious"
+    assert not path.is_symlink()
+
+
+@needs_links
+def test_a_file_that_grows_is_neither_a_link_nor_a_pipe(tmp_path: Path) -> None:
+    path, link, pipe = tmp_path / "file", tmp_path / "link", tmp_path / "pipe"
+    with appending(path) as file:
+        file.write(b"one\n")
+    with appending(path) as file:
+        file.write(b"two\n")
+    assert path.read_text() == "one\ntwo\n"
+    link.symlink_to(path)
+    (tmp_path / "dangling").symlink_to(tmp_path / "nothing")
+    os.mkfifo(pipe)
+    for refused in (link, tmp_path / "dangling", pipe):
+        with pytest.raises(OSError, match=refused.name):
+            appending(refused)
+    assert path.read_text() == "one\ntwo\n"
+    assert not (tmp_path / "nothing").exists()
+
+
 needs_locks = pytest.mark.skipif(os.name == "nt", reason="Windows has no fcntl")
 
 
@@ -113,3 +263,36 @@ def test_two_that_take_turns_never_hold_a_file_at_once(tmp_path: Path) -> None:
         for done in [pool.submit(take_turns) for _ in range(4)]:
             done.result()
     assert set(most) == {1}
+
+
+@needs_locks
+def test_what_is_no_lock_file_is_refused_and_stays(tmp_path: Path) -> None:
+    path, lock = tmp_path / "film.mp4", tmp_path / ".film.mp4.lock"
+    victim = tmp_path / "victim"
+
+    def refused() -> None:
+        with pytest.raises(ValueError, match=r"\.film\.mp4\.lock is no lock file"):
+            Hold(path)
+
+    lock.write_text("mine")
+    refused()
+    assert lock.read_text() == "mine"
+    lock.unlink()
+    lock.symlink_to(victim)  # which opening would create
+    refused()
+    assert lock.is_symlink()
+    assert not victim.exists()
+    lock.unlink()
+    os.mkfifo(lock)
+    refused()
+    assert lock.is_fifo()
+
+
+@needs_locks
+def test_a_lock_file_that_another_one_has_replaced_is_left_to_it(tmp_path: Path) -> None:
+    path, lock = tmp_path / "film.mp4", tmp_path / ".film.mp4.lock"
+    hold = Hold(path)
+    lock.unlink()
+    lock.write_text("mine")
+    hold.release()
+    assert lock.read_text() == "mine"

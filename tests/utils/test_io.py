@@ -46,3 +46,11 @@ def test_walking_gives_what_os_walk_gives(resource: str) -> None:
 def test_a_missing_resource_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError, match=r"nothing\.xml"):
         io.GetResource(str(tmp_path / "nothing.xml"))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no special files")
+def test_what_may_never_end_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("/dev/zero", tmp_path / "pipe"):
+        with pytest.raises(ValueError, match="expected a regular file"):
+            io.GetResource(name)

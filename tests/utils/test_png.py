@@ -42,3 +42,14 @@ def test_smooth_pictures_are_small() -> None:
 def test_arrays_that_are_not_rgb_pictures_are_refused(picture: np.ndarray) -> None:
     with pytest.raises(ValueError, match=r"expected \(height, width, 3\) and uint8"):
         png.encode(picture)
+
+
+def test_a_file_of_this_encoder_is_known_by_its_beginning(tmp_path: Path) -> None:
+    encoded = png.encode(_RAMP.astype(np.uint8))
+    assert png.is_encoded(encoded[: png.BEGINNING])
+    assert not png.is_encoded(encoded[: png.BEGINNING - 1])
+    assert not png.is_encoded(b"")
+    assert not png.is_encoded(b"hours of work" * 10)
+    other = tmp_path / "other.png"
+    matplotlib.image.imsave(other, _RAMP.astype(np.uint8) / 255)
+    assert not png.is_encoded(other.read_bytes())

@@ -26,6 +26,7 @@ __all__ = [
     "damped",
     "exit_status",
     "heavy_plain",
+    "interrupted",
     "locked",
     "memory",
     "pid",
@@ -43,6 +44,11 @@ TASK = ("pendulum", "swingup")
 def damped(observation: Mapping[str, Any]) -> np.ndarray:
     """Slows the pendulum down."""
     return -np.clip(observation["velocity"], -1, 1)
+
+
+def interrupted(observation: Mapping[str, Any]) -> np.ndarray:
+    """Raises what Ctrl-C does."""
+    raise KeyboardInterrupt
 
 
 class Memory:

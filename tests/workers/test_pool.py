@@ -3,6 +3,7 @@
 import concurrent.futures
 import errno
 import os
+import re
 import socket
 import sys
 import threading
@@ -90,13 +91,28 @@ def test_results_are_the_same_after_workers_were_killed_at_random_moments() -> N
         assert found[unit] == play_unit(setup, unit.seeds)
 
 
+def test_a_policy_that_raises_keyboardinterrupt_is_named_and_not_tried_again() -> None:
+    setup = prepare(*TASK, "tests.workers.playing:interrupted")
+    states: list[State] = []
+    with Pool(1, states.append) as pool, pytest.raises(WorkError) as caught:
+        list(pool.results(play_unit, _units(setup, range(3, 5))))
+    assert re.fullmatch(
+        r"policy 'tests\.workers\.playing:interrupted', seeds 3 to 4: KeyboardInterrupt "
+        rf"\(.*playing\.py, line \d+, in interrupted\); on node {socket.gethostname()}",
+        str(caught.value),
+    )
+    assert {state.lost for state in states} == {0}
+
+
 def test_a_failure_is_not_tried_again() -> None:
     setup = prepare(*TASK, "tests.workers.playing:Unlucky", time_limit=0.2)
     with Pool(1) as pool, pytest.raises(WorkError) as caught:
         list(pool.results(play_unit, _units(setup, range(60, 130))))
-    assert str(caught.value) == (
+    assert re.fullmatch(
         "policy 'tests.workers.playing:Unlucky', step 2 of the episode with seed 64: KeyError: "
-        f"'no such\\nthing'; on node {socket.gethostname()}"
+        r"'no such\\nthing' \(.*playing\.py, line \d+, in act_batch\); "
+        f"on node {socket.gethostname()}",
+        str(caught.value),
     )
     assert pool._lost == 0
 
@@ -107,7 +123,7 @@ def test_a_worker_that_cannot_be_started_ends_the_run(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr("subprocess.Popen", refuse)
     setup = prepare(*TASK, "random")
-    with Pool(1) as pool, pytest.raises(WorkError, match="too many processes; on node "):
+    with Pool(1) as pool, pytest.raises(WorkError, match=r"too many processes .*; on node "):
         list(pool.results(seeds_of, _units(setup, range(1))))
 
 

@@ -13,6 +13,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.policies import PolicyError
+from limberjack.rl.batches import vectorisable
 from limberjack.workers import Setup, prepare
 from limberjack.workers.setup import Refused
 from tests import plain_domain
@@ -30,8 +31,8 @@ def test_a_setup_is_small_and_opens_what_was_prepared() -> None:
     setup = prepare(*TASK, "random", time_limit=0.2)
     assert len(pickle.dumps(setup)) < 2000
     here = _copy(setup).opened()
-    assert here.environment.step_limit == 10
-    assert here.full_length.step_limit == 1000
+    assert vectorisable(here.environment).step_limit == 10
+    assert vectorisable(here.full_length).step_limit == 1000
     assert here.found.name == "random"
     assert here.found.sha256 == setup.identity["policy_sha256"]
 
@@ -113,7 +114,7 @@ def test_a_policy_whose_file_has_changed_since_is_refused(
 def test_an_environment_that_a_function_makes_is_imported_by_name() -> None:
     setup = _copy(prepare(playing.plain, policy="random"))
     assert setup.identity["environment"] == "tests.workers.playing:plain"
-    assert setup.opened().environment.step_limit == 25
+    assert vectorisable(setup.opened().environment).step_limit == 25
     other = prepare(playing.heavy_plain, policy="random")
     assert other.identity["fingerprint"] != setup.identity["fingerprint"]
 

@@ -7,7 +7,6 @@ def _list() -> None: ...
 import importlib
 import io
 import itertools
-import signal
 import sys
 from collections.abc import Callable
 from typing import Annotated, Any, TypeVar
@@ -17,12 +16,9 @@ import typer.core
 
 import limberjack
 from limberjack import registry
-from limberjack.cli.output import (
-    INTERRUPTED,
-    TERMINATED,
-    append_working_directory,
-    misuse_reported,
-)
+from limberjack.cli.output import FAILED, append_working_directory, misuse_reported
+from limberjack.cli.process import own_process
+from limberjack.utils.requirements import broken_mujoco, is_of_mujoco
 
 __all__ = ["app", "command", "main"]
 
@@ -101,22 +97,29 @@ def command(name: str, *examples: str) -> Callable[[_Function], _Function]:
 
 def main() -> None:
     """Runs the command line and exits. SIGTERM, which clusters send, ends it as Ctrl-C does."""
-    terminated = False
+    with own_process():
+        if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may be no text
+            sys.stdout.reconfigure(errors="backslashreplace")
+        try:
+            app(prog_name="limberjack")
+        except (AttributeError, ImportError) as error:
+            report = _report_on_mujoco(error)
+            if report is None:
+                raise
+            typer.echo(f"limberjack: {report}", err=True)
+            sys.exit(FAILED)
 
-    def terminate(*_: object) -> None:
-        nonlocal terminated
-        terminated = True
-        raise KeyboardInterrupt
 
-    signal.signal(signal.SIGTERM, terminate)
-    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may be no text
-        sys.stdout.reconfigure(errors="backslashreplace")
-    try:
-        app(prog_name="limberjack")
-    except SystemExit as end:
-        if terminated and end.code == INTERRUPTED:
-            sys.exit(TERMINATED)
-        raise
+def _report_on_mujoco(error: Exception) -> str | None:
+    """Commands that help where MuJoCo is not installed as it should be; None where it is."""
+    from limberjack.doctor import packages  # which imports no MuJoCo
+
+    clashes = packages.clashes()
+    if clashes:
+        return clashes[0]
+    if not is_of_mujoco(error):
+        return None
+    return str(broken_mujoco(error))
 
 
 def _import(modules: list[str]) -> None:

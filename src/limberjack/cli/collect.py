@@ -31,6 +31,7 @@ from limberjack.cli.output import (
     complain,
     misuse_reported,
     search_working_directory,
+    users_failure,
     worded,
 )
 from limberjack.cli.progress import Units, show_units
@@ -179,7 +180,14 @@ def _failures_reported(progress: Units, out: Path) -> Iterator[None]:
         if progress.finished is None and isinstance(error, ValueError):
             complain(error)
             raise typer.Exit(MISUSED) from None
-        if progress.finished is not None:  # a policy's own error, which its traceback locates
+        failure = users_failure(error)
+        if failure is not None and progress.finished is None:
+            complain(failure)
+            raise typer.Exit(MISUSED) from None
+        if failure is not None:
+            complain(f"{failure}; {_done(progress, out)}")
+            raise typer.Exit(FAILED) from None
+        if progress.finished is not None:
             error.add_note(f"limberjack: {_done(progress, out)}")
         raise
 

@@ -9,6 +9,7 @@ import typer
 
 from limberjack.cli.output import FAILED, complain, console, misuse_reported, visible
 from limberjack.cli.summaries import add_summaries, summaries_table
+from limberjack.utils.requirements import is_of_mujoco
 
 if TYPE_CHECKING:
     from limberjack.data.information import Information
@@ -31,6 +32,8 @@ def reading_reported(name: str) -> Iterator[None]:
         with misuse_reported():
             yield
     except ImportError as error:
+        if is_of_mujoco(error):
+            raise
         complain(f"limberjack {name} {error}")
         raise typer.Exit(FAILED) from None
 

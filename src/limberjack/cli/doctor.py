@@ -84,7 +84,10 @@ def _lines(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:
     yield "gpu", gpu.version if gpu.works and gpu.version else f"none: {gpu.why}"
     if diagnosis.problems:
         yield "", ""
-    yield from (("PROBLEM", problem) for problem in diagnosis.problems)
+    for problem in diagnosis.problems:
+        first, *others = problem.splitlines()
+        yield "PROBLEM", first
+        yield from (("", line) for line in others)  # commands, to be copied
 
 
 def _drawing_lines(diagnosis: "Diagnosis") -> Iterator[tuple[str, str]]:

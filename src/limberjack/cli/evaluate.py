@@ -9,6 +9,7 @@ import typer
 
 from limberjack.cli.app import command
 from limberjack.cli.options import (
+    ActionRepeat,
     AnyProcessor,
     Domain,
     PolicyName,
@@ -29,7 +30,9 @@ from limberjack.cli.output import (
     complain,
     console,
     misuse_reported,
+    rows_reported,
     search_working_directory,
+    users_failure,
     worded,
 )
 from limberjack.cli.progress import Units, show_units
@@ -77,6 +80,7 @@ def _evaluate(
     out: _Out = None,
     threads: _Threads = None,
     time_limit: TimeLimit = None,
+    action_repeat: ActionRepeat = 1,
     workers: Workers = None,
     ray: Ray = None,
     shard: Shard = None,
@@ -95,7 +99,7 @@ def _evaluate(
         chosen = _chosen_seeds(seeds, episodes)
         part = shard_named(shard, out)
     search_working_directory(policy)
-    with show_units() as progress, _failures_reported(progress, out):
+    with rows_reported(), show_units() as progress, _failures_reported(progress, out):
         from limberjack.evaluation import evaluate
 
         progress.begin(_count(chosen, part, policy))
@@ -107,6 +111,7 @@ def _evaluate(
             out=out,
             num_threads=threads,
             time_limit=time_limit,
+            action_repeat=action_repeat,
             workers=workers,
             ray=ray,
             shard=part,
@@ -165,7 +170,14 @@ def _failures_reported(progress: Units, out: Path | None) -> Iterator[None]:
         if progress.finished is None and isinstance(error, ValueError):
             complain(error)
             raise typer.Exit(MISUSED) from None
-        if progress.finished is not None:  # a policy's own error, which its traceback locates
+        failure = users_failure(error)
+        if failure is not None and progress.finished is None:
+            complain(failure)
+            raise typer.Exit(MISUSED) from None
+        if failure is not None:
+            complain(f"{failure}; {_done(progress, out)}")
+            raise typer.Exit(FAILED) from None
+        if progress.finished is not None:
             error.add_note(f"limberjack: {_done(progress, out)}")
         raise
 

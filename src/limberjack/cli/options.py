@@ -10,6 +10,7 @@ from limberjack.utils.seeds import SEEDS
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
+    "ActionRepeat",
     "AnyProcessor",
     "Domain",
     "FirstSeed",
@@ -50,6 +51,12 @@ FirstSeed = Annotated[
 ]
 TimeLimit = Annotated[
     float | None, typer.Option(help="Seconds per episode; the task's own by default.")
+]
+ActionRepeat = Annotated[
+    int,
+    typer.Option(
+        min=1, help="Control steps per action. Returns and lengths still count control steps."
+    ),
 ]
 Workers = Annotated[
     int | None,

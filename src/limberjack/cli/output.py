@@ -1,9 +1,11 @@
 """Tables, error lines and exit statuses of commands."""
 
 import contextlib
+import logging
 import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import rich.box
@@ -11,6 +13,10 @@ import rich.console
 import rich.table
 import typer
 
+import limberjack
+from limberjack.cli.process import INTERRUPTED, TERMINATED
+from limberjack.utils.described import described, is_of_user
+from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS
 
 if TYPE_CHECKING:
@@ -29,16 +35,17 @@ __all__ = [
     "find_policy",
     "is_terminal",
     "misuse_reported",
+    "rows_reported",
     "search_working_directory",
     "table",
+    "users_failure",
     "visible",
     "worded",
 ]
 
-# Exit statuses.
+# Exit statuses, besides that of an interrupt.
 FAILED = 1
 MISUSED = 2
-INTERRUPTED, TERMINATED = 130, 143  # as shells report what Ctrl-C or SIGTERM ended
 
 _PIPE_WIDTH = 200  # columns without a terminal, so that no row is broken
 
@@ -55,12 +62,33 @@ def search_working_directory(policy: str) -> None:
     """Lets Python import the module of a policy MODULE:CALLABLE from the working directory.
 
     The directory is searched last, and only for such a policy, so that a stray matplotlib.py in it
-    is not imported in place of the installed one.
+    is not imported in place of the installed one. A saved model is code too, although it looks like
+    data: a line says so before it is loaded.
     """
     from limberjack import policies
 
-    if ":" in policy and not policies.is_saved_model(policy):
+    if policies.is_saved_model(policy):
+        _say_that_it_is_code(policy)
+    elif ":" in policy:
         append_working_directory()
+
+
+_said: set[str] = set()  # names of the saved models that a line was written about
+
+
+def _say_that_it_is_code(policy: str) -> None:
+    if policy in _said or not any(Path(name).is_file() for name in _files_of(policy)):
+        return  # without a file, the error says so
+    _said.add(policy)
+    complain(
+        f"policy {policy!r} is a pickle, and loading it runs the Python code in it: use only files "
+        "of people whom you trust"
+    )
+
+
+def _files_of(policy: str) -> tuple[str, str]:
+    path = policy.partition(":")[2]
+    return path, f"{path}.zip"
 
 
 def append_working_directory() -> None:
@@ -92,12 +120,41 @@ def is_terminal(stream: TextIO | None) -> bool:
 
 @contextlib.contextmanager
 def misuse_reported() -> Iterator[None]:
-    """Turns an error in the arguments into one line and exit status 2."""
+    """Turns an error in the arguments, or in code that they name, into one line and status 2."""
     try:
         yield
     except (ValueError, OSError, MemoryError) as error:  # too many environments, for example
         complain(error)
         raise typer.Exit(MISUSED) from None
+    except Exception as error:
+        if not hasattr(error, "__notes__"):  # which all errors of a policy's module have
+            raise
+        complain(worded(error))
+        raise typer.Exit(MISUSED) from None
+
+
+@contextlib.contextmanager
+def rows_reported() -> Iterator[None]:
+    """Prints at exit, once, why a task was played in complete environments, if it was."""
+    from limberjack.rl.batches import NOT_VECTORISED
+
+    reasons: dict[str, None] = {}
+
+    class Reasons(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.msg == NOT_VECTORISED:
+                reasons[record.getMessage()] = None
+
+    handler, level = Reasons(logging.INFO), log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+        for reason in reasons:
+            complain(reason)
 
 
 def complain(what: object) -> None:
@@ -112,5 +169,22 @@ def visible(text: str) -> str:
 
 
 def worded(error: BaseException) -> str:
-    """An error after its notes, such as the policy, the step and the seed."""
-    return ": ".join([*getattr(error, "__notes__", []), str(error)])
+    """An error after its notes, such as the policy, the step and the seed.
+
+    One of the user's own code has its kind and place too.
+    """
+    notes = getattr(error, "__notes__", [])
+    is_own_class = type(error).__module__.partition(".")[0] == limberjack.__name__
+    if notes and not is_own_class:
+        return described(error)
+    return ": ".join([*notes, str(error)])
+
+
+def users_failure(error: BaseException) -> str | None:
+    """The sentence on an error of the user's policy or task, as workers give it.
+
+    None for an error of this package, whose traceback is needed to find it.
+    """
+    if not isinstance(error, Exception) or not (hasattr(error, "__notes__") or is_of_user(error)):
+        return None
+    return described(error)

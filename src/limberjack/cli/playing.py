@@ -17,6 +17,7 @@ from limberjack.cli.output import (
     complain,
     console,
     table,
+    users_failure,
     worded,
 )
 from limberjack.cli.progress import Episodes, show_episodes
@@ -143,7 +144,11 @@ class Playing:
         if isinstance(failure, (PolicyError, PhysicsError, *self.expected)):
             complain(f"{worded(failure)}; {done}")
             return FAILED
-        return None
+        sentence = users_failure(failure)
+        if sentence is None:
+            return None
+        complain(f"{sentence}; {done}")
+        return FAILED
 
     def _load(self, seed: int) -> "Environment":
         from limberjack import suite

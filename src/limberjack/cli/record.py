@@ -16,6 +16,7 @@ from limberjack.cli.output import (
     SEEDS,
     complain,
     search_working_directory,
+    users_failure,
     worded,
 )
 from limberjack.cli.progress import show_episodes
@@ -122,8 +123,8 @@ def _film_recorded(
 def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]]:
     """Turns an error or interrupt into one line and an exit status; yields a progress function.
 
-    Before the episode has begun, a ValueError is a mistake on the command line; later it is an
-    error of the policy's own, whose traceback says more.
+    Before the episode has begun, an error is a mistake on the command line; later it is one of the
+    policy or the task.
     """
     from limberjack.mujoco.camera import RenderingError
     from limberjack.policies import PolicyError
@@ -145,11 +146,15 @@ def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]
     except (ImportError, OSError, PhysicsError, RenderingError) as error:
         complain(f"no {path}: {worded(error)}")
         raise typer.Exit(FAILED) from None
-    except ValueError as error:
-        if not begun:
+    except PolicyError as error:
+        complain(f"no {path}: {worded(error)}" if begun else error)
+        raise typer.Exit(FAILED if begun else MISUSED) from None
+    except Exception as error:
+        if not begun and isinstance(error, ValueError):
             complain(error)
             raise typer.Exit(MISUSED) from None
-        if not isinstance(error, PolicyError):
+        sentence = users_failure(error)
+        if sentence is None:
             raise
-        complain(f"no {path}: {worded(error)}")
-        raise typer.Exit(FAILED) from None
+        complain(f"no {path}: {sentence}")
+        raise typer.Exit(FAILED if begun else MISUSED) from None

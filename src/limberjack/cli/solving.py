@@ -10,6 +10,7 @@ film shows the first episode; if that was played elsewhere or earlier, it is rep
 import contextlib
 import dataclasses
 import functools
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -234,7 +235,7 @@ class Solving(Playing):
             self._holding.enter_context(Hold(self._out / name))
         for seed in self._seeds:
             path = self._out / self._names[seed]
-            if path.exists():
+            if os.path.lexists(path):
                 recording = Recording.load(path)
                 self._check_facts(path, recording.about, seed)
                 self._ended[seed] = Episode(seed, recording.about.get("start"), recording.rewards)

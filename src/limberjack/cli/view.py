@@ -9,7 +9,14 @@ import typer
 
 from limberjack.cli.app import command
 from limberjack.cli.options import Domain, FirstSeed, TaskName, TimeLimit, named_task
-from limberjack.cli.output import FAILED, INTERRUPTED, complain, find_policy, misuse_reported
+from limberjack.cli.output import (
+    FAILED,
+    INTERRUPTED,
+    complain,
+    find_policy,
+    misuse_reported,
+    users_failure,
+)
 
 if TYPE_CHECKING:
     from limberjack.rl.control import Environment
@@ -101,13 +108,14 @@ def _find_viewer(
 
 def _load(domain: str, task: str, seed: int, time_limit: float | None) -> "Environment":
     from limberjack import suite
+    from limberjack.rl.batches import vectorisable
 
     if time_limit is not None and math.isinf(time_limit):
         raise ValueError(f"--time-limit is {time_limit}; expected a number of seconds")
     task_kwargs: dict[str, float] = {"random": seed}
     if time_limit is not None:
         task_kwargs["time_limit"] = time_limit
-    return suite.load(domain, task, task_kwargs=task_kwargs)
+    return vectorisable(suite.load(domain, task, task_kwargs=task_kwargs))
 
 
 def _begin(policy: str, environment: "Environment") -> "Begin":
@@ -133,6 +141,12 @@ def _show(environment: "Environment", begin: "Begin", seed: int, speed: float, s
         return INTERRUPTED
     except (PolicyError, PhysicsError, ViewerError) as error:
         complain(error)
+        return FAILED
+    except Exception as error:
+        sentence = users_failure(error)
+        if sentence is None:
+            raise
+        complain(sentence)
         return FAILED
     return 0
 

@@ -30,6 +30,7 @@ from limberjack.data.recipe import SHARD, Kept, Recipe, recipe_of
 from limberjack.evaluation.runner import OnProgress
 from limberjack.evaluation.starts import kind_of_start
 from limberjack.report import Facts
+from limberjack.rl.batches import vectorisable
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnState, Setup, Unit, open_workers, prepare, shard_of
 from limberjack.workers.identity import advice_on
@@ -119,7 +120,7 @@ def _recipe(setup: Setup, kept: Kept) -> tuple[Recipe, str]:
         )
     here = setup.opened()
     facts = {**facts, "versions": {**facts["versions"], "pyarrow": PYARROW}}
-    return recipe_of(facts, here.environment, kept), here.processor
+    return recipe_of(facts, vectorisable(here.environment), kept), here.processor
 
 
 def _call(missing: Sequence[int], command: str, processor: str, canary: str, scale: Scale) -> Facts:
@@ -226,16 +227,17 @@ def _episodes(
 ) -> list[Episode]:
     """The episodes of some seeds, in their order."""
     here = setup.opened()
-    environment, found, threads = here.environment, here.found, here.num_threads
+    environment = vectorisable(here.environment)
+    found, threads = here.found, here.num_threads
     if found.actor is not None:
         episodes = play(environment, found.actor, seeds, recipe.kept, threads, on_steps)
     else:
         assert found.alone is not None
         actions = {s: actions_of(environment, found.alone, s, on_steps) for s in seeds}
         episodes = play(environment, Recorded(actions), seeds, recipe.kept, threads)
+    full_length = vectorisable(here.full_length)
     return [
-        dataclasses.replace(one, start=kind_of_start(here.full_length, one.seed))
-        for one in episodes
+        dataclasses.replace(one, start=kind_of_start(full_length, one.seed)) for one in episodes
     ]
 
 

@@ -13,6 +13,8 @@ depend on: times, hosts, numbers of workers.
 import contextlib
 import itertools
 import json
+import os
+import re
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -21,13 +23,15 @@ from limberjack.data.parquet import Shard, join
 from limberjack.data.recipe import SHARD, Recipe
 from limberjack.report import Facts
 from limberjack.utils.files import Hold, replacing
+from limberjack.utils.regular import read_regular
 
 __all__ = ["Folder", "blocks", "shards_in"]
 
 _PARTS = "parts"
 _PATTERN = "seeds-*.parquet"
 _RUNS = "run*.json"
-_PARTIAL = f".{_PATTERN}"  # unfinished files: see `partial_path`
+_PARTIAL = f".{_PATTERN}"  # unfinished files, among others: see `utils.files.Partial`
+_UNFINISHED = re.compile(r"\.seeds-(\d{10})-\d{10}\.[0-9a-f]+\.parquet")
 _TRIES = 10  # writes of a part, whose folder another shard may remove in between
 
 
@@ -193,7 +197,8 @@ class Folder:
     def _remove_unfinished(self) -> None:
         """Removes unfinished files of a process that was killed; other writers have other seeds."""
         for path in [*self.directory.glob(_PARTIAL), *self._parts_folder.glob(_PARTIAL)]:
-            if any(int(path.name.split("-")[1]) in target for target in self._targets):
+            found = _UNFINISHED.fullmatch(path.name)
+            if found and any(int(found[1]) in target for target in self._targets):
                 path.unlink(missing_ok=True)
         self._join()
 
@@ -201,7 +206,7 @@ class Folder:
         """Raises OSError if another process has logged a call since, for want of locks."""
         if self._logged is None or not self._run.exists():
             return
-        if self._run.read_bytes() == self._logged:
+        if read_regular(self._run) == self._logged:
             return
         raise OSError(
             f"another process writes to {self.directory}: end one of the two, or choose another "
@@ -228,13 +233,22 @@ class Folder:
 
 
 def _calls(path: Path) -> list[Facts]:
-    """The calls in a log; none where there is no file."""
-    try:
-        return [dict(call) for call in json.loads(path.read_bytes())["calls"]]
-    except FileNotFoundError:
+    """The calls in a log; none where there is no file.
+
+    Raises:
+      ValueError: it is damaged, or has more than calls and so is something else.
+    """
+    if not os.path.lexists(path):
         return []
-    except (KeyError, TypeError, ValueError):
+    content = read_regular(path)
+    try:
+        log = json.loads(content)
+        calls = [dict(call) for call in log["calls"]]
+    except (KeyError, RecursionError, TypeError, ValueError):
         raise ValueError(f"{path} is damaged: remove it, or choose another folder") from None
+    if log.keys() != {"calls"} or not all("began" in call for call in calls):
+        raise ValueError(f"{path} is no log of a collection: choose another folder")
+    return calls
 
 
 def _present(paths: Iterable[Path]) -> list[Shard]:

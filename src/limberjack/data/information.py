@@ -16,6 +16,7 @@ from limberjack.data.episode import Episode
 from limberjack.data.recipe import Recipe
 from limberjack.evaluation.statistics import Score, Summary, strata, summarise
 from limberjack.report import Facts
+from limberjack.utils.regular import open_regular
 
 __all__ = ["Information", "inform"]
 
@@ -85,5 +86,5 @@ def _score(episode: Episode) -> Score:
 
 
 def _hash(path: Path) -> str:
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

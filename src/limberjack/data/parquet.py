@@ -23,6 +23,7 @@ import numpy as np
 from limberjack.data.columns import Values, columns_of, episode_of
 from limberjack.data.episode import Episode
 from limberjack.data.recipe import FIELD, Column, Recipe
+from limberjack.utils.regular import check_regular
 from limberjack.utils.requirements import missing_extra
 
 try:
@@ -57,8 +58,9 @@ class Shard:
 
         Raises:
           OSError: the file cannot be read.
-          ValueError: it is not a file of a dataset.
+          ValueError: it is not a regular file, or not one of a dataset.
         """
+        check_regular(path)
         self.path = path
         with _damage_reported(path), pq.ParquetFile(path) as file:
             text = (file.schema_arrow.metadata or {}).get(_RECIPE)

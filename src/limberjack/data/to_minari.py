@@ -12,6 +12,7 @@ This is the only module that imports minari.
 
 import contextlib
 import json
+import os
 import re
 import shutil
 from collections.abc import Iterator
@@ -26,7 +27,8 @@ from limberjack.evaluation.runner import OnProgress
 from limberjack.gym.observations import Observations, action_space
 from limberjack.gym.specs import spec_of
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
-from limberjack.utils.files import Hold, flush_folder
+from limberjack.utils.files import Hold, flush_folder, random_letters
+from limberjack.utils.regular import read_regular
 from limberjack.utils.requirements import missing_extra
 
 try:
@@ -42,6 +44,7 @@ __all__ = ["to_minari"]
 
 _STORAGE = "arrow"
 _RECIPE = "limberjack"  # entry of the metadata
+_METADATA = "metadata.json"  # beside it, Minari has a folder per episode, named by its number
 
 
 def to_minari(
@@ -73,12 +76,12 @@ def to_minari(
     if not re.fullmatch(r"([-\w]+/)*[-\w]+-v\d+", name):
         raise ValueError(f"the id is {name!r}; expected one such as 'mine/walk-v0'")
     folder = Path(root).resolve() / name  # Minari takes no relative path
-    if folder.exists() and not _is_ours(folder):
+    if os.path.lexists(folder) and not _is_ours(folder):
         raise ValueError(f"{folder} exists: remove it, or choose another folder or id")
     folder.parent.mkdir(parents=True, exist_ok=True)
-    partial = folder.with_name(f".{folder.name}")
+    partial = folder.with_name(f".{folder.name}.{random_letters()}")
     with Hold(folder):
-        shutil.rmtree(partial, ignore_errors=True)  # of a process that was killed
+        partial.mkdir()  # fails where anything is
         try:
             _write(dataset, partial / "data", name, on_progress)
             if folder.exists():
@@ -92,10 +95,15 @@ def to_minari(
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether a folder has a dataset that was converted from one of `limberjack collect`."""
+    """Whether a folder has one converted dataset of `limberjack collect`, and nothing else."""
+    data = folder / "data"
     try:
-        return _RECIPE in json.loads((folder / "data" / "metadata.json").read_bytes())
-    except (OSError, ValueError):
+        if folder.is_symlink() or data.is_symlink() or os.listdir(folder) != [data.name]:
+            return False
+        if not all(one.name == _METADATA or one.name.isdecimal() for one in data.iterdir()):
+            return False
+        return _RECIPE in json.loads(read_regular(data / _METADATA))
+    except (OSError, TypeError, ValueError):
         return False
 
 

@@ -50,7 +50,7 @@ def ask(probe: str, variables: Mapping[str, str] | None = None, limit: float = _
         file = os.path.join(directory, "answer.json")
         program = _PROGRAM.format(path=sys.path, probe=probe, file=file)
         # A file: reading a pipe would block as long as any descendant process holds it open.
-        with open(os.path.join(directory, "errors"), "w+b") as errors:
+        with tempfile.TemporaryFile(dir=directory) as errors:
             status = _run(program, {**os.environ, **(variables or {})}, errors, limit)
             errors.seek(0)
             complaints = errors.read().decode(errors="replace")

@@ -12,6 +12,7 @@ from limberjack.doctor import child, packages
 from limberjack.doctor.child import Answer
 from limberjack.doctor.findings import Backend, Check, Diagnosis, Threads
 from limberjack.utils import cores
+from limberjack.utils.requirements import MUJOCO_BROKEN, broken_mujoco
 
 __all__ = ["examine"]
 
@@ -88,6 +89,9 @@ def _threads(answer: Answer) -> Threads:
 
 def _problems(core: Answer, backend: Backend, domains: Answer) -> Iterator[str]:
     """Problems of this machine, the worst first; clashes of packages would cause all of them."""
+    if core.why is not None and MUJOCO_BROKEN in core.why:
+        yield str(broken_mujoco(core.why.partition(": ")[2]))
+        return  # everything else needs MuJoCo
     if core.why is not None:
         yield (
             f"environments do not step: {core.why}. Install Limberjack again, in a new virtual "

@@ -14,8 +14,8 @@ import limberjack
 from limberjack.doctor.findings import Extra
 from limberjack.utils.requirements import (
     MUJOCO_DISTRIBUTIONS,
-    MUJOCO_REMEDY,
     PACKAGES,
+    broken_mujoco,
     install_command,
 )
 
@@ -40,21 +40,19 @@ def versions() -> dict[str, str | None]:
 
 
 def clashes() -> list[str]:
-    """Problems with MuJoCo's packages, which share one folder, each with the remedy."""
+    """Problems with MuJoCo's packages, which share one folder, each with the commands that help."""
     found = {name: version(name) for name in MUJOCO_DISTRIBUTIONS}
     installed = {name: number for name, number in found.items() if number is not None}
     if len(set(installed.values())) > 1:
         listed = ", ".join(f"{name} {number}" for name, number in installed.items())
-        return [
-            f"{listed} are installed together: they share a folder and overwrite each other's "
-            f"files; {MUJOCO_REMEDY}"
-        ]
+        why = (
+            f"{listed} are installed together: they share a folder and overwrite each other's files"
+        )
+        return [str(broken_mujoco(why))]
     lost = [name for distribution in installed for name in _lost_files(distribution)]
     if lost:
-        return [
-            f"MuJoCo {found['mujoco']} lacks {len(lost)} of its files, such as {lost[0]}: pip "
-            f"removes them where it replaces MuJoCo 3; {MUJOCO_REMEDY}"
-        ]
+        why = f"MuJoCo {found['mujoco']} lacks {len(lost)} of its files, such as {lost[0]}"
+        return [str(broken_mujoco(why))]
     return []
 
 

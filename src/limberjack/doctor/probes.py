@@ -8,11 +8,13 @@ A probe that fails raises, and its error is the answer. Each probe imports what 
 import importlib
 import json
 import math
-import os
 import subprocess
+from pathlib import Path
 from typing import Any
 
 from limberjack import registry
+from limberjack.utils.files import replacing
+from limberjack.utils.requirements import broken_mujoco, is_of_mujoco
 
 __all__ = [
     "answer",
@@ -53,12 +55,12 @@ def answer(probe: str, file: str) -> None:
     try:
         result = {"value": globals()[probe]()}
     except Exception as error:
+        if is_of_mujoco(error):  # the diagnosis has the commands that help
+            error = ImportError(str(broken_mujoco(error)).partition(". ")[0])
         text = " ".join(str(error).split())
         result = {"why": f"{type(error).__name__}: {text}" if text else type(error).__name__}
-    partial = f"{file}.partial"
-    with open(partial, "w", encoding="utf-8") as stream:
-        json.dump(result, stream)
-    os.replace(partial, file)
+    with replacing(Path(file)) as partial:
+        partial.write_text(json.dumps(result), encoding="utf-8")
 
 
 def core() -> dict[str, int]:

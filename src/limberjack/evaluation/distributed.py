@@ -56,12 +56,12 @@ def play_with(
 
 def play_unit(setup: Setup, seeds: tuple[int, ...]) -> list[Score]:
     """The scores of the first episodes of these seeds, with their kinds of starts, in a worker."""
-    here = setup.opened()
+    here, repeat = setup.opened(), setup.action_repeat
     if here.found.actor is not None:
-        ended = play(here.build, here.found.actor, seeds, here.num_threads)
+        ended = play(here.build, here.found.actor, seeds, here.num_threads, None, repeat)
     else:
         assert here.found.alone is not None
-        ended = play_alone(here.build.seeded(seeds[0]), here.found.alone, seeds)
+        ended = play_alone(here.build.seeded(seeds[0]), here.found.alone, seeds, None, repeat)
     full_length = here.full_build.seeded(seeds[0])
     processor = here.processor if setup.any_processor else None
     return [

@@ -40,6 +40,7 @@ def play(
     seeds: Sequence[int],
     num_threads: int | None = None,
     on_steps: _OnSteps | None = None,
+    action_repeat: int = 1,
 ) -> Iterator[list[Score]]:
     """The scores of each seed's first episode, as the episodes end.
 
@@ -50,6 +51,7 @@ def play(
       seeds: at least one.
       num_threads: number of threads that step the rows; by default one per usable core.
       on_steps: called after each step of the batch with the number of rows that it stepped.
+      action_repeat: control steps per action. Scores count control steps.
 
     Raises:
       ValueError, TypeError: the environments cannot be made or do not agree in their specs;
@@ -57,14 +59,18 @@ def play(
     """
     rows = min(ROWS, len(seeds))
     batch = batch_of(build, rows, num_threads, seed=0)
-    return _Playing(batch, actor, seeds).episodes(on_steps)
+    return _Playing(batch, actor, seeds, action_repeat).episodes(on_steps)
 
 
 class _Playing:
     """A batch that plays one episode per seed."""
 
-    def __init__(self, batch: Batch, actor: Actor, seeds: Sequence[int]) -> None:
+    def __init__(
+        self, batch: Batch, actor: Actor, seeds: Sequence[int], action_repeat: int
+    ) -> None:
         rows = batch.num_envs
+        self._action_repeat = action_repeat
+        self._actions = np.zeros(batch.action_spec().shape)
         self._batch = batch
         self._actor = actor
         self._waiting = list(seeds)
@@ -84,7 +90,7 @@ class _Playing:
         while self._running.any():
             assert time_step is not None
             running = np.flatnonzero(self._running)
-            time_step = batch.step(self._actor.act(time_step.observation, running))
+            time_step = batch.step(self._acted(time_step, running))
             self._record(time_step.reward, running)
             if on_steps is not None:
                 on_steps(len(running))
@@ -93,6 +99,15 @@ class _Playing:
                 yield [self._score(row) for row in ended.tolist()]
                 self._running[ended] = False
                 time_step = self._begin() or time_step
+
+    def _acted(self, time_step: dm_env.TimeStep, running: np.ndarray) -> np.ndarray:
+        """The actions of all rows; each is repeated for some control steps."""
+        if self._action_repeat == 1:
+            return self._actor.act(time_step.observation, running)
+        acting = running[self._lengths[running] % self._action_repeat == 0]
+        if acting.size:
+            self._actions[acting] = self._actor.act(time_step.observation, acting)[acting]
+        return self._actions.copy()
 
     def _begin(self) -> dm_env.TimeStep | None:
         """Begins the next seeds' episodes in idle rows; None if no seed can begin now."""
@@ -142,6 +157,7 @@ def play_alone(
     policy: Policy,
     seeds: Sequence[int],
     on_steps: _OnSteps | None = None,
+    action_repeat: int = 1,
 ) -> Iterator[list[Score]]:
     """Like `play`, with a policy that can play only one episode at a time.
 
@@ -150,6 +166,7 @@ def play_alone(
       policy: called at the start of each episode.
       seeds: played in this order.
       on_steps: called with 1 after each step.
+      action_repeat: control steps per action.
     """
     for seed in seeds:
         seeded.begin(seed)
@@ -163,7 +180,9 @@ def play_alone(
                 on_steps(1)
 
         try:
-            episode = rollout.run_episode(environment, policy, seed, on_step)
+            episode = rollout.run_episode(
+                environment, policy, seed, on_step, action_repeat=action_repeat
+            )
         except PhysicsError:
             # As in a batch: the step that diverges is the last one, and its reward is 0.
             yield [Score.of_divergence(seed, so_far[1], so_far[0] + 1)]

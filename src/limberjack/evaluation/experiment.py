@@ -23,6 +23,7 @@ from limberjack.rl.action_specs import spec_of
 from limberjack.rl.builds import is_reproducible
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
+from limberjack.rl.guards import at_least_one
 from limberjack.rl.rows import draws_globally
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnState, Scale, Setup, shard_of
@@ -42,6 +43,7 @@ def evaluate(
     out: Path | str | None = None,
     num_threads: int | None = None,
     time_limit: float | None = None,
+    action_repeat: int = 1,
     workers: int | None = None,
     executor: concurrent.futures.Executor | None = None,
     ray: str | None = None,
@@ -69,6 +71,8 @@ def evaluate(
       num_threads: number of threads that step the batch, or of each worker; by default the usable
         cores, or each worker's share of them.
       time_limit: seconds per episode; the task's own by default, as with a function.
+      action_repeat: control steps per action. Returns, lengths, limits and success still count
+        control steps.
       workers: number of processes that play; by default one per usable core for the planner, and
         none but this process for other policies. See `limberjack.workers.open_workers`.
       executor: plays the episodes in place of processes made here.
@@ -93,14 +97,20 @@ def evaluate(
       OSError: a file cannot be written.
     """
     asked = _checked_seeds(seeds)
+    action_repeat = at_least_one("action_repeat", action_repeat)
     directory = None if out is None else Path(out).absolute()  # a policy may change folders
     mine = asked if shard is None else _of_shard(asked, shard, directory)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
     factory = factory_of(domain, task, time_limit)
     environment = _checked_environment(factory, asked, directory)
     found = actors.find(policy, environment, num_threads)
-    setup = scale.setup(domain, task, policy, time_limit, len(mine))
-    identity = identity_of(factory, found, environment)
+    if action_repeat > 1 and policy == "planner":
+        raise ValueError(
+            f"action_repeat is {action_repeat}, but the planner acts at every control step: leave "
+            "it at 1"
+        )
+    setup = scale.setup(domain, task, policy, time_limit, len(mine), action_repeat)
+    identity = identity_of(factory, found, environment, action_repeat)
     canary = setup.canary if setup is not None else canary_of(factory) if directory else None
     store = Store(directory, identity, canary=canary, shard=shard, any_processor=any_processor)
     with contextlib.closing(store), contextlib.closing(environment):
@@ -109,6 +119,7 @@ def evaluate(
             full_length = factory_of(domain, task) if isinstance(domain, str) else factory
             runner = Runner(
                 factory.build(environment),
+                action_repeat,
                 _step_limit(environment),
                 full_length.build(full_length.make(0)).seeded(0),
                 store,

@@ -1,6 +1,6 @@
 """Plays the episodes that a store lacks, and adds the kind of start to each score.
 
-runner = Runner(build, 1000, full_length, store, seeds=[0, 1, 2], threads=None)
+runner = Runner(build, 1, 1000, full_length, store, seeds=[0, 1, 2], threads=None)
 runner.run(found, on_progress=None)
 """
 
@@ -28,7 +28,8 @@ class Runner:
     def __init__(
         self,
         build: Build,
-        step_limit: float,
+        action_repeat: int,
+        step_limit: int | None,
         full_length: Seeded,
         store: Store,
         seeds: list[int],
@@ -38,6 +39,7 @@ class Runner:
 
         Args:
           build: makes those that play the episodes.
+          action_repeat: control steps per action.
           step_limit: of their episodes.
           full_length: determines the kinds of starts, with the task's own time limit.
           store: holds the finished episodes, and receives the new ones.
@@ -45,6 +47,7 @@ class Runner:
           threads: number of threads that step a batch; None for all usable cores.
         """
         self._build = build
+        self._action_repeat = action_repeat
         self._step_limit = step_limit
         self._full_length = full_length
         self._store = store
@@ -90,9 +93,12 @@ class Runner:
         self, found: actors.Found, seeds: list[int], on_steps: Callable[[int], None]
     ) -> Iterator[list[Score]]:
         if found.actor is not None:
-            return play(self._build, found.actor, seeds, self._threads, on_steps)
+            return play(
+                self._build, found.actor, seeds, self._threads, on_steps, self._action_repeat
+            )
         assert found.alone is not None
-        return play_alone(self._build.seeded(seeds[0]), found.alone, seeds, on_steps)
+        seeded = self._build.seeded(seeds[0])
+        return play_alone(seeded, found.alone, seeds, on_steps, self._action_repeat)
 
     def _with_start(self, score: Score) -> Score:
         """The score with its kind of start, which is determined once per seed."""

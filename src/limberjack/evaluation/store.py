@@ -8,6 +8,9 @@ The file is episodes.jsonl: the first line identifies the evaluation, and each o
 episode of one policy. An unfinished last line, as a kill leaves it, is dropped, and its episode is
 played again. Added episodes are flushed to the disk and survive a power loss.
 
+Nothing is written before all files of the folder have been read and found to be those of this
+evaluation. A file of anything else, of one line or without an end of line too, is refused.
+
 A shard writes a file of its own, episodes-2-of-8.jsonl. Without a shard, the store reads the files
 of all shards and copies episodes that it lacks. Each file has one writer at a time: others are
 refused by a lock, or where the file system has none, as soon as a second one has written.
@@ -19,21 +22,24 @@ major or minor version, another fingerprint, or a processor that rounds differen
 
 import collections
 import dataclasses
+import itertools
 import json
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeGuard
 
 from limberjack.evaluation.statistics import Score
 from limberjack.policies.actors import Found
 from limberjack.report import Facts
 from limberjack.report.folder import RECORDINGS
-from limberjack.utils.files import Hold, flush_folder
+from limberjack.utils.files import Hold, appending, flush_folder
+from limberjack.utils.regular import read_regular
+from limberjack.utils.seeds import SEEDS
 from limberjack.workers.identity import advice_on, first_mismatch, processor
 
-__all__ = ["EPISODES", "PAGE", "PICTURE", "RESULT", "Store"]
+__all__ = ["EPISODES", "PAGE", "PICTURE", "RESULT", "Store", "check_folder"]
 
 EPISODES = "episodes.jsonl"
 RESULT = "result.json"
@@ -42,17 +48,24 @@ PICTURE = "returns.png"
 
 _SHARD = "episodes-{}-of-{}.jsonl"
 _VERSIONS = "versions"
-# What entries of a line must be.
-_KINDS: dict[str, type | tuple[type, ...]] = {
-    "policy": str,
-    "seed": int,
-    "total": float,
-    "length": int,
-    "final_reward": float,
-    "diverged": bool,
-    "start": (str, type(None)),
-    "processor": (str, type(None)),
+_CANARY = "canary"
+# What each entry of a line must be, and a description of it.
+_KINDS: dict[str, tuple[type | tuple[type, ...], str]] = {
+    "policy": (str, "a name"),
+    "seed": (int, f"a number from 0 to {SEEDS - 1}"),
+    "total": (float, "a finite number"),
+    "length": (int, "a number of steps from 1 on"),
+    "final_reward": (float, "a finite number"),
+    "diverged": (bool, "true or false"),
+    "start": ((str, type(None)), "a name or null"),
+    "processor": ((str, type(None)), "a name or null"),
 }
+_RESULT_HAS = ("summary", "episodes", "floors")  # entries of result.json besides the identity's
+_OF_EVERY_IDENTITY = ("policy", "policy_sha256", "fingerprint", _VERSIONS)
+_LONGEST_VALUE = 60  # characters of a value that a message shows
+
+# Versions, policy and score.
+_Line = tuple[object, str | None, Score | None]
 
 
 class Store:
@@ -95,24 +108,17 @@ class Store:
         self._file: BinaryIO | None = None
         self._hold: Hold | None = None
         self._present: object = identity[_VERSIONS]
-        self._head: Facts = {**identity, **({} if canary is None else {"canary": canary})}
+        self._head: Facts = {**identity, **({} if canary is None else {_CANARY: canary})}
+        self._step_limit = _step_limit(identity)
         self._any_processor = any_processor
         self.processor = processor() if any_processor else None
         if directory is None:
             return
         self.path = directory / (EPISODES if shard is None else _SHARD.format(*shard))
-        patterns = (RESULT, PAGE, PICTURE, RECORDINGS)
-        others = [path.name for pattern in patterns for path in directory.glob(pattern)]
-        if others and not any(directory.glob("episodes*.jsonl")):
-            raise ValueError(
-                f"{directory} holds {others[0]} but no {EPISODES}, so it is not the folder of an "
-                "evaluation: choose another folder"
-            )
+        check_folder(directory, identity)
         directory.mkdir(parents=True, exist_ok=True)
         try:
-            self._open(self.path, directory if shard is None else self.path)
-            if shard is None:
-                self._join(directory)
+            self._open(self.path, directory if shard is None else self.path, shard is None)
             flush_folder(directory)
         except BaseException:
             self.close()
@@ -146,34 +152,44 @@ class Store:
         if self._hold is not None:
             self._hold.release()
 
-    def _open(self, path: Path, held: Path) -> None:
-        """Opens the file, reads it, and begins it if it has no episode."""
+    def _open(self, path: Path, held: Path, joins: bool) -> None:
+        """Locks and reads the files, and then opens this store's and writes what it lacks.
+
+        Args:
+          path: of the file to write.
+          held: the file or folder to lock.
+          joins: copy the episodes of shards that are not there yet.
+        """
         self._hold = Hold(held)
-        # Unbuffered: a line reaches the system in one piece, even if a kill follows.
-        self._file = path.open("ab", buffering=0)
-        content = path.read_bytes()
-        for versions, policy, score in self._episodes(path, content):
+        content = _content(path)
+        lines = self._lines(path, content)
+        joined = [self._lines(shard, _content(shard)) for shard in _shards(path)] if joins else []
+        for versions, policy, score in lines:
             if self.versions[-1:] != [versions]:
                 self.versions.append(versions)
             if policy is not None and score is not None:
                 self.scores[policy].setdefault(score.seed, score)
+        # Unbuffered: a line reaches the system in one piece, even if a kill follows.
+        self._file = appending(path)
+        if os.fstat(self._file.fileno()).st_size != len(content):
+            raise self._other_writer()
         complete = content.rfind(b"\n") + 1
         if complete < len(content):
-            os.truncate(path, complete)
+            os.truncate(self._file.fileno(), complete)
         if not any(self.scores.values()):
             self._file.truncate(0)
             self._write(self._head)
             self.versions = [self._present]
         self._file.seek(0, os.SEEK_END)  # so that its position is the length of the file
+        self._join(joined)
 
-    def _join(self, directory: Path) -> None:
+    def _join(self, shards: Iterable[Iterable[_Line]]) -> None:
         """Copies the episodes of shards that are not there yet."""
         before = sum(map(len, self.scores.values()))
-        for path in sorted(directory.glob(_SHARD.format("*", "*"))):
-            for versions, policy, score in self._episodes(path, path.read_bytes()):
-                if policy is None or score is None or score.seed in self.scores[policy]:
-                    continue
-                self._append(versions, policy, [score])
+        for versions, policy, score in itertools.chain.from_iterable(shards):
+            if policy is None or score is None or score.seed in self.scores[policy]:
+                continue
+            self._append(versions, policy, [score])
         if sum(map(len, self.scores.values())) > before:
             self._flush()
 
@@ -197,7 +213,7 @@ class Store:
     def _write(self, entry: Mapping[str, object]) -> None:
         if self._file is None:
             return
-        left = json.dumps(entry).encode() + b"\n"
+        left = _line(entry)
         try:
             while left:  # a nearly full disk takes a part and raises at the next write
                 left = left[self._file.write(left) :]
@@ -208,42 +224,100 @@ class Store:
     def _check_alone(self) -> None:
         """Raises OSError if the file has grown by another's episodes."""
         if self._file is not None and os.fstat(self._file.fileno()).st_size != self._file.tell():
-            raise OSError(
-                f"another process writes to {self.path}: end one of the two, or choose another "
-                "folder"
-            )
+            raise self._other_writer()
+
+    def _other_writer(self) -> OSError:
+        return OSError(
+            f"another process writes to {self.path}: end one of the two, or choose another folder"
+        )
 
     def _flush(self) -> None:
         if self._file is not None:
             os.fsync(self._file.fileno())
 
-    def _episodes(
-        self, path: Path, content: bytes
-    ) -> Iterator[tuple[object, str | None, Score | None]]:
+    def _lines(self, path: Path, content: bytes) -> list[_Line]:
         """The versions, the policy and the score of each line; without the last two of the first.
 
         An unfinished last line is left out. A file without episodes may be that of any evaluation.
+
+        Raises:
+          ValueError: the file is not one of a store, or is that of another evaluation, or has an
+            episode that cannot be.
         """
         complete = content[: content.rfind(b"\n") + 1]
-        head, *lines = complete.splitlines() or [b""]
+        if not complete:
+            # A kill may leave the beginning of the first line.
+            if not _line(self._head).startswith(content):
+                raise _foreign(path)
+            return []
+        head, *lines = complete.splitlines()
+        first = _entry(head)
+        if not self._is_head(first, has_episodes=bool(lines)):
+            raise _foreign(path)
         if not lines:
-            return
-        first = _parsed(path, 1, head)
+            return []
         self._check_head(path, first)
         versions = first[_VERSIONS]
-        yield versions, None, None
+        found: list[_Line] = [(versions, None, None)]
         for number, line in enumerate(lines, start=2):
-            entry = _parsed(path, number, line)
-            if entry.keys() == {_VERSIONS}:
+            entry = _entry(line)
+            if entry is not None and entry.keys() == {_VERSIONS}:
                 versions = entry[_VERSIONS]
-                yield versions, None, None
+                if not _are_versions(versions):
+                    why = f"versions is {_shown(versions)}; expected names with their versions"
+                    raise _damaged(f"{path}: line {number}", why)
+                self._check_head(path, {**first, _VERSIONS: versions})
+                found.append((versions, None, None))
                 continue
-            try:
-                _check_kinds(entry)
-                policy, score = entry.pop("policy"), Score(**entry)
-            except (KeyError, TypeError):
-                raise _damaged(path, number) from None
-            yield versions, policy, score
+            policy, score = self._episode(entry, f"{path}: line {number}")
+            found.append((versions, policy, score))
+        return found
+
+    def _is_head(self, entry: Facts | None, *, has_episodes: bool) -> TypeGuard[Facts]:
+        """Whether a line is the first one of a store: that of any evaluation, without episodes.
+
+        With episodes, a line that names versions is one, and `_check_head` finds what differs.
+        """
+        if entry is None or not _are_versions(entry.get(_VERSIONS)):
+            return False
+        if has_episodes:
+            return True
+        return {*entry} - {_CANARY} == {*self._head} - {_CANARY}
+
+    def _episode(self, entry: Facts | None, where: str) -> tuple[str, Score]:
+        """The policy and the score of a line; raises ValueError if it is no episode."""
+        if entry is None:
+            raise _damaged(where, "it is not the JSON of a dictionary")
+        for name, value in entry.items():
+            if name not in _KINDS:
+                raise _damaged(where, f"it has {name!r}")
+            expected = self._unexpected(name, value)
+            if expected is not None:
+                raise _damaged(where, f"{name} is {_shown(value)}; expected {expected}")
+        policy = entry.pop("policy", None)
+        try:
+            if policy is None:
+                raise TypeError("policy is missing")
+            return policy, Score(**entry)
+        except TypeError:
+            raise _damaged(where, "an entry is missing") from None
+
+    def _unexpected(self, name: str, value: object) -> str | None:
+        """A description of the values that an entry may have, if this is none of them."""
+        kind, expected = _KINDS[name]
+        is_number_for_flag = isinstance(value, bool) and kind is not bool
+        if not isinstance(value, kind) or is_number_for_flag:
+            return expected
+        if isinstance(value, float):
+            return None if math.isfinite(value) else expected
+        if name == "seed" and isinstance(value, int):
+            return None if 0 <= value < SEEDS else expected
+        if name == "length" and isinstance(value, int):
+            if value < 1:
+                return expected
+            if self._step_limit is not None and value > self._step_limit:
+                return f"at most {self._step_limit}, the steps of the time limit"
+        return None
 
     def _check_head(self, path: Path, there: Facts) -> None:
         """Raises ValueError if a file belongs to another evaluation."""
@@ -257,31 +331,105 @@ class Store:
             )
 
 
-def _check_kinds(entry: Facts) -> None:
-    """Raises TypeError if a value is of another kind than `add` writes."""
-    for name, value in entry.items():
-        kind = _KINDS.get(name, object)
-        is_number = not isinstance(value, float) or math.isfinite(value)
-        if (
-            not isinstance(value, kind)
-            or (kind is int and isinstance(value, bool))
-            or not is_number
-        ):
-            raise TypeError(name)
+def check_folder(directory: Path, identity: Mapping[str, object]) -> None:
+    """Checks that an evaluation would replace no result, page or picture but its own.
+
+    Args:
+      directory: which need not exist.
+      identity: of the evaluation.
+
+    Raises:
+      ValueError: it would.
+      OSError: the folder's result cannot be read.
+    """
+    recordings = [path.name for path in sorted(directory.glob(RECORDINGS))]
+    others = [name for name in (RESULT, PAGE, PICTURE) if os.path.lexists(directory / name)]
+    if (others or recordings) and not any(directory.glob("episodes*.jsonl")):
+        raise ValueError(
+            f"{directory} holds {[*others, *recordings][0]} but no {EPISODES}, so it is not the "
+            "folder of an evaluation: choose another folder"
+        )
+    if not others:
+        return
+    path = directory / RESULT
+    if others[0] != RESULT:  # which is the first file that an evaluation writes
+        raise ValueError(
+            f"{directory} holds {others[0]} but no {RESULT}, so no evaluation wrote it: choose "
+            "another folder, or remove that file"
+        )
+    result = _entry(read_regular(path))
+    # Names only: the episodes say which evaluation it is.
+    needed = {*_RESULT_HAS, *(name for name in _OF_EVERY_IDENTITY if name in identity)}
+    if result is None or not needed <= result.keys():
+        raise ValueError(
+            f"{path} is not the result of an evaluation: choose another folder, or remove that file"
+        )
 
 
-def _parsed(path: Path, number: int, line: bytes) -> Facts:
+def _step_limit(identity: Mapping[str, object]) -> int | None:
+    """The most steps of an episode; None if the identity does not have them."""
+    seconds, timestep = identity.get("time_limit"), identity.get("control_timestep")
+    if not isinstance(seconds, int | float) or not isinstance(timestep, int | float):
+        return None
+    return round(seconds / timestep)
+
+
+def _shards(path: Path) -> list[Path]:
+    """The files of shards beside the one that joins them."""
+    return sorted(path.parent.glob(_SHARD.format("*", "*")))
+
+
+def _content(path: Path) -> bytes:
+    """The content of a store's file; nothing without one.
+
+    Raises:
+      ValueError: it is a link, or not a regular file.
+    """
+    if path.is_symlink():
+        raise ValueError(
+            f"{path} is a link, which an evaluation never follows: name the folder of the file "
+            "itself, or choose another one"
+        )
     try:
-        entry = json.loads(line)
+        return read_regular(path)
+    except FileNotFoundError:
+        return b""
+
+
+def _line(entry: Mapping[str, object]) -> bytes:
+    """A line of a store."""
+    return json.dumps(entry).encode() + b"\n"
+
+
+def _entry(text: bytes) -> Facts | None:
+    """The dictionary in a line, or None."""
+    try:
+        entry = json.loads(text)
     except (RecursionError, ValueError):
-        entry = None
-    if not isinstance(entry, dict):
-        raise _damaged(path, number)
-    return entry
+        return None
+    return entry if isinstance(entry, dict) else None
 
 
-def _damaged(path: Path, number: int) -> ValueError:
+def _are_versions(value: object) -> bool:
+    """Whether a value has the form of `report.versions()`."""
+    return isinstance(value, dict) and all(isinstance(one, str) for one in value.values())
+
+
+def _shown(value: object) -> str:
+    """A value on a line of bounded length."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
+
+
+def _foreign(path: Path) -> ValueError:
     return ValueError(
-        f"{path}: line {number} is no episode: remove that line to play the episode again, or "
-        "choose another folder"
+        f"{path} does not begin with the line of an evaluation, so something else wrote it: choose "
+        "another folder, or remove that file"
+    )
+
+
+def _damaged(where: str, why: str) -> ValueError:
+    return ValueError(
+        f"{where} is no episode: remove that line to play the episode again, or choose another "
+        f"folder ({why})"
     )

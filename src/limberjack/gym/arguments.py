@@ -2,23 +2,25 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from limberjack.mujoco.drawing import check_names
-from limberjack.rl.pixels import render_arguments
+from limberjack.rl.pixels import cameras_of, render_arguments
 from limberjack.utils.keywords import keywords
 from limberjack.utils.seeds import checked_seed
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
     "RENDER_MODES",
+    "STATE",
     "autoreset_mode",
     "check_options",
     "environment_arguments",
+    "is_batch",
     "picture_arguments",
     "refuse_unknown",
     "render_mode",
@@ -29,6 +31,7 @@ __all__ = [
 ]
 
 RENDER_MODES = ["rgb_array"]
+STATE = "state"  # the option of a reset that gives the state to begin in
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -69,23 +72,47 @@ def row_seeds(seed: Any, num_envs: int) -> list[int | None]:
     return [None if one is None else checked_seed(one) for one in seed]
 
 
-def check_options(options: object) -> None:
-    """Raise TypeError if the options of a reset are neither a mapping nor None."""
-    if options is not None and not isinstance(options, Mapping):
-        raise TypeError(
-            f"options is {options!r}; expected a mapping, such as {{'reset_mask': mask}}, or None"
-        )
+def check_options(options: object, *known: str) -> Mapping[str, object]:
+    """The options of a reset; empty for None.
 
-
-def reset_mask(options: Mapping[str, object] | None, num_envs: int) -> np.ndarray | None:
-    """A copy of `options["reset_mask"]`; None without one.
+    Args:
+      options: a mapping, or None.
+      known: the names of the options there are.
 
     Raises:
-      TypeError: it is not an array of booleans, or the options are not a mapping.
+      TypeError: they are neither a mapping nor None, or one has another name.
+    """
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        example = " and ".join(f"{name!r}" for name in known)
+        raise TypeError(
+            f"options is {options!r}; expected a mapping, which may have {example}, or None"
+        )
+    for name in options:
+        if name not in known:
+            raise TypeError(
+                f"options has {name!r}, which reset does not take.{did_you_mean(name, known)} "
+                f"There are: {', '.join(known)}; nothing was reset."
+            )
+    return options
+
+
+def reset_mask(
+    options: Mapping[str, object] | None, num_envs: int, *others: str
+) -> np.ndarray | None:
+    """A copy of `options["reset_mask"]`; None without one.
+
+    Args:
+      options: of a reset.
+      num_envs: number of rows.
+      others: the names of other options there are.
+
+    Raises:
+      TypeError: it is not an array of booleans, or see `check_options`.
       ValueError: its shape is not (num_envs,), or it selects no row.
     """
-    check_options(options)
-    mask = (options or {}).get("reset_mask")
+    mask = check_options(options, "reset_mask", *others).get("reset_mask")
     if mask is None:
         return None
     if not isinstance(mask, np.ndarray) or mask.dtype != bool:
@@ -95,6 +122,11 @@ def reset_mask(options: Mapping[str, object] | None, num_envs: int) -> np.ndarra
     if not mask.any():
         raise ValueError("reset_mask selects no row")
     return mask.copy()
+
+
+def is_batch(given: object) -> bool:
+    """Whether it has the interface of a `rl.contract.Batch`, vectorised or not."""
+    return all(hasattr(given, name) for name in ("num_envs", "begins", "set_states"))
 
 
 def autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
@@ -154,20 +186,22 @@ def picture_arguments(
     render_kwargs: Mapping[str, object] | None,
     width: int | None,
     height: int | None,
-    camera_id: int | None,
-    camera_name: str | None,
+    camera_id: int | Sequence[int | str] | None,
+    camera_name: str | Sequence[str] | None,
 ) -> dict[str, object]:
-    """The keyword arguments of `Physics.render` for a picture.
+    """The keyword arguments of `Physics.render` for a picture, or of `render_cameras`.
 
     Args:
       render_kwargs: such arguments, with `camera` as another name for `camera_id`.
       width: pixels; None leaves it to `render_kwargs`.
       height: pixels; None leaves it to `render_kwargs`.
-      camera_id: number of a camera; None leaves it to `camera_name` or `render_kwargs`.
-      camera_name: name of a camera.
+      camera_id: number of a camera, or a list of cameras; None leaves it to `camera_name` or
+        `render_kwargs`.
+      camera_name: name of a camera, or a list of names.
 
     Raises:
       TypeError: an argument is unknown, or given twice.
+      ValueError: a list of cameras is empty.
     """
     if camera_id is not None and camera_name is not None:
         raise TypeError(
@@ -178,6 +212,7 @@ def picture_arguments(
     camera = camera_id if camera_name is None else camera_name
     for name, value in (("width", width), ("height", height), ("camera_id", camera)):
         kwargs = _with(name, value, kwargs, "render_kwargs")
+    cameras_of(kwargs.get("camera_id", -1))
     return kwargs
 
 

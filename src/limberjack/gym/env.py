@@ -9,20 +9,25 @@ random stream continues. The time limit truncates; only the task terminates. Aft
 caller resets; `VectorEnv` resets its rows by itself.
 """
 
-from collections.abc import Mapping
+import inspect
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import error
+from gymnasium.wrappers import TimeLimit
 
 from limberjack import suite
 from limberjack.gym import arguments
 from limberjack.gym.observations import Info, Observation, Part, action_space
 from limberjack.gym.pixels import observations_of
+from limberjack.gym.states import State, state_of_one
 from limberjack.rl import control
 from limberjack.rl.action_specs import bounded_spec
+from limberjack.rl.pixels import render_cameras
 from limberjack.rl.represented import of_environment, represented
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.seeds import checked_seed
@@ -54,8 +59,8 @@ class Env(gymnasium.Env):
         render_kwargs: Mapping[str, object] | None = None,
         width: int | None = None,
         height: int | None = None,
-        camera_id: int | None = None,
-        camera_name: str | None = None,
+        camera_id: int | Sequence[int | str] | None = None,
+        camera_name: str | Sequence[str] | None = None,
     ) -> None:
         """Take over an environment, of the suite or your own.
 
@@ -67,12 +72,21 @@ class Env(gymnasium.Env):
           render_mode: None or 'rgb_array'.
           render_kwargs: keyword arguments of `Physics.render`, such as {'quality': 'fast'}.
           width, height: of a picture, pixels; 320 and 240 by default.
-          camera_id, camera_name: the camera of a picture; the free camera by default.
+          camera_id, camera_name: the camera of a picture, or a list of cameras, whose pictures are
+            joined side by side; the free camera by default.
 
         Raises:
           ValueError: the dtype or the render mode is unknown.
-          TypeError: an argument is unknown, or given twice.
+          TypeError: an argument is unknown, or given twice; or the environment is of another kind,
+            which has no snapshots, seeds and end of time to report.
         """
+        if not isinstance(environment, control.Environment):
+            raise TypeError(
+                f"environment is a {type(environment).__name__}; expected a limberjack.rl.control."
+                "Environment or a subclass: make it from the task and its physics, or load it with "
+                "limberjack.gym.load"
+            )
+        self._environment = environment
         spec = environment.observation_spec()
         self._observations = observations_of(spec, flat, dtype, environment.pixels)
         self.layout: tuple[Part, ...] = self._observations.layout
@@ -80,11 +94,10 @@ class Env(gymnasium.Env):
         bounded_spec(environment.task, environment.physics)  # raises if there is none
         self.action_space = action_space(environment.action_spec())
         self.render_mode = arguments.render_mode(render_mode)
-        self.metadata = {**self.metadata, "render_fps": round(1 / environment.control_timestep())}
+        self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
         self._render_kwargs = arguments.picture_arguments(
             render_kwargs, width, height, camera_id, camera_name
         )
-        self._environment = environment
         # Whether Gymnasium's TimeLimit counts the steps, and its count.
         self._is_counted_outside = False
         self._counted = 0
@@ -101,6 +114,15 @@ class Env(gymnasium.Env):
         """The simulation, also of a wrapped environment as `env.unwrapped.physics`."""
         return self._environment.physics
 
+    @property
+    def dt(self) -> float:
+        """Time between two actions, seconds."""
+        return self._environment.control_timestep() * self._environment.action_repeat
+
+    def actions_of(self, steps: int) -> int:
+        """Number of actions that make a number of control steps; each may be repeated."""
+        return math.ceil(steps / self._environment.action_repeat)
+
     def reset(
         self, *, seed: int | None = None, options: Info | None = None
     ) -> tuple[Observation, Info]:
@@ -108,20 +130,38 @@ class Env(gymnasium.Env):
 
         Args:
           seed: the episode is the first of `RandomState(seed)`; with None the stream continues.
-          options: ignored.
+          options: `state` sets the state after the start is drawn: a mapping of some of 'qpos'
+            (nq,), 'qvel' (nv,) and 'act' (na,), or a `Snapshot`, which is restored with its step
+            count.
 
         Raises:
-          ValueError: the seed is not between 0 and 2**32 - 1.
-          TypeError: the seed is not a whole number, or the options are not a mapping.
+          ValueError: the seed is not between 0 and 2**32 - 1, or the state does not fit; nothing
+            was reset.
+          TypeError: the seed is not a whole number, an option is unknown, or a state is of the
+            wrong kind; nothing was reset.
         """
         self._check_open()
-        arguments.check_options(options)
-        if seed is not None:
-            number = checked_seed(seed)
+        try:
+            given = arguments.check_options(options, arguments.STATE).get(arguments.STATE)
+            state = state_of_one(given, self._environment)
+            number = None if seed is None else checked_seed(seed)
+            _check_length(self, state)
+        except (TypeError, ValueError):
+            # Gymnasium's `TimeLimit` has set its count to 0 already.
+            for limit in _time_limits_resetting(self):
+                limit._elapsed_steps = self.actions_of(self._counted)
+            raise
+        if number is not None:
             super().reset(seed=number)
             self._environment.reseed(number)
-        observation = self._environment.reset().observation
-        self._counted = 0
+        time_step = self._environment.reset()
+        if state is not None:
+            time_step = self._environment.set_state(state)
+        observation = time_step.observation
+        self._counted = self._environment._step_count
+        if self._counted:
+            for limit in _time_limits_resetting(self):
+                limit._elapsed_steps = self.actions_of(self._counted)
         drawn = {name: v.copy() for name, v in self._environment.randomization.items()}
         info = {"randomization": drawn} if drawn else {}
         return self._observations.of_one(observation), info
@@ -148,7 +188,7 @@ class Env(gymnasium.Env):
                 "snapshot), and step the outermost environment only"
             )
         time_step = environment.step(action)
-        self._counted += 1
+        self._counted = environment._step_count
         is_last = time_step.last()
         truncated = is_last and environment.timed_out
         observation = self._observations.of_one(time_step.observation)
@@ -166,11 +206,14 @@ class Env(gymnasium.Env):
         self._counted = self._environment._step_count
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """A picture of the present state, (height, width, 3) uint8; None without a render mode."""
+        """A picture of the present state, (height, width, 3) uint8; None without a render mode.
+
+        The pictures of a list of cameras are side by side, (height, cameras * width, 3).
+        """
         self._check_open()
         if self.render_mode is None:
             return None
-        return self._environment.physics.render(**self._render_kwargs)
+        return render_cameras(self._environment.physics.render, self._render_kwargs, axis=1)
 
     def close(self) -> None:
         """Free the simulation; closing twice is fine, using it later is an error."""
@@ -185,17 +228,44 @@ class Env(gymnasium.Env):
 
     def _info(self) -> Info:
         """The terms of the last step's reward, and whether the goal is reached now."""
-        task, terms = self._environment.task, self._environment.reward_terms
+        terms, success = self._environment.reward_terms, self._environment.success
         if not terms:
             return {}
         info: Info = {"reward_terms": {name: float(v) for name, v in terms.items()}}
-        if getattr(task, "GOAL", ()):  # tasks need not be subclasses of `base.Task`
-            info["success"] = bool(task.is_success(terms))
-        return info
+        return info if success is None else {**info, "success": success}
 
     def _check_open(self) -> None:
         if self._closed:
             raise error.ClosedEnvironmentError("this environment is closed: make a new one")
+
+
+def _check_length(env: Env, state: State | None) -> None:
+    """Raise ValueError for a snapshot of a step at which Gymnasium would have ended the episode."""
+    if not isinstance(state, Snapshot):
+        return
+    steps = env.actions_of(int(state.step_count[0]))
+    limits = [limit._max_episode_steps for limit in _time_limits_resetting(env)]
+    if limits and steps >= min(limits):
+        raise ValueError(
+            f"the snapshot is of step {steps} of an episode, and Gymnasium ends episodes after "
+            f"{min(limits)} steps here: make the environment with a larger max_episode_steps; "
+            "nothing was reset"
+        )
+
+
+def _time_limits_resetting(env: Env) -> list[TimeLimit]:
+    """The `TimeLimit`s around an environment that are being reset now, by this thread.
+
+    An environment has no reference to its wrappers, which call its `reset` in turn.
+    """
+    found, frame = [], inspect.currentframe()
+    while frame is not None:
+        if frame.f_code is TimeLimit.reset.__code__:
+            limit = frame.f_locals["self"]
+            if limit.unwrapped is env:
+                found.append(limit)
+        frame = frame.f_back
+    return found
 
 
 @arguments.suggests_names
@@ -208,14 +278,15 @@ def load(
     environment_kwargs: Mapping[str, object] | None = None,
     randomize: Mapping[str, object] | None = None,
     pixels: Mapping[str, object] | None = None,
+    action_repeat: int | None = None,
     flat: bool = False,
     dtype: npt.DTypeLike = "float64",
     render_mode: str | None = None,
     render_kwargs: Mapping[str, object] | None = None,
     width: int | None = None,
     height: int | None = None,
-    camera_id: int | None = None,
-    camera_name: str | None = None,
+    camera_id: int | Sequence[int | str] | None = None,
+    camera_name: str | Sequence[str] | None = None,
 ) -> Env:
     """An environment of a task, which counts the steps of its episodes itself.
 
@@ -228,6 +299,7 @@ def load(
       randomize: fields of the model to draw for each episode; see `limberjack.rl.randomize`.
       pixels: pictures to observe, such as {'camera': 0, 'frame_stack': 3}; see
         `limberjack.rl.pixels`.
+      action_repeat: control steps per action, whose rewards are summed; see `suite.load`.
       flat, dtype, render_mode, render_kwargs, width, height, camera_id, camera_name: see `Env`.
 
     Raises:
@@ -237,7 +309,7 @@ def load(
     of_task = arguments.task_arguments(task_kwargs, time_limit)
     of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
     return Env(
-        suite.load(domain, task, of_task, of_environment),
+        suite.load(domain, task, of_task, of_environment, action_repeat=action_repeat),
         flat=flat,
         dtype=dtype,
         render_mode=render_mode,

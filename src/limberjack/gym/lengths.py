@@ -98,7 +98,7 @@ def restore(env: gymnasium.Env, snapshot: Snapshot) -> None:
     inner = env.unwrapped
     if not isinstance(inner, Env):
         raise TypeError(f"env is {env}; expected an environment of limberjack.gym")
-    steps = int(as_snapshot(snapshot).step_count[0])
+    steps = inner.actions_of(int(as_snapshot(snapshot).step_count[0]))
     limits = _time_limits(env)
     least = min((limit._max_episode_steps for limit in limits), default=math.inf)
     if steps >= least and not snapshot.begins[0]:

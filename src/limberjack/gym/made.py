@@ -42,10 +42,13 @@ def make(
     if length is None:  # Gymnasium adds no TimeLimit
         return env
     environment = env.environment
-    is_asked_for = lengths.asks_for_a_time_limit(kwargs)
-    environment._step_limit = lengths.limit_of_single(
-        f"{domain}:{task}", length, environment._step_limit, is_asked_for
-    )
+    repeat = environment.action_repeat
+    # Repeated actions leave fewer steps to count, so that the environment keeps its own limit.
+    is_asked_for = lengths.asks_for_a_time_limit(kwargs) or repeat != 1
+    own = environment._step_limit / repeat
+    limit = lengths.limit_of_single(f"{domain}:{task}", length, own, is_asked_for)
+    if limit != own:
+        environment._step_limit = limit
     env._is_counted_outside = True
     return env
 
@@ -85,7 +88,13 @@ def make_vector(
     length = registry.steps(domain, task) if module is None else steps
     is_asked_for = lengths.asks_for_a_time_limit(kwargs)
     for batch in envs.batches:
-        batch.step_limit = lengths.limit_of_batch(
-            f"{domain}:{task}", length, max_episode_steps, batch.step_limit, is_asked_for
+        repeat = batch.action_repeat
+        if repeat != 1 and max_episode_steps == length and not is_asked_for:
+            continue  # the id's length is in control steps, as is the batch's limit
+        own = batch.step_limit / repeat
+        limit = lengths.limit_of_batch(
+            f"{domain}:{task}", length, max_episode_steps, own, is_asked_for
         )
+        if limit != own:
+            batch.step_limit = limit * repeat
     return envs

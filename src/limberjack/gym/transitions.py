@@ -1,4 +1,4 @@
-"""`Transitions`: resets and steps of a `BatchEnvironment` in Gymnasium's terms.
+"""`Transitions`: resets and steps of a `Batch` in Gymnasium's terms.
 
 There are three autoreset modes, which differ in the step after a row's last: see docs/batches.md.
 """
@@ -12,7 +12,8 @@ from gymnasium import error
 from gymnasium.vector import AutoresetMode
 
 from limberjack.gym.observations import Info, Observation, Observations
-from limberjack.rl.batch import BatchEnvironment
+from limberjack.gym.states import States
+from limberjack.rl.contract import Batch
 from limberjack.rl.guards import check_actions
 from limberjack.utils.arrays import Quantity, any_of
 
@@ -28,7 +29,7 @@ class Transitions:
     """Resets and steps of a batch."""
 
     def __init__(
-        self, batch: BatchEnvironment, mode: AutoresetMode, observations: Observations, copy: bool
+        self, batch: Batch, mode: AutoresetMode, observations: Observations, copy: bool
     ) -> None:
         """Take over a batch.
 
@@ -46,25 +47,28 @@ class Transitions:
         self._buffer = None if copy else observations.buffer(batch.num_envs)
 
     def reset(
-        self, seeds: Sequence[int | None], mask: np.ndarray | None
+        self, seeds: Sequence[int | None], begun: np.ndarray, states: States
     ) -> tuple[Observation, Info]:
-        """Begin an episode in every row or in those of the mask; return observation and info.
+        """Begin an episode in the rows of a mask; return observation and info.
 
         Args:
           seeds: of each row's random stream, which continues where the seed is None.
-          mask: (num_envs,), None for all.
+          begun: the mask, (num_envs,).
+          states: states to continue from, checked and of these rows only.
         """
         batch = self.batch
-        begun = np.ones(batch.num_envs, bool) if mask is None else mask
         of_rows = [seeds[row] for row in np.flatnonzero(begun).tolist()]
-        return self._in_form(batch.reset(begun, of_rows).observation), self._drawn(begun)
+        time_step = batch.reset(begun, of_rows)
+        for rows, state in states:
+            time_step = batch.set_states(state, rows)
+        return self._in_form(time_step.observation), self._drawn(begun)
 
     def step(self, actions: npt.ArrayLike) -> Step:
         """Step every row.
 
         Raises:
           ResetNeeded: an episode has ended, and the mode leaves the reset to the user.
-          ValueError, TypeError, PhysicsError: see `BatchEnvironment.step`.
+          ValueError, TypeError, PhysicsError: see `Batch.step`.
         """
         batch = self.batch
         self.check_begun()
@@ -153,8 +157,9 @@ class Transitions:
             for name, values in terms.items()
         }
         info: Info = {"reward_terms": _with_masks(shown, rows), "_reward_terms": rows}
-        if getattr(batch.task, "GOAL", ()):  # tasks need not be subclasses of `base.Task`
-            info |= {"success": batch.task.is_success(terms) & rows, "_success": rows}
+        success = batch.success
+        if success is not None:
+            info |= {"success": success & rows, "_success": rows}
         return info
 
     def _in_form(self, observation: Observation) -> Observation:

@@ -34,7 +34,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from limberjack import suite
-from limberjack.gym import arguments
+from limberjack.gym import arguments, attributes
 from limberjack.gym.halves import Workers, joined
 from limberjack.gym.observations import (
     Info,
@@ -44,10 +44,11 @@ from limberjack.gym.observations import (
     specs_of_one_row,
 )
 from limberjack.gym.pixels import observations_of
+from limberjack.gym.states import states_of_rows
 from limberjack.gym.transitions import Step, Transitions
-from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.contract import Batch
 from limberjack.rl.guards import at_least_one
-from limberjack.rl.represented import of_batch, represented
+from limberjack.rl.represented import represented
 
 __all__ = ["VectorEnv", "load_vector"]
 
@@ -72,7 +73,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     @arguments.suggests_names
     def __init__(
         self,
-        *batches: BatchEnvironment,
+        *batches: Batch,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         flat: bool = False,
         dtype: npt.DTypeLike = "float64",
@@ -81,8 +82,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         render_kwargs: Mapping[str, object] | None = None,
         width: int | None = None,
         height: int | None = None,
-        camera_id: int | None = None,
-        camera_name: str | None = None,
+        camera_id: int | Sequence[int | str] | None = None,
+        camera_name: str | Sequence[str] | None = None,
     ) -> None:
         """Take over a batch, or two for pipelining.
 
@@ -96,7 +97,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         Raises:
           ValueError: there are not one or two batches, they do not fit together, or a mode or dtype
             is unknown.
-          TypeError: an argument is unknown, or given twice.
+          TypeError: an argument is unknown, or given twice, or something is not a batch.
         """
         _check_halves(batches)
         mode = arguments.autoreset_mode(autoreset_mode)
@@ -104,7 +105,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._render_kwargs = arguments.picture_arguments(
             render_kwargs, width, height, camera_id, camera_name
         )
-        self.batches = batches
+        # Any: a batch of either kind, which has its `physics` or its `environments` as well.
+        self.batches: tuple[Any, ...] = batches
         sizes = [batch.num_envs for batch in batches]
         self.num_envs = sum(sizes)
         self.halves = tuple(slice(sum(sizes[:i]), sum(sizes[: i + 1])) for i in range(len(batches)))
@@ -114,8 +116,9 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._parts = [Transitions(batch, mode, self._observations, copy) for batch in batches]
         self._workers = Workers(len(batches))
         self._was_reset = False
-        fps = round(1 / batches[0].control_timestep())
-        self.metadata = {**self.metadata, "render_fps": fps, "autoreset_mode": mode}
+        self.metadata = {**self.metadata, "autoreset_mode": mode}
+        if not math.isnan(self.dt):
+            self.metadata["render_fps"] = round(1 / self.dt)
         self.closed = False
 
     # A plain attribute in Gymnasium, which `make_vec` sets.
@@ -130,16 +133,15 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     ) -> None:
         self._spec = copy_of(spec)
         if self._spec is not None:
-            limit = self.batches[0].step_limit
+            limit = self.batches[0].step_limit / self.batches[0].action_repeat
             self._spec.max_episode_steps = math.ceil(limit) if math.isfinite(limit) else None
 
     def _set_spaces(self, flat: bool, dtype: npt.DTypeLike) -> None:
-        batch = self.batches[0]
+        batch: Batch = self.batches[0]
         of_one = specs_of_one_row(batch.observation_spec())
         self._observations = observations_of(of_one, flat, dtype, batch.pixels)
         self.layout: tuple[Part, ...] = self._observations.layout
-        spec = batch.task.action_spec(batch.single)
-        self.single_action_space = action_space(spec)
+        self.single_action_space = action_space(batch.single_action_spec())
         self.single_observation_space = self._observations.space
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
@@ -156,24 +158,33 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         Args:
           seed: row i begins the first episode of `RandomState(seed + i)`; a sequence has a seed for
             each row. Where it is None the row's stream continues.
-          options: `{"reset_mask": mask}`, (num_envs,) booleans, resets some rows only and leaves
-            the others alone. Other options are ignored; the mapping is not changed.
+          options: `reset_mask`, (num_envs,) booleans, resets some rows only and leaves the others
+            alone. `state` sets the state after the start is drawn: a mapping of some of 'qpos'
+            (num_envs, nq), 'qvel' (num_envs, nv) and 'act' (num_envs, na); or a `Snapshot` of
+            num_envs environments, which is restored with its step counts; or a list with a mapping
+            of one row's arrays, a snapshot of one environment, or None, for each row. States of
+            rows that the mask leaves alone are ignored. The mapping is not changed.
 
         Raises:
-          ValueError, TypeError: a seed or the mask is invalid; nothing was reset.
+          ValueError, TypeError: a seed or an option is invalid; nothing was reset.
         """
         self._check_open()
         self._workers.check_idle()
         seeds = arguments.row_seeds(seed, self.num_envs)
-        mask = arguments.reset_mask(options, self.num_envs)
+        mask = arguments.reset_mask(options, self.num_envs, arguments.STATE)
+        begun = np.ones(self.num_envs, bool) if mask is None else mask
+        masks = [begun[rows] for rows in self.halves]
+        states = states_of_rows((options or {}).get(arguments.STATE), self.batches, masks)
         if isinstance(seed, int | np.integer):
             super().reset(seed=seeds[0])
-        begun = [
-            part.reset(seeds[rows], None if mask is None else mask[rows])
-            for part, rows in zip(self._parts, self.halves, strict=True)
+        results = [
+            part.reset(seeds[rows], rows_begun, of_rows)
+            for part, rows, rows_begun, of_rows in zip(
+                self._parts, self.halves, masks, states, strict=True
+            )
         ]
         self._was_reset = True
-        observations, infos = zip(*begun, strict=True)
+        observations, infos = zip(*results, strict=True)
         return self._joined(observations), self._joined(infos)
 
     def step(self, actions: npt.ArrayLike) -> Step:
@@ -244,13 +255,61 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         return *step, {**info, "env_id": np.arange(rows.start, rows.stop)}
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """A picture of each row's present state, (height, width, 3) uint8; None without a mode."""
+        """A picture of each row's present state, (height, width, 3) uint8; None without a mode.
+
+        The pictures of a list of cameras are side by side, (height, cameras * width, 3).
+        """
         self._check_open()
         self._workers.check_idle()
         if self.render_mode is None:
             return None
         pictures = (batch.render(None, **self._render_kwargs) for batch in self.batches)
         return tuple(picture for of_batch in pictures for picture in of_batch)
+
+    @property
+    def dt(self) -> float:
+        """Time between two actions, seconds; NaN for environments that do not report it."""
+        batch = self.batches[0]
+        return batch.control_timestep() * batch.action_repeat
+
+    # Any: results of any type.
+    def call(self, name: str, *args: object, **kwargs: object) -> tuple[Any, ...]:
+        """The results of a method of each row, or the values of an attribute, as in Gymnasium.
+
+        Raises:
+          AttributeError: rows have no such method; the message suggests the nearest name.
+        """
+        self._check_open()
+        self._workers.check_idle()
+        return tuple(attributes.call(self, name, args, kwargs, range(self.num_envs)))
+
+    # Any: attributes of any type.
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """An attribute of each row: one of `Env`, such as `dt`, or a setting of the task.
+
+        Raises:
+          AttributeError: rows have no such attribute; the message suggests the nearest name.
+        """
+        self._check_open()
+        self._workers.check_idle()
+        return tuple(attributes.get(self, name))
+
+    def set_attr(self, name: str, values: object) -> None:
+        """Set a setting of the task in each row; see `limberjack.gym.attributes`.
+
+        Args:
+          name: such as '_move_speed'.
+          values: a list or tuple with a value for each row, or one value for all. The rows of a
+            vectorised batch share their task, so that the values must be equal, unless the task
+            declares the name in EPISODE_ATTRIBUTES.
+
+        Raises:
+          AttributeError: rows have no such setting, or it cannot be changed.
+          ValueError, TypeError: the values do not fit; nothing was set.
+        """
+        self._check_open()
+        self._workers.check_idle()
+        attributes.set_values(self, name, values)
 
     def close_extras(self, **kwargs: object) -> None:
         """Wait for running steps and free the batch; `close` calls it, once."""
@@ -259,7 +318,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             batch.close()
 
     def __repr__(self) -> str:
-        return represented(self, *map(of_batch, self.batches))
+        return represented(self, *(batch.description() for batch in self.batches))
 
     def __getstate__(self) -> dict[str, object]:
         self._workers.check_idle()
@@ -279,9 +338,15 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             raise error.ResetNeeded("no episode is running: call reset() before step()")
 
 
-def _check_halves(batches: Sequence[BatchEnvironment]) -> None:
+def _check_halves(batches: Sequence[Batch]) -> None:
     if len(batches) not in (1, 2):
         raise ValueError(f"there are {len(batches)} batches; expected one, or two halves")
+    for batch in batches:
+        if not arguments.is_batch(batch):
+            raise TypeError(
+                f"got {type(batch).__name__}; expected a batch, from suite.load_batch or "
+                "rl.batch.BatchEnvironment.from_environment"
+            )
     if batches[0] is batches[-1] and len(batches) == 2:
         raise ValueError("both halves are the same batch; load another one for the second half")
     first, last = map(_described, (batches[0], batches[-1]))
@@ -293,12 +358,13 @@ def _check_halves(batches: Sequence[BatchEnvironment]) -> None:
             )
 
 
-def _described(batch: BatchEnvironment) -> dict[str, object]:
+def _described(batch: Batch) -> dict[str, object]:
     """Properties that halves must have in common."""
     shapes = specs_of_one_row(batch.observation_spec())
     return {
-        "task": type(batch.task).__name__,
-        "control timestep": batch.control_timestep(),
+        "task": batch.name,
+        "control timestep": str(batch.control_timestep()),  # NaN equals NaN
+        "action_repeat": batch.action_repeat,
         "actions": batch.action_spec().shape[1:],
         "observations": {name: (spec.shape, str(spec.dtype)) for name, spec in shapes.items()},
     }
@@ -316,6 +382,9 @@ def load_vector(
     pixels: Mapping[str, object] | None = None,
     num_threads: int | None = None,
     on_divergence: str = "end",
+    vectorised: bool | None = None,
+    action_repeat: int | None = None,
+    stagger: bool = False,
     pipelined: bool = False,
     **kwargs: Any,  # of `VectorEnv`
 ) -> VectorEnv:
@@ -334,6 +403,11 @@ def load_vector(
       num_threads: threads that step the rows; by default as many of the available cores as the
         work of a step can occupy.
       on_divergence: see `suite.load_batch`.
+      vectorised: False makes complete environments, with attributes of their own; see
+        `suite.load_batch`.
+      action_repeat: control steps per action, whose rewards are summed; see `suite.load_batch`.
+      stagger: end the first episode of each row after a random number of steps; see
+        `suite.load_batch`.
       pipelined: make two halves, for `send` and `recv`.
       kwargs: autoreset_mode, flat, dtype, copy, render_mode, render_kwargs, width, height,
         camera_id, camera_name: see `VectorEnv`.
@@ -342,10 +416,6 @@ def load_vector(
       TypeError: an argument is unknown; the message suggests the nearest name.
     """
     arguments.refuse_unknown(kwargs, VectorEnv, load_vector)
-    num_envs = at_least_one("num_envs", num_envs)
-    if pipelined and num_envs == 1:
-        raise ValueError("num_envs is 1; expected at least 2 for two halves")
-    sizes = [num_envs - num_envs // 2, num_envs // 2] if pipelined else [num_envs]
     of_task = arguments.task_arguments(task_kwargs, time_limit)
     of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
     batches = [
@@ -357,7 +427,18 @@ def load_vector(
             task_kwargs=of_task,
             environment_kwargs=of_environment,
             on_divergence=on_divergence,
+            vectorised=vectorised,
+            action_repeat=action_repeat,
+            stagger=stagger,
         )
-        for size in sizes
+        for size in _sizes(num_envs, pipelined)
     ]
     return VectorEnv(*batches, **kwargs)
+
+
+def _sizes(num_envs: int, pipelined: bool) -> list[int]:
+    """Numbers of rows of the batch, or of the halves."""
+    num_envs = at_least_one("num_envs", num_envs)
+    if pipelined and num_envs == 1:
+        raise ValueError("num_envs is 1; expected at least 2 for two halves")
+    return [num_envs - num_envs // 2, num_envs // 2] if pipelined else [num_envs]

@@ -18,8 +18,9 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+from limberjack.mujoco.allocating import allocating, data_of
 from limberjack.mujoco.index import Axes, FieldIndexer
-from limberjack.mujoco.lazy_batch import LazyBatch
+from limberjack.mujoco.lazy_batch import LazyBatch, check_callbacks
 from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.model_values import derived_fields
 from limberjack.mujoco.read_only import ReadOnly
@@ -31,8 +32,11 @@ from limberjack.mujoco.simulation import (
     CountsWarnings,
     Field,
     Rows,
+    checked_steps,
+    read_field,
 )
 from limberjack.mujoco.wrapper.core import MjModel
+from limberjack.mujoco.wrapper.integer_fields import check_values, is_checked, rows_field
 from limberjack.mujoco.wrapper.model import fixed_field, is_structure
 from limberjack.utils.arrays import AnyArray
 
@@ -43,6 +47,10 @@ _NOTHING = mujoco.mjtStage.mjSTAGE_NONE.value
 _COMMON = (
     "{} of the model is shared by all rows and read-only: to vary it from row to row, give "
     "environment_kwargs={{'randomize': ...}}, or name it in the task's EPISODE_FIELDS"
+)
+_BEFORE = (
+    "{} of the model is shared by all rows and read-only: change the model of a single environment "
+    "and create the batch from that"
 )
 _DERIVED = "{} of the model is read-only: MuJoCo computes it from fields that differ by row"
 
@@ -60,6 +68,9 @@ class BatchSimulation(CountsWarnings):
           num_envs: number of simulations.
           num_threads: number of threads, the caller's included.
           own_fields: model fields of which each simulation has its own copy.
+
+        Raises:
+          MemoryError: there is no memory for them.
         """
         self.num_envs: int | None = num_envs
         self.num_threads = num_threads
@@ -69,7 +80,9 @@ class BatchSimulation(CountsWarnings):
         self.forget_arrays: Callable[[], Callable[[], None] | None] = lambda: None
         # MuJoCo copies the model for each batch: 12 MB with textures.
         light = model.without_textures()._model
-        self._use(LazyBatch(light, num_envs, num_threads, own_fields))
+        size = num_envs * mujoco.mj_stateSize(light, STATE) * np.dtype(float).itemsize
+        with allocating(f"a batch of {num_envs} simulations", size):
+            self._use(LazyBatch(light, num_envs, num_threads, own_fields))
         _alive.add(self)
 
     def _use(self, lazy: LazyBatch) -> None:
@@ -101,11 +114,11 @@ class BatchSimulation(CountsWarnings):
 
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        self._call(_at_least_one(nstep), rows)
+        self._call(checked_steps(nstep), rows)
 
     def step_whole(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        self._call(-_at_least_one(nstep), rows)
+        self._call(-checked_steps(nstep), rows)
 
     def forward(self, rows: Rows = None) -> None:
         """See `Simulation`."""
@@ -121,6 +134,7 @@ class BatchSimulation(CountsWarnings):
     def reset(self, keyframe: int | None = None, rows: Rows = None) -> None:
         """See `Simulation`."""
         begin()
+        check_callbacks()
         key = -1 if keyframe is None else keyframe
         self._living().official.reset(rows, key, stage=_NOTHING)
 
@@ -136,7 +150,7 @@ class BatchSimulation(CountsWarnings):
     def set_state(self, state: np.ndarray, signature: int) -> None:
         """See `Simulation`."""
         begin()
-        data = mujoco.MjData(self._model._model)
+        data = data_of(self._model._model)
         for row, part in zip(self.state, state, strict=True):
             mujoco.mj_setState(self._model._model, data, row, STATE)
             mujoco.mj_setState(self._model._model, data, part, signature)
@@ -146,6 +160,7 @@ class BatchSimulation(CountsWarnings):
         """See `Simulation`."""
         lazy = self._living()
         index = slice(None) if row is None else row
+        _check_rows(self._model._model, values, len(lazy.state) if row is None else 1)
         for name, value in values.items():
             lazy.own[name][index] = value
         self.set_constants(None if row is None else np.array([row]))
@@ -168,8 +183,10 @@ class BatchSimulation(CountsWarnings):
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
         """See `Simulation`. States that MuJoCo would reject diverge at the next step."""
         begin()
+        check_callbacks()
         lazy = self._living()
         index = slice(None) if rows is None else rows
+        _check_rows(self._model._model, saved, len(saved["state"]))
         for name, value in saved.items():
             if name not in NOT_FIELDS:
                 lazy.own[name][index] = value
@@ -203,9 +220,13 @@ class BatchSimulation(CountsWarnings):
     def model_field(self, name: str) -> Field:
         """See `Fields`."""
         lazy = self._living()
-        if name in lazy.own:
-            return lazy.shown(name), True
         model = self._model._model
+        if name in lazy.own:
+            rows = lazy.shown(name)
+            is_open = is_structure(name) and rows.flags.writeable
+            return (rows_field(model, name, rows) if is_open else rows), True
+        if is_checked(name):
+            return ReadOnly.of(getattr(model, name), _BEFORE.format(name)), False
         if is_structure(name):
             return fixed_field(model, name), False
         if self.sets_constants and name in derived_fields(lazy.own):
@@ -233,10 +254,21 @@ class BatchSimulation(CountsWarnings):
         raise AttributeError(f"a batch of simulations has no {name!r}")
 
 
-def _at_least_one(nstep: int) -> int:
-    if nstep < 1:  # other numbers stand for other calls
-        raise ValueError(f"nstep is {nstep}; expected at least one time step")
-    return nstep
+def _check_rows(model: mujoco.MjModel, values: Mapping[str, AnyArray], count: int) -> None:
+    """Raises ValueError if a row's values of the model's fields make its model invalid.
+
+    Args:
+      model: the model that the rows share.
+      values: by name, one for each row or for all.
+      count: number of rows.
+    """
+    if not any(map(is_checked, values)):
+        return
+    names = [name for name in values if name not in NOT_FIELDS]
+    shapes = {name: (count, *np.shape(read_field(model, name))) for name in names}
+    each = {name: np.broadcast_to(values[name], shapes[name]) for name in names}
+    for row in range(count):
+        check_values(model, {name: array[row] for name, array in each.items()})
 
 
 # Batches to abandon in a forked child, which lacks their threads.

@@ -41,7 +41,7 @@ from limberjack.mujoco.compiled import compiled
 from limberjack.mujoco.identity import identity
 from limberjack.mujoco.index import NamedIndexStructs
 from limberjack.mujoco.rows_view import RowsData
-from limberjack.mujoco.simulation import Fields, Simulation, described
+from limberjack.mujoco.simulation import MOST_AT_ONCE, Fields, Simulation, checked_steps, described
 from limberjack.mujoco.single_simulation import SingleSimulation
 from limberjack.rl import control as _control
 from limberjack.rl.contract import Nested
@@ -242,8 +242,11 @@ class Physics(_control.Physics):
         """Advances the simulation by `nstep` time steps.
 
         Raises:
+          ValueError: `nstep` is not a whole number of at least 1; nothing was stepped.
           PhysicsError: the simulation diverged.
         """
+        if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
+            nstep = checked_steps(nstep)
         simulation = self._simulation
         earlier = simulation.set_warnings_aside()
         if self.legacy_step:
@@ -263,7 +266,16 @@ class Physics(_control.Physics):
             self._simulation.forward()
 
     def reset(self, keyframe_id: int | None = None) -> None:
-        """Resets to the default state or a keyframe; ValueError if there is no such keyframe."""
+        """Resets to the default state or a keyframe.
+
+        Raises:
+          ValueError: there is no such keyframe.
+          TypeError: `keyframe_id` is not a whole number.
+        """
+        if keyframe_id is not None and not isinstance(keyframe_id, int | np.integer):
+            raise TypeError(
+                f"keyframe_id is {keyframe_id!r}; expected a keyframe's number, or None"
+            )
         if keyframe_id is not None and not self.model.nkey:
             raise ValueError(f"keyframe_id is {keyframe_id}, but the model has no keyframes")
         if keyframe_id is not None and not 0 <= keyframe_id < self.model.nkey:

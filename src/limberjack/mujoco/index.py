@@ -258,6 +258,19 @@ class FieldIndexer:
         return "\n".join(lines) if len(self._field) else f"{title}\n(empty)"
 
 
+class _IntegerIndexer(FieldIndexer):
+    """Indexer of an integer field of a model, to which writes are checked or refused.
+
+    It reads ordinary arrays, as other indexers do; those that are views are read-only.
+    """
+
+    __slots__ = ()
+
+    def __getitem__(self, key: object) -> AnyArray:
+        value = super().__getitem__(key)
+        return value.view(np.ndarray) if isinstance(value, np.ndarray) else value
+
+
 class NamedFields:
     """The fields of one struct as `FieldIndexer`s, created on first use."""
 
@@ -294,7 +307,9 @@ class NamedFields:
         shape = tuple(field.shape[batch:])
         sizes = fields.axes_of(self._struct_name, name, shape, self._names.model)
         axes = Axes(*(self._names.axis(size) for size in sizes or (None,)))
-        indexer = self._indexer(name, field, axes, batch)
+        is_guarded = type(field) is not np.ndarray and field.dtype.kind in "iub"
+        create = _IntegerIndexer if is_guarded and not batch else self._indexer
+        indexer = create(name, field, axes, batch)
         if sizes[:1] != (None,):
             # Arrays without named rows may be reallocated between steps, so they are not cached.
             self.__dict__[name] = indexer

@@ -18,7 +18,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from limberjack.utils.requirements import MUJOCO_REMEDY
+from limberjack.utils.requirements import broken_mujoco
 
 __all__ = ["mujoco"]
 
@@ -36,6 +36,8 @@ def _import_without_opengl() -> None:
     os.environ[_VARIABLE] = _WITHOUT_OPENGL
     try:
         importlib.import_module("mujoco")
+    except ImportError as error:
+        raise broken_mujoco(error) from None
     finally:
         if before is None:
             os.environ.pop(_VARIABLE, None)
@@ -83,10 +85,9 @@ if "mujoco" not in sys.modules:
     _import_without_opengl()
 
 if importlib.util.find_spec("mujoco.batch") is None:
-    raise ImportError(
+    raise broken_mujoco(
         "limberjack needs mujoco.batch, which requires MuJoCo 4.0 or later, but mujoco "
-        f"{getattr(sys.modules['mujoco'], '__version__', 'of an unknown version')} is installed; "
-        + MUJOCO_REMEDY
+        f"{getattr(sys.modules['mujoco'], '__version__', 'of an unknown version')} is installed"
     )
 
 mujoco: Any = sys.modules["mujoco"]  # the package's names are not listed here

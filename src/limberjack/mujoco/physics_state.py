@@ -11,6 +11,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.simulation import checked_signature
+
 __all__ = ["get_state", "set_state"]
 
 
@@ -22,10 +24,13 @@ def get_state(physics: Any, sig: int | None = None) -> np.ndarray:  # of any dom
       sig: the components to include, as `mujoco.mjtState` bits. The default is dm_control's state:
         positions, velocities, activations and plugin states. It lacks the solver's warm start;
         `mjSTATE_INTEGRATION` is everything a step depends on.
+
+    Raises:
+      ValueError, TypeError: `sig` has other bits, or is not a whole number.
     """
     if sig is None:
         return np.concatenate(physics._physics_state_items(), axis=-1)
-    return physics.simulation.get_state(sig)
+    return physics.simulation.get_state(checked_signature(sig))
 
 
 # Any: of any domain's own class.
@@ -38,8 +43,10 @@ def set_state(physics: Any, physics_state: np.ndarray, sig: int | None = None) -
       sig: as for `get_state`.
 
     Raises:
-      ValueError: the array has another shape; nothing is changed.
+      ValueError, TypeError: the array has another shape, or see `get_state`; nothing is changed.
     """
+    if sig is not None:
+        sig = checked_signature(sig)
     state = np.asarray(physics_state, float)
     items: list[np.ndarray] = physics._physics_state_items()
     sizes = [item.shape[-1] for item in items]

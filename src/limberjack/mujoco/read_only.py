@@ -1,28 +1,153 @@
-"""`ReadOnly` and `ReadOnlyStruct`: read-only views whose write errors say what to do instead.
+"""Views of arrays and structs whose writes are refused with advice, or checked first.
 
     masses = ReadOnly.of(model.body_mass, "body_mass is shared by all rows: use randomize")
     masses[0] = 2.0     # ValueError with that message
     masses.copy()[0] = 2.0
 
+    modes = Checked.of(model.cam_mode, check)
+    modes[0] = 3        # calls check(modes as they would be), which raises or returns None
+
 A view shares the memory of its array, so it always has the current values. Results of arithmetic
-are ordinary arrays.
+and copies are ordinary arrays. Every view is read-only for NumPy, so that a way of writing that
+this module does not know fails with NumPy's own message instead of passing unchecked.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Self
 
 import numpy as np
 
 from limberjack.utils.arrays import AnyArray
 
-__all__ = ["ReadOnly", "ReadOnlyStruct"]
+__all__ = ["Checked", "ReadOnly", "ReadOnlyStruct"]
 
 _COMMON = (
     "{} is shared by all rows and read-only: change it before creating the batch, or use randomize"
 )
+_TWO = "a NumPy function has more than one guarded array as `out`: write one field at a time"
+
+_Change = Callable[[np.ndarray], object]
+
+# NumPy's functions that write to their first argument, and its name.
+_WRITERS: dict[object, str] = {
+    np.copyto: "dst",
+    np.fill_diagonal: "a",
+    np.place: "arr",
+    np.put: "a",
+    np.put_along_axis: "arr",
+    np.putmask: "a",
+}
 
 
-class ReadOnly(np.ndarray):
+class _Guarded(np.ndarray):
+    """A view to which everything is written by `_change`; a copy of it is an ordinary array."""
+
+    def _change(self, change: _Change) -> None:
+        """Writes to the viewed array as `change` writes to the array that it is given."""
+        raise NotImplementedError
+
+    def __setitem__(self, key: AnyArray, value: AnyArray) -> None:
+        if self.flags.writeable:  # a copy
+            super().__setitem__(key, value)
+            return
+        self._change(lambda array: array.__setitem__(key, value))
+
+    def _call(self, name: str, *args: object, **kwargs: object) -> None:
+        """Calls one of the methods that write to the array."""
+        method = getattr(np.ndarray, name)
+        if self.flags.writeable:  # a copy
+            method(self, *args, **kwargs)
+            return
+        self._change(lambda array: method(array, *args, **kwargs))
+
+    def fill(self, *args: Any, **kwargs: Any) -> None:  # Any: as `np.ndarray.fill`
+        """See `np.ndarray.fill`."""
+        self._call("fill", *args, **kwargs)
+
+    def put(self, *args: Any, **kwargs: Any) -> None:  # Any: as `np.ndarray.put`
+        """See `np.ndarray.put`."""
+        self._call("put", *args, **kwargs)
+
+    def sort(self, *args: Any, **kwargs: Any) -> None:  # Any: as `np.ndarray.sort`
+        """See `np.ndarray.sort`."""
+        self._call("sort", *args, **kwargs)
+
+    def partition(self, *args: Any, **kwargs: Any) -> None:  # Any: as `np.ndarray.partition`
+        """See `np.ndarray.partition`."""
+        self._call("partition", *args, **kwargs)
+
+    def setfield(self, *args: Any, **kwargs: Any) -> None:  # Any: as `np.ndarray.setfield`
+        """See `np.ndarray.setfield`."""
+        self._call("setfield", *args, **kwargs)
+
+    def byteswap(self, inplace: bool = False) -> Any:  # Any: the type of this array
+        """See `np.ndarray.byteswap`."""
+        if not inplace:
+            return np.ndarray.byteswap(self)
+        self._call("byteswap", inplace=True)
+        return self
+
+    @property
+    def flat(self) -> Any:  # Any: NumPy's class of iterators cannot be subclassed
+        """The elements in order, as `np.ndarray.flat`; writes are guarded too."""
+        return np.ndarray.flat.__get__(self) if self.flags.writeable else _Flat(self)
+
+    @flat.setter
+    def flat(self, value: AnyArray) -> None:
+        self.flat[...] = value
+
+    # Any: of a ufunc, each with its own type.
+    def __array_ufunc__(
+        self, ufunc: np.ufunc, method: str, *inputs: AnyArray, **kwargs: Any
+    ) -> AnyArray:
+        function, plain = getattr(ufunc, method), tuple([_plain(each) for each in inputs])
+        outs = kwargs.pop("out", (None,))
+        # The usual case, which occurs in each step of a batch.
+        if outs[0] is None and len(outs) == 1 and method != "at":
+            return function(*plain, **kwargs)
+        if method == "at":
+            if not _is_view(inputs[0]):
+                return function(*plain, **kwargs)
+            inputs[0]._change(lambda array: function(array, *plain[1:], **kwargs))
+            return None
+        given: list[AnyArray] = [_plain(out) for out in outs]
+        guarded = [i for i, out in enumerate(outs) if _is_view(out)]
+        if len(guarded) > 1:
+            raise ValueError(_TWO)
+        results: list[AnyArray] = []
+
+        def write(array: np.ndarray | None = None) -> None:
+            for i in guarded:
+                given[i] = array
+            result = function(*plain, out=tuple(given), **kwargs)
+            results.extend(result if len(outs) > 1 else [result])
+
+        if guarded:
+            outs[guarded[0]]._change(write)
+        else:
+            write()
+        each = [result if out is None else out for out, result in zip(outs, results, strict=True)]
+        return tuple(each) if len(each) > 1 else each[0]
+
+    # Any: of any of NumPy's functions, each with its own types.
+    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
+        if "out" not in kwargs and func not in _WRITERS:  # the usual case
+            return super().__array_function__(func, types, args, kwargs)
+        name = _WRITERS.get(func, "out")
+        target = args[0] if name != "out" and args else kwargs.get(name)
+        if not _is_view(target):
+            return super().__array_function__(func, types, args, kwargs)
+        if name in kwargs:
+            target._change(lambda array: func(*args, **{**kwargs, name: array}))
+        else:
+            target._change(lambda array: func(array, *args[1:], **kwargs))
+        return None if func in _WRITERS else target
+
+    def __reduce__(self) -> Any:  # Any: of NumPy
+        return self.view(np.ndarray).__reduce__()
+
+
+class ReadOnly(_Guarded):
     """A read-only view of an array; see the module's docstring."""
 
     _advice = ""
@@ -38,28 +163,88 @@ class ReadOnly(np.ndarray):
     def __array_finalize__(self, source: object) -> None:
         self._advice = getattr(source, "_advice", "")
 
+    def _change(self, change: _Change) -> None:
+        raise ValueError(self._advice)
+
+
+class Checked(_Guarded):
+    """A view of an array whose writes are checked; see the module's docstring."""
+
+    _whole: np.ndarray | None = None  # the viewed array, of which this may be a part
+    _write: Callable[[np.ndarray], None] | None = None
+
+    @classmethod
+    def of(cls, array: np.ndarray, write: Callable[[np.ndarray], None]) -> Self:
+        """A view of a contiguous array.
+
+        Args:
+          array: the array.
+          write: called with new values for the whole array, of the same shape and type; it writes
+            them to the array, or raises an error and changes nothing.
+        """
+        view = array.view(cls)
+        view._whole, view._write = array, write
+        view.flags.writeable = False
+        return view
+
+    def __array_finalize__(self, source: object) -> None:
+        self._whole = getattr(source, "_whole", None)
+        self._write = getattr(source, "_write", None)
+
+    def _change(self, change: _Change) -> None:
+        if not self.size:
+            change(np.empty_like(self, subok=False))
+            return
+        if self._whole is None or self._write is None or not np.may_share_memory(self, self._whole):
+            raise ValueError("assignment destination is read-only: write to a copy of it")
+        values = self._whole.copy()
+        change(_counterpart(self, self._whole, values))
+        self._write(values)
+
+
+class _Flat:
+    """The elements of a guarded view in order, in place of NumPy's `flatiter`."""
+
+    def __init__(self, array: _Guarded) -> None:
+        self._array = array
+        self._plain = array.view(np.ndarray).flat
+
     def __setitem__(self, key: AnyArray, value: AnyArray) -> None:
-        self._refuse_writing()
-        super().__setitem__(key, value)
+        self._array._change(lambda array: array.flat.__setitem__(key, value))
 
-    # Any: of a ufunc, each with its own type.
-    def __array_ufunc__(
-        self, ufunc: np.ufunc, method: str, *inputs: AnyArray, **kwargs: Any
-    ) -> AnyArray:
-        for out in kwargs.get("out", ()):
-            if isinstance(out, ReadOnly):
-                out._refuse_writing()
-        if "out" in kwargs:
-            kwargs["out"] = tuple(map(_plain, kwargs["out"]))
-        return getattr(ufunc, method)(*map(_plain, inputs), **kwargs)
+    def __getitem__(self, key: AnyArray) -> AnyArray:
+        return self._plain[key]
 
-    def _refuse_writing(self) -> None:
-        if not self.flags.writeable:
-            raise ValueError(self._advice)
+    def __iter__(self) -> Iterator[AnyArray]:
+        return iter(self._plain)
+
+    def __next__(self) -> AnyArray:
+        return next(self._plain)
+
+    def __len__(self) -> int:
+        return len(self._plain)
+
+    def __array__(
+        self, dtype: type | np.dtype | None = None, copy: bool | None = None
+    ) -> np.ndarray:
+        return np.array(self._plain[:], dtype=dtype)
+
+    def __getattr__(self, name: str) -> Any:  # Any: attributes of a `flatiter`
+        return getattr(self._plain, name)
+
+
+def _is_view(value: object) -> bool:
+    return isinstance(value, _Guarded) and not value.flags.writeable
 
 
 def _plain(value: object) -> object:
-    return value.view(np.ndarray) if isinstance(value, ReadOnly) else value
+    return value.view(np.ndarray) if isinstance(value, _Guarded) else value
+
+
+def _counterpart(part: np.ndarray, whole: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The part of `other` at the place that `part` has in `whole`, which has the same layout."""
+    start, first = (each.__array_interface__["data"][0] for each in (whole, part))
+    return np.ndarray(part.shape, part.dtype, other.data, first - start, part.strides)
 
 
 class ReadOnlyStruct:

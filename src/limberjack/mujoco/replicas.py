@@ -24,6 +24,7 @@ import numpy as np
 
 from limberjack.mujoco import drawing
 from limberjack.mujoco.batch_simulation import BatchSimulation
+from limberjack.mujoco.lazy_batch import check_callbacks
 from limberjack.mujoco.simulation import STATE, Rows, read_field
 from limberjack.rl.contract import PhysicsError
 from limberjack.utils.arrays import AnyArray, any_of
@@ -98,6 +99,13 @@ class Replicas(Generic[_P]):
         self.simulation.state[row] = start["state"]
         for name, values in self.simulation.own_fields.items():
             values[row] = start[name]
+
+    def check(self) -> None:
+        """Raises ValueError if no row can be stepped now, to be called before anything changes.
+
+        That is the case while a MuJoCo callback is a Python function; see `check_callbacks`.
+        """
+        check_callbacks()
 
     def start(self, rows: np.ndarray) -> None:
         """Computes derived quantities of rows that begin an episode, with actuation disabled."""

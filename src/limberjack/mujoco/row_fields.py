@@ -16,7 +16,6 @@ There are two implementations, and MuJoCo does not allow both in one batch:
 """
 
 import contextlib
-import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Protocol
 
@@ -24,6 +23,7 @@ import mujoco
 import mujoco.batch
 import numpy as np
 
+from limberjack.mujoco.allocating import copy_of, data_of
 from limberjack.mujoco.read_only import ReadOnly
 from limberjack.mujoco.simulation import ACTUATION, Rows, read_field, write_field
 from limberjack.utils.arrays import AnyArray
@@ -113,8 +113,8 @@ class RowModels:
         self, batch: mujoco.batch.Batch, model: mujoco.MjModel, num_envs: int, names: Iterable[str]
     ) -> None:
         self._batch = batch
-        self._models = [copy.copy(model) for _ in range(num_envs)]
-        self._data = mujoco.MjData(model)  # for mj_setConst, which computes in it
+        self._models = [copy_of(model) for _ in range(num_envs)]
+        self._data = data_of(model)  # for mj_setConst, which computes in it
         self.own: dict[str, _Values] = {
             name: _Values(self._models, name, self._set_models) for name in names
         }

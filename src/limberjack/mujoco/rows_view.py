@@ -6,13 +6,13 @@
 They have the fields of the official structs, with one row per simulation. They cannot be stepped.
 """
 
-import copy
 import functools
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.allocating import copy_of, data_of
 from limberjack.mujoco.read_only import ReadOnlyStruct
 from limberjack.mujoco.simulation import Fields
 from limberjack.mujoco.wrapper.core import MjModel
@@ -47,7 +47,7 @@ class RowsData:
     @functools.cached_property
     def _one(self) -> mujoco.MjData:
         """Scratch data for MuJoCo's functions of single simulations."""
-        return mujoco.MjData(self.model._model)
+        return data_of(self.model._model)
 
     def __getattr__(self, name: str) -> Any:  # fields of the official struct
         if name == "_fields":  # not yet set, as while copying: avoids infinite recursion
@@ -143,7 +143,7 @@ class RowsModel(MjModel):
     @property
     def ptr(self) -> mujoco.MjModel:
         """A copy of the official model shared by the rows; changes to it affect no row."""
-        return copy.copy(self._model)
+        return copy_of(self._model)
 
     def __copy__(self) -> MjModel:
         return self._fields.model.copy()

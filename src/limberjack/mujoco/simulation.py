@@ -32,6 +32,7 @@ __all__ = [
     "ACTUATION",
     "FORWARD",
     "LOAD",
+    "MOST_AT_ONCE",
     "NOT_FIELDS",
     "START",
     "STATE",
@@ -41,6 +42,8 @@ __all__ = [
     "Rows",
     "Simulation",
     "can_be_repeated",
+    "checked_signature",
+    "checked_steps",
     "described",
     "is_bad_state",
     "read_field",
@@ -56,6 +59,8 @@ START = 0  # `forward_without_actuation`
 LOAD = np.iinfo(np.int64).max  # `load` of a state alone
 FORWARD = np.iinfo(np.int64).min  # `forward`
 
+MOST_AT_ONCE = 2**31 - 1  # time steps that MuJoCo takes in one call
+_STATE_BITS = mujoco.mjtState.mjNSTATE.value
 _MOST_STEPS = 100_000  # far more than a control step has
 
 # Keys in the result of `save` other than model fields.
@@ -197,6 +202,40 @@ class CountsWarnings:
         if earlier is not None:
             self.warnings += earlier
         return new
+
+
+def checked_steps(nstep: int) -> int:
+    """A number of time steps, at least 1; other numbers stand for other calls, or for none.
+
+    Raises:
+      ValueError: it is smaller, or not a whole number.
+    """
+    is_whole = isinstance(nstep, int | np.integer) and not isinstance(nstep, bool)
+    if not is_whole or not 1 <= nstep <= MOST_AT_ONCE:
+        raise ValueError(
+            f"nstep is {nstep!r}; expected a whole number of time steps, at least 1; nothing was "
+            "stepped"
+        )
+    return int(nstep)
+
+
+def checked_signature(sig: int) -> int:
+    """Bits of `mujoco.mjtState` that select parts of a state.
+
+    Raises:
+      TypeError: it is not a whole number.
+      ValueError: there are other bits.
+    """
+    try:
+        bits = operator.index(sig)
+    except TypeError as error:
+        raise TypeError(f"sig is {sig!r}; expected bits of mujoco.mjtState") from error
+    if not 0 <= bits < 2**_STATE_BITS:
+        raise ValueError(
+            f"sig is {sig!r}; expected bits of mujoco.mjtState, 0 to {2**_STATE_BITS - 1}, such as "
+            "mujoco.mjtState.mjSTATE_INTEGRATION"
+        )
+    return bits
 
 
 def can_be_repeated(call: AnyArray) -> AnyArray:

@@ -19,6 +19,7 @@ from limberjack.mujoco.simulation import (
     ACTUATION,
     FORWARD,
     LOAD,
+    MOST_AT_ONCE,
     NOT_FIELDS,
     START,
     STATE,
@@ -26,12 +27,13 @@ from limberjack.mujoco.simulation import (
     Field,
     Rows,
     can_be_repeated,
+    checked_steps,
     is_bad_state,
     read_field,
     write_field,
 )
 from limberjack.mujoco.wrapper.core import MjData, MjModel
-from limberjack.mujoco.wrapper.model import fixed_field, is_structure
+from limberjack.mujoco.wrapper.integer_fields import check_values, is_checked
 from limberjack.rl.contract import PhysicsError
 
 __all__ = ["SingleSimulation"]
@@ -68,6 +70,8 @@ class SingleSimulation(CountsWarnings):
 
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
+        if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
+            nstep = checked_steps(nstep)
         begin()
         model, data = self._model(), self._data
         self._call = nstep
@@ -84,6 +88,7 @@ class SingleSimulation(CountsWarnings):
 
     def step_whole(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
+        nstep = checked_steps(nstep)
         begin()
         self._remember(-nstep)
         mujoco.mj_step(self._model(), self._data, nstep)
@@ -208,9 +213,10 @@ class SingleSimulation(CountsWarnings):
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
         """See `Simulation`."""
-        self._wrapper.own()
+        model = self._wrapper.own()
+        check_values(model, values)
         for name, value in values.items():
-            write_field(self._wrapper, name, value)
+            write_field(model if is_checked(name) else self._wrapper, name, value)
         self.set_constants()
 
     def set_constants(self, rows: Rows = None) -> None:
@@ -228,8 +234,6 @@ class SingleSimulation(CountsWarnings):
 
     def model_field(self, name: str) -> Field:
         """See `Fields`; without a batch axis, and writable unless it is part of the structure."""
-        if is_structure(name):
-            return fixed_field(self._wrapper._model, name), False
         return getattr(self._wrapper, name), False
 
     def _remember(self, call: int) -> None:

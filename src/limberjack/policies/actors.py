@@ -17,6 +17,8 @@ import inspect
 from collections.abc import Mapping
 from pathlib import Path
 
+import dm_env
+
 from limberjack import policies
 from limberjack.policies import Policy, PolicyError
 from limberjack.policies.batched import Actor, Batched, EachRow
@@ -28,7 +30,7 @@ from limberjack.policies.named import (
     target_named,
 )
 from limberjack.policies.saved import load_model
-from limberjack.rl.control import Environment
+from limberjack.rl.batches import vectorisable
 from limberjack.utils.sources import hash_of_files, hash_of_module, hash_of_source
 
 __all__ = ["Found", "find"]
@@ -48,7 +50,7 @@ class Found:
 
 def find(
     policy: object,
-    environment: Environment | None,
+    environment: dm_env.Environment | None,
     num_threads: int | None = None,
     files: Mapping[Path, bytes] | None = None,
     *,
@@ -108,19 +110,19 @@ def _copied(name: str, target: object) -> object:
         ) from error
 
 
-def _of_planner(environment: Environment | None, num_threads: int | None) -> Found:
+def _of_planner(environment: dm_env.Environment | None, num_threads: int | None) -> Found:
     from limberjack.planner.cost import sources_for
 
     assert environment is not None
     try:
-        sources = sources_for(environment.task)
+        sources = sources_for(vectorisable(environment).task)
     except ValueError as error:
         raise PolicyError(f"policy {_PLANNER!r}: {error}") from error
     return Found(_PLANNER, hash_of_files(sources), None, policies.planner_with(num_threads))
 
 
 def _of_saved_model(
-    name: str, environment: Environment | None, files: Mapping[Path, bytes] | None
+    name: str, environment: dm_env.Environment | None, files: Mapping[Path, bytes] | None
 ) -> Found:
     """The policy of a model that Stable-Baselines3 has saved."""
     assert environment is not None

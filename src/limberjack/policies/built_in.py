@@ -5,11 +5,15 @@
 `begin` begins an episode of any policy, built in or not.
 """
 
+from typing import cast
+
+import dm_env
 import numpy as np
 from dm_env import specs
 
 from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
 from limberjack.rl.action_specs import bounds_to_try, spec_of
+from limberjack.rl.batches import vectorisable
 from limberjack.rl.control import Environment
 
 __all__ = ["BUILT_IN", "begin", "planner", "planner_with", "random", "zero"]
@@ -39,12 +43,18 @@ def planner_with(num_threads: int | None) -> EnvironmentPolicy:
       num_threads: number of threads that simulate; None for all usable cores.
     """
 
-    def begin_in(environment: Environment, seed: int) -> Act:
+    def begin_in(environment: dm_env.Environment, seed: int) -> Act:
         # Imported here, as only this policy needs it.
         from limberjack.planner import Planner
 
         try:
-            chosen = Planner(environment, num_threads, seed)
+            plain = vectorisable(environment)
+            if plain.action_repeat != 1:
+                raise ValueError(
+                    f"the environment has action_repeat={plain.action_repeat}, but it acts at "
+                    "every control step: leave action_repeat at 1"
+                )
+            chosen = Planner(plain, num_threads, seed)
         except (TypeError, ValueError) as error:
             raise PolicyError(f"policy 'planner': {error}") from error
         return lambda observation: chosen.act()
@@ -57,17 +67,18 @@ planner = planner_with(None)
 BUILT_IN: dict[str, Policy] = {"zero": zero, "random": random, "planner": planner}
 
 
-def begin(policy: Policy, environment: Environment, seed: int) -> Act:
+def begin(policy: Policy, environment: dm_env.Environment, seed: int) -> Act:
     """Begins an episode of a policy of either kind, in an environment that has been reset.
 
     Raises:
       PolicyError: the policy cannot act in this environment.
     """
     if isinstance(policy, EnvironmentPolicy):
-        return policy.begin_in(environment, seed)
+        # One that needs a `control.Environment` checks that it is one.
+        return policy.begin_in(cast(Environment, environment), seed)
     if policy in (zero, random):  # others know the task's actions themselves
         try:
             spec_of(environment)
         except (TypeError, ValueError) as error:
             raise PolicyError(f"policy {policy.__name__!r}: {error}") from error
-    return policy(environment.action_spec(), seed)
+    return policy(cast(specs.BoundedArray, environment.action_spec()), seed)

@@ -15,12 +15,17 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.rl.control import Environment
+from limberjack.utils.described import place_of
 
 __all__ = ["Act", "EnvironmentPolicy", "Locating", "Policy", "PolicyError"]
 
 Act = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 # Begins an episode: takes the spec of actions and the episode's seed.
 Policy = Callable[[specs.BoundedArray, int], Act]
+
+
+# Errors that programs and loops take for an end.
+_SILENT = (EOFError, StopAsyncIteration, StopIteration)
 
 
 class PolicyError(ValueError):
@@ -30,8 +35,8 @@ class PolicyError(ValueError):
 class Locating:
     """A context in which a user's code runs; its errors get a note that says where it was called.
 
-    Those that would end a program without a message, such as that of `sys.exit()`, become a
-    `PolicyError` instead.
+    Those that would end a program or a loop without a message, such as that of `sys.exit()` or
+    `next()`, become a `PolicyError` instead. Ctrl-C passes.
     """
 
     __slots__ = ("_where",)
@@ -44,10 +49,13 @@ class Locating:
         pass
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, (EOFError, SystemExit)):
-            raise PolicyError(f"{self._where}: raised {error!r}") from error
-        if isinstance(error, Exception):
-            error.add_note(self._where)
+        if error is None or isinstance(error, KeyboardInterrupt):
+            return
+        if not isinstance(error, Exception) or isinstance(error, _SILENT):
+            place = place_of(error)
+            line = f"{self._where}: raised {error!r}"
+            raise PolicyError(line if place is None else f"{line} ({place})") from error
+        error.add_note(self._where)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,16 +2,17 @@
 
 import inspect
 
+import dm_env
+
 from limberjack.policies.built_in import BUILT_IN
 from limberjack.policies.kinds import Policy
 from limberjack.policies.named import instance_of, name_of, policy_of, target_named
 from limberjack.policies.saved import is_saved_model, saved_policy
-from limberjack.rl.control import Environment
 
 __all__ = ["find"]
 
 
-def find(policy: object, environment: Environment | None = None) -> Policy:
+def find(policy: object, environment: dm_env.Environment | None = None) -> Policy:
     """The policy of a name; see `limberjack.policies` for the names.
 
     Args:

@@ -11,9 +11,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import dm_env
+
 from limberjack.policies.batched import alone
 from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
-from limberjack.rl.control import Environment
+from limberjack.rl.action_specs import spec_of
+from limberjack.utils.log import log
+from limberjack.utils.regular import read_regular
 
 if TYPE_CHECKING:
     from limberjack.sb3 import SavedPolicy
@@ -43,13 +47,14 @@ def read_model(name: str) -> dict[Path, bytes]:
         path = path.with_name(f"{path.name}.zip")
     beside = path.with_suffix(".vecnormalize.pkl")
     try:
-        return {file: file.read_bytes() for file in (path, *([beside] if beside.exists() else []))}
-    except OSError as error:
+        files = (path, *([beside] if beside.exists() else []))
+        return {file: read_regular(file) for file in files}
+    except (OSError, ValueError) as error:
         raise PolicyError(f"policy {name!r}: {error}") from error
 
 
 def load_model(
-    name: str, environment: Environment, files: Mapping[Path, bytes] | None = None
+    name: str, environment: dm_env.Environment, files: Mapping[Path, bytes] | None = None
 ) -> "SavedPolicy":
     """The saved model of that name, `sb3:PATH`, for an environment.
 
@@ -68,13 +73,14 @@ def load_model(
         raise PolicyError(f"policy {name!r}: {error}") from None
     if files is None:
         files = read_model(name)
+        log.warning("policy %r is a pickle, and loading it runs the Python code in it", name)
     try:
         return sb3.SavedPolicy(files, environment)
     except ValueError as error:
         raise PolicyError(f"policy {name!r}: {error}") from error
 
 
-def saved_policy(name: str, environment: Environment | None) -> Policy:
+def saved_policy(name: str, environment: dm_env.Environment | None) -> Policy:
     """The policy of a saved model; its episodes are independent of each other.
 
     Args:
@@ -89,9 +95,9 @@ def saved_policy(name: str, environment: Environment | None) -> Policy:
         return alone(name, load_model(name, environment).act_batch)
     loaded: list[Policy] = []
 
-    def begin_in(environment: Environment, seed: int) -> Act:
+    def begin_in(environment: dm_env.Environment, seed: int) -> Act:
         if not loaded:
             loaded.append(saved_policy(name, environment))
-        return loaded[0](environment.action_spec(), seed)
+        return loaded[0](spec_of(environment), seed)
 
     return EnvironmentPolicy(begin_in)

@@ -9,6 +9,7 @@ all. They need the extra `video` and OpenGL. `limberjack.video` films other simu
 
 import contextlib
 import math
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.control import Environment
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.files import Hold
+from limberjack.utils.regular import open_regular
 from limberjack.utils.seeds import SEEDS, checked_seed
 from limberjack.video import Film, mosaic
 
@@ -33,6 +35,8 @@ __all__ = ["record", "record_states"]
 
 _LARGEST = 2160, 3840  # height and width of a picture, pixels; beyond it memory may run out
 _TABLE_WIDTH = 320  # pixels; on narrower pictures a table of three lines would cover too much
+
+_FTYP = slice(4, 8)  # bytes of an MP4 that name its first part
 
 # Called with steps so far, steps in all and the return so far, of a batch the mean.
 _OnProgress = Callable[[int, int, float], object]
@@ -77,7 +81,7 @@ def record(
 
     Raises:
       ValueError, TypeError: an argument is wrong, another process writes to `out`, or `out` is the
-        film of a run; nothing was filmed.
+        film of a run or an existing file that is no film; nothing was filmed.
       PolicyError, PhysicsError: the policy or the simulation failed; there is no film.
       ImportError: the extra `video` is missing.
       RenderingError: OpenGL is not available.
@@ -155,7 +159,20 @@ def _checked_path(path: Path) -> Path:
             f"the film is {path}, and that folder's {RESULT} belongs to its present {FILM}: choose "
             "another name or folder"
         )
+    if os.path.lexists(path):
+        _check_is_film(path)
     return path.absolute()  # a policy may change the working directory
+
+
+def _check_is_film(path: Path) -> None:
+    """Raises ValueError if a file that a film is to replace is no film; OSError if unreadable."""
+    with open_regular(path) as file:
+        beginning = file.read(_FTYP.stop)
+    if beginning and beginning[_FTYP] != b"ftyp" and not beginning.startswith(b"GIF8"):
+        raise ValueError(
+            f"the film is {path}, and the file of that name is no film: choose another name, or "
+            "remove that file"
+        )
 
 
 class _Stage:
@@ -167,7 +184,7 @@ class _Stage:
         """Makes the environment; raises ValueError if the film would never end."""
         self._seed = seed
         self._factory = factory
-        self._environment = factory.make(seed)
+        self._environment = factory.make_plain(seed)
         self._film: Film | None = None
         limit = self._environment.step_limit
         if seconds is not None:
@@ -277,7 +294,7 @@ class _Stage:
         """Films an episode of each row of a batch, side by side."""
         count, film = len(policies), self._film
         assert film is not None
-        with contextlib.closing(self._factory.make(self._seed)) as like:
+        with contextlib.closing(self._factory.make_plain(self._seed)) as like:
             batch = BatchEnvironment.from_environment(like, count, seed=self._seed)
         spec = self._environment.action_spec()
         acts = [begin(spec, self._seed + row) for row, begin in enumerate(policies)]

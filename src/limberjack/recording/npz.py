@@ -15,6 +15,8 @@ from typing import IO
 
 import numpy as np
 
+from limberjack.utils.regular import open_regular
+
 __all__ = ["read_arrays"]
 
 _ENDING = ".npy"
@@ -32,7 +34,7 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
       OSError: the file cannot be read.
       ValueError: it is not an .npz of plain arrays, is damaged, or holds more than 1 GiB.
     """
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")  # NumPy warns about headers that only damage causes

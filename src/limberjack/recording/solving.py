@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 
 from limberjack.recording.episodes import Recording, Transcript
 from limberjack.report import Facts
+from limberjack.rl.batches import vectorisable
 from limberjack.rollout import run_episode
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnState, Scale, Setup, Unit, Workers
@@ -73,9 +74,10 @@ def record_unit(setup: Setup, seeds: tuple[int, ...]) -> Recording:
     """The recording of one seed's episode, in a worker."""
     (seed,), here = seeds, setup.opened()
     assert here.found.alone is not None
-    here.environment.reseed(seed)
-    transcript = Transcript(here.environment)
-    episode = run_episode(here.environment, here.found.alone, seed, on_step=transcript.add)
+    environment = vectorisable(here.environment)
+    environment.reseed(seed)
+    transcript = Transcript(environment)
+    episode = run_episode(environment, here.found.alone, seed, on_step=transcript.add)
     about: Facts = {"seed": seed, "start": episode.start}
     if setup.any_processor:
         about["processor"] = here.processor

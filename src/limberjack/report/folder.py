@@ -7,8 +7,11 @@ folder with other results is left as it is, so that no result lies beside anothe
 """
 
 import json
+import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
+
+from limberjack.utils.regular import read_regular
 
 __all__ = ["EVALUATION", "FILM", "PAGE", "PLOT", "RECORDINGS", "RESULT", "check_folder"]
 
@@ -25,12 +28,16 @@ _SAME = ("domain", "task", "policy")  # entries that are equal in all results of
 def check_folder(
     directory: Path, run: Mapping[str, object], recordings: Collection[str] = ()
 ) -> None:
-    """Raises ValueError if a folder holds other results than those of a run.
+    """Checks that a folder holds no other results than those of a run.
 
     Args:
       directory: the folder, which exists.
       run: the run's facts; has 'domain', 'task' and 'policy'.
       recordings: names of the recordings that the run writes, as `limberjack solve` does.
+
+    Raises:
+      ValueError: it does.
+      OSError: its result cannot be read.
     """
     if any(directory.glob(EVALUATION)):
         raise ValueError(f"{directory} holds an evaluation: choose another folder")
@@ -42,7 +49,7 @@ def check_folder(
         )
     result = _result(directory)
     if result is None:
-        left = [name for name in (PAGE, PLOT, FILM) if (directory / name).exists()]
+        left = [name for name in (PAGE, PLOT, FILM) if os.path.lexists(directory / name)]
         if left:
             raise ValueError(
                 f"{directory} holds {left[0]} but no {RESULT}, so it is not the folder of a run: "
@@ -58,13 +65,12 @@ def check_folder(
 
 
 def _result(directory: Path) -> dict[str, object] | None:
-    """The entries of the folder's result; none if it cannot be read, None if there is no result."""
+    """The entries of the folder's result; none if it is not JSON, None if there is no result."""
+    if not os.path.lexists(directory / RESULT):
+        return None
+    content = read_regular(directory / RESULT)
     try:
-        result = json.loads((directory / RESULT).read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
-    except OSError:  # it cannot be replaced either, which the run reports as it writes
-        return None
-    except ValueError:
+        result = json.loads(content)
+    except (RecursionError, ValueError):
         return {}
     return result if isinstance(result, dict) else {}

@@ -27,7 +27,7 @@ from limberjack.report.result import Facts, as_result, write_result
 from limberjack.report.trace import Trace
 from limberjack.rl.control import Environment
 from limberjack.rollout import Episode, Step
-from limberjack.utils.files import Hold, partial_path
+from limberjack.utils.files import Hold, Partial
 from limberjack.video import Film, Rendered
 
 __all__ = ["Recorder"]
@@ -60,9 +60,7 @@ class Recorder:
         self._hold = Hold(directory)
         try:
             check_folder(directory, run, recordings)
-            trial = partial_path(directory / _RESULT)  # fails now, not after the last episode
-            trial.touch()
-            trial.unlink()
+            Partial(directory / _RESULT).discard()  # fails now, not after the last episode
         except BaseException:
             self._hold.release()
             raise

@@ -3,25 +3,44 @@
 The task checks the shape; see `limberjack.rl.action_specs` for the spec that agents rely on.
 """
 
+import reprlib
+
 import numpy as np
 
 __all__ = ["as_numbers", "check_finite", "not_finite"]
 
 
+_WIDEST = np.dtype(np.float64).itemsize  # bytes
+
+
 def as_numbers(action: object) -> np.ndarray:
     """An action, or the actions of many environments, as a numeric array.
 
+    Types wider than MuJoCo's float64 become float64, in which their largest values are infinite;
+    others keep their type, since they convert without loss or overflow.
+
     Raises:
-      TypeError: the actions are not numbers.
-      ValueError: the rows have different lengths.
+      TypeError: the actions are not real numbers, or Python integers beyond 64 bits.
+      ValueError: the rows have different lengths, or an integer is beyond the range of float64.
     """
     try:
         given = np.asarray(action)
     except ValueError as error:
         raise ValueError(f"action is {action!r}; expected an array of numbers") from error
+    except OverflowError as error:
+        raise ValueError(
+            f"action is {reprlib.repr(action)}; expected numbers within the range of float64; "
+            "nothing was stepped"
+        ) from error
     if given.dtype.kind not in "fiub":
-        raise TypeError(f"action has dtype {given.dtype}; expected numbers: {action!r}")
-    return given
+        raise TypeError(
+            f"action has dtype {given.dtype}; expected numbers: {reprlib.repr(action)}; nothing "
+            "was stepped"
+        )
+    if given.dtype.itemsize <= _WIDEST:
+        return given
+    with np.errstate(all="ignore"):  # overflow: the result is checked instead
+        return given.astype(np.float64)
 
 
 def check_finite(given: np.ndarray) -> None:

@@ -15,11 +15,12 @@ row whose episode has just begun has reward 0 and discount 1.
 
 import copy
 import functools
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Iterable, Mapping, MutableMapping, Sequence
 from typing import Any, Self
 
 import dm_env
 import numpy as np
+import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.mujoco.replicas import Replicas
@@ -34,12 +35,14 @@ from limberjack.rl.batch_safety import (
 )
 from limberjack.rl.contract import Nested, Task
 from limberjack.rl.copies import check_copies
-from limberjack.rl.endings import Counter
-from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments
+from limberjack.rl.endings import Counter, Repeated
+from limberjack.rl.given_state import checked_states, state_sizes
+from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments, render_cameras
 from limberjack.rl.randomize import Randomizer, show_drawn
-from limberjack.rl.represented import of_batch, represented
+from limberjack.rl.represented import Description, of_batch, represented
 from limberjack.rl.reward_terms import reward_and_terms
-from limberjack.rl.snapshot import Snapshot, as_snapshot, bad_rows, origin_of
+from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
+from limberjack.rl.stagger import Stagger, check_limit
 from limberjack.rl.streams import Streams
 from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
@@ -49,6 +52,7 @@ from limberjack.utils.log import log
 __all__ = ["BatchEnvironment"]
 
 _Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
+_LAST = int(dm_env.StepType.LAST)
 
 
 class BatchEnvironment:
@@ -70,6 +74,8 @@ class BatchEnvironment:
         on_divergence: str = "end",
         randomizer: Randomizer | None = None,
         pixels: PixelOptions | Pixels | None = None,
+        action_repeat: int = 1,
+        stagger: bool = False,
     ) -> None:
         """Creates a batch whose first `step` or `reset` begins an episode in every row.
 
@@ -84,6 +90,9 @@ class BatchEnvironment:
             'raise' raises `PhysicsError`.
           randomizer: draws model fields for each episode.
           pixels: pictures to observe; see `limberjack.rl.pixels`.
+          action_repeat: control steps per action; see `control.Environment.step`.
+          stagger: end the first episode of each row after a random number of steps; see
+            `limberjack.rl.stagger`.
 
         Raises:
           ValueError: the task is not batch-safe, or `on_divergence` is neither of the two.
@@ -102,7 +111,16 @@ class BatchEnvironment:
         self._frames = Frames.of(self.pixels, replicas)
         self._raises = guards.raises_on_divergence(on_divergence)
         self._streams = Streams(seed, self.num_envs)
-        self._counter = Counter(self.num_envs, step_limit)
+        self._counter = Counter(self.num_envs, step_limit, type(task).__name__)
+        # Shape and dtype of each observation, by name, once they are known.
+        self._forms: dict[str, tuple[tuple[int, ...], np.dtype]] = {}
+        self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
+        self._last_terms: Mapping[str, Quantity] = {}  # of each row's last control step
+        self._stagger: Stagger | None = None
+        if stagger:
+            check_limit(step_limit)
+            self._stagger = Stagger(self.num_envs)
+            self._counter.limits = np.full(self.num_envs, step_limit)
         self._all_begin = np.ones(self.num_envs, bool)
         self._begins = self._all_begin.copy()  # rows whose next step begins an episode
         self.diverged = np.zeros(self.num_envs, bool)
@@ -112,7 +130,7 @@ class BatchEnvironment:
         self._action_spec = guards.batched_spec(spec, self.num_envs)
         if not is_proved(task, replicas.single, randomizer):
             check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
-        self._streams.begin(range(self.num_envs), task, replicas.simulation)
+        self._begin_streams(range(self.num_envs))
 
     @classmethod
     def from_environment(
@@ -122,6 +140,8 @@ class BatchEnvironment:
         num_threads: int | None = None,
         seed: int | None = None,
         on_divergence: str = "end",
+        stagger: bool = False,
+        action_repeat: int | None = None,
     ) -> Self:
         """A batch of environments like `env`, which is not changed.
 
@@ -130,7 +150,8 @@ class BatchEnvironment:
           num_envs: number of rows.
           num_threads: number of threads; by default as many cores as a step can occupy.
           seed: row i draws its episodes from `RandomState(seed + i)`; None for an arbitrary seed.
-          on_divergence: see the constructor.
+          on_divergence, stagger: see the constructor.
+          action_repeat: control steps per action; None for that of `env`.
 
         Raises:
           ValueError: the environment has methods of its own, or its task cannot be vectorised; or a
@@ -138,7 +159,8 @@ class BatchEnvironment:
           MemoryError: this many rows do not fit into memory.
         """
         try:
-            return cls._vectorised(env, num_envs, num_threads, seed, on_divergence)
+            how = num_envs, num_threads, seed, on_divergence, stagger, action_repeat
+            return cls._vectorised(env, *how)
         except NotVectorised as reason:
             reason.advice = ". limberjack.rl.batch_of makes a batch of complete environments"
             raise
@@ -151,6 +173,8 @@ class BatchEnvironment:
         num_threads: int | None,
         seed: int | None,
         on_divergence: str,
+        stagger: bool,
+        action_repeat: int | None,
     ) -> Self:
         check_plain(env)
         num_envs = guards.at_least_one("num_envs", num_envs)
@@ -163,7 +187,15 @@ class BatchEnvironment:
             task.visualize_reward = False  # pyright: ignore[reportAttributeAccessIssue]
         how = env._n_sub_steps, env._step_limit, seed, env._flat_observation, on_divergence
         replicas = env.physics.replicate(num_envs, threads_for(num_threads, num_envs, env), fields)
-        batch = cls(replicas, task, *how, randomizer=env._randomizer, pixels=env.pixels)
+        batch = cls(
+            replicas,
+            task,
+            *how,
+            randomizer=env._randomizer,
+            pixels=env.pixels,
+            action_repeat=env.action_repeat if action_repeat is None else action_repeat,
+            stagger=stagger,
+        )
         batch._name = env._name
         return batch
 
@@ -182,11 +214,12 @@ class BatchEnvironment:
         rows = self._rows(ids)
         streams = guards.streams_of_seeds(seeds, len(rows))
         with self._use, arrays.rows_of_a_batch(self.num_envs):
+            self._replicas.check()
             self._begins[rows] = True  # until complete: after an interrupt, rows begin again
             for i, (row, stream) in enumerate(zip(rows.tolist(), streams, strict=True)):
                 if stream is not None and seeds is not None:
                     self._streams.replace(row, stream, seeds[i])
-                    self._streams.begin([row], self._task, self._replicas.simulation)
+                    self._begin_streams([row])
             self._begin(rows)
             observation = self._observe(is_step=False)
             self._begins[rows] = False
@@ -208,10 +241,13 @@ class BatchEnvironment:
         """
         with self._use, arrays.rows_of_a_batch(self.num_envs):
             begins = self._begins
+            self._replicas.check()
             checked = guards.check_actions(actions, self.num_envs, begins, self.first_row)
             self._task.before_step(checked, self._replicas.physics)
             # Until the step is complete: after an interrupt, all rows begin again.
             self._begins = self._all_begin.copy()
+            if self._action_repeat != 1:
+                return self._step_repeatedly(checked, begins)
             return self._step(begins)
 
     def _step(self, begins: np.ndarray) -> dm_env.TimeStep:
@@ -234,6 +270,52 @@ class BatchEnvironment:
         )
         return time_step
 
+    def _step_repeatedly(self, actions: np.ndarray, begins: np.ndarray) -> dm_env.TimeStep:
+        """Makes several control steps with the actions, which the task has just received.
+
+        Rows whose episode ends wait unchanged. Those that begin one do so at the end, so that no
+        hook of a step changes their start.
+        """
+        replicas, task, counter = self._replicas, self._task, self._counter
+        physics, simulation = replicas.physics, replicas.simulation
+        total = Repeated(self.num_envs)
+        active, diverged = ~begins, np.zeros(self.num_envs, bool)
+        waiting: list[tuple[np.ndarray, Mapping[str, np.ndarray]]] = []
+        for number in range(self._action_repeat):
+            is_final = number == self._action_repeat - 1 or not arrays.any_of(active)
+            if number and arrays.any_of(active):
+                task.before_step(actions, physics)
+            running = np.flatnonzero(active)
+            self.diverged = replicas.step(running, self._n_sub_steps)
+            if arrays.any_of(self.diverged):
+                diverged |= self.diverged
+                self._report_divergence()
+            if running.size:
+                task.after_step(physics)
+            if is_final and arrays.any_of(begins):
+                self._begin(np.flatnonzero(begins))
+            reward, terms = reward_and_terms(task, physics)
+            state = self._state()
+            termination = task.get_termination(physics)
+            steps = counter.steps.copy()
+            time_step, last = counter.count(~active, self.diverged, reward, termination, state)
+            counter.steps[~active] = steps[~active]
+            total.add(time_step, terms, active | begins if is_final else active, active)
+            ended = np.flatnonzero(last & ~self.diverged)
+            if is_final:
+                break
+            if ended.size:
+                waiting.append((ended, simulation.save(ended, self._saved_fields)))
+            active = active & ~last
+        for rows, saved in waiting:
+            simulation.load(saved, rows)
+        self.diverged = diverged
+        self.reward_terms, self._last_terms = total.terms, total.last_terms
+        if self._frames is not None:
+            total.observation = self._frames.observe(replicas, total.observation)
+        self._begins = (total.step_type == _LAST) | diverged
+        return total.time_step()
+
     def snapshot(self, rows: _Rows = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on."""
         rows = self._rows(rows)
@@ -247,6 +329,7 @@ class BatchEnvironment:
                 {} if self._frames is None else self._frames.save(rows),
                 self.registration,
                 self._name,
+                limits=self._limits(rows),
             )
 
     def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
@@ -259,8 +342,8 @@ class BatchEnvironment:
         Raises:
           ValueError, TypeError: it is not a snapshot, has another task, model, version or size, is
             damaged, or contains an episode at or beyond the step limit; nothing was restored.
-          PhysicsError: it contains diverged states and `on_divergence` is 'raise'; otherwise their
-            rows are flagged and begin an episode at the next step.
+
+        A row whose saved state is invalid diverges with the next step, as the saved row would.
         """
         rows = self._rows(rows)
         as_snapshot(snapshot).check(self._origin, len(rows))
@@ -271,6 +354,7 @@ class BatchEnvironment:
         )
         snapshot.check_length(self.step_limit)
         with self._use:
+            self._replicas.check()
             self._begins[rows] = True  # until it is complete
             self._replicas.simulation.load(snapshot.physics, rows)
             self._streams.load(rows, snapshot.streams)
@@ -281,10 +365,54 @@ class BatchEnvironment:
             if self._frames is not None:
                 self._frames.load(snapshot.frames, rows)
             self._counter.steps[rows] = snapshot.step_count
-            bad = bad_rows(self._replicas.physics, rows) & ~snapshot.begins
-            self._begins[rows], self.diverged[rows] = snapshot.begins | bad, bad
-            if arrays.any_of(bad):
-                self._report_divergence()
+            self._set_limits(rows, snapshot.limits)
+            self._begins[rows], self.diverged[rows] = snapshot.begins, False
+
+    def set_states(
+        self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None
+    ) -> dm_env.TimeStep:
+        """Continues the episodes that `reset` has just begun in rows from given states.
+
+        Args:
+          states: some of 'qpos' (n, nq), 'qvel' (n, nv) and 'act' (n, na), for n rows; or a
+            snapshot of n environments. See `control.Environment.set_state`.
+          rows: sorted row numbers or a mask; None for all.
+
+        Returns:
+          The time step of all rows, as `reset` does.
+
+        Raises:
+          ValueError, TypeError: the states are invalid, see `limberjack.rl.given_state`, or the
+            snapshot does not fit, see `restore`; nothing was set.
+          RuntimeError: a mapping is given, and `reset` was not the last call for a row.
+        """
+        rows = self._rows(rows)
+        if isinstance(states, Snapshot):
+            self.restore(states, rows)
+            return self.reset([])
+        numbers = rows + self.first_row
+        checked = checked_states(states, self.state_sizes(), len(rows), named=numbers)
+        with self._use, arrays.rows_of_a_batch(self.num_envs):
+            late = numbers[self._begins[rows] | (self._counter.steps[rows] > 0)].tolist()
+            if late:
+                raise RuntimeError(
+                    f"no episode has just begun in rows {late}: call reset(rows) before "
+                    "set_states()"
+                )
+            self._begins[rows] = True  # until it is complete
+            for name, values in checked.items():
+                getattr(self._replicas.physics.data, name)[rows] = values
+            self._replicas.start(rows)
+            if self._frames is not None:
+                self._frames.forget(rows)
+            observation = self._observe(is_step=False)
+            self._begins[rows] = False
+        return self._counter.shown(observation)
+
+    def state_sizes(self) -> dict[str, int]:
+        """Numbers in each field of a row's state, such as 'qpos', without empty fields."""
+        self._use.check()
+        return state_sizes(self._replicas.single)
 
     def copy_row(self, source: int, target: int) -> None:
         """Makes row `target` a copy of row `source`, including its random stream."""
@@ -296,6 +424,20 @@ class BatchEnvironment:
             with self._use:
                 self._replicas.free()
             self._use.what_is_wrong = "this batch is closed: create a new one"
+
+    def check_task(self) -> None:
+        """Checks again that the task, whose settings have changed, is batch-safe.
+
+        Raises:
+          ValueError, TypeError: it is not; see `limberjack.rl.batch_safety`.
+        """
+        task, replicas = self._task, self._replicas
+        how = self._n_sub_steps, self._saved_fields, self._randomizer
+        check_batch_safe(task, replicas, bounded_spec(task, replicas.single), *how)
+
+    def description(self) -> Description:
+        """The parts of the batch's `repr`."""
+        return of_batch(self)
 
     def __repr__(self) -> str:
         return represented(self, of_batch(self))
@@ -313,7 +455,9 @@ class BatchEnvironment:
         self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
         self._frames = Frames.of(self.pixels, self._replicas)
+        diverged = self.diverged.copy()
         self.restore(snapshot)
+        self.diverged = diverged
 
     def _rows(self, ids: _Rows) -> np.ndarray:
         """Sorted row numbers from row numbers, a mask, or None for all."""
@@ -353,7 +497,15 @@ class BatchEnvironment:
 
     @step_limit.setter
     def step_limit(self, limit: float) -> None:
+        if self._stagger is not None:
+            check_limit(limit)
+            self._counter.limits = np.full(self.num_envs, limit)
         self._counter.step_limit = limit
+
+    @property
+    def action_repeat(self) -> int:
+        """Control steps per action."""
+        return self._action_repeat
 
     @property
     def begins(self) -> np.ndarray:
@@ -368,9 +520,10 @@ class BatchEnvironment:
     @property
     def success(self) -> np.ndarray | None:
         """Whether each row reached the goal in the last step, (num_envs,); None without a goal."""
-        if not self.reward_terms or not getattr(self._task, "GOAL", ()):
+        terms = self.reward_terms if self._action_repeat == 1 else self._last_terms
+        if not terms or not getattr(self._task, "GOAL", ()):
             return None  # tasks need not be subclasses of `base.Task`
-        return self._task.is_success(self.reward_terms)  # pyright: ignore[reportAttributeAccessIssue]
+        return self._task.is_success(terms)  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
     def name(self) -> str:
@@ -388,12 +541,14 @@ class BatchEnvironment:
         Args:
           rows: sorted row numbers or a mask of (num_envs,); None for all.
           kwargs: arguments of `Physics.render`: height, width, camera_id (or camera), depth, ...
+            The pictures of a list of cameras are joined side by side.
 
         Raises:
           ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
         """
         with self._use:
-            return self._replicas.render_rows(self._rows(rows), **render_arguments(kwargs))
+            draw = functools.partial(self._replicas.render_rows, self._rows(rows))
+            return render_cameras(draw, render_arguments(kwargs), axis=2)
 
     @property
     def physics(self) -> Any:  # of the domain's own class
@@ -425,6 +580,30 @@ class BatchEnvironment:
         if self._frames is not None:
             self._frames.forget(rows)
         self._counter.steps[rows] = 0
+        if self._stagger is not None and self._counter.limits is not None:
+            for row in rows.tolist():
+                limit = self._stagger.limit_of_next(row, self._counter.step_limit)
+                self._counter.limits[row] = limit
+
+    def _begin_streams(self, rows: Iterable[int]) -> None:
+        """Draws what belongs to the new streams of rows."""
+        self._streams.begin(rows, self._task, self._replicas.simulation)
+        if self._stagger is not None:
+            for row in rows:
+                self._stagger.draw(row, self._streams.own[row])
+
+    def _limits(self, rows: np.ndarray) -> np.ndarray | None:
+        """The limits of rows as a snapshot holds them."""
+        if self._stagger is None or self._counter.limits is None:
+            return None
+        return np.stack([self._counter.limits[rows], self._stagger.shares[rows]], axis=-1)
+
+    def _set_limits(self, rows: np.ndarray, saved: np.ndarray | None) -> None:
+        if self._stagger is None or self._counter.limits is None:
+            return
+        full = self._counter.step_limit
+        self._counter.limits[rows] = full if saved is None else saved[:, 0]
+        self._stagger.shares[rows] = 1.0 if saved is None else saved[:, 1]
 
     def _observe(self, is_step: bool = True) -> MutableMapping[str, np.ndarray]:
         """Current observations in fresh arrays; a step renders every row."""
@@ -434,7 +613,38 @@ class BatchEnvironment:
     def _state(self) -> MutableMapping[str, np.ndarray]:
         """The task's observations, without pictures."""
         observation = self._task.get_observation(self._replicas.physics)
+        self._check_forms(observation)
         return observations.of_rows(observation, self.num_envs, self._flat_observation)
+
+    def _check_forms(self, observation: object) -> None:
+        """Raises unless an observation has the names, shapes and dtypes of the first one."""
+        task = type(self._task).__name__
+        if not isinstance(observation, Mapping):
+            raise TypeError(
+                f"get_observation of task {task} returned {observation!r}; expected a mapping from "
+                "names to arrays"
+            )
+        forms = self._forms
+        if not forms:
+            for name, value in observation.items():
+                if not isinstance(value, np.ndarray) or value.shape[:1] != (self.num_envs,):
+                    raise ValueError(
+                        f"observation {name!r} of task {task} is {value!r}; expected an array of "
+                        f"{self.num_envs} rows"
+                    )
+                forms[name] = value.shape, value.dtype
+            return
+        for name, value in observation.items():
+            form = forms.get(name)
+            if form is None or getattr(value, "shape", None) != form[0] or value.dtype != form[1]:
+                shape, dtype = getattr(value, "shape", value), getattr(value, "dtype", None)
+                raise ValueError(
+                    f"observation {name!r} of task {task} has shape {shape} and dtype {dtype}; "
+                    f"expected {form or 'no observation of that name'}, as in the first step"
+                )
+        if len(observation) != len(forms):
+            missing = [name for name in forms if name not in observation]
+            raise ValueError(f"get_observation of task {task} lacks {missing}, unlike before")
 
     def _report_divergence(self) -> None:
         rows = (np.flatnonzero(self.diverged) + self.first_row).tolist()

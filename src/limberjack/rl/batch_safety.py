@@ -337,6 +337,11 @@ class _Trial:
         self._rewind(task)
         with explained("get_observation", *of, is_batch, list(expected or ())):
             observation = task.get_observation(read)
+            if not isinstance(observation, Mapping):
+                raise TypeError(
+                    f"get_observation of task {self._name} returned {observation!r}; expected a "
+                    "mapping from names to arrays"
+                )
         self._check_hook(watch, "get_observation")
         seen |= {f"observation {name!r}": value for name, value in observation.items()}
         if is_step:
@@ -345,6 +350,8 @@ class _Trial:
                 ending = task.get_termination(read)
             self._check_hook(watch, "get_termination")
             seen["get_termination"] = np.nan if ending is None else ending
+        if not is_batch:
+            _check_returned(self._name, seen)
         seen = measured | seen  # first, as the cause of differences in the others
         return {name: np.asarray(value) for name, value in seen.items()}
 
@@ -439,6 +446,28 @@ class _Trial:
         self._stream.set_state(self._stream_state)
         task._random = self._stream  # pyright: ignore[reportAttributeAccessIssue]
         np.random.set_state(self._stream_state)
+
+
+def _check_returned(task: str, seen: Mapping[str, object]) -> None:
+    """Raises TypeError or ValueError unless the hooks of a single simulation return numbers."""
+    hooks = {"the reward": "get_reward", "is_success": "is_success"}
+    hooks["get_termination"] = "get_termination"
+    for label, value in seen.items():
+        is_term, is_observed = label.startswith("reward term"), label.startswith("observation ")
+        if label not in hooks and not is_term and not is_observed:
+            continue
+        name = hooks.get(label, label)
+        array = np.asarray(value)
+        if array.dtype.kind not in "fiub":
+            raise TypeError(
+                f"{name} of task {task} returned {value!r}; expected "
+                f"{'an array of numbers' if is_observed else 'a number'}"
+            )
+        if array.ndim and not is_observed:
+            raise ValueError(
+                f"{name} of task {task} returned an array of shape {array.shape} in a single "
+                "simulation; expected one number"
+            )
 
 
 def _copied(task: Task) -> Task:

@@ -23,11 +23,14 @@ from limberjack.rl.contract import Batch
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import difference
 from limberjack.rl.guards import at_least_one, raises_on_divergence
+from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.log import log
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["batch_of", "vectorisable"]
+__all__ = ["NOT_VECTORISED", "batch_of", "vectorisable"]
+
+NOT_VECTORISED = "not vectorised: %s"  # logged with the reason, which commands print
 
 
 def batch_of(
@@ -39,6 +42,8 @@ def batch_of(
     vectorised: bool | None = None,
     on_divergence: str = "end",
     contexts: Sequence[Mapping[str, object]] | None = None,
+    action_repeat: int | None = None,
+    stagger: bool = False,
 ) -> Batch:
     """Many episodes in lockstep; row i equals the single environment with seed `seed + i`.
 
@@ -52,6 +57,10 @@ def batch_of(
         would; False makes complete environments.
       on_divergence: 'end' ends the episodes of rows that diverge; 'raise' raises `PhysicsError`.
       contexts: keywords for `build`, for each row, which are then complete environments.
+      action_repeat: control steps per action; None for the environment's own. See
+        `control.Environment.step`.
+      stagger: end the first episode of each row after a random number of steps, so that rows do not
+        end together; see `limberjack.rl.stagger`.
 
     Raises:
       ValueError: a number is out of range; or `vectorised` is True and the task cannot be
@@ -74,15 +83,18 @@ def batch_of(
         if vectorised is False:
             raise NotVectorised("rows were asked for")
         env = _single(environment_or_build, first)
-        return BatchEnvironment.from_environment(env, num_envs, num_threads, first, on_divergence)
+        return BatchEnvironment.from_environment(
+            env, num_envs, num_threads, first, on_divergence, stagger, action_repeat
+        )
     except NotVectorised as reason:
         if vectorised:
             raise
         why = str(reason.args[0])
         if vectorised is None and contexts is None:
-            log.info("not vectorised: %s", why)
+            log.info(NOT_VECTORISED, why)
         build = Build.of(environment_or_build)
-        return RowsEnvironment(build, num_envs, num_threads, first, on_divergence, contexts, why)
+        how = num_envs, num_threads, first, on_divergence, contexts, action_repeat, stagger
+        return RowsEnvironment(build, *how, why_rows=why)
 
 
 def vectorisable(env: object) -> Environment:
@@ -94,6 +106,8 @@ def vectorisable(env: object) -> Environment:
     """
     check_plain(env)
     assert isinstance(env, Environment)
+    if is_of_the_suite(env.task, env.physics):
+        return env
     try:
         BatchEnvironment.from_environment(env, 1, 1, seed=0).close()
     except NotVectorised as reason:

@@ -23,7 +23,7 @@ from limberjack.rl.copies import check_copies, control_of, copied, difference
 from limberjack.rl.memory import Memory, attributes_of, put_back, remembered
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["Build", "Make", "Seeded", "is_reproducible", "is_stable"]
+__all__ = ["Build", "Make", "Seeded", "holder_of", "is_reproducible", "is_stable"]
 
 # Makes an environment whose first episode is that of its seed.
 Make = Callable[..., dm_env.Environment]
@@ -165,7 +165,7 @@ class Seeded:
             return
         made = self._build.make(seed, self._context)
         for name, value in self.attributes.items():
-            setattr(made, name, copy.deepcopy(value))
+            setattr(holder_of(made, name), name, copy.deepcopy(value))
         env.close()
         self.environment = made
 
@@ -182,10 +182,19 @@ class Seeded:
         return _numbers(env) == self._numbers
 
     def set_attribute(self, name: str, value: object) -> None:
-        """Sets an attribute of the environment, and of those that take its place."""
-        setattr(self.environment, name, value)
+        """Sets an attribute of the environment or its task, and of those that take their place."""
+        setattr(holder_of(self.environment, name), name, value)
         self.attributes[name] = value
+        if name in self._first.get("task", {}):  # which a reset with a seed puts back
+            of_task = {**self._first["task"], name: copy.deepcopy(value)}
+            self._first = {**self._first, "task": of_task}
         self.is_plain = difference(self.environment) is None
+
+
+def holder_of(env: dm_env.Environment, name: str) -> object:
+    """The environment, or its task if only that has the attribute."""
+    task = getattr(control_of(env), "_task", None)
+    return task if hasattr(task, name) and not hasattr(env, name) else env
 
 
 def is_stable(build: Build, seed: int) -> bool:

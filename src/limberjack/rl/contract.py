@@ -246,6 +246,11 @@ class Batch(Protocol):
     def step_limit(self, limit: float) -> None: ...
 
     @property
+    def action_repeat(self) -> int:
+        """Control steps per action; returns, lengths and limits count control steps."""
+        ...
+
+    @property
     def diverged(self) -> np.ndarray:
         """Mask of rows that diverged in the last step, (num_envs,)."""
         ...
@@ -318,8 +323,23 @@ class Batch(Protocol):
         """Continues rows from a snapshot."""
         ...
 
+    def state_sizes(self) -> dict[str, int]:
+        """Numbers in each field of a row's state, such as 'qpos', without empty fields."""
+        ...
+
+    # Any: `rl.snapshot.Snapshot`, or a mapping of arrays, by field.
+    def set_states(
+        self, states: Any, rows: Sequence[int] | np.ndarray | None = None
+    ) -> dm_env.TimeStep:
+        """Continues episodes that `reset` has just begun in rows from given states."""
+        ...
+
     def copy_row(self, source: int, target: int) -> None:
         """Makes row `target` a copy of row `source`."""
+        ...
+
+    def description(self) -> object:
+        """The parts of the batch's `repr`, a `rl.represented.Description`."""
         ...
 
     # Any: each keyword has its own type.

@@ -25,11 +25,13 @@ from typing import Any, Self, cast
 
 import dm_env
 import numpy as np
+import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.copies import check_copies, control_of, copied, difference, exact_copies
+from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.memory import put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
@@ -56,8 +58,24 @@ __all__ = [
 # The attributes of a plain environment; a subclass or its user may add others.
 ATTRIBUTES = frozenset(
     [
-        *("_closed", "_draws", "_flat_observation", "_frames", "_n_sub_steps", "_name"),
-        *("_physics", "_randomizer", "_reset_next_step", "_seeded", "_step_count", "_step_limit"),
+        *(
+            "_action_repeat",
+            "_closed",
+            "_draws",
+            "_flat_observation",
+            "_frames",
+            "_n_sub_steps",
+            "_name",
+        ),
+        *(
+            "_last_terms",
+            "_physics",
+            "_randomizer",
+            "_reset_next_step",
+            "_seeded",
+            "_step_count",
+            "_step_limit",
+        ),
         *("_task", "_use", "randomization", "registration", "reward_terms"),
     ]
 )
@@ -74,6 +92,8 @@ class Environment(dm_env.Environment):
     _name = ""  # such as 'humanoid:walk'; empty unless `suite.load` made it
     _seeded: tuple[object, object] = (None, None)  # a stream of the task, and its seed if known
     _frames: Frames | None = None  # None without pixel observations
+    _action_repeat = 1
+    _last_terms: Mapping[str, Quantity] | None = None  # of the last of several control steps
     # The task's stream, and the stream derived from it that model fields are drawn from.
     _draws: tuple[np.random.RandomState, np.random.RandomState] | None = None
 
@@ -88,6 +108,7 @@ class Environment(dm_env.Environment):
         legacy_step: bool = True,
         randomize: Mapping[str, Draw] | None = None,
         pixels: PixelOptions | Pixels | None = None,
+        action_repeat: int = 1,
     ) -> None:
         """Creates an environment whose first `step` or `reset` begins an episode.
 
@@ -105,6 +126,7 @@ class Environment(dm_env.Environment):
             `limberjack.rl.randomize`.
           pixels: pictures to observe in addition, under 'pixels', or instead, such as
             {'camera': 0, 'frame_stack': 3}; see `limberjack.rl.pixels`.
+          action_repeat: control steps per action; see `step`.
 
         Raises:
           ValueError: both `control_timestep` and `n_sub_steps` are given, or one of the numbers
@@ -131,6 +153,8 @@ class Environment(dm_env.Environment):
         if time_limit != float("inf"):
             self._step_limit = time_limit / (physics.timestep() * self._n_sub_steps)
         physics.legacy_step = legacy_step
+        if action_repeat != 1:
+            self.action_repeat = action_repeat
         self._step_count = 0
         self._reset_next_step = True
         if randomize:
@@ -169,6 +193,10 @@ class Environment(dm_env.Environment):
         Before the first step and after the last step of an episode, it ignores the action and
         begins the next episode.
 
+        With an `action_repeat` of k it makes k control steps with the action, or fewer if the
+        episode ends, calling every hook of the task at each. It returns the sum of their rewards,
+        and the rest of the last one; `reward_terms` are summed too. Pictures are taken once.
+
         Raises:
           ValueError, TypeError: the action is not made of finite numbers, or the task rejects it,
             as `base.Task` does for another shape than (nu,); nothing was stepped.
@@ -182,6 +210,8 @@ class Environment(dm_env.Environment):
                 return self.reset()  # a subclass may define another one, as in dm_control
             physics, task = self._physics, self._task
             self._check_action(action)
+            if self._action_repeat != 1:
+                return self._step_repeatedly(action)
             task.before_step(action, physics)
             self._reset_next_step = True  # until the step is complete
             physics.step(self._n_sub_steps)
@@ -197,6 +227,32 @@ class Environment(dm_env.Environment):
             return dm_env.TimeStep(dm_env.StepType.MID, reward, 1.0, observation)
         finally:
             use.leave()
+
+    def _step_repeatedly(self, action: Nested) -> dm_env.TimeStep:
+        physics, task = self._physics, self._task
+        total, sums, terms, state = 0.0, {}, {}, {}
+        is_last, discount = False, 1.0
+        for _ in range(self._action_repeat):
+            task.before_step(action, physics)
+            self._reset_next_step = True  # until the step is complete
+            physics.step(self._n_sub_steps)
+            task.after_step(physics)
+            reward, terms = reward_and_terms(task, physics)
+            state = task.get_observation(physics)
+            total = total + reward
+            sums = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
+            self._step_count += 1
+            at_limit = self._step_count >= self._step_limit
+            ending = 1.0 if at_limit else task.get_termination(physics)
+            is_last = ending is not None and not np.all(ending != ending)
+            if is_last:
+                discount = ending
+                break
+        self.reward_terms, self._last_terms = sums, terms
+        observation = self._in_form(state)
+        self._reset_next_step = is_last
+        step_type = dm_env.StepType.LAST if is_last else dm_env.StepType.MID
+        return dm_env.TimeStep(step_type, total, discount, observation)
 
     def action_spec(self) -> Nested:
         """Spec of valid actions."""
@@ -236,6 +292,15 @@ class Environment(dm_env.Environment):
         return self._physics.timestep() * self._n_sub_steps
 
     @property
+    def action_repeat(self) -> int:
+        """Control steps per action, at least 1."""
+        return self._action_repeat
+
+    @action_repeat.setter
+    def action_repeat(self, repeat: int) -> None:
+        self._action_repeat = at_least_one("action_repeat", repeat)
+
+    @property
     def is_running(self) -> bool:
         """Whether the next step continues an episode; otherwise it begins one."""
         return not self._reset_next_step
@@ -249,9 +314,10 @@ class Environment(dm_env.Environment):
     def success(self) -> bool | None:
         """Whether the last step reached the goal; None for a task without a goal."""
         task, terms = self._task, self.reward_terms
-        if not terms or not getattr(
-            task, "GOAL", ()
-        ):  # tasks need not be subclasses of `base.Task`
+        if self._action_repeat != 1 and self._last_terms is not None:
+            terms = self._last_terms
+        # Tasks need not be subclasses of `base.Task`.
+        if not terms or not getattr(task, "GOAL", ()):
             return None
         return bool(task.is_success(terms))  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -338,6 +404,48 @@ class Environment(dm_env.Environment):
             self._step_count = int(snapshot.step_count[0])
             self._reset_next_step = bool(snapshot.begins[0])
 
+    def set_state(self, state: Mapping[str, npt.ArrayLike] | Snapshot) -> dm_env.TimeStep:
+        """Continues the episode that `reset` has just begun from a given state.
+
+        Everything else that was drawn for the start, such as targets, remains. All quantities are
+        recomputed with actuation disabled, as at any start, and the task observes once more. A
+        subclass that changes the observations of `reset` must change those of this method too.
+
+        Args:
+          state: some of 'qpos' (nq,), 'qvel' (nv,) and 'act' (na,); or a snapshot, which is
+            restored with its step count, see `restore`.
+
+        Returns:
+          The first `TimeStep` of the episode; for a snapshot of a later step a middle one, with
+          reward 0.
+
+        Raises:
+          ValueError, TypeError: the state is invalid, see `limberjack.rl.given_state`, or the
+            snapshot does not fit; nothing was set.
+          RuntimeError: a mapping is given, and `reset` was not the last call.
+          PhysicsError: the state diverges at once; the next step begins an episode.
+        """
+        if isinstance(state, Snapshot):
+            self.restore(state)
+            observation = self.present_observation()
+            if self._step_count:
+                return dm_env.TimeStep(dm_env.StepType.MID, 0.0, 1.0, observation)
+            return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
+        self._check_open()
+        checked = checked_state(state, state_sizes(self._physics))
+        with self._use:
+            if self._reset_next_step or self._step_count:
+                raise RuntimeError("no episode has just begun: call reset() before set_state()")
+            self._reset_next_step = True  # until it is complete
+            for name, values in checked.items():
+                getattr(self._simulated.data, name)[...] = values
+            self._physics.after_reset()
+            if self._frames is not None:
+                self._frames.forget()
+            observation = self._observe()
+            self._reset_next_step = False
+        return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
+
     def present_observation(self) -> Mapping[str, Quantity]:
         """The observation of the present state, computed again; the task does not remember it."""
         with stand_in(self._task, self._physics) as task:
@@ -413,7 +521,12 @@ class Environment(dm_env.Environment):
 
     def _observe(self, draws: bool = True) -> Mapping[str, Quantity]:
         """The current observation, with a new picture if pixels are observed."""
-        observation = self._seen_by(self._task)
+        observation = self._task.get_observation(self._physics)
+        return self._in_form(observation, draws)
+
+    def _in_form(self, state: Mapping[str, Quantity], draws: bool = True) -> Mapping[str, Quantity]:
+        """The task's observation, flat if wanted, and with a new picture."""
+        observation = flatten_observation(state) if self._flat_observation else state
         if self._frames is None or not draws:
             return observation
         return self._frames.observe(self._simulated, observation)
@@ -428,7 +541,8 @@ class Environment(dm_env.Environment):
 
         If the spec is a nested structure, the task checks everything.
         """
-        if type(action) is np.ndarray and action.dtype.kind == "f":
+        # Not a wider type than that of the controls, of which it may be finite and they infinite.
+        if type(action) is np.ndarray and action.dtype.char in "df":
             # Runs at every step; searching the bytes is the fastest check.
             if b"\0" in np.isfinite(action).tobytes():
                 actions.check_finite(action)

@@ -1,4 +1,4 @@
-"""Independent copies of environments, and what keeps an environment from being copied.
+"""Independent copies of environments, and a check that copies share no state.
 
     difference(env)       # "its class Half overrides step"; None for a plain `control.Environment`
     check_copies(env)     # raises TypeError if a copy with another seed would share its state
@@ -39,9 +39,10 @@ _Env = TypeVar("_Env")
 
 
 def difference(env: object) -> str | None:
-    """What makes an environment other than a plain `control.Environment`; None if nothing does.
+    """The first difference from a plain `control.Environment`, as a clause; None if there is none.
 
-    Overridden or replaced methods, and attributes of its own, count; further methods do not.
+    Differences are overridden or replaced methods and additional attributes, but not additional
+    methods.
     """
     from limberjack.rl.control import ATTRIBUTES, Environment
 

@@ -8,11 +8,19 @@ Stacked pictures are concatenated along the last axis, the newest last: `pixels[
 current one. At the start of an episode the stack holds copies of the first picture. A row of a
 batch observes the same pixels as the single environment with its seed. Without OpenGL, the first
 picture raises.
+
+With a list of C cameras, each frame has 3 C channels, three of each camera in the order of the
+list, and frames are stacked as before:
+
+    pixels = {"camera": ["side", "back"], "frame_stack": 3}     # (84, 84, 18)
+    frames = np.split(observation["pixels"], 3, axis=-1)        # the oldest first
+    side, back = np.split(frames[-1], 2, axis=-1)               # the current pictures
 """
 
 import collections
 import dataclasses
-from collections.abc import Mapping, MutableMapping
+import functools
+from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -22,11 +30,17 @@ from limberjack.rl.contract import Drawn
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["PIXELS_KEY", "Frames", "PixelOptions", "Pixels", "render_arguments"]
+__all__ = [
+    "PIXELS_KEY",
+    "Frames",
+    "PixelOptions",
+    "Pixels",
+    "cameras_of",
+    "render_arguments",
+    "render_cameras",
+]
 
 PIXELS_KEY = "pixels"  # name of the pictures among the observations
-
-_COLOURS = 3
 
 _V = TypeVar("_V")
 _P = TypeVar("_P")
@@ -40,7 +54,7 @@ class Pixels:
     """Options of pixel observations.
 
     Attributes:
-      camera: name or number of a camera of the model; -1 is the free camera.
+      camera: name or number of a camera of the model, or a list of them; -1 is the free camera.
       height: height of a picture, pixels.
       width: width of a picture, pixels.
       only: whether to observe nothing else.
@@ -48,7 +62,7 @@ class Pixels:
       quality: 'full' or 'fast'; see `Physics.render`.
     """
 
-    camera: int | str = -1
+    camera: int | str | Sequence[int | str] = -1
     height: int = 84
     width: int = 84
     only: bool = False
@@ -56,6 +70,9 @@ class Pixels:
     quality: str = "full"
 
     def __post_init__(self) -> None:
+        cameras = cameras_of(self.camera, "pixels' camera")
+        # A list of one camera is that camera, and other lists cannot change later.
+        object.__setattr__(self, "camera", tuple(cameras) if len(cameras) > 1 else cameras[0])
         at_least_one("pixels' frame_stack", self.frame_stack)
         if not isinstance(self.only, bool | np.bool_):
             raise ValueError(f"pixels' only is {self.only!r}; expected True or False")
@@ -83,9 +100,10 @@ class Pixels:
                 )
         return cls(**options)
 
+    # Any: each keyword has its own type.
     @property
-    def render_kwargs(self) -> dict[str, int | str]:
-        """The keyword arguments of `Physics.render` for one picture."""
+    def render_kwargs(self) -> dict[str, Any]:
+        """The keyword arguments of `Physics.render`, or `render_cameras`, for one frame."""
         size = {"height": self.height, "width": self.width}
         return {**size, "camera_id": self.camera, "quality": self.quality}
 
@@ -109,11 +127,14 @@ class Frames:
                 f"a {type(physics).__name__} cannot be rendered; pixels need a limberjack.mujoco."
                 "Physics"
             )
-        shape, dtype = physics.picture_spec(**pixels.render_kwargs)
-        height, width, colours = shape
+        # Validates each camera; the pictures of all have the same shape.
+        kwargs, cameras = pixels.render_kwargs, cameras_of(pixels.camera)
+        pictures = [physics.picture_spec(**{**kwargs, "camera_id": one}) for one in cameras]
+        (height, width, colours), dtype = pictures[0]
+        self._colours = colours * len(pictures)  # of one frame
         self.pixels = pixels
         self._is_single = physics.num_envs is None
-        stacked = height, width, colours * pixels.frame_stack
+        stacked = height, width, self._colours * pixels.frame_stack
         self._stack = np.zeros((physics.num_envs or 1, *stacked), dtype)
         self._is_seen = np.zeros(len(self._stack), bool)  # rows with a picture of this episode
 
@@ -139,7 +160,8 @@ class Frames:
         """
         rows = None if is_step else np.flatnonzero(~self._is_seen)
         if rows is None or rows.size:
-            self._add(physics.render_rows(rows, **self.pixels.render_kwargs), rows)
+            draw = functools.partial(physics.render_rows, rows)
+            self._add(render_cameras(draw, self.pixels.render_kwargs, axis=-1), rows)
         return self._with(state, self._stack[0].copy() if self._is_single else self._stack.copy())
 
     def spec_with(self, state: Mapping[str, specs.Array]) -> MutableMapping[str, specs.Array]:
@@ -165,12 +187,12 @@ class Frames:
         del settings["only"]  # the stack does not depend on it
         return {"pixels": settings}
 
-    def _add(self, pictures: np.ndarray, rows: np.ndarray | None) -> None:
-        """Pushes a picture per row onto its stack; an episode's first picture fills the stack."""
+    def _add(self, frames: np.ndarray, rows: np.ndarray | None) -> None:
+        """Pushes a frame per row onto its stack; an episode's first frame fills the stack."""
         index = slice(None) if rows is None else rows
-        stack = np.concatenate([self._stack[index][..., _COLOURS:], pictures], axis=-1)
+        stack = np.concatenate([self._stack[index][..., self._colours :], frames], axis=-1)
         is_first = ~self._is_seen[index]
-        stack[is_first] = np.tile(pictures[is_first], self.pixels.frame_stack)
+        stack[is_first] = np.tile(frames[is_first], self.pixels.frame_stack)
         self._stack[index] = stack
         self._is_seen[index] = True
 
@@ -202,3 +224,49 @@ def render_arguments(given: Mapping[str, object]) -> dict[str, object]:
             raise TypeError("camera is given twice: once as camera and once as camera_id")
         arguments["camera_id"] = arguments.pop("camera")
     return arguments
+
+
+def cameras_of(camera: object, what: str = "camera_id") -> list[object]:
+    """The cameras of an argument that takes one camera or a list of them.
+
+    Args:
+      camera: a name or number, or a list or tuple of them. The simulation checks names and numbers.
+      what: the argument's name, for messages.
+
+    Raises:
+      ValueError: the list is empty.
+      TypeError: it is a collection of another kind, or nested.
+    """
+    cameras = list(camera) if isinstance(camera, list | tuple) else [camera]
+    if not cameras:
+        raise ValueError(f"{what} is {camera!r}; expected at least one camera")
+    for one in cameras:
+        if np.iterable(one) and not isinstance(one, str):
+            raise TypeError(
+                f"{what} is {camera!r}; expected the name or number of a camera, or a list of them"
+            )
+    return cameras
+
+
+def render_cameras(
+    draw: Callable[..., np.ndarray], kwargs: Mapping[str, object], axis: int
+) -> np.ndarray:
+    """A picture, or those of a list of cameras joined in the order of the list.
+
+    Args:
+      draw: draws the picture of one camera, such as `Physics.render`.
+      kwargs: the arguments of `draw`, whose `camera_id` may be a list.
+      axis: the axis along which pictures are joined; that of their width puts them side by side.
+
+    Raises:
+      ValueError, TypeError: see `cameras_of`, and `draw`.
+    """
+    if not isinstance(kwargs.get("camera_id"), list | tuple):
+        return draw(**kwargs)
+    cameras = cameras_of(kwargs["camera_id"])
+    given = dict(kwargs)
+    overlays = given.get("overlays")
+    if isinstance(overlays, Iterable):  # an iterator would serve one picture only
+        given["overlays"] = tuple(overlays)
+    pictures = [draw(**{**given, "camera_id": camera}) for camera in cameras]
+    return pictures[0] if len(pictures) == 1 else np.concatenate(pictures, axis=axis)

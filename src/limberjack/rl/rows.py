@@ -20,6 +20,7 @@ have returned; every row then begins an episode with the next step.
 import collections
 import contextlib
 import copy
+import dataclasses
 import math
 import random
 from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
@@ -27,19 +28,22 @@ from typing import Any
 
 import dm_env
 import numpy as np
+import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.rl import guards
 from limberjack.rl.action_specs import bounds_to_try, spec_of
-from limberjack.rl.builds import Build, Make, Seeded, is_stable
+from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable
 from limberjack.rl.contract import Nested, PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, difference, exact_copies
+from limberjack.rl.given_state import checked_states, state_sizes
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
-from limberjack.rl.pixels import Pixels, render_arguments
+from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.row_threads import RowThreads
 from limberjack.rl.snapshot import Snapshot, as_snapshot
+from limberjack.rl.stagger import Stagger, check_limit
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 from limberjack.utils.cores import usable_cores
@@ -65,6 +69,8 @@ class RowsEnvironment:
         seed: int | None = None,
         on_divergence: str = "end",
         contexts: Sequence[Mapping[str, object]] | None = None,
+        action_repeat: int | None = None,
+        stagger: bool = False,
         why_rows: str = "rows were asked for",
     ) -> None:
         """Makes the environments, whose first `step` or `reset` begins an episode in every row.
@@ -78,6 +84,10 @@ class RowsEnvironment:
           on_divergence: 'end' ends the episodes of rows that diverge, with reward and discount 0;
             'raise' raises `PhysicsError`.
           contexts: keywords for `build`, for each row.
+          action_repeat: calls of `step` per action, stopped at the end of an episode, with the sum
+            of their rewards; None for the environments' own.
+          stagger: end the first episode of each row after a random number of steps; see
+            `limberjack.rl.stagger`.
           why_rows: the reason why the task is not vectorised.
 
         Raises:
@@ -115,18 +125,31 @@ class RowsEnvironment:
         # With contexts, each row is made again for another seed, since models may depend on both.
         stable = not any(of_rows) and is_stable(self._build, first)
         self._seeds: list[int | None] = list(range(first, first + self.num_envs))
+        self._action_repeat = trial.action_repeat
+        if action_repeat is not None:
+            self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
+        self._own_limit: float | None = None  # set by `step_limit`; None for the environments' own
+        self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
+        self._stagger = Stagger(self.num_envs) if stagger else None
         self._rows: list[Seeded] = []
         for row, context in enumerate(of_rows):
             with _noted(row, context):
                 self._rows.append(self._build.seeded(first + row, context, stable))
             trial.compare(self._rows[row].environment, row, context)
+            self._set_up(row)
+            if self._stagger is not None:
+                self._stagger.draw(row, np.random.RandomState(first + row))
+        self._full_limits = [self._limit_of(row.environment) for row in self._rows]
+        if stagger:
+            check_limit(self.step_limit)
         models = [] if stable else [_model_of(one) for one in self.environments]
         self._edits_models = trial.edits_model or any(one != models[0] for one in models)
         env = self.environments[0]
         self.registration: object = getattr(env, "registration", None)
         self._name: str = getattr(env, "_name", "") or _task_name(env)
-        self._own_limit: float | None = None  # set by `step_limit`; None for the environments' own
         self._steps = np.zeros(self.num_envs, int)
+        # Reward terms of rows whose `step` is called repeatedly.
+        self._summed_terms: dict[int, Mapping[str, float]] = {}
         self._begins = np.ones(self.num_envs, bool)
         # Stepping these begins their next episode; others must be reset.
         self._has_ended = np.array([_begins_if_stepped(one) for one in self.environments])
@@ -168,6 +191,7 @@ class RowsEnvironment:
                 seed = by_row[row]
                 if seed is not None:
                     self._seed(row, seed)
+                self._set_limit_of_next(row)
                 found.take(row, self._rows[row].environment.reset())
 
             self._raise(self._threads.each(begin, rows.tolist()))
@@ -200,8 +224,8 @@ class RowsEnvironment:
           Exception: any that an environment raises, with a note that has the row's number.
         """
         with self._use:
-            begins, has_ended = self._begins.copy(), self._has_ended.copy()
-            given = self._checked(actions, begins)
+            given = self._checked(actions, self._begins)
+            begins, has_ended = self._begins.tolist(), self._has_ended.tolist()
             # Until the step is complete: after an interrupt, all rows begin again.
             self.restart()
             found = _Step(self)
@@ -209,14 +233,10 @@ class RowsEnvironment:
             def step(row: int) -> None:
                 env = self._rows[row].environment
                 if begins[row]:
+                    self._set_limit_of_next(row)
                     found.take(row, env.step(given[row]) if has_ended[row] else env.reset())
                     return
-                try:
-                    time_step = env.step(given[row])
-                except PhysicsError:
-                    found.diverge(row)
-                else:
-                    found.take(row, time_step)
+                self._step_row(row, given[row], found)
 
             self._raise(self._threads.each(step))
             return self._counted(found)
@@ -226,21 +246,42 @@ class RowsEnvironment:
         self.diverged = found.diverged
         if arrays.any_of(found.diverged):
             self._report_divergence()
-        first, last = found.step_type == _FIRST, found.step_type == _LAST
-        self._steps += 1
-        self._steps[first] = 0
-        has_ended = last & ~found.diverged
-        timed_out = found.timed_out & has_ended
-        if self._own_limit is not None:
-            over = (self._steps >= self._own_limit) & ~first & ~last
-            found.step_type[over] = _LAST
-            last |= over
-            timed_out |= over
-        self._timed_out = timed_out
-        self._begins, self._has_ended = last, has_ended
-        self._observation = found.observation
-        observation = self._shown({n: v.copy() for n, v in found.observation.items()})
+        last = found.step_type == _LAST
+        self._steps += found.steps
+        self._steps[found.step_type == _FIRST] = 0
+        self._timed_out = found.timed_out & ~found.diverged
+        for name, values in found.observation.items():
+            np.copyto(self._observation[name], values)
+        self._begins, self._has_ended = last, last & ~found.diverged & ~found.cut_off
+        observation = self._shown(found.observation)
         return dm_env.TimeStep(found.step_type, found.reward, found.discount, observation)
+
+    def _step_row(self, row: int, action: np.ndarray, found: "_Step") -> None:
+        """Steps a row in mid-episode, as often as an action is repeated."""
+        seeded = self._rows[row]
+        env = seeded.environment
+        repeat = 1 if seeded.is_plain else self._action_repeat  # a plain one repeats by itself
+        inner = env if seeded.is_plain else control_of(env)
+        before = getattr(inner, "_step_count", 0)
+        terms: collections.Counter[str] = collections.Counter()
+        for number in range(1, repeat + 1):
+            try:
+                time_step = env.step(action)
+            except PhysicsError:
+                found.diverge(row)
+                return
+            found.take(row, time_step)
+            if repeat > 1:
+                terms.update(getattr(env, "reward_terms", {}))
+                self._summed_terms[row] = terms
+            if isinstance(inner, Environment):
+                found.steps[row] = inner._step_count - before
+            else:
+                found.steps[row] = number
+                if self._steps[row] + number >= self._limits[row]:
+                    found.cut(row)
+            if found.step_type[row] == _LAST:
+                return
 
     def snapshot(self, rows: _Rows = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on.
@@ -253,7 +294,11 @@ class RowsEnvironment:
         """
         numbers = self._numbers(rows)
         with self._use:
-            return self._joined(numbers)
+            joined = self._joined(numbers)
+            if self._stagger is None:
+                return joined
+            limits = np.stack([self._limits[numbers], self._stagger.shares[numbers]], axis=-1)
+            return dataclasses.replace(joined, limits=limits)
 
     def restore(self, snapshot: Snapshot, rows: _Rows = None) -> None:
         """Continues the batch, or some rows, from a snapshot, bit for bit.
@@ -285,6 +330,60 @@ class RowsEnvironment:
                 self._begins[row], self._has_ended[row] = True, False  # until it is complete
                 self._restore(row, snapshot.part(index))
 
+    def set_states(
+        self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None
+    ) -> dm_env.TimeStep:
+        """Continues the episodes that `reset` has just begun in rows from given states.
+
+        Args:
+          states: some of 'qpos' (n, nq), 'qvel' (n, nv) and 'act' (n, na), for n rows; or a
+            snapshot of n environments. See `control.Environment.set_state`.
+          rows: sorted row numbers or a mask; None for all.
+
+        Returns:
+          The time step of all rows, as `reset` does.
+
+        Raises:
+          ValueError, TypeError: the states are invalid, see `limberjack.rl.given_state`; the
+            snapshot does not fit, see `restore`; or a row has no state to set; nothing was set.
+          RuntimeError: a mapping is given, and `reset` was not the last call for a row.
+        """
+        rows = self._numbers(rows)
+        if isinstance(states, Snapshot):
+            self.restore(states, rows)
+            return self.reset([])
+        numbers = rows + self.first_row
+        checked = checked_states(states, self.state_sizes(), len(rows), named=numbers)
+        with self._use:
+            late = numbers[self._begins[rows] | (self._steps[rows] > 0)].tolist()
+            if late:
+                raise RuntimeError(
+                    f"no episode has just begun in rows {late}: call reset(rows) before "
+                    "set_states()"
+                )
+            self._begins[rows] = True  # until it is complete
+            found, index = _Step(self), {row: i for i, row in enumerate(rows.tolist())}
+
+            def start(row: int) -> None:
+                state = {name: values[index[row]] for name, values in checked.items()}
+                found.take(row, _settable(self._rows[row].environment).set_state(state))
+
+            self._raise(self._threads.each(start, rows.tolist()))
+            for name, values in found.observation.items():
+                self._observation[name][rows] = values[rows]
+            self._begins[rows] = False
+        return self.reset([])
+
+    def state_sizes(self) -> dict[str, int]:
+        """Numbers in each field of a row's state, such as 'qpos', without empty fields.
+
+        Raises:
+          TypeError: a row is not a `control.Environment` on a simulation of MuJoCo.
+        """
+        self._use.check()
+        sizes = [state_sizes(_settable(env).physics) for env in self.environments]
+        return sizes[0]
+
     def copy_row(self, source: int, target: int) -> None:
         """Makes row `target` a copy of row `source`, including its random stream."""
         self.restore(self.snapshot([source]), [target])
@@ -298,13 +397,16 @@ class RowsEnvironment:
                     row.environment.close()
             self._use.what_is_wrong = "this batch is closed: create a new one"
 
-    def __repr__(self) -> str:
+    def description(self) -> Description:
+        """The parts of the batch's `repr`."""
         steps = self._steps.tolist()
         begun = not self._begins.all() or any(steps)
-        description = Description(
+        return Description(
             self._name, self.num_envs, self._seeds, steps if begun else [], self.step_limit
         )
-        return f"{represented(self, description)[:-1]}, not vectorised: {self.why_rows}>"
+
+    def __repr__(self) -> str:
+        return f"{represented(self, self.description())[:-1]}, not vectorised: {self.why_rows}>"
 
     def __deepcopy__(self, memo: dict[int, object]) -> "RowsEnvironment":
         for env in self.environments:
@@ -339,15 +441,20 @@ class RowsEnvironment:
     @property
     def step_limit(self) -> float:
         """Steps per episode; infinite without a limit."""
-        if self._own_limit is not None:
-            return self._own_limit
-        return getattr(control_of(self.environments[0]), "_step_limit", math.inf)
+        return self._full_limits[0] if self._own_limit is None else self._own_limit
 
     @step_limit.setter
     def step_limit(self, limit: float) -> None:
+        if self._stagger is not None:
+            check_limit(limit)
         self._own_limit = limit
-        for row in self._rows:
-            self._set_limit(row)
+        for row in range(self.num_envs):
+            self._set_limit(row, limit)
+
+    @property
+    def action_repeat(self) -> int:
+        """Calls of `step` per action."""
+        return self._action_repeat
 
     @property
     def begins(self) -> np.ndarray:
@@ -358,14 +465,18 @@ class RowsEnvironment:
     def timed_out(self) -> np.ndarray:
         """Mask of rows whose last step was truncated, (num_envs,).
 
-        A plain environment says so itself; any other ends by its time limit if its discount is 1.
+        A plain environment reports it; the last step of any other is a truncation if its discount
+        is 1.
         """
         return self._timed_out & self._begins
 
     @property
     def reward_terms(self) -> dict[str, Quantity]:
         """The terms of the last step's reward, (num_envs,) each; empty if rows have others."""
-        of_rows = [getattr(env, "reward_terms", {}) for env in self.environments]
+        of_rows = [
+            self._summed_terms.get(row, getattr(env, "reward_terms", {}))
+            for row, env in enumerate(self.environments)
+        ]
         begun = self._steps == 0
         names = next((list(terms) for terms in of_rows if terms), [])
         if any(list(terms) != names for terms, new in zip(of_rows, begun, strict=True) if not new):
@@ -409,29 +520,35 @@ class RowsEnvironment:
         Args:
           rows: sorted row numbers or a mask of (num_envs,); None for all.
           kwargs: arguments of `Physics.render`: height, width, camera_id (or camera), depth, ...
+            The pictures of a list of cameras are joined side by side.
 
         Raises:
           ValueError, TypeError, RenderingError: see `Physics.render`; or there is no such row.
         """
         numbers = self._numbers(rows).tolist()
-        arguments = render_arguments(kwargs)
-        with self._use:
+
+        def draw(**how: Any) -> np.ndarray:  # each keyword has its own type
             physics = [_physics_of(self.environments[row]) for row in numbers]
             if not physics:
-                shape, dtype = _physics_of(self.environments[0]).picture_spec(**arguments)
+                shape, dtype = _physics_of(self.environments[0]).picture_spec(**how)
                 return np.empty((0, *shape), dtype)
-            return np.stack([one.render(**arguments) for one in physics])
+            return np.stack([one.render(**how) for one in physics])
+
+        with self._use:
+            return render_cameras(draw, render_arguments(kwargs), axis=2)
 
     def get_attr(self, name: str) -> list[object]:
-        """An attribute of each row's environment.
+        """An attribute of each row's environment, or of its task if only that has it.
 
         Raises:
-          AttributeError: an environment has no such attribute.
+          AttributeError: neither has such an attribute in some row.
         """
-        return [getattr(env, name) for env in self.environments]
+        return [getattr(holder_of(env, name), name) for env in self.environments]
 
     def set_attr(self, name: str, values: Sequence[object]) -> None:
         """Sets an attribute of each row's environment, and of those made for a row's later seeds.
+
+        A name that only the task has is set there.
 
         Args:
           name: of the attribute.
@@ -453,7 +570,7 @@ class RowsEnvironment:
     def call(self, name: str, *args: Any, **kwargs: Any) -> list[Any]:
         """The results of a method, or the values of an attribute, of each row's environment."""
         with self._use:
-            found = [getattr(env, name) for env in self.environments]
+            found = [getattr(holder_of(env, name), name) for env in self.environments]
             return [one(*args, **kwargs) if callable(one) else one for one in found]
 
     def _checked(self, actions: Nested, begins: np.ndarray) -> np.ndarray:
@@ -470,15 +587,38 @@ class RowsEnvironment:
         return given
 
     def _seed(self, row: int, seed: int) -> None:
-        self._rows[row].begin(checked_seed(seed))
-        self._set_limit(self._rows[row])
+        seed = checked_seed(seed)
+        self._set_limit(row, self._full_limits[row])
+        self._rows[row].begin(seed)
+        self._set_up(row)
+        self._full_limits[row] = self._limit_of(self._rows[row].environment)
         self._seeds[row] = seed
+        if self._stagger is not None:
+            self._stagger.draw(row, np.random.RandomState(seed))
 
-    def _set_limit(self, row: Seeded) -> None:
-        """Gives an environment the limit of the batch, if it counts its steps itself."""
-        inner = control_of(row.environment)
-        if self._own_limit is not None and isinstance(inner, Environment):
-            inner._step_limit = self._own_limit
+    def _set_up(self, row: int) -> None:
+        """Makes a plain environment repeat actions by itself; of others `step` is repeated."""
+        inner = control_of(self._rows[row].environment)
+        if isinstance(inner, Environment):
+            inner.action_repeat = self._action_repeat if self._rows[row].is_plain else 1
+
+    @staticmethod
+    def _limit_of(env: dm_env.Environment) -> float:
+        return getattr(control_of(env), "_step_limit", math.inf)
+
+    def _set_limit_of_next(self, row: int) -> None:
+        """Sets the limit of the episode that begins."""
+        limit = self._full_limits[row] if self._own_limit is None else self._own_limit
+        if self._stagger is not None:
+            limit = self._stagger.limit_of_next(row, limit)
+        self._set_limit(row, limit)
+
+    def _set_limit(self, row: int, limit: float) -> None:
+        """Sets the limit of a row's episode; an environment that counts its steps ends by it."""
+        self._limits[row] = limit
+        inner = control_of(self._rows[row].environment)
+        if isinstance(inner, Environment) and inner._step_limit != limit:
+            inner._step_limit = limit
 
     def _joined(self, numbers: np.ndarray) -> Snapshot:
         """One snapshot of several rows."""
@@ -533,6 +673,11 @@ class RowsEnvironment:
         for name, values in observation.items():
             if name in self._observation and self._observation[name][row].shape == values.shape[1:]:
                 self._observation[name][row] = values[0]
+        full = self._full_limits[row] if self._own_limit is None else self._own_limit
+        if part.limits is not None and self._stagger is not None:
+            full, self._stagger.shares[row] = part.limits[0]
+        self._set_up(row)
+        self._set_limit(row, full)
         self._steps[row] = part.step_count[0]
         self._begins[row] = part.begins[0]
         self._has_ended[row] = part.begins[0] and not part.resets.any()
@@ -589,8 +734,12 @@ class _Step:
         self.reward = np.zeros(count)
         self.discount = np.ones(count)
         self.observation = batch._empty()
+        # Name, array of all rows, and the shape and dtype that each row must have.
+        self._forms = [(n, v, v.shape[1:], v.dtype) for n, v in self.observation.items()]
         self.diverged = np.zeros(count, bool)
         self.timed_out = np.zeros(count, bool)
+        self.cut_off = np.zeros(count, bool)  # rows whose environment does not know of its end
+        self.steps = np.zeros(count, int)  # that each row has made
 
     def take(self, row: int, time_step: dm_env.TimeStep) -> None:
         """Adds a row's time step.
@@ -598,11 +747,12 @@ class _Step:
         Raises:
           ValueError, TypeError: it does not have the specs of the batch.
         """
-        step_type, reward, discount, observation = time_step
-        self.step_type[row] = step_type
+        step_type = time_step.step_type  # by name: wrappers return tuples with more fields
+        if step_type != _MID:
+            self.step_type[row] = step_type
         if step_type != _FIRST:
-            self.reward[row] = self._number("reward", reward)
-            self.discount[row] = self._number("discount", discount)
+            self.reward[row] += self._number("reward", time_step.reward)
+            self.discount[row] = self._number("discount", time_step.discount)
         if step_type == _LAST:
             seeded = self._batch._rows[row]
             env = seeded.environment
@@ -610,28 +760,44 @@ class _Step:
                 self.timed_out[row] = env.timed_out
             else:
                 self.timed_out[row] = self.discount[row] == 1.0
-        given = self._batch._as_mapping(observation)
-        if given.keys() != self.observation.keys():
-            raise ValueError(
-                f"the observation has {sorted(given)}; expected {sorted(self.observation)}, those "
-                "of the batch"
-            )
-        for name, values in self.observation.items():
-            value = np.asarray(given[name])
-            if value.shape != values.shape[1:] or value.dtype != values.dtype:
+        given = time_step.observation
+        if type(given) is not collections.OrderedDict:
+            given = self._batch._as_mapping(given)
+        if len(given) != len(self._forms):
+            raise self._other_names(given)
+        for name, values, shape, dtype in self._forms:
+            value = given.get(name)
+            if type(value) is not np.ndarray:
+                if name not in given:
+                    raise self._other_names(given)
+                value = np.asarray(value)
+            if value.shape != shape or value.dtype != dtype:
                 raise ValueError(
                     f"observation {name!r} has shape {value.shape} and dtype {value.dtype}; "
-                    f"expected {values.shape[1:]} and {values.dtype}, those of its spec"
+                    f"expected {shape} and {dtype}, those of its spec"
                 )
             values[row] = value
+
+    def cut(self, row: int) -> None:
+        """Ends a row's episode at the limit, which its environment does not know."""
+        self.cut_off[row] = self.step_type[row] != _LAST
+        self.timed_out[row] |= self.cut_off[row]
+        self.step_type[row] = _LAST
 
     def diverge(self, row: int) -> None:
         """Ends a row's episode because its simulation diverged; it shows its last observation."""
         self.diverged[row] = True
         self.step_type[row] = _LAST
-        self.reward[row] = self.discount[row] = 0.0
+        self.discount[row] = 0.0
+        self.steps[row] += 1
         for name, values in self.observation.items():
             values[row] = self._batch._observation[name][row]
+
+    def _other_names(self, given: Mapping[str, object]) -> ValueError:
+        return ValueError(
+            f"the observation has {sorted(given)}; expected {sorted(self.observation)}, those of "
+            "the batch"
+        )
 
     @staticmethod
     def _number(what: str, value: object) -> float:
@@ -664,6 +830,7 @@ class _Trial:
             self.observation_spec: Mapping[str, specs.Array] = collections.OrderedDict(named)
             self._check_memory(env, num_envs)
             self.control_timestep = _control_timestep(env)
+            self.action_repeat: int = getattr(control_of(env), "action_repeat", 1)
             before = _model_of(env)
             self.draws_globally = draws_globally(env, self.action_spec)
             self.edits_model = _model_of(env) != before
@@ -675,8 +842,8 @@ class _Trial:
         spec: Any = env.observation_spec()
         named = spec if isinstance(spec, Mapping) else {FLAT_OBSERVATION_KEY: spec}
         action = env.action_spec()
-        here, expected = str(_control_timestep(env)), str(self.control_timestep)  # NaN too
-        found: list[tuple[str, object, object]] = [("control step", here, expected)]
+        here, there = str(_control_timestep(env)), str(self.control_timestep)  # of NaN, too
+        found: list[tuple[str, object, object]] = [("control step", here, there)]
         found += [("actions", _form(action), _form(self.action_spec))]
         names = list(dict.fromkeys([*self.observation_spec, *named]))
         for name in names:
@@ -793,6 +960,16 @@ def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
         bounds = (np.broadcast_to(bound, shape) for bound in (spec.minimum, spec.maximum))
         return specs.BoundedArray(shape, spec.dtype, *bounds, name=spec.name)
     return specs.Array(shape, spec.dtype, name=spec.name)
+
+
+def _settable(env: dm_env.Environment) -> Environment:
+    """The environment, if its state can be set."""
+    if isinstance(env, Environment):
+        return env
+    raise TypeError(
+        f"a {type(env).__name__} cannot begin in a given state; expected a "
+        "limberjack.rl.control.Environment or a subclass in every row; nothing was reset"
+    )
 
 
 def _begins_if_stepped(env: dm_env.Environment) -> bool:

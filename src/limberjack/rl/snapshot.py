@@ -25,10 +25,9 @@ from limberjack.rl.memory import Memory
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.streams import States
 
-__all__ = ["Snapshot", "as_snapshot", "bad_rows", "origin_of"]
+__all__ = ["Snapshot", "as_snapshot", "origin_of"]
 
 _VERSION, _NUMBERS = "MuJoCo", "numbers of the model"
-_MAX_VALUE = 1e10  # mjMAXVAL: MuJoCo replaces a state with larger values by the default state
 _KEY_LENGTH = 624  # numbers of a RandomState's key, of which its position counts the used ones
 # Types of a snapshot's parts on which its checks rely.
 _KINDS: dict[str, type] = {"origin": dict, "physics": dict, "streams": list, "frames": dict}
@@ -50,8 +49,10 @@ class Snapshot:
       name: of the task, such as 'humanoid:walk'; empty for one that `suite.load` did not make.
       memory: what each one's task and physics remember; empty if the task is the suite's.
       copies: deep copies of the environments, if these are not plain; the arrays are then empty.
+      limits: the step limit of each one's present episode, and the share of the limit that its
+        next one takes, (n, 2); None unless the first episodes of a batch are staggered.
       observations: the last ones beside such copies, by name, (n, ...) each; may be empty.
-      resets: whether `reset`, not `step`, begins such a copy's next episode, (n,); may be empty.
+      resets: whether such a copy begins its next episode by `reset`, not `step`, (n,); or empty.
     """
 
     origin: dict[str, object]
@@ -66,6 +67,7 @@ class Snapshot:
     copies: list[Any] = dataclasses.field(default_factory=list)  # Any: of users' classes
     observations: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     resets: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, bool))
+    limits: np.ndarray | None = None
 
     @classmethod
     def of_copy(
@@ -121,6 +123,7 @@ class Snapshot:
             copies=self.copies[one],
             observations={name: values[one] for name, values in self.observations.items()},
             resets=self.resets[one],
+            limits=None if self.limits is None else self.limits[one],
         )
 
     def __repr__(self) -> str:
@@ -216,6 +219,8 @@ class Snapshot:
                 f"'step_count' of the snapshot is {self.step_count}; expected numbers of at least "
                 "0; nothing was restored"
             )
+        if self.limits is not None:
+            _check_form({"limits": self.limits}, {"limits": np.zeros((1, 2))}, len(self))
 
     def check_length(self, step_limit: float) -> None:
         """Raises ValueError if an unfinished episode has reached the step limit."""
@@ -255,15 +260,6 @@ def origin_of(
         **pixels,
         **physics.identity(fields),
     }
-
-
-def bad_rows(physics: SimulatedPhysics, rows: np.ndarray) -> np.ndarray:
-    """Mask of rows whose state MuJoCo would replace by the default state, (n,)."""
-    is_bad = np.zeros(len(rows), bool)
-    for name in ("qpos", "qvel", "act"):
-        values = getattr(physics.data, name)[rows]
-        is_bad |= ~(abs(values) <= _MAX_VALUE).all(axis=-1)  # also True for NaN
-    return is_bad
 
 
 def _is_patch_of(what: str, found: object, expected: object) -> bool:

@@ -69,7 +69,7 @@ class Watch:
         _one_at_a_time.release()
 
     def changed(self) -> list[str]:
-        """What was assigned or changed since the last call, or the start, in no order of time."""
+        """Sorted names of what was assigned or changed since the last call, or since entering."""
         before, self._before = self._before, self._values()
         assigned, self._assigned[:] = list(self._assigned), []
         names = before.keys() | self._before.keys()

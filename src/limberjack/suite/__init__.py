@@ -25,7 +25,7 @@ from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import Build
 from limberjack.rl.contract import Batch
-from limberjack.rl.copies import control_of
+from limberjack.rl.copies import control_of, difference
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.suite._registration import (
     Domains,
@@ -147,6 +147,8 @@ def load(
     task_kwargs: Mapping[str, object] | None = None,
     environment_kwargs: Mapping[str, object] | None = None,
     visualize_reward: bool = False,
+    *,
+    action_repeat: int | None = None,
 ) -> control.Environment:
     """An environment of the suite.
 
@@ -157,14 +159,26 @@ def load(
       environment_kwargs: keyword arguments of `control.Environment`, such as
         {'flat_observation': True}.
       visualize_reward: whether to colour materials by the reward at each step.
+      action_repeat: control steps per action; see `control.Environment.step`. None leaves it to
+        the factory of the task.
 
     Raises:
-      ValueError: there is no such domain or task.
+      ValueError: there is no such domain or task; or actions cannot be repeated in an environment
+        of another class than `control.Environment`.
       TypeError: there is no such keyword.
     """
-    return build_environment(
+    environment = build_environment(
         domain_name, task_name, task_kwargs, environment_kwargs, visualize_reward
     )
+    if action_repeat is not None:
+        why = difference(environment)
+        if why is not None:
+            raise ValueError(
+                f"action_repeat is {action_repeat}, but {domain_name}:{task_name} makes an "
+                f"environment of its own kind: {why}; use load_batch, or call step repeatedly"
+            )
+        environment.action_repeat = action_repeat
+    return environment
 
 
 @overload
@@ -179,6 +193,8 @@ def load_batch(
     on_divergence: str = "end",
     *,
     vectorised: Literal[False],
+    action_repeat: int | None = None,
+    stagger: bool = False,
 ) -> RowsEnvironment: ...
 
 
@@ -193,7 +209,10 @@ def load_batch(
     task_kwargs: Mapping[str, object] | None = None,
     environment_kwargs: Mapping[str, object] | None = None,
     on_divergence: str = "end",
-    vectorised: bool | None = None,
+    *,
+    vectorised: Literal[True] | None = None,
+    action_repeat: int | None = None,
+    stagger: bool = False,
 ) -> BatchEnvironment: ...
 
 
@@ -206,7 +225,10 @@ def load_batch(
     task_kwargs: Mapping[str, object] | None = None,
     environment_kwargs: Mapping[str, object] | None = None,
     on_divergence: str = "end",
+    *,
     vectorised: bool | None = None,
+    action_repeat: int | None = None,
+    stagger: bool = False,
 ) -> Batch:
     """Many environments of the suite, stepped in lockstep; see `limberjack.rl.batch`.
 
@@ -225,6 +247,10 @@ def load_batch(
       on_divergence: 'end' ends the episodes of rows that diverge; 'raise' raises `PhysicsError`.
       vectorised: None vectorises the task if that changes no number; True raises the reason if it
         would; False makes complete environments.
+      action_repeat: control steps per action; see `control.Environment.step`. None leaves it to
+        the factory of the task.
+      stagger: end the first episode of each row after a random number of steps, so that rows do not
+        end together; see `limberjack.rl.stagger`.
 
     Raises:
       ValueError: there is no such domain or task, or a number is out of range; or `vectorised` is
@@ -245,6 +271,8 @@ def load_batch(
         seed=seed,
         vectorised=vectorised,
         on_divergence=on_divergence,
+        action_repeat=action_repeat,
+        stagger=stagger,
     )
     batch.registration = getattr(control_of(env), "registration", None)
     return batch

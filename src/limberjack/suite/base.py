@@ -5,6 +5,7 @@ entirely in the physics. One task therefore works for a single simulation and fo
 """
 
 import functools
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
@@ -112,6 +113,9 @@ class Task(control.Task[_Physics]):
     def before_step(self, action: Nested, physics: _Physics) -> None:
         """Sets the actuators' controls to the action, (..., nu).
 
+        For one actuator, one number for each simulation may have any shape: (), (1,) or (1, 1) for
+        a single simulation, (N,), (N, 1) or (N, 1, 1) for a batch of N.
+
         Raises:
           ValueError: the action has another shape; nothing is set.
         """
@@ -119,10 +123,14 @@ class Task(control.Task[_Physics]):
             action = np.asarray(getattr(action, "continuous_actions", action))
         expected = physics.simulation.ctrl.shape
         if action.shape != expected:
-            raise ValueError(
-                f"action has shape {action.shape}; expected {expected}: one number for each "
-                "actuator; nothing was stepped"
-            )
+            rows = expected[:-1]
+            is_one_each = action.size == math.prod(rows) and action.shape[: len(rows)] == rows
+            if expected[-1] != 1 or not is_one_each:
+                raise ValueError(
+                    f"action has shape {action.shape}; expected {expected}: one number for each "
+                    "actuator; nothing was stepped"
+                )
+            action = action.reshape(expected)
         physics.set_control(action)
 
     def after_step(self, physics: _Physics) -> None:

@@ -7,7 +7,10 @@ A resource is a plain file, named by its path. New code should use `pathlib`.
 
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import IO, Any
+
+from limberjack.utils.regular import check_regular
 
 __all__ = ["GetResource", "GetResourceAsFile", "GetResourceFilename", "WalkResources"]
 
@@ -30,8 +33,11 @@ def GetResourceAsFile(  # noqa: N802
 ) -> IO[Any]:
     """The open file, which the caller must close; `mode` and `options` are those of `open`.
 
-    Text defaults to UTF-8 on every platform.
+    Text defaults to UTF-8 on every platform. In a mode that reads, anything but a regular file is
+    refused with ValueError, because reading it may never end.
     """
+    if not set(mode) & set("wax+"):
+        check_regular(Path(name))
     if "b" not in mode:
         options.setdefault("encoding", "utf-8")
     return open(name, mode, **options)

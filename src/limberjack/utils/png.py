@@ -1,4 +1,4 @@
-"""`encode`: a picture as the bytes of a PNG file, using only zlib.
+"""`encode`: a picture as the bytes of a PNG file, using only zlib; `is_encoded` knows them again.
 
     Path("frame.png").write_bytes(png.encode(physics.render()))
 
@@ -11,7 +11,9 @@ import zlib
 
 import numpy as np
 
-__all__ = ["encode"]
+__all__ = ["BEGINNING", "encode", "is_encoded"]
+
+BEGINNING = 41  # bytes from which `is_encoded` knows a file
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _RGB_OF_8_BITS = bytes([8, 2, 0, 0, 0])  # depth, colour type, then the only defined values
@@ -36,6 +38,16 @@ def encode(picture: np.ndarray) -> bytes:
     pixels = zlib.compress(_filtered(picture.reshape(height, -1).astype(np.int16)), 9)
     chunks = _chunk(b"IHDR", header), _chunk(b"IDAT", pixels), _chunk(b"IEND", b"")
     return _SIGNATURE + b"".join(chunks)
+
+
+def is_encoded(beginning: bytes) -> bool:
+    """Whether the first bytes of a file may be those of `encode`: RGB, and nothing but pixels."""
+    size = slice(16, 24)
+    if len(beginning) < BEGINNING:
+        return False
+    header = _chunk(b"IHDR", beginning[size] + _RGB_OF_8_BITS)
+    start = _SIGNATURE + header
+    return beginning.startswith(start) and beginning[BEGINNING - 4 : BEGINNING] == b"IDAT"
 
 
 def _filtered(rows: np.ndarray) -> bytes:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from limberjack.policies import PolicyError
+from limberjack.utils import described as errors
 from limberjack.workers.setup import Refused, Setup
 
 __all__ = ["Answer", "Failed", "Function", "WorkError", "attempt", "described"]
@@ -61,10 +62,11 @@ def attempt(
         return Failed(described(error))
 
 
-def described(error: Exception) -> str:
-    """An error on one line: the policy, its step and seed from its notes, and the node."""
-    text = " ".join(str(error).split())
-    if not isinstance(error, PolicyError):  # whose message has them
-        name = type(error).__name__
-        text = ": ".join([*getattr(error, "__notes__", []), name, *([text] if text else [])])
+def described(error: BaseException) -> str:
+    """An error on one line: the policy, its step and seed from its notes, the place and the node.
+
+    The message of a PolicyError has all but the node.
+    """
+    is_complete = isinstance(error, PolicyError)
+    text = " ".join(str(error).split()) if is_complete else errors.described(error)
     return f"{text}; on node {socket.gethostname()}"

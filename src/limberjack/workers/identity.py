@@ -41,13 +41,16 @@ _BY_PROCESSOR = ("fingerprint", "canary")
 _CPU_INFO = Path("/proc/cpuinfo")
 
 
-def identity_of(factory: Factory, found: Found, environment: dm_env.Environment) -> Facts:
+def identity_of(
+    factory: Factory, found: Found, environment: dm_env.Environment, action_repeat: int = 1
+) -> Facts:
     """Everything that an episode depends on except its seed, as values of JSON.
 
     Args:
       factory: made the environment.
       found: the policy.
       environment: one that the factory made.
+      action_repeat: control steps per action.
     """
     inner = control_of(environment)
     assert isinstance(inner, Environment)
@@ -58,7 +61,7 @@ def identity_of(factory: Factory, found: Found, environment: dm_env.Environment)
         "policy_sha256": found.sha256,
         "time_limit": None if limit is None else limit * control_timestep,
         "control_timestep": control_timestep,
-        "action_repeat": 1,  # the policy acts at every control step
+        "action_repeat": action_repeat,
         "versions": report.versions(),
         "fingerprint": report.fingerprint(inner.physics.model._model),
     }

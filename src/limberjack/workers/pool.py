@@ -31,6 +31,7 @@ __all__ = ["Pool"]
 
 _ATTEMPTS = 3  # workers that a unit may lose before it ends the run
 
+_ENDING = 2.0  # seconds for a process that has closed its output to end by itself
 _LOOK = 1.0  # seconds between two reports of the state
 
 # Ctrl-C is the driver's business, while a worker imports too.
@@ -118,6 +119,8 @@ class _Worker(threading.Thread):
             self.state = "playing"
             return pickle.loads(read_message(streams[1]))
         except (EOFError, OSError):
+            with contextlib.suppress(subprocess.TimeoutExpired):  # its own end, rather than a kill
+                process.wait(_ENDING)
             return _Lost(_ended(process))
 
     def _living(self) -> "subprocess.Popen[bytes] | None":

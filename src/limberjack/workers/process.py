@@ -19,6 +19,7 @@ from typing import BinaryIO
 
 from limberjack.workers.attempt import Failed, attempt, described
 from limberjack.workers.setup import Setup
+from limberjack.workers.units import Unit
 
 __all__ = ["LENGTH", "OUT_OF_MEMORY", "main", "read_message", "write_message"]
 
@@ -50,7 +51,12 @@ def _answer(message: bytes, setups: dict[str, Setup]) -> bytes:
         function, key, setup, seeds = pickle.loads(message)
         if setup is not None:
             setups[key] = setup
-        return pickle.dumps(attempt(function, setups[key], seeds))
+        setup = setups[key]
+        try:
+            return pickle.dumps(attempt(function, setup, seeds))
+        except KeyboardInterrupt as error:  # raised by the user's code: no signal reaches a worker
+            error.add_note(str(Unit(setup, seeds)))
+            return pickle.dumps(Failed(described(error)))
     except MemoryError:
         raise
     except Exception as error:  # a module that is missing here, or a result that has no pickle

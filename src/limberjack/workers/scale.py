@@ -13,6 +13,8 @@ import concurrent.futures
 import contextlib
 import dataclasses
 
+import dm_env
+
 from limberjack.factories import Make
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.cores import usable_cores
@@ -54,17 +56,19 @@ class Scale:
 
     def setup(
         self,
-        domain: str | Make,
+        domain: str | Make | dm_env.Environment,
         task: str | None,
         policy: object,
         time_limit: float | None,
         episodes: int,
+        action_repeat: int = 1,
     ) -> Setup | None:
         """The setup for workers; None if this process is to play.
 
         Args:
           domain, task, policy, time_limit: as `limberjack.workers.prepare` takes them.
           episodes: their number.
+          action_repeat: control steps per action.
 
         Raises:
           ValueError, TypeError: as `prepare`, unless workers are used only by default.
@@ -74,7 +78,7 @@ class Scale:
         if not self._is_asked_for and not suggests_itself:
             return None
         try:
-            return self.prepared(domain, task, policy, time_limit, episodes)
+            return self.prepared(domain, task, policy, time_limit, episodes, action_repeat)
         except ValueError:
             if self._is_asked_for:
                 raise
@@ -82,11 +86,12 @@ class Scale:
 
     def prepared(
         self,
-        domain: str | Make,
+        domain: str | Make | dm_env.Environment,
         task: str | None,
         policy: object,
         time_limit: float | None,
         episodes: int,
+        action_repeat: int = 1,
     ) -> Setup:
         """The setup, whoever plays."""
         return prepare(
@@ -94,6 +99,7 @@ class Scale:
             task,
             policy,
             time_limit=time_limit,
+            action_repeat=action_repeat,
             num_threads=self._threads_each(episodes),
             any_processor=self.any_processor,
         )

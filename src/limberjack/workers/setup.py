@@ -93,6 +93,7 @@ class Setup:
       unit_size: seeds that are played together: 64, or 1 if the policy plays alone.
       num_threads: threads of each worker; None for as many as the work can occupy.
       any_processor: accept workers with another fingerprint or canary.
+      action_repeat: control steps per action.
     """
 
     made: _Made
@@ -102,6 +103,7 @@ class Setup:
     unit_size: int
     num_threads: int | None = None
     any_processor: bool = False
+    action_repeat: int = 1
 
     @functools.cached_property
     def key(self) -> str:
@@ -123,7 +125,7 @@ class Setup:
             return dataclasses.replace(
                 self,
                 policy=ship(policy),
-                **_of_policy(policy, factory, environment),
+                **_of_policy(policy, factory, environment, self.action_repeat),
             )
         finally:
             environment.close()
@@ -149,7 +151,8 @@ class Setup:
         factory = self.made.factory()
         environment = factory.make(0)
         found = unpack(self.policy, environment, self.num_threads)
-        here = {**identity_of(factory, found, environment), "canary": canary_of(factory)}
+        identity = identity_of(factory, found, environment, self.action_repeat)
+        here = {**identity, "canary": canary_of(factory)}
         expected = {**self.identity, "canary": self.canary}
         difference = first_difference(expected, here, self.any_processor)
         if difference is not None:
@@ -165,21 +168,23 @@ class Setup:
 
 
 def prepare(
-    domain: str | Make,
+    domain: str | Make | dm_env.Environment,
     task: str | None = None,
     policy: object = "zero",
     *,
     time_limit: float | None = None,
+    action_repeat: int = 1,
     num_threads: int | None = None,
     any_processor: bool = False,
 ) -> Setup:
     """The setup of a task and a policy, for workers.
 
     Args:
-      domain: such as 'humanoid', or a function `make(seed) -> control.Environment`.
+      domain: such as 'humanoid', or a function `make(seed) -> dm_env.Environment`.
       task: such as 'walk'; None with a function.
       policy: its name, or a function or class; see `limberjack.policies`.
       time_limit: seconds per episode; the task's own by default.
+      action_repeat: control steps per action.
       num_threads: threads of each worker; None for as many as the work can occupy.
       any_processor: accept workers whose processors round differently.
 
@@ -191,7 +196,7 @@ def prepare(
     environment = factory.make(0)
     made = _made(factory, environment, domain, task, time_limit)
     try:
-        of_policy = _of_policy(policy, factory, environment)
+        of_policy = _of_policy(policy, factory, environment, action_repeat)
     finally:
         environment.close()
     setup = Setup(
@@ -200,6 +205,7 @@ def prepare(
         canary=canary_of(factory),
         num_threads=num_threads,
         any_processor=any_processor,
+        action_repeat=action_repeat,
         **of_policy,
     )
     try:
@@ -209,7 +215,9 @@ def prepare(
     return setup
 
 
-def _of_policy(policy: object, factory: Factory, environment: dm_env.Environment) -> Facts:
+def _of_policy(
+    policy: object, factory: Factory, environment: dm_env.Environment, action_repeat: int
+) -> Facts:
     """The fields of a setup that depend on the policy."""
     found = actors.find(policy, environment)
     if found.sha256 is None:
@@ -217,14 +225,14 @@ def _of_policy(policy: object, factory: Factory, environment: dm_env.Environment
             f"policy {found.name!r} has no source file, so other processes cannot prove that "
             "theirs is the same: define it in a file"
         )
-    identity = identity_of(factory, found, environment)
+    identity = identity_of(factory, found, environment, action_repeat)
     return {"identity": identity, "unit_size": 1 if found.actor is None else ROWS}
 
 
 def _made(
     factory: Factory,
     environment: dm_env.Environment,
-    domain: str | Make,
+    domain: str | Make | dm_env.Environment,
     task: str | None,
     time_limit: float | None,
 ) -> _Made:

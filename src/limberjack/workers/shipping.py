@@ -16,10 +16,11 @@ import threading
 from collections.abc import Mapping
 from pathlib import Path
 
+import dm_env
+
 from limberjack import policies
 from limberjack.policies import PolicyError, actors
 from limberjack.policies.saved import read_model
-from limberjack.rl.control import Environment
 from limberjack.utils.sources import Source, source_of_module
 from limberjack.workers.shipped_modules import import_shipped
 
@@ -62,7 +63,9 @@ def ship(policy: object) -> Shipped:
     return Shipped(name, source_of_module(module))
 
 
-def unpack(shipped: Shipped, environment: Environment, num_threads: int | None) -> actors.Found:
+def unpack(
+    shipped: Shipped, environment: dm_env.Environment, num_threads: int | None
+) -> actors.Found:
     """The policy, in a worker.
 
     Args:

@@ -1,12 +1,14 @@
 """Tests of limberjack.mujoco.rendering.canvases: sharing, freeing, memory."""
 
+import copy
 import sys
 from collections.abc import Callable
 
+import mujoco
 import numpy as np
 import pytest
 
-from limberjack.mujoco import Physics
+from limberjack.mujoco import Physics, wrapper
 from limberjack.mujoco.rendering import call, canvases
 
 _MODEL = """
@@ -51,6 +53,23 @@ def test_models_with_different_resources_do_not_share_a_canvas(
     monkeypatch.setattr(canvases, "_MOST_SHARED", 8)
     others = [_physics(colour=".9 0 0"), _physics(shadow=256)]
     assert len({_context(p) for p in (_physics(), *others)}) == 3
+
+
+@pytest.mark.parametrize("is_private", [False, True])
+def test_a_geom_that_becomes_a_plane_or_stops_being_one_is_drawn(is_private: bool) -> None:
+    physics, other = _physics(), _physics()
+    if is_private:
+        physics.contexts.mujoco.ptr  # noqa: B018
+    before = physics.render(48, 48)
+    pictures = []
+    for kind in (mujoco.mjtGeom.mjGEOM_PLANE, mujoco.mjtGeom.mjGEOM_SPHERE):
+        physics.named.model.geom_type["ball"] = kind
+        pictures.append(physics.render(48, 48))
+        fresh = Physics.from_model(wrapper.MjModel(copy.copy(physics.model.ptr)))
+        np.testing.assert_array_equal(pictures[-1], fresh.render(48, 48))
+    assert (pictures[0] != before).any()
+    np.testing.assert_array_equal(pictures[1], before)
+    np.testing.assert_array_equal(other.render(48, 48), before)
 
 
 def test_more_models_than_are_kept_can_be_drawn_in_turn() -> None:

@@ -68,7 +68,36 @@ def _mesh(model: mujoco.MjModel) -> None:
     model.mesh_vert[4:, 2] *= 1.5
 
 
-_CHANGES = [_height_field, _height_fields_size, _sky, _cube, _flat, _mesh]
+def _one_face(model: mujoco.MjModel) -> None:
+    """One image on all sides of the sky, in the first bytes of the texture."""
+    sky = model.tex("sky")
+    sky.height[0] = sky.width[0] = 8
+    model.tex_data[sky.adr[0] : sky.adr[0] + 8 * 8 * 3] = np.arange(8 * 8 * 3)
+
+
+def _faces(model: mujoco.MjModel) -> None:
+    """Six faces, and a height that counts for none of them."""
+    model.tex("sky").width[0] = 12
+    _sky(model)
+
+
+def _rows(model: mujoco.MjModel) -> None:
+    model.tex("flat").height[0] = 3
+
+
+def _place(model: mujoco.MjModel) -> None:
+    model.tex("flat").adr[0] -= 16 * 8 * 3
+
+
+def _transparent(model: mujoco.MjModel) -> None:
+    flat = model.tex("flat")
+    flat.height[0], flat.nchannel[0] = 8, 4
+
+
+_CHANGES = [
+    *(_height_field, _height_fields_size, _sky, _cube, _flat, _mesh),
+    *(_one_face, _faces, _rows, _place, _transparent),
+]
 _every_change = pytest.mark.parametrize("change", _CHANGES)
 
 
@@ -169,6 +198,7 @@ def test_only_the_objects_that_differ_are_uploaded(monkeypatch: pytest.MonkeyPat
     held.update(model, context)
     assert not uploaded
     expected = [("nhfield", 1), ("nhfield", 1), ("ntex", 0), ("ntex", 1), ("ntex", 2), ("nmesh", 1)]
+    expected += [("ntex", number) for number in (0, 0, 2, 2, 2)]
     for change, one in zip(_CHANGES, expected, strict=True):
         change(model)
         assert not held.are_current(model)

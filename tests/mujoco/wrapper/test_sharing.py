@@ -80,7 +80,7 @@ def test_a_copy_of_a_shared_model_is_shared_and_of_a_private_one_is_not() -> Non
 
 def test_reading_the_structure_leaves_a_model_shared_and_cannot_change_it() -> None:
     model, twin = shared_pair()
-    for name in ("body_parentid", "geom_bodyid", "jnt_type", "body_dofadr", "tex_adr"):
+    for name in ("body_parentid", "geom_bodyid", "jnt_type", "body_dofadr", "tex_type"):
         field = getattr(model, name)
         np.testing.assert_array_equal(field, getattr(twin._model, name))
         with pytest.raises(ValueError, match=f"{name} is part of the model's structure"):
@@ -94,9 +94,9 @@ def test_reading_the_structure_leaves_a_model_shared_and_cannot_change_it() -> N
     np.testing.assert_array_equal(model.body_parentid, [0, 0, 0])
 
 
-def test_masks_materials_and_colours_can_be_written() -> None:
+def test_masks_groups_and_colours_can_be_written() -> None:
     model = wrapper.MjModel.from_xml_string(_XML)
-    for name in ("geom_contype", "geom_conaffinity", "geom_matid", "geom_group", "geom_rgba"):
+    for name in ("geom_contype", "geom_conaffinity", "geom_priority", "geom_group", "geom_rgba"):
         getattr(model, name)[0] = 0
         setattr(model, name, getattr(model, name) * 0)
         assert not getattr(model._model, name).any()

@@ -19,6 +19,7 @@ from typing import NamedTuple, TypeVar
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.allocating import allocating
 from limberjack.mujoco.rendering import uploads
 from limberjack.mujoco.rendering.backends import Backend, RenderingError, open_backend
 
@@ -26,6 +27,7 @@ __all__ = ["Canvases"]
 
 _FONT_SCALE = mujoco.mjtFontScale.mjFONTSCALE_150.value  # dm_control's
 _OFFSCREEN = mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value
+_PIXEL = 8  # bytes: colours, and depth of single precision
 _PLANE = mujoco.mjtGeom.mjGEOM_PLANE.value
 # Name prefixes of the fields that MuJoCo uploads to OpenGL.
 _DRAWN_FIELDS = ("hfield_", "mat_tex", "mesh_", "skin_", "tex_")
@@ -132,8 +134,9 @@ class Canvases:
             key = _Private()
             weakref.finalize(model, when_gone, self._drop, key).atexit = False
         canvas = None if key is None else self._canvases.get(key)
-        if canvas is not None and not canvas.has_room(size):
-            # The model's off-screen buffer was enlarged since. A shared canvas stays for others.
+        if canvas is not None and not (canvas.has_room(size) and canvas.has_planes_of(model)):
+            # The model's off-screen buffer was enlarged since, or its geoms have other types. A
+            # shared canvas stays for others.
             if isinstance(key, _Private):
                 self._drop(key)
             canvas = None
@@ -186,20 +189,28 @@ class _Canvas:
             )
         self.select()
         try:
-            self.mjr = mujoco.MjrContext(model, _FONT_SCALE)
-        except mujoco.FatalError as error:
+            with allocating("a model's textures and buffers", _bytes_of(model)):
+                self.mjr = mujoco.MjrContext(model, _FONT_SCALE)
+        except (mujoco.FatalError, MemoryError) as error:
             backend.make_current(None)
             backend.destroy(self._context)
+            if isinstance(error, MemoryError):
+                raise
             size = f"{model.vis.global_.offheight} by {model.vis.global_.offwidth}"
             raise RenderingError(
                 f"{backend.renderer!r} cannot draw into the model's off-screen buffer of {size} "
                 f"pixels, which may exceed its limits: {error}"
             ) from error
         self.uploads = uploads.Uploads(model)
+        self._planes = (model.geom_type == _PLANE).tobytes()
 
     def has_room(self, size: tuple[int, int]) -> bool:
         """Whether a picture of this height and width fits into the buffer."""
         return size[0] <= self.mjr.offHeight and size[1] <= self.mjr.offWidth
+
+    def has_planes_of(self, model: mujoco.MjModel) -> bool:
+        """Whether the same geoms are planes, for each of which MuJoCo prepares a mesh."""
+        return (model.geom_type == _PLANE).tobytes() == self._planes
 
     def select(self) -> None:
         """Makes its OpenGL context current."""
@@ -211,6 +222,12 @@ class _Canvas:
         self.mjr.free()
         self._backend.make_current(None)
         self._backend.destroy(self._context)
+
+
+def _bytes_of(model: mujoco.MjModel) -> int:
+    """Bytes of a model's textures and of its off-screen buffer, in colour and depth."""
+    size = model.vis.global_
+    return model.ntexdata + size.offheight * size.offwidth * _PIXEL
 
 
 def _fingerprint(model: mujoco.MjModel, is_changing: bool) -> bytes:

@@ -25,9 +25,13 @@ class _Kind(NamedTuple):
     upload: Callable[[mujoco.MjModel, mujoco.MjrContext, int], None]
 
 
+# Sizes of textures and their place in `tex_data`.
+_TEXTURES = ("tex_height", "tex_width", "tex_nchannel", "tex_adr")
+_FLAT = mujoco.mjtTexture.mjTEXTURE_2D.value
+_FACES = 6  # of a cube whose height is not its width
 _KINDS = (
     _Kind("nhfield", ("hfield_size", "hfield_data"), mujoco.mjr_uploadHField),
-    _Kind("ntex", ("tex_data",), mujoco.mjr_uploadTexture),
+    _Kind("ntex", ("tex_data", *_TEXTURES), mujoco.mjr_uploadTexture),
     _Kind("nmesh", ("mesh_vert", "mesh_normal", "mesh_texcoord"), mujoco.mjr_uploadMesh),
 )
 # Fields of the model whose changes are uploaded.
@@ -83,10 +87,14 @@ def _part(model: mujoco.MjModel, name: str, number: int) -> slice:
     elif name == "hfield_data":
         start = model.hfield_adr[number]
         count = int(model.hfield_nrow[number]) * int(model.hfield_ncol[number])
+    elif name in _TEXTURES:
+        start, count = number, 1
     elif name == "tex_data":
         start = model.tex_adr[number]
-        count = int(model.tex_height[number]) * int(model.tex_width[number])
-        count *= int(model.tex_nchannel[number])
+        height, width = int(model.tex_height[number]), int(model.tex_width[number])
+        if height != width and model.tex_type[number] != _FLAT:
+            height = _FACES * width
+        count = height * width * int(model.tex_nchannel[number])
     else:  # such as mesh_vert, with mesh_vertnum rows from mesh_vertadr for each object
         start, count = getattr(model, f"{name}adr")[number], getattr(model, f"{name}num")[number]
         columns = getattr(model, name).shape[1]

@@ -7,13 +7,13 @@
 Fields are looked up dynamically; none are listed here.
 """
 
-import copy
 import operator
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.allocating import data_of
 from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.wrapper.model import MjModel, object_type_number
 
@@ -62,7 +62,7 @@ class MjData:
 
     def __init__(self, model_or_data: "MjModel | mujoco.MjData") -> None:
         if isinstance(model_or_data, MjModel):
-            model, data = model_or_data, mujoco.MjData(model_or_data.structure)
+            model, data = model_or_data, data_of(model_or_data.structure)
         elif isinstance(model_or_data, mujoco.MjData):
             model, data = MjModel(model_or_data.model), model_or_data
         else:
@@ -104,7 +104,7 @@ class MjData:
             return self._data
         begin()
         # The official data refers to the model it was created from, which has been replaced.
-        data = mujoco.MjData(model)
+        data = data_of(model)
         mujoco.mj_copyData(data, model, self._data)
         return data
 
@@ -122,7 +122,7 @@ class MjData:
         new = object.__new__(type(self))
         model = self._model if share_model else self._model.copy()
         object.__setattr__(new, "_model", model)
-        object.__setattr__(new, "_data", copy.copy(self._data))
+        object.__setattr__(new, "_data", data_of(model._model, self._data))
         return new
 
     def copy(self) -> "MjData":

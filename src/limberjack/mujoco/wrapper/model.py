@@ -8,16 +8,25 @@ Simulations in a process may share a compiled model: see `sharing`.
 """
 
 import contextlib
-import copy
-import functools
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.allocating import allocating, copy_of
 from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.wrapper import util
+from limberjack.mujoco.wrapper.integer_fields import (
+    FIXED,
+    NO_TEXTURES,
+    checked_field,
+    empty_model,
+    fixed_field,
+    is_checked,
+    is_structure,
+)
 from limberjack.mujoco.wrapper.sharing import CopyOnWrite, SharedModel
 from limberjack.mujoco.wrapper.textures import without_textures
 from limberjack.utils.suggest import did_you_mean
@@ -27,21 +36,14 @@ __all__ = [
     "MjModel",
     "empty_model",
     "fixed_field",
+    "is_checked",
     "is_structure",
     "object_type_number",
     "save_last_parsed_model_to_xml",
 ]
 
-# Suffixes of integer fields that hold values: masks, groups, materials and textures.
-_VALUES = ("contype", "conaffinity", "condim", "priority", "group", "matid", "texid", "tex_data")
-_FIXED = "{} is part of the model's structure and read-only: change the MJCF and compile it again"
-
 # Prefixes of fields copied to OpenGL; once user code has them, each picture checks for changes.
 _UPLOADED = ("hfield", "tex", "mesh")
-_NO_TEXTURES = (
-    "a batch initialises episodes in a simulation without textures: the start of an episode cannot "
-    "read or change tex_data; change the model before creating the batch"
-)
 
 # The most recently compiled model, the only one that MuJoCo can save as XML.
 _last_compiled: dict[str, mujoco.MjModel] = {}
@@ -58,25 +60,31 @@ class Error(ValueError):
 class MjModel(CopyOnWrite):
     """A compiled model; fields not defined here are those of `mujoco.MjModel`.
 
-    Structural fields (parents, addresses, counts, types) are read-only: MuJoCo does not check them
-    again and would read out of bounds. `ptr` is MuJoCo's own struct, without this protection.
+    Structural fields (parents, addresses, counts) are read-only, and writes of types and references
+    are checked: MuJoCo does not check them again and would read out of bounds; see
+    `integer_fields`. `ptr` is MuJoCo's own struct, without this protection.
     """
 
     def __getattr__(self, name: str) -> Any:  # fields of the official struct
         if name in ("_model", "_shared"):  # not yet initialised, as while copying
             raise AttributeError(name)
+        if is_checked(name):
+            return checked_field(self.ptr if name.startswith(_UPLOADED) else self.own(), name)
         if is_structure(name):
             return fixed_field(self._model, name)
         if not name.startswith(_UPLOADED):
             return self._field(name)
         field = getattr(self.ptr, name)
         if name == "tex_data" and self._model.ntex and not field.size:
-            raise ValueError(_NO_TEXTURES)
+            raise ValueError(NO_TEXTURES)
         return field
 
     def __setattr__(self, name: str, value: object) -> None:
+        if is_checked(name):
+            getattr(self, name)[...] = value
+            return
         if is_structure(name):
-            raise ValueError(_FIXED.format(name))
+            raise ValueError(FIXED.format(name))
         setattr(self.ptr, name, value)
 
     def __dir__(self) -> list[str]:
@@ -89,14 +97,14 @@ class MjModel(CopyOnWrite):
         self.__init__(state)
 
     def __copy__(self) -> "MjModel":
-        return type(self)(self._shared or copy.copy(self._model))
+        return type(self)(self._shared or copy_of(self._model))
 
     def without_textures(self) -> "MjModel":
         """An equivalent model for simulation that takes a hundredth of the memory."""
         if self._shared is not None:
             return MjModel(SharedModel(self._shared.light))
         light = without_textures(self._model)
-        return MjModel(copy.copy(light) if light is self._model else light)
+        return MjModel(copy_of(light) if light is self._model else light)
 
     def copy(self) -> "MjModel":
         """A copy; changes to it do not affect this model."""
@@ -115,10 +123,13 @@ class MjModel(CopyOnWrite):
 
         Raises:
           ValueError: MuJoCo's error message about the model.
+          MemoryError: there is no memory for it.
         """
         begin()
         text = util.to_native_string(xml_string)
-        model = mujoco.MjModel.from_xml_string(text, assets or {})
+        size = len(text) + sum(map(len, (assets or {}).values()))
+        with allocating("a model compiled from its files", size):
+            model = mujoco.MjModel.from_xml_string(text, assets or {})
         _last_compiled["model"] = model
         return cls(model)
 
@@ -127,13 +138,15 @@ class MjModel(CopyOnWrite):
         """Reads a model in binary format (MJB), as from `to_bytes`."""
         begin()
         name = "model.mjb"
-        return cls(mujoco.MjModel.from_binary_path(name, {name: byte_string}))
+        with allocating("a model in binary format", len(byte_string)):
+            return cls(mujoco.MjModel.from_binary_path(name, {name: byte_string}))
 
     @classmethod
     def from_xml_path(cls, xml_path: str) -> "MjModel":
         """Compiles an MJCF or URDF file."""
         begin()
-        model = mujoco.MjModel.from_xml_path(str(xml_path))
+        with allocating("a model compiled from its files", _size_of(xml_path)):
+            model = mujoco.MjModel.from_xml_path(str(xml_path))
         _last_compiled["model"] = model
         return cls(model)
 
@@ -141,7 +154,8 @@ class MjModel(CopyOnWrite):
     def from_binary_path(cls, binary_path: str) -> "MjModel":
         """Reads a file in binary format (MJB), as from `save_binary`."""
         begin()
-        return cls(mujoco.MjModel.from_binary_path(str(binary_path)))
+        with allocating("a model in binary format", _size_of(binary_path)):
+            return cls(mujoco.MjModel.from_binary_path(str(binary_path)))
 
     def save_binary(self, binary_path: str) -> None:
         """Writes the model to a file in MuJoCo's binary format (MJB)."""
@@ -248,28 +262,6 @@ def save_last_parsed_model_to_xml(xml_path: str, check_model: MjModel | None = N
         raise ValueError(_NOT_LAST) from error
 
 
-@functools.cache
-def is_structure(name: str) -> bool:
-    """Whether a field of MjModel is structural and must not be written."""
-    field = getattr(empty_model(), name, None)
-    is_integer = isinstance(field, np.ndarray) and field.dtype.kind in "iu"
-    return is_integer and not name.endswith(_VALUES)
-
-
-def fixed_field(model: mujoco.MjModel, name: str) -> np.ndarray:
-    """A structural field as a read-only view."""
-    field = getattr(model, name).view()
-    field.flags.writeable = False
-    return field
-
-
-@functools.cache
-def empty_model() -> mujoco.MjModel:
-    """A model without objects, which has every field."""
-    # Not parsed from XML, which would make it the model that `mj_saveLastXML` writes.
-    return mujoco.MjSpec().compile()
-
-
 def object_type_number(object_type: str | int) -> int:
     """An object type's number from its name or number."""
     begin()
@@ -279,6 +271,12 @@ def object_type_number(object_type: str | int) -> int:
     if not kind:
         raise Error(f"{object_type!r} is not a valid object type name, such as 'body' or 'geom'.")
     return kind
+
+
+def _size_of(file: str) -> int:
+    """Size of a file in bytes; 0 if there is none, which MuJoCo reports."""
+    path = Path(file)
+    return path.stat().st_size if path.exists() else 0
 
 
 def _disable_bit(flag: str | int) -> int:

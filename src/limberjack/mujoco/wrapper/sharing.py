@@ -10,12 +10,12 @@ writable array, a nested struct, `ptr`) copies the model first (`CopyOnWrite`). 
 that only reads uses `model._model`.
 """
 
-import copy
 import functools
 from typing import Any
 
 import mujoco
 
+from limberjack.mujoco.allocating import copy_of
 from limberjack.mujoco.wrapper.textures import without_textures
 
 __all__ = ["CopyOnWrite", "SharedModel"]
@@ -43,7 +43,7 @@ class SharedModel:
 
         Toggling the flag in the shared model would affect other threads.
         """
-        passive = copy.copy(self.light)
+        passive = copy_of(self.light)
         passive.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
         return passive
 
@@ -70,7 +70,7 @@ class CopyOnWrite:
     def own(self) -> mujoco.MjModel:
         """Like `ptr`, for code that does not change height fields, textures or meshes."""
         if self._shared is not None:
-            object.__setattr__(self, "_model", copy.copy(self._shared.model))
+            object.__setattr__(self, "_model", copy_of(self._shared.model))
             object.__setattr__(self, "_shared", None)
         return self._model
 

@@ -15,6 +15,8 @@ model is returned unchanged, which only costs memory.
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.allocating import allocating
+
 __all__ = ["without_textures"]
 
 _FEWEST_BYTES = 2**18  # minimum size of textures worth removing
@@ -48,7 +50,8 @@ def without_textures(model: mujoco.MjModel) -> mujoco.MjModel:
     if cut is None:
         return model
     try:
-        light = mujoco.MjModel.from_binary_path(_NAME, {_NAME: cut})
+        with allocating("a copy of the model without textures", len(cut)):
+            light = mujoco.MjModel.from_binary_path(_NAME, {_NAME: cut})
     except ValueError:
         return model
     return light if _is_like(light, model) else model

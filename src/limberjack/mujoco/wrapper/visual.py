@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.allocating import allocating
 from limberjack.mujoco.wrapper.model import MjModel
 
 __all__ = ["MjvCamera", "MjvFigure", "MjvOption", "MjvPerturb", "MjvScene", "RenderFlag"]
@@ -16,6 +17,7 @@ __all__ = ["MjvCamera", "MjvFigure", "MjvOption", "MjvPerturb", "MjvScene", "Ren
 RenderFlag = str | int | mujoco.mjtRndFlag  # such as 'wireframe'
 
 _FEWEST_SCENE_GEOMS = 1000
+_GEOM_BYTES = 236  # size of MuJoCo's mjvGeom
 
 
 class MjvCamera(mujoco.MjvCamera):
@@ -86,7 +88,9 @@ class MjvScene(mujoco.MjvScene):
             super().__init__()
             return
         raw = model._model
-        super().__init__(raw, max_geom or max(_FEWEST_SCENE_GEOMS, _renderable_geoms(raw)))
+        count = max_geom or max(_FEWEST_SCENE_GEOMS, _renderable_geoms(raw))
+        with allocating(f"a scene of {count} geoms", count * _GEOM_BYTES):
+            super().__init__(raw, count)
 
     @property
     def ptr(self) -> "MjvScene":

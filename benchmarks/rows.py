@@ -1,0 +1,170 @@
+"""The time of a step in rows that are complete environments, against the alternatives.
+
+    python benchmarks/rows.py [--quick] [--threads T] [--seconds S] [--json FILE]
+
+README.md describes the comparisons. All sides must return the same rewards. The exit status is 1 if
+a bar is missed. Run it on idle cores: processes share a busy machine differently from threads.
+"""
+
+import dataclasses
+import functools
+import statistics
+from collections.abc import Callable, Mapping
+from typing import Annotated
+
+import numpy as np
+import typer
+from gymnasium.vector import AsyncVectorEnv
+from report import Bar, Json, Quick, Row, at_most, finish, spread
+
+from limberjack import bench, gym, suite
+from limberjack.rl.action_specs import bounds_to_try
+from limberjack.rl.rows import RowsEnvironment
+
+__all__ = ["Effort", "main"]
+
+# Limits on the time of rows as a multiple of the vectorised batch's.
+_BARS = {
+    ("walker", "walk"): at_most(1.6),
+    ("manipulator", "bring_ball"): at_most(2.1),
+    ("humanoid", "walk"): at_most(2.0),
+    ("cartpole", "swingup"): at_most(5.5),
+}
+_PROCESSES = at_most(0.6)  # of the time of AsyncVectorEnv
+
+_NUM_PROCESSES = 16  # one for each environment, as AsyncVectorEnv has it
+_SEED = 0
+
+_ROWS, _THEIRS = "rows", "theirs"
+
+
+@dataclasses.dataclass(frozen=True)
+class Effort:
+    """The amount of work."""
+
+    rows: int  # beside the vectorised batch
+    threads: int  # of both kinds of batch
+    seconds: float  # of each comparison
+    rounds: int  # of each comparison, at least
+
+
+_FULL = Effort(rows=64, threads=2, seconds=30.0, rounds=20)
+# Only checks that the benchmark works; its figures are meaningless.
+_QUICK = Effort(rows=4, threads=2, seconds=0.1, rounds=2)
+
+# Takes the actions of all rows; returns their rewards.
+_Step = Callable[[np.ndarray], np.ndarray]
+
+
+class _Last:
+    """Steps one side, and keeps its last rewards."""
+
+    def __init__(self, step: _Step) -> None:
+        self._step = step
+        self.rewards = np.empty(0)
+
+    def __call__(self, actions: np.ndarray) -> None:
+        self.rewards = self._step(actions)
+
+
+def _taken(
+    batch: RowsEnvironment, sides: Mapping[str, _Step], effort: Effort
+) -> dict[str, list[float]]:
+    """Seconds per step of each side in each round; all take the same actions."""
+    spec, random = batch.action_spec(), np.random.RandomState(_SEED)
+    low, high = bounds_to_try(spec)
+
+    def actions(steps: int) -> np.ndarray:
+        drawn = random.uniform(low, high, (steps, *spec.shape))
+        return drawn.astype(np.float32).astype(float)  # rounded to the type of Gymnasium's actions
+
+    last = {name: _Last(step) for name, step in sides.items()}
+    taken = bench.take_turns(
+        {name: bench.player(step) for name, step in last.items()},
+        actions,
+        effort.seconds,
+        effort.rounds,
+    )
+    for name, one in last.items():
+        if not np.array_equal(one.rewards, last[_ROWS].rewards):
+            raise SystemExit(f"{batch.name}: the rewards of {name} and of rows differ")
+    return taken
+
+
+def _row(
+    measure: str, batch: RowsEnvironment, sides: Mapping[str, _Step], bar: Bar, effort: Effort
+) -> Row:
+    taken = _taken(batch, sides, effort)
+    ratios = [a / b for a, b in zip(taken[_ROWS], taken[_THEIRS], strict=True)]
+    ours, theirs = (statistics.median(taken[name]) for name in (_ROWS, _THEIRS))
+    return Row(
+        measure,
+        f"{batch.name}, N={batch.num_envs}",
+        1e6 * ours,
+        1e6 * theirs,
+        "us",
+        statistics.median(ratios),
+        bar=bar,
+        details={"ratio": spread(ratios)},
+    )
+
+
+def _begun(domain: str, task: str, num_envs: int, threads: int) -> RowsEnvironment:
+    batch = suite.load_batch(domain, task, num_envs, threads, _SEED, vectorised=False)
+    batch.reset()
+    return batch
+
+
+def _beside_vectorised(domain: str, task: str, bar: Bar, effort: Effort) -> Row:
+    size = effort.rows, effort.threads
+    rows = _begun(domain, task, *size)
+    vectorised = suite.load_batch(domain, task, *size, _SEED, vectorised=True)
+    vectorised.reset()
+    sides: dict[str, _Step] = {
+        _ROWS: lambda actions: rows.step(actions).reward,
+        _THEIRS: lambda actions: vectorised.step(actions).reward,
+    }
+    row = _row("rows / vectorised", rows, sides, bar, effort)
+    rows.close()
+    vectorised.close()
+    return row
+
+
+def _beside_processes(domain: str, task: str, effort: Effort) -> Row:
+    make = functools.partial(gym.load, domain, task)
+    # First, so that it forks before this process has any threads.
+    processes = AsyncVectorEnv([make] * _NUM_PROCESSES)
+    processes.reset(seed=_SEED)
+    rows = _begun(domain, task, _NUM_PROCESSES, effort.threads)
+    sides: dict[str, _Step] = {
+        _ROWS: lambda actions: rows.step(actions).reward,
+        _THEIRS: lambda actions: processes.step(actions)[1],
+    }
+    row = _row("rows / AsyncVectorEnv", rows, sides, _PROCESSES, effort)
+    rows.close()
+    processes.close()
+    return row
+
+
+def main(
+    quick: Quick = False,
+    threads: Annotated[int, typer.Option(min=1, help="Of both kinds of batch.")] = _FULL.threads,
+    seconds: Annotated[float, typer.Option(min=0.1, help="Of a comparison.")] = _FULL.seconds,
+    json: Json = None,
+) -> None:
+    """Measure rows against vectorised batches and processes, and print whether bars are met."""
+    effort = _QUICK if quick else dataclasses.replace(_FULL, threads=threads, seconds=seconds)
+    measured = []
+    for domain, task in _BARS:
+        typer.echo(f"measuring: {domain} {task} in processes", err=True)
+        measured.append(_beside_processes(domain, task, effort))
+    for (domain, task), bar in _BARS.items():
+        typer.echo(f"measuring: {domain} {task} vectorised", err=True)
+        measured.append(_beside_vectorised(domain, task, bar, effort))
+    measured.sort(key=lambda row: row.measure != "rows / vectorised")
+    settings = {**dataclasses.asdict(effort), "processes": _NUM_PROCESSES}
+    finish(measured, "compared with", quick, json, settings)
+
+
+if __name__ == "__main__":
+    typer.run(main)
