@@ -839,7 +839,7 @@ class _Trial:
 
     def compare(self, env: dm_env.Environment, row: int, context: Mapping[str, object]) -> None:
         """Raises ValueError if the environment of a row has other specs or another control step."""
-        spec: Any = env.observation_spec()
+        spec: Any = env.observation_spec()  # a spec or a mapping of specs
         named = spec if isinstance(spec, Mapping) else {FLAT_OBSERVATION_KEY: spec}
         action = env.action_spec()
         here, there = str(_control_timestep(env)), str(self.control_timestep)  # of NaN, too
@@ -903,9 +903,12 @@ def draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | N
     return drawn[0] if drawn else None
 
 
-def _shared_streams(env: dm_env.Environment) -> dict[str, Any]:
+def _shared_streams(env: dm_env.Environment) -> dict[str, Any]:  # streams of several classes
     """The streams that environments of one class share, by name."""
-    found: dict[str, Any] = {"NumPy's global stream": np.random, "the stream of random": random}
+    found: dict[str, Any] = {  # as above
+        "NumPy's global stream": np.random,
+        "the stream of random": random,
+    }
     inner = control_of(env)
     for one in (env, inner, getattr(inner, "_task", None), getattr(inner, "_physics", None)):
         for cls in type(one).__mro__:
@@ -922,7 +925,7 @@ def _state(stream: Any) -> Any:
     return stream.getstate() if hasattr(stream, "getstate") else stream.get_state()
 
 
-def _set_state(stream: Any, state: Any) -> None:
+def _set_state(stream: Any, state: Any) -> None:  # as `_state` takes and returns them
     if isinstance(stream, np.random.Generator):
         stream.bit_generator.state = state
     elif hasattr(stream, "setstate"):
@@ -931,14 +934,14 @@ def _set_state(stream: Any, state: Any) -> None:
         stream.set_state(state)
 
 
-def _is_same_state(one: Any, other: Any) -> bool:
+def _is_same_state(one: Any, other: Any) -> bool:  # as `_state` returns them
     if isinstance(one, dict):
         return str(one) == str(other)
     return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
 def _model_of(env: dm_env.Environment) -> object:
-    """What tells the model of a plain environment from one with other numbers."""
+    """Facts that tell the model of a plain environment from one with other numbers."""
     return env._origin() if difference(env) is None and isinstance(env, Environment) else None
 
 
