@@ -589,3 +589,32 @@ def test_a_pickle_goes_on_in_another_process() -> None:
 def _continued(given: tuple[bytes, np.ndarray]) -> list[list[odd.Facts]]:
     batch = pickle.loads(given[0])
     return odd.future(batch, given[1])
+
+
+def test_environments_that_share_a_part_are_refused() -> None:
+    env = odd.environment(odd.LastAction)
+    task, catch = odd.LastAction(random=0), odd.Catch(0)
+    made: Any = functools.partial(_given, task)
+    for build, what in (
+        (lambda seed: env, "task"),
+        (lambda seed: odd.environment(made), "task"),
+        (lambda seed: odd.Repeating(env), "task"),
+        (lambda seed: catch, "environment"),
+    ):
+        with pytest.raises(ValueError, match=f"row 0 has the {what} of another environment"):
+            RowsEnvironment(build, 2, seed=0)
+
+
+def _given(task: Any, random: Any) -> Any:
+    return task
+
+
+@pytest.mark.parametrize("kind", ["scaled actions", "noisy actions", "a last action"])
+def test_rows_that_begin_take_any_action(kind: str) -> None:
+    batch = _batch(kind)
+    actions = odd.actions_of(odd.STEPS + 1, 3)
+    odd.future(batch, actions)
+    assert batch.begins.all()
+    assert (batch.step(np.full((3, 1), np.nan)).step_type == 0).all()
+    with pytest.raises(ValueError, match=r"not finite in rows \[0, 1, 2\]"):
+        batch.step(np.full((3, 1), np.nan))
