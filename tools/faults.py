@@ -15,7 +15,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "rl/batch.py": [
         ("task._random = self._streams.own[row]", "task._random = self._streams.own[0]"),
         ("self._randomizer.draw(self._streams.beside[row])", "self._randomizer.draw(task._random)"),
-        ("self._frames.forget(rows)", "self._frames.forget()"),
+        (
+            "            self._frames.forget(rows)\n        self._c",
+            "            self._frames.forget()\n        self._c",
+        ),
         ("return self._begins.copy()", "return self._begins"),
         ("            self._begin(np.flatnonzero(begins))\n", "            self._begin(running)\n"),
         (

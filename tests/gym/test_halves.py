@@ -148,8 +148,9 @@ def test_a_restored_or_given_state_and_the_log_number_rows_within_the_whole_batc
     snapshot.physics["state"][1, 3] = np.nan
     with caplog.at_level(logging.WARNING, "limberjack"):
         second.restore(snapshot)
+        second.step(np.zeros((2, 21)))
     assert "rows [4] diverged" in caplog.text
-    with pytest.raises(RuntimeError, match=r"just begun in rows \[4\]: call reset"):
+    with pytest.raises(RuntimeError, match=r"just begun in rows \[3, 4\]: call reset"):
         second.set_states({"qvel": np.zeros((2, 27))})
     halves.reset()
     with pytest.raises(ValueError, match=r"'qvel' of the state is invalid in rows \[3, 4\]"):

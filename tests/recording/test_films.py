@@ -181,7 +181,7 @@ def _none(seed: int) -> Environment | None:
         ({"rows": 0}, "rows is 0; expected a whole number of at least 1"),
         ({"seconds": float("nan")}, "seconds is nan; expected a positive number"),
         ({"task": "push"}, "task is 'push', but tests.plain_domain:make makes the environment"),
-        ({"domain": _none}, "made a NoneType; expected a limberjack.rl.control.Environment"),
+        ({"domain": _none}, "made a NoneType; expected a dm_env.Environment"),
         ({"domain": "humanoid"}, "task is None; expected the name of a task"),
         ({"policy": 3}, "is of type int; expected a function of an observation"),
     ],

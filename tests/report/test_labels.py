@@ -93,15 +93,12 @@ def test_numbers_that_depend_on_no_single_object_keep_their_index() -> None:
 
 
 def test_a_task_that_cannot_observe_the_copy_has_no_labels() -> None:
-    class Physics(mujoco.Physics):
-        offset: float
-
-    physics = Physics.from_xml_string(plain_domain._MODEL)
-    physics.offset = 1.0  # which a copy lacks
+    physics = mujoco.Physics.from_xml_string(plain_domain._MODEL)
+    offsets = {id(physics): 1.0}  # which has none of a copy
 
     class Task(plain_domain.Push):
         def get_observation(self, physics: Any) -> Any:
-            return {"place": physics.data.qpos + physics.offset}
+            return {"place": physics.data.qpos + offsets[id(physics)]}
 
     env = control.Environment(physics, Task())
     env.reset()

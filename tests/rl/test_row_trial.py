@@ -38,6 +38,11 @@ _DRAWS: list[tuple[Callable[[], float], str]] = [
 ]
 
 
+def _states() -> list[object]:
+    key = np.random.get_state(legacy=False)["state"]["key"].tolist()
+    return [key, random.getstate(), _Drawing.plain.getstate()]
+
+
 @pytest.mark.parametrize(("draw", "name"), _DRAWS)
 def test_a_shared_stream_that_is_drawn_from_is_named_and_put_back(
     draw: Callable[[], float], name: str
@@ -53,11 +58,7 @@ def test_a_shared_stream_that_is_drawn_from_is_named_and_put_back(
     newer = _Drawing.newer.bit_generator.state
     _Drawing.draw = staticmethod(draw)  # pyright: ignore[reportAttributeAccessIssue]
     assert draws_globally(drawing, spec_of(env)) == name
-    assert states == [
-        np.random.get_state(legacy=False)["state"]["key"].tolist(),
-        random.getstate(),
-        _Drawing.plain.getstate(),
-    ]
+    assert states == _states()
     assert _Drawing.newer.bit_generator.state == newer
 
 

@@ -107,13 +107,7 @@ class RowsEnvironment:
         trial = Trial(self._build, first, contexts[0] if contexts else {}, self.num_envs)
         of_rows = contexts or [{}] * self.num_envs
         self.draws_globally: str | None = trial.draws_globally
-        if self.draws_globally is not None:
-            threads = 1
-            log.info(
-                "%s draws from %s, which all rows share: they are stepped on one thread, in order",
-                self._build.name,
-                self.draws_globally,
-            )
+        threads = self._threads_for(threads)
         self._observation_spec = trial.observation_spec
         self._single_action_spec = trial.action_spec
         self._action_spec = guards.batched_spec(trial.action_spec, self.num_envs)
@@ -140,6 +134,17 @@ class RowsEnvironment:
         self.registration: object = getattr(env, "registration", None)
         self._name: str = getattr(env, "_name", "") or _task_name(env)
         self._set_counters()
+
+    def _threads_for(self, num_threads: int) -> int:
+        """The number of threads; one for environments that draw from a stream that they share."""
+        if self.draws_globally is None:
+            return num_threads
+        log.info(
+            "%s draws from %s, which all rows share: they are stepped on one thread, in order",
+            self._build.name,
+            self.draws_globally,
+        )
+        return 1
 
     def _make_rows(
         self, trial: Trial, contexts: Sequence[Mapping[str, object]], first: int, stable: bool
