@@ -99,6 +99,7 @@ class RowsEnvironment:
         self.first_row = 0
         self.why_rows: str | None = why_rows
         self._raises = guards.raises_on_divergence(on_divergence)
+        guards.yes_or_no("stagger", stagger)
         first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
         checked_seed(first + self.num_envs - 1)
         self._build = Build.of(build)
@@ -675,7 +676,8 @@ class RowsEnvironment:
                 self._observation[name][row] = values[0]
         full = self._full_limits[row] if self._own_limit is None else self._own_limit
         if part.limits is not None and self._stagger is not None:
-            full, self._stagger.shares[row] = part.limits[0]
+            limit, self._stagger.shares[row] = part.limits[0]
+            full = min(limit, full)
         self._set_up(row)
         self._set_limit(row, full)
         self._steps[row] = part.step_count[0]
