@@ -300,7 +300,8 @@ class BatchEnvironment:
             steps = counter.steps.copy()
             time_step, last = counter.count(~active, self.diverged, reward, termination, state)
             counter.steps[~active] = steps[~active]
-            total.add(time_step, terms, active | begins if is_final else active, active)
+            shown = active | begins if is_final else active
+            total.add(time_step, terms, shown, active, self.diverged)
             ended = np.flatnonzero(last & ~self.diverged)
             if is_final:
                 break

@@ -265,16 +265,19 @@ class RowsEnvironment:
         inner = env if seeded.is_plain else control_of(env)
         before = getattr(inner, "_step_count", 0)
         terms: collections.Counter[str] = collections.Counter()
+        if repeat > 1:
+            self._summed_terms[row] = terms
         for number in range(1, repeat + 1):
             try:
                 time_step = env.step(action)
             except PhysicsError:
                 found.diverge(row)
+                if seeded.is_plain and self._action_repeat > 1 and isinstance(env, Environment):
+                    found.add_reward(row, env._reward_so_far)
                 return
             found.take(row, time_step)
             if repeat > 1:
                 terms.update(getattr(env, "reward_terms", {}))
-                self._summed_terms[row] = terms
             if isinstance(inner, Environment):
                 found.steps[row] = inner._step_count - before
             else:
@@ -478,9 +481,9 @@ class RowsEnvironment:
             self._summed_terms.get(row, getattr(env, "reward_terms", {}))
             for row, env in enumerate(self.environments)
         ]
-        begun = self._steps == 0
+        without = (self._steps == 0) | self.diverged  # may have none
         names = next((list(terms) for terms in of_rows if terms), [])
-        if any(list(terms) != names for terms, new in zip(of_rows, begun, strict=True) if not new):
+        if any(list(terms) != names for terms, no in zip(of_rows, without, strict=True) if not no):
             return {}
         return {
             name: np.array([float(terms.get(name, 0.0)) for terms in of_rows]) for name in names
@@ -753,7 +756,7 @@ class _Step:
         if step_type != _MID:
             self.step_type[row] = step_type
         if step_type != _FIRST:
-            self.reward[row] += self._number("reward", time_step.reward)
+            self.add_reward(row, time_step.reward)
             self.discount[row] = self._number("discount", time_step.discount)
         if step_type == _LAST:
             seeded = self._batch._rows[row]
@@ -779,6 +782,14 @@ class _Step:
                     f"expected {shape} and {dtype}, those of its spec"
                 )
             values[row] = value
+
+    def add_reward(self, row: int, reward: object) -> None:
+        """Adds to the reward of a row.
+
+        Raises:
+          TypeError: it is not a number.
+        """
+        self.reward[row] += self._number("reward", reward)
 
     def cut(self, row: int) -> None:
         """Ends a row's episode at the limit, which its environment does not know."""
