@@ -501,7 +501,7 @@ def actions_of(count: int, rows: int, shape: tuple[int, ...] = (1,), seed: int =
 
 
 def facts(time_step: dm_env.TimeStep, row: int | None = None) -> Facts:
-    """What a time step says, to be compared; of one row of a batch, or of a single environment."""
+    """The contents of a time step, to be compared; of one row, or of a single environment."""
     step_type, reward, discount, observation = time_step
     if not isinstance(observation, dict):
         observation = {"observations": observation}
@@ -524,7 +524,7 @@ def steps_of(env: Any, actions: np.ndarray) -> Iterator[Facts]:
 
 
 def future(batch: Any, actions: np.ndarray) -> list[list[Facts]]:
-    """What each row of a batch does with actions of (T, rows, ...): a list a step, of rows."""
+    """The time steps of each row for actions of (T, rows, ...): a list a step, of rows."""
     seen = []
     for action in actions:
         time_step = batch.step(action)

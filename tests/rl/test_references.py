@@ -1,4 +1,4 @@
-"""What objects refer to, and what functions keep."""
+"""References of objects, and the state that functions keep."""
 
 import functools
 import itertools

@@ -27,7 +27,7 @@ _SEED = 3
 
 
 def _singles(kind: str, actions: np.ndarray) -> list[list[odd.Facts]]:
-    """What single environments do: a list a step, of rows."""
+    """The time steps of single environments: a list a step, of rows."""
     rows = range(actions.shape[1])
     played = [odd.steps_of(odd.KINDS[kind](_SEED + row), actions[:, row]) for row in rows]
     return [list(step) for step in zip(*played, strict=True)]

@@ -13,6 +13,7 @@ import pytest
 from limberjack import mujoco, suite
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.batches import batch_of
 from limberjack.rl.randomize import scale
 from limberjack.rl.snapshot import Snapshot
 from limberjack.suite import base
@@ -413,3 +414,34 @@ def test_seeding_in_mid_episode_leaves_the_state_of_a_randomised_environment() -
     before = env.physics.position()
     env.reseed(7)
     np.testing.assert_array_equal(env.physics.position(), before)
+
+
+class _Halving(control.Environment):
+    """Halves the actions."""
+
+    def step(self, action: Any) -> Any:  # as dm_env declares them
+        return super().step(0.5 * np.asarray(action))
+
+
+def _halving() -> _Halving:
+    env = suite.load("cartpole", "swingup", {"random": 0})
+    return _Halving(env.physics, env.task, time_limit=1, control_timestep=0.01)
+
+
+def test_a_copy_of_another_kind_of_environment_is_refused_in_words() -> None:
+    copies = batch_of(_halving(), 2, seed=0).snapshot()
+    assert copies.copies
+    expected = r"copies of environments \(.*_Halving\); expected states of plain environments"
+    with pytest.raises(ValueError, match=expected):
+        suite.load_batch("cartpole", "swingup", 2, seed=0).restore(copies)
+    with pytest.raises(ValueError, match=r"_Halving'; expected '.*Environment'"):
+        suite.load("cartpole", "swingup").restore(copies.part(0))
+
+
+def test_the_state_of_a_plain_environment_is_refused_by_a_subclass_in_words() -> None:
+    state = suite.load_batch("cartpole", "swingup", 2, seed=0).snapshot()
+    expected = "states of plain environments; expected copies of environments"
+    with pytest.raises(ValueError, match=expected):
+        batch_of(_halving(), 2, seed=0).restore(state)
+    with pytest.raises(ValueError, match=expected):
+        _halving().restore(state.part(0))

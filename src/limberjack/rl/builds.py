@@ -243,7 +243,7 @@ def _settings(env: Environment) -> object:
 
 
 def _numbers(env: Environment) -> object:
-    """What tells one model from another, without the fields that are set per episode."""
+    """The identity of a model, without the fields that are set per episode."""
     return (
         env._simulated.identity(env._saved_fields()) if hasattr(env.physics, "identity") else None
     )

@@ -1,4 +1,4 @@
-"""What objects refer to, and which references a deep copy would leave shared.
+"""References of objects, and those that a deep copy would leave shared.
 
     for path, value in reachable(environment):
         ...                                 # "_task.get_reward", <function>
@@ -85,7 +85,7 @@ def reaches(value: object, targets: set[int]) -> bool:
 
 
 def kept_by(function: object, besides: Container[int] = ()) -> str | None:
-    """What a function or a method of a built-in object keeps between calls; None for nothing.
+    """The state that a function or a method of a built-in object keeps between calls, or None.
 
     Globals, which all environments share, do not count.
 
@@ -142,7 +142,7 @@ def _first_kept(values: Iterable[object], besides: Container[int]) -> str | None
 
 
 def _kept_in(value: object, besides: Container[int]) -> str | None:
-    """What can change in a value that a function encloses; None for nothing."""
+    """The part that can change of a value that a function encloses; None if nothing can."""
     if id(value) in besides or _is_global(value):
         return None
     if isinstance(value, types.MethodType):
@@ -176,7 +176,7 @@ def _writes(code: types.CodeType) -> bool:
 
 
 def _parts(path: str, value: object) -> Iterator[tuple[str, object]]:
-    """What an object holds, with paths."""
+    """The parts of an object, with paths."""
     if isinstance(value, functools.partial):
         yield from ((path, part) for part in (value.func, *value.args, *value.keywords.values()))
     elif isinstance(value, types.MethodType | types.BuiltinFunctionType | types.MethodWrapperType):
@@ -205,7 +205,7 @@ def _joined(path: str, name: str) -> str:
 
 
 def _referred(function: types.FunctionType) -> list[object]:
-    """What a function refers to, except for modules' own functions and classes."""
+    """The objects that a function refers to, by closure, default, attribute or global name."""
     found: list[object] = [
         *(function.__defaults__ or ()),
         *(function.__kwdefaults__ or {}).values(),

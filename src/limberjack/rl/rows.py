@@ -232,8 +232,8 @@ class RowsEnvironment:
             found = _Step(self)
 
             def step(row: int) -> None:
-                env = self._rows[row].environment
                 if begins[row]:
+                    env = self._rows[row].environment
                     self._set_limit_of_next(row)
                     found.take(row, env.step(given[row]) if has_ended[row] else env.reset())
                     return
@@ -261,8 +261,18 @@ class RowsEnvironment:
         """Steps a row in mid-episode, as often as an action is repeated."""
         seeded = self._rows[row]
         env = seeded.environment
-        repeat = 1 if seeded.is_plain else self._action_repeat  # a plain one repeats by itself
-        inner = env if seeded.is_plain else control_of(env)
+        if seeded.is_plain and isinstance(env, Environment):  # it repeats and counts by itself
+            before = env._step_count
+            try:
+                time_step = env.step(action)
+            except PhysicsError:
+                found.diverge(row)
+                return
+            found.take(row, time_step)
+            found.steps[row] = env._step_count - before
+            return
+        repeat = self._action_repeat
+        inner = control_of(env)
         before = getattr(inner, "_step_count", 0)
         terms: collections.Counter[str] = collections.Counter()
         if repeat > 1:
@@ -951,7 +961,7 @@ def _is_same_state(one: Any, other: Any) -> bool:
 
 
 def _model_of(env: dm_env.Environment) -> object:
-    """What tells the model of a plain environment from one with other numbers."""
+    """The identity of a plain environment's model, with its numbers; None for any other."""
     return env._origin() if difference(env) is None and isinstance(env, Environment) else None
 
 

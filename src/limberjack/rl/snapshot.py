@@ -140,6 +140,14 @@ class Snapshot:
                     f"the snapshot's {name} is {value!r}; expected a {kind.__name__}, as in a "
                     "snapshot of this environment; nothing was restored"
                 )
+        held, wanted = self.origin.get("environment"), origin.get("environment")
+        if (held is None) is not (wanted is None):
+            plain = "states of plain environments"
+            raise ValueError(
+                f"the snapshot holds {_copies_of(held) if held else plain}; expected "
+                f"{_copies_of(wanted) if wanted else plain}, as in a snapshot of this environment; "
+                "nothing was restored"
+            )
         for what, expected in origin.items():
             found = self.origin.get(what)
             if what == _NUMBERS and isinstance(found, dict) and isinstance(expected, dict):
@@ -278,6 +286,10 @@ def _check_form(found: Mapping[str, object], expected: Mapping[str, np.ndarray],
                 f"{name!r} of the snapshot is {form}; expected an array of shape {shape} and "
                 f"dtype {array.dtype}; nothing was restored"
             )
+
+
+def _copies_of(name: object) -> str:
+    return f"copies of environments ({name})"
 
 
 def _check_streams(row: int, streams: object, count: int) -> None:
