@@ -396,7 +396,7 @@ def test_stacked_pictures_and_repeated_actions_are_refused_together() -> None:
 
 @pytest.mark.parametrize("repeat", [0, -1, 1.5, True, "2"])
 def test_a_wrong_repeat_is_refused_before_anything_is_made(repeat: Any, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="action_repeat is .*; expected a whole number"):
+    with pytest.raises(ValueError, match=r"action_repeat is .*; expected a whole number"):
         _evaluate("random", action_repeat=repeat, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -279,7 +279,9 @@ def test_a_row_that_diverges_in_mid_action_keeps_the_rewards_before(
 
 
 def test_a_single_environment_that_diverges_in_mid_action_begins_again() -> None:
-    env = next(env for env in map(of_diverging, range(9)) if env.reset().observation["position"] > 0)
+    env = next(
+        env for env in map(of_diverging, range(9)) if env.reset().observation["position"] > 0
+    )
     env.action_repeat = 40
     with pytest.raises(PhysicsError):
         env.step([0.0])

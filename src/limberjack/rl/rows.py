@@ -266,7 +266,10 @@ class RowsEnvironment:
             try:
                 time_step = env.step(action)
             except PhysicsError:
+                found.steps[row] = env._step_count - before
                 found.diverge(row)
+                if self._action_repeat != 1:
+                    found.add_reward(row, env._reward_so_far)
                 return
             found.take(row, time_step)
             found.steps[row] = env._step_count - before
@@ -282,8 +285,6 @@ class RowsEnvironment:
                 time_step = env.step(action)
             except PhysicsError:
                 found.diverge(row)
-                if seeded.is_plain and self._action_repeat > 1 and isinstance(env, Environment):
-                    found.add_reward(row, env._reward_so_far)
                 return
             found.take(row, time_step)
             if repeat > 1:
