@@ -2,8 +2,10 @@
 
 import collections
 import copy
+import functools
 import math
 import pickle
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 from limberjack import rl, suite
 from limberjack.rl import control
 from limberjack.rl.contract import PhysicsError
+from limberjack.rl.randomize import scale
 from limberjack.suite import base
 from tests.representatives import REPRESENTATIVES, Task
 
@@ -127,8 +130,9 @@ def _facts(step_type: Any, reward: Any, discount: Any, observation: Any) -> Any:
 
 
 def _by_hand(env: Any, action: np.ndarray, repeat: int) -> Any:
-    """What a plain environment shows that is stepped several times, and beside it."""
-    total, sums, time_step = 0.0, collections.Counter(), None
+    """The sum of several steps of a plain environment, with its terms, success and truncation."""
+    total, time_step = 0.0, None
+    sums: dict[str, float] = {}
     for _ in range(repeat):
         time_step = env.step(action.copy())
         if time_step.first():
@@ -141,7 +145,7 @@ def _by_hand(env: Any, action: np.ndarray, repeat: int) -> Any:
     assert time_step is not None
     step_type, _, discount, observation = time_step
     facts = _facts(step_type, float(total), float(discount), observation)
-    return facts, dict(sums), env.success, env.timed_out
+    return facts, sums, env.success, env.timed_out
 
 
 def _of_single(env: Any, action: np.ndarray) -> Any:
@@ -170,7 +174,7 @@ def _of_rows(batch: Any, actions: np.ndarray) -> list[Any]:
 
 
 def _law(build: Any, repeat: int, shape: tuple[int, ...], steps: int) -> list[Any]:
-    """Compares a single environment and both kinds of batch with plain ones; returns their steps."""
+    """Compares an environment and both kinds of batch with plain ones; returns their steps."""
     rows = 3
     plain, single = [build(seed) for seed in range(rows)], [build(seed) for seed in range(rows)]
     for env in single:
@@ -217,7 +221,7 @@ def test_tasks_that_end_early_end_with_their_discount_and_their_last_steps_succe
 @pytest.mark.parametrize("repeat", [2, 3])
 def test_flat_observations_and_randomisation_are_those_of_the_last_step(repeat: int) -> None:
     def build(seed: int) -> control.Environment:
-        draws = {"body_mass": rl.randomize.scale(0.5, 2.0)}
+        draws = {"body_mass": scale(0.5, 2.0)}
         kwargs = {"flat_observation": True, "randomize": draws}
         return suite.load("cartpole", "swingup", {"random": seed, "time_limit": 0.07}, kwargs)
 
@@ -295,7 +299,7 @@ def test_terms_of_a_row_that_diverges_add_up_to_its_reward() -> None:
         batch.reset()
         time_step = batch.step(np.zeros((6, 1)))
         assert batch.diverged.any()
-        assert batch.reward_terms["cosine"].tolist() == time_step.reward.tolist()
+        assert np.asarray(batch.reward_terms["cosine"]).tolist() == time_step.reward.tolist()
         found.append(time_step.reward.tolist())
     assert found[0] == found[1]
 
@@ -442,16 +446,17 @@ def test_one_picture_is_taken_and_stacked_for_each_action() -> None:
 
 @pytest.mark.parametrize("repeat", [0, -1, 1.5, True, "2", [2], float("nan")])
 def test_anything_but_a_whole_number_from_1_is_refused_by_name(repeat: Any) -> None:
-    def makers() -> Any:
-        names = "cartpole", "swingup"
-        yield lambda: suite.load(*names, action_repeat=repeat)
-        yield lambda: suite.load(*names, environment_kwargs={"action_repeat": repeat})
-        yield lambda: setattr(suite.load(*names), "action_repeat", repeat)
-        for vectorised in (None, True, False):
-            yield lambda v=vectorised: suite.load_batch(
-                *names, 2, vectorised=v, action_repeat=repeat
-            )
-
-    for make in makers():
-        with pytest.raises(ValueError, match="action_repeat is .*; expected a whole number"):
+    names = "cartpole", "swingup"
+    kwargs: list[dict[str, Any]] = [{"vectorised": one} for one in (None, True, False)]
+    makers: list[Callable[[], object]] = [
+        lambda: suite.load(*names, action_repeat=repeat),
+        lambda: suite.load(*names, environment_kwargs={"action_repeat": repeat}),
+        lambda: setattr(suite.load(*names), "action_repeat", repeat),
+        *(
+            functools.partial(suite.load_batch, *names, 2, action_repeat=repeat, **k)
+            for k in kwargs
+        ),
+    ]
+    for make in makers:
+        with pytest.raises(ValueError, match=r"action_repeat is .*; expected a whole number"):
             make()

@@ -1,4 +1,4 @@
-"""First episodes that end at different times: their lengths, and everything that they leave alone."""
+"""First episodes that end at different times: their lengths, and all that they leave alone."""
 
 import copy
 import itertools
@@ -10,6 +10,7 @@ import pytest
 
 from limberjack import gym, rl, suite
 from limberjack.rl import control
+from limberjack.rl.randomize import scale
 from limberjack.rl.stagger import Stagger, check_limit
 
 from . import odd_environments as odd
@@ -22,7 +23,8 @@ _FIRST, _LAST = 0, 2
 
 def _batch(num_envs: int, vectorised: bool | None = True, **kwargs: Any) -> Any:
     how: dict[str, Any] = {"num_threads": 1, "task_kwargs": _CARTPOLE, "stagger": True, **kwargs}
-    return suite.load_batch("cartpole", "swingup", num_envs, vectorised=vectorised, **how)
+    how["vectorised"] = vectorised
+    return suite.load_batch("cartpole", "swingup", num_envs, **how)
 
 
 def _lengths(batch: Any, episodes: int = 1) -> list[list[int]]:
@@ -77,15 +79,9 @@ def test_both_kinds_of_batch_draw_the_same_lengths_for_any_number_of_rows(task: 
     names = {"cartpole": ("cartpole", "swingup"), "lqr": ("lqr", "lqr_2_1")}[task]
     found = {}
     for vectorised, rows, threads in itertools.product((True, False), (2, 5), (1, 2)):
-        batch = suite.load_batch(
-            *names,
-            rows,
-            threads,
-            seed=3,
-            task_kwargs={"time_limit": 0.24},
-            vectorised=vectorised,
-            stagger=True,
-        )
+        how: dict[str, Any] = {"seed": 3, "task_kwargs": {"time_limit": 0.24}, "stagger": True}
+        how["vectorised"] = vectorised
+        batch = suite.load_batch(*names, rows, threads, **how)
         found[vectorised, rows, threads] = _lengths(batch)
         batch.close()
     longest = found[True, 5, 1]
@@ -112,7 +108,7 @@ def test_a_seeded_reset_shortens_an_episode_again_and_others_do_not(vectorised: 
 def test_no_draw_of_the_task_or_of_randomisation_changes(vectorised: bool) -> None:
     kwargs: dict[str, Any] = {
         "seed": 5,
-        "environment_kwargs": {"randomize": {"body_mass": rl.randomize.scale(0.5, 2.0)}},
+        "environment_kwargs": {"randomize": {"body_mass": scale(0.5, 2.0)}},
     }
     starts = []
     for stagger in (True, False):
@@ -184,7 +180,7 @@ def test_a_limit_of_one_step_leaves_nothing_to_draw(vectorised: bool) -> None:
 @pytest.mark.parametrize("vectorised", _KINDS)
 def test_no_limit_is_refused_at_once_and_later(vectorised: bool) -> None:
     with pytest.raises(ValueError, match="stagger is True, but the episodes have no time limit"):
-        suite.load_batch("lqr", "lqr_2_1", 2, vectorised=vectorised, stagger=True)
+        rl.batch_of(suite.load("lqr", "lqr_2_1"), 2, vectorised=vectorised, stagger=True)
     batch = _batch(2, vectorised, seed=0)
     before = _lengths(copy.deepcopy(batch), 2)
     with pytest.raises(ValueError, match="stagger is True, but the episodes have no time limit"):
