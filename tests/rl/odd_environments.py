@@ -25,6 +25,17 @@ POLE = """
 <mujoco model="pole">
   <option timestep="0.01"/>
   <visual><global offwidth="32" offheight="32"/></visual>
+  <asset>
+    <material name="self"/>
+    <material name="self_default"/>
+    <material name="self_highlight"/>
+    <material name="effector"/>
+    <material name="effector_default"/>
+    <material name="effector_highlight"/>
+    <material name="target"/>
+    <material name="target_default"/>
+    <material name="target_highlight"/>
+  </asset>
   <worldbody>
     <light pos="0 0 3"/>
     <camera name="side" pos="0 -2 1" xyaxes="1 0 0 0 0 1"/>
@@ -338,14 +349,15 @@ class Repeating(dm_env.Environment):
         return self._env.reset()
 
     def step(self, action: Any) -> dm_env.TimeStep:
-        reward = 0.0
-        for _ in range(self._repeats):
-            time_step = self._env.step(action)
-            if time_step.first():
-                return time_step
-            reward += time_step.reward
+        time_step = self._env.step(action)
+        if time_step.first():
+            return time_step
+        reward = time_step.reward
+        for _ in range(self._repeats - 1):
             if time_step.last():
                 break
+            time_step = self._env.step(action)
+            reward += time_step.reward
         self._returned += reward
         return time_step._replace(reward=reward + self._returned)
 
@@ -386,10 +398,10 @@ class Catch(dm_env.Environment):
     def _seen(self) -> np.ndarray:
         return np.array([self._place, self._steps], np.float32)
 
-    def observation_spec(self) -> specs.Array:
+    def observation_spec(self) -> Any:
         return specs.Array((2,), np.float32, name="line")
 
-    def action_spec(self) -> specs.BoundedArray:
+    def action_spec(self) -> Any:
         return specs.BoundedArray((1,), np.float64, -1.0, 1.0, name="move")
 
 

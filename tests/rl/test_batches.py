@@ -98,7 +98,7 @@ def test_rows_can_be_asked_for_and_contexts_need_them() -> None:
     batch = batch_of(env, 2, seed=0, vectorised=False)
     assert isinstance(batch, RowsEnvironment)
     assert batch.why_rows == "rows were asked for"
-    batch = batch_of(_weighed, 2, seed=0, contexts=[{"mass": 1.0}, {"mass": 2.0}])
+    batch: Any = batch_of(_weighed, 2, seed=0, contexts=[{"mass": 1.0}, {"mass": 2.0}])
     assert isinstance(batch, RowsEnvironment)
     assert [one.physics.model.body_mass[1] for one in batch.environments] == [1.0, 2.0]
     with pytest.raises(ValueError, match="contexts were given"):
@@ -132,7 +132,7 @@ def test_wrong_numbers_are_refused_for_both_kinds(
 
 def test_the_package_has_the_function() -> None:
     assert rl.batch_of is batch_of
-    with pytest.raises(TypeError, match="expected a dm_env.Environment or a function"):
+    with pytest.raises(TypeError, match=r"expected a dm_env\.Environment or a function"):
         batch_of(None, 2)  # pyright: ignore[reportArgumentType]
     with pytest.raises(MemoryError, match="num_envs is 1000000000"):
         batch_of(odd.KINDS["a log"], 10**9, seed=0)

@@ -33,5 +33,87 @@ def test_a_task_that_cannot_be_copied_is_made_again_for_each_seed() -> None:
     assert list(odd.steps_of(seeded.environment, actions)) == list(odd.steps_of(make(4), actions))
     for seed in (9, 4):
         seeded.begin(seed)
-        expected = list(odd.steps_of(make(seed), actions))
-        assert list(odd.steps_of(seeded.environment, actions)) == expected
+        assert _episode(seeded.environment, actions) == _episode(make(seed), actions)
+
+
+def _episode(env: Any, actions: np.ndarray) -> list[odd.Facts]:
+    return [odd.facts(env.reset()), *odd.steps_of(env, actions)]
+
+
+@pytest.mark.parametrize("kind", odd.KINDS)
+def test_the_first_episode_of_a_seed_is_that_of_a_new_environment(kind: str) -> None:
+    make, actions = odd.KINDS[kind], odd.actions_of(9, 1)[:, 0]
+    seeded = Build.of(make).seeded(4)
+    for seed in (4, 9, 9, 0, 4):
+        seeded.begin(seed)
+        assert _episode(seeded.environment, actions) == _episode(make(seed), actions)
+
+
+@pytest.mark.parametrize("kind", [one for one in odd.KINDS if one not in odd.FROM_BUILD_ONLY])
+def test_copies_of_an_instance_begin_any_seed_and_leave_it_alone(kind: str) -> None:
+    make, actions = odd.KINDS[kind], odd.actions_of(9, 1)[:, 0]
+    original = make(4)
+    seeded = Build.of(original).seeded(4)
+    for seed in (4, 9, 9, 4):
+        seeded.begin(seed)
+        assert _episode(seeded.environment, actions) == _episode(make(seed), actions)
+    assert list(odd.steps_of(original, actions)) == list(odd.steps_of(make(4), actions))
+
+
+def test_only_plain_environments_with_one_model_are_stable() -> None:
+    for kind, is_expected in {
+        "a plain task": True,
+        "a last action": True,
+        "queues": True,
+        "a log": False,
+        "scaled actions": False,
+        "a walk on a line": False,
+        "a model for each seed": False,
+    }.items():
+        assert builds.is_stable(Build.of(odd.KINDS[kind]), 0) is is_expected
+
+
+def test_a_plain_environment_is_kept_for_other_seeds_and_others_are_made_again() -> None:
+    for kind, is_kept in (("a last action", True), ("a log", False), ("a perturbed model", False)):
+        seeded = Build.of(odd.KINDS[kind]).seeded(1)
+        before = seeded.environment
+        before.reset()
+        seeded.begin(2)
+        assert (seeded.environment is before) is is_kept
+
+
+def test_set_attributes_stay_and_make_an_environment_other_than_plain() -> None:
+    seeded = Build.of(odd.KINDS["a last action"]).seeded(1)
+    assert seeded.is_plain
+    seeded.set_attribute("mark", [1])
+    assert not seeded.is_plain
+    first = seeded.environment
+    seeded.begin(2)
+    assert seeded.environment is not first
+    assert seeded.environment.mark == [1]  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_a_function_of_no_seed_is_not_reproducible() -> None:
+    assert builds.is_reproducible(Build.of(odd.KINDS["a log"]), 3)
+    assert not builds.is_reproducible(Build.of(_unseeded), 3)
+
+
+def _unseeded(seed: int) -> Any:
+    return odd.environment(odd.LastAction, np.random.randint(2**31))
+
+
+@pytest.mark.parametrize("given", [None, 5, "cartpole", object(), odd.Pole])
+def test_anything_but_an_environment_or_a_function_that_makes_one_is_refused(given: Any) -> None:
+    with pytest.raises(TypeError, match=r"expected a dm_env\.Environment"):
+        Build.of(given).make(0)
+
+
+def test_an_environment_without_a_task_needs_a_function() -> None:
+    with pytest.raises(TypeError, match=r"pass a function build\(seed\)"):
+        Build.of(_Unseedable())
+
+
+class _Unseedable(odd.Catch):
+    def __init__(self) -> None:
+        super().__init__(0)
+        del self._stream

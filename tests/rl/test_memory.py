@@ -50,3 +50,152 @@ def test_the_specs_of_a_task_that_cannot_be_copied_are_found_and_its_list_stays_
     env.step([0.0])
     assert log == [0.0, 0.02]
     assert env.task.log is log
+
+
+class _Underflowing(odd.Pole):
+    """Counts its rewards, and underflows in them."""
+
+    count = 0
+
+    def get_reward(self, physics: Any) -> Any:
+        self.count += 1
+        return float(np.float64(1e-300) * np.float64(1e-300)) + self.count
+
+
+def test_a_reward_is_computed_once_a_step_even_if_it_underflows() -> None:
+    env = odd.environment(_Underflowing)
+    env.reset()
+    with np.errstate(under="raise"):
+        rewards = [env.step([0.0]).reward for _ in range(3)]
+    assert rewards == [1.0, 2.0, 3.0]
+
+
+def test_colours_of_rewards_leave_the_memory_and_the_stream() -> None:
+    for kind in (odd.Potential, odd.Noisy, _Underflowing):
+        plain, coloured = odd.environment(kind), odd.environment(kind)
+        coloured.task.visualize_reward = True
+        actions = odd.actions_of(10, 1)[:, 0]
+        assert list(odd.steps_of(coloured, actions)) == list(odd.steps_of(plain, actions))
+
+
+@pytest.mark.parametrize("steps", [0, 3, odd.STEPS + 1])
+@pytest.mark.parametrize("kind", odd.KINDS)
+def test_copies_pickles_and_snapshots_of_single_environments_go_on(kind: str, steps: int) -> None:
+    build, actions = odd.KINDS[kind], odd.actions_of(14, 1)[:, 0]
+    env = build(4)
+    list(odd.steps_of(env, actions[:steps]))
+    twins = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    if hasattr(env, "snapshot") and kind not in ("a perturbed model", "a model for each seed"):
+        twins += [build(9)]  # of another seed, and in the middle of an episode
+        list(odd.steps_of(twins[-1], actions[:3]))
+        twins[-1].restore(pickle.loads(pickle.dumps(env.snapshot())))
+    expected = list(odd.steps_of(env, actions[steps:]))
+    for twin in twins:
+        assert type(twin) is type(env)
+        assert list(odd.steps_of(twin, actions[steps:])) == expected
+
+
+def test_a_snapshot_of_an_edited_model_is_refused_with_the_field() -> None:
+    env = odd.KINDS["a perturbed model"](0)
+    snapshot = env.snapshot()
+    env.reset()
+    before = env.physics.get_state()
+    with pytest.raises(ValueError, match="body_mass"):
+        env.restore(snapshot)
+    np.testing.assert_array_equal(env.physics.get_state(), before)
+
+
+def test_what_was_remembered_is_put_back_and_stays_apart() -> None:
+    env = odd.KINDS["queues"](0)
+    task, physics = env.task, env.physics
+    env.reset()
+    env.step([0.5])
+    kept = memory.remembered(task, physics)
+    task.means["number"] = 100
+    task.delayed.append(np.ones(1))
+    task.more = 1
+    for _ in range(2):
+        memory.put_back(kept, task, physics)
+        assert task.means["number"] == 2
+        assert len(task.delayed) == 1
+        assert not hasattr(task, "more")
+        task.means["number"] = 7  # which must not reach what is kept
+    memory.put_back({"task": {"more": 2}}, task, physics, is_complete=False)
+    assert (task.more, task.means["number"]) == (2, 7)
+
+
+def test_what_attributes_share_stays_shared_and_owners_stay_themselves() -> None:
+    env = odd.environment(odd.Slotted)
+    task, physics = env.task, env.physics
+    task.one = task.other = [1]
+    task.physics, task.itself = physics, task
+    kept = memory.remembered(task, physics)
+    task.one.append(2)
+    memory.put_back(kept, task, physics)
+    assert task.one == [1]
+    assert task.one is task.other
+    assert task.physics is physics
+    assert task.itself is task
+    assert task.count == 0
+    assert not hasattr(task, "unset")
+
+
+def test_functions_that_use_their_task_stay_with_it() -> None:
+    envs = [odd.environment(odd.LastAction, seed) for seed in range(2)]
+    for env in envs:
+        _double(env.task)
+    actions = odd.actions_of(8, 1)[:, 0]
+    list(odd.steps_of(envs[0], actions[:2]))
+    envs[1].restore(envs[0].snapshot())
+    expected = list(odd.steps_of(envs[0], actions[2:]))
+    assert list(odd.steps_of(envs[1], actions[2:])) == expected
+
+
+def _double(task: Any) -> None:
+    old = task.get_reward
+    task.get_reward = lambda physics: 2 * old(physics)
+
+
+def test_what_a_snapshot_would_lose_is_refused_by_name() -> None:
+    count = [0]
+    for name, held in (
+        ("get_reward", lambda physics: float(count.append(1) or len(count))),
+        ("lock", threading.Lock()),
+        ("numbers", (number for number in range(3))),
+        ("note", count.append),
+    ):
+        env = odd.environment(odd.LastAction)
+        setattr(env.task, name, held)
+        with pytest.raises(TypeError, match=f"attribute '{name}' of task LastAction"):
+            env.snapshot()
+    env = odd.environment(odd.LastAction)
+    env.task.qpos = [env.physics.data.qpos]
+    with pytest.raises(TypeError, match="attribute 'qpos' of task LastAction shows the memory"):
+        env.snapshot()
+
+
+def test_the_suites_own_tasks_remember_nothing() -> None:
+    for domain, name in (("humanoid", "walk"), ("stacker", "stack_2"), ("lqr", "lqr_2_1")):
+        env = suite.load(domain, name, {"random": 0})
+        assert memory.is_of_the_suite(env.task, env.physics)
+        assert memory.remembered(env.task, env.physics) == {}
+        env.task.get_reward = functools.partial(env.task.get_reward)
+        assert not memory.is_of_the_suite(env.task, env.physics)
+
+
+def test_attributes_are_found_in_slots_and_cached_properties_are_not() -> None:
+    class Held(_Slots):
+        @functools.cached_property
+        def slow(self) -> int:
+            return 1
+
+    held = Held()
+    held.number, held.own = 1, 2
+    assert held.slow == 1
+    assert memory.attributes_of(held) == {"own": 2, "number": 1}
+
+
+class _Slots:
+    __slots__ = ("__dict__", "number", "unset")
+    number: int
+    own: int

@@ -17,7 +17,10 @@ def test_every_row_is_tried_once_and_keeps_its_thread() -> None:
     seen: list[dict[int, int]] = []
     for rows in (None, None, [0, 3, 6], [5]):
         here: dict[int, int] = {}
-        assert threads.each(lambda row, here=here: here.update({row: threading.get_ident()}), rows) == []
+        assert (
+            threads.each(lambda row, here=here: here.update({row: threading.get_ident()}), rows)
+            == []
+        )
         assert sorted(here) == (list(range(7)) if rows is None else rows)
         seen.append(here)
     for here in seen[1:]:

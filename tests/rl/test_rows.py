@@ -140,7 +140,7 @@ def test_a_partial_reset_without_seeds_is_the_reset_of_a_single_environment(kind
     masks = np.random.RandomState(0).uniform(size=(20, 3)) < 0.2
     for action, mask in zip(actions, masks, strict=True):
         shown = batch.reset(mask) if mask.any() else None
-        for row in np.flatnonzero(mask):
+        for row in np.flatnonzero(mask).tolist():
             begun = singles[row].reset()
             assert shown is not None
             assert odd.facts(shown, row) == odd.facts(begun)
@@ -214,7 +214,7 @@ def test_an_error_names_its_row_and_every_row_begins_afterwards(
     error: type[BaseException], hook: str, threads: int
 ) -> None:
     actions = odd.actions_of(6, 4)
-    batch = RowsEnvironment(_failing, 4, threads, seed=0)
+    batch: Any = RowsEnvironment(_failing, 4, threads, seed=0)
     odd.future(batch, actions[:2])
     batch.environments[2].task.at, batch.environments[2].task.error = hook, error("mine")
     with pytest.raises(error, match="mine") as raised:
@@ -225,12 +225,17 @@ def test_an_error_names_its_row_and_every_row_begins_afterwards(
     assert (batch.step(actions[4]).step_type == 1).all()
 
 
+def _two(build: Any) -> tuple[Any, Any]:
+    batch, reference = (RowsEnvironment(build, 3, 2, seed=0) for _ in range(2))
+    return batch, reference
+
+
 def test_a_row_that_diverges_ends_and_others_continue() -> None:
     actions = odd.actions_of(9, 3)
-    batch, reference = (RowsEnvironment(_failing, 3, 2, seed=0) for _ in range(2))
+    batch, reference = _two(_failing)
     for one in (batch, reference):
         odd.future(one, actions[:2])
-    shown = reference.snapshot().memory and batch.step(actions[2]).observation
+    shown = batch.step(actions[2]).observation
     reference.step(actions[2])
     task = batch.environments[1].task
     task.at, task.error = "get_reward", control.PhysicsError("mine")
@@ -248,7 +253,7 @@ def test_a_row_that_diverges_ends_and_others_continue() -> None:
 
 
 def test_divergence_is_raised_with_its_rows_where_that_was_asked_for() -> None:
-    batch = RowsEnvironment(_failing, 3, 2, seed=0, on_divergence="raise")
+    batch: Any = RowsEnvironment(_failing, 3, 2, seed=0, on_divergence="raise")
     batch.reset()
     task = batch.environments[1].task
     task.at, task.error = "get_reward", control.PhysicsError("mine")
@@ -259,7 +264,7 @@ def test_divergence_is_raised_with_its_rows_where_that_was_asked_for() -> None:
 
 @pytest.mark.parametrize("reward", ["1.0", np.ones(1), np.ones(2), 1j, [1.0], object()])
 def test_a_reward_that_is_no_number_is_refused_with_its_row(reward: Any) -> None:
-    batch = RowsEnvironment(_failing, 2, 1, seed=0)
+    batch: Any = RowsEnvironment(_failing, 2, 1, seed=0)
     batch.reset()
     batch.environments[1].task.reward = reward
     with pytest.raises(TypeError, match="the reward of a step is") as raised:
@@ -279,7 +284,7 @@ def test_a_reward_that_is_no_number_is_refused_with_its_row(reward: Any) -> None
     ],
 )
 def test_an_observation_of_another_form_is_refused_with_its_row(change: Any) -> None:
-    batch = RowsEnvironment(_failing, 2, 1, seed=0)
+    batch: Any = RowsEnvironment(_failing, 2, 1, seed=0)
     batch.reset()
     batch.environments[1].task.change = change
     with pytest.raises(ValueError, match="observation") as raised:
@@ -308,7 +313,7 @@ def _observed(task: Any, physics: Any) -> Any:
 
 def test_contexts_reach_the_function_and_stay_with_their_rows() -> None:
     contexts = [{}, {"mass": 2.0}, {"mass": 3.0}]
-    batch = RowsEnvironment(_heavy, 3, 2, seed=0, contexts=contexts)
+    batch: Any = RowsEnvironment(_heavy, 3, 2, seed=0, contexts=contexts)
     masses = [env.physics.model.body_mass[1] for env in batch.environments]
     assert masses == [1.0, 4.0, 9.0]
     batch.reset([1, 2], seeds=[5, 0])
@@ -375,7 +380,7 @@ def test_a_closed_batch_says_so() -> None:
 
 
 def test_two_threads_at_once_are_refused() -> None:
-    batch = RowsEnvironment(_Waiting, 2, 1, seed=0)
+    batch: Any = RowsEnvironment(_Waiting, 2, 1, seed=0)
     batch.reset()
     began, go_on = threading.Event(), threading.Event()
     for env in batch.environments:
@@ -517,7 +522,7 @@ def test_rows_have_what_a_vectorised_batch_of_the_suite_has() -> None:
         is_mid = rows._steps > 0
         assert not is_mid.any() or rows.reward_terms.keys() == vectorised.reward_terms.keys()
         for name, values in rows.reward_terms.items():
-            found, expected = values[is_mid], np.asarray(vectorised.reward_terms[name])[is_mid]
+            found, expected = values[is_mid], np.array(vectorised.reward_terms[name])[is_mid]
             np.testing.assert_array_equal(found, expected)
         np.testing.assert_array_equal(rows.timed_out, vectorised.timed_out)
         np.testing.assert_array_equal(rows.begins, vectorised.begins)
@@ -584,3 +589,32 @@ def test_a_pickle_goes_on_in_another_process() -> None:
 def _continued(given: tuple[bytes, np.ndarray]) -> list[list[odd.Facts]]:
     batch = pickle.loads(given[0])
     return odd.future(batch, given[1])
+
+
+def test_environments_that_share_a_part_are_refused() -> None:
+    env = odd.environment(odd.LastAction)
+    task, catch = odd.LastAction(random=0), odd.Catch(0)
+    made: Any = functools.partial(_given, task)
+    for build, what in (
+        (lambda seed: env, "task"),
+        (lambda seed: odd.environment(made), "task"),
+        (lambda seed: odd.Repeating(env), "task"),
+        (lambda seed: catch, "environment"),
+    ):
+        with pytest.raises(ValueError, match=f"row 0 has the {what} of another environment"):
+            RowsEnvironment(build, 2, seed=0)
+
+
+def _given(task: Any, random: Any) -> Any:
+    return task
+
+
+@pytest.mark.parametrize("kind", ["scaled actions", "noisy actions", "a last action"])
+def test_rows_that_begin_take_any_action(kind: str) -> None:
+    batch = _batch(kind)
+    actions = odd.actions_of(odd.STEPS + 1, 3)
+    odd.future(batch, actions)
+    assert batch.begins.all()
+    assert (batch.step(np.full((3, 1), np.nan)).step_type == 0).all()
+    with pytest.raises(ValueError, match=r"not finite in rows \[0, 1, 2\]"):
+        batch.step(np.full((3, 1), np.nan))

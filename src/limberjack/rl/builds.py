@@ -23,7 +23,7 @@ from limberjack.rl.copies import check_copies, control_of, copied, difference
 from limberjack.rl.memory import Memory, attributes_of, put_back, remembered
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["Build", "Make", "Seeded", "holder_of", "is_reproducible", "is_stable"]
+__all__ = ["Build", "Make", "Seeded", "holder_of", "is_reproducible", "is_stable", "parts_of"]
 
 # Makes an environment whose first episode is that of its seed.
 Make = Callable[..., dm_env.Environment]
@@ -207,6 +207,9 @@ def is_stable(build: Build, seed: int) -> bool:
         return True
     another = seed - _OTHER_SEED if seed else seed + _OTHER_SEED
     one, other = build.make(seed), build.make(another)
+    ids = [{id(part) for part in parts_of(env).values()} for env in (one, other)]
+    if ids[0] & ids[1]:  # neither can be closed without the other
+        return False
     try:
         if difference(one) is not None or difference(other) is not None:
             return False
@@ -229,6 +232,14 @@ def is_reproducible(build: Build, seed: int) -> bool:
         starts.append(_start(env))
         env.close()
     return starts[0] == starts[1]
+
+
+def parts_of(env: dm_env.Environment) -> dict[str, object]:
+    """The parts of an environment that no other one may share, by name."""
+    inner = control_of(env)
+    parts = {name: getattr(inner, f"_{name}", None) for name in ("task", "physics")}
+    parts |= {"environment": inner or env}
+    return {name: one for name, one in parts.items() if one is not None}
 
 
 def _settings(env: Environment) -> object:

@@ -30,7 +30,14 @@ from dm_env import specs
 
 from limberjack.rl import actions
 from limberjack.rl.contract import Nested, Physics, PhysicsError, SimulatedPhysics, Task
-from limberjack.rl.copies import check_copies, control_of, copied, difference, exact_copies
+from limberjack.rl.copies import (
+    check_copies,
+    control_of,
+    copied,
+    difference,
+    exact_copies,
+    set_plain,
+)
 from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.memory import put_back, remembered, stand_in
@@ -557,6 +564,9 @@ class Environment(dm_env.Environment):
                 raise
             return
         actions.check_finite(given)
+
+
+set_plain(Environment, ATTRIBUTES)
 
 
 def compute_n_steps(

@@ -13,6 +13,7 @@ import copy
 import functools
 import types
 import weakref
+from collections.abc import Container
 from typing import Any, TypeVar
 
 import dm_env
@@ -28,7 +29,7 @@ from limberjack.rl.references import (
     reaches,
 )
 
-__all__ = ["check_copies", "control_of", "copied", "difference", "exact_copies"]
+__all__ = ["check_copies", "control_of", "copied", "difference", "exact_copies", "set_plain"]
 
 _FUNCTIONS = (types.FunctionType, types.BuiltinFunctionType, types.MethodWrapperType)
 _FUNCTIONS += (functools.partial, staticmethod, classmethod)
@@ -38,22 +39,32 @@ _ITERATORS = (types.GeneratorType, types.CoroutineType, types.AsyncGeneratorType
 _Env = TypeVar("_Env")
 
 
+# The class `control.Environment`, and the attributes of its instances. That module sets them, since
+# it imports this one.
+_plain: tuple[type, Container[str]] = (dm_env.Environment, ())
+
+
+def set_plain(cls: type, attributes: Container[str]) -> None:
+    """Sets the class of plain environments, and the names of the attributes that these have."""
+    global _plain
+    _plain = cls, attributes
+
+
 def difference(env: object) -> str | None:
     """The first difference from a plain `control.Environment`, as a clause; None if there is none.
 
     Differences are overridden or replaced methods and additional attributes, but not additional
     methods.
     """
-    from limberjack.rl.control import ATTRIBUTES, Environment
-
+    plain, attributes = _plain
     cls = type(env)
-    if not isinstance(env, Environment):
+    if not isinstance(env, plain):
         return f"it is a {cls.__name__}, not a control.Environment"
-    overridden = _overridden(cls, Environment)
+    overridden = _overridden(cls, plain)
     if overridden is not None:
         return overridden
     for name, value in vars(env).items():
-        if name in ATTRIBUTES:
+        if name in attributes:
             continue
         if callable(value) and hasattr(cls, name):
             return f"its method {name} is replaced"
@@ -88,8 +99,7 @@ def control_of(env: object) -> object | None:
 
     Wrappers have it in an attribute of any name.
     """
-    from limberjack.rl.control import Environment
-
+    plain, _ = _plain
     todo, seen = [env], set()
     while todo:
         one = todo.pop(0)
@@ -97,7 +107,7 @@ def control_of(env: object) -> object | None:
             continue
         seen.add(id(one))
         inside = getattr(one, "__dict__", {})
-        if isinstance(one, Environment) and "_task" in inside:
+        if isinstance(one, plain) and "_task" in inside:
             return one
         todo += [value for value in inside.values() if isinstance(value, dm_env.Environment)]
     return None

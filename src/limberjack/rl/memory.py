@@ -14,6 +14,7 @@ import copy
 import functools
 import inspect
 import types
+import weakref
 from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
@@ -104,7 +105,10 @@ def _check_complete(
             if id(value) in own:
                 continue
             for _, part in reachable(value):
-                why = "shows the memory of the simulation" if is_live(part) else None
+                is_view = is_live(part) or part is getattr(physics, "model", None)
+                why = "shows the memory of the simulation" if is_view else None
+                if isinstance(part, weakref.ref):
+                    why = "is a weak reference"
                 if (keeping := kept_by(part, own)) is not None:
                     why = f"is a function that keeps {keeping}"
                 if why is not None:

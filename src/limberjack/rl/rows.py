@@ -33,7 +33,7 @@ from dm_env import specs
 
 from limberjack.rl import guards
 from limberjack.rl.action_specs import bounds_to_try, spec_of
-from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable
+from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable, parts_of
 from limberjack.rl.contract import Nested, PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, difference, exact_copies
@@ -140,6 +140,7 @@ class RowsEnvironment:
             self._set_up(row)
             if self._stagger is not None:
                 self._stagger.draw(row, np.random.RandomState(first + row))
+        trial.close()
         self._full_limits = [self._limit_of(row.environment) for row in self._rows]
         if stagger:
             check_limit(self.step_limit)
@@ -592,13 +593,17 @@ class RowsEnvironment:
         """A copy of the actions, since environments may keep theirs."""
         given = np.array(guards.check_actions(actions, self.num_envs, begins, self.first_row))
         shape = self._action_spec.shape
+        if math.prod(shape[1:]) == 1 and given.size == self.num_envs:
+            given = given.reshape(shape)  # one number for one actuator, in any shape
         if given.shape != shape:
-            if math.prod(shape[1:]) == 1 and given.size == self.num_envs:
-                return given.reshape(shape)  # one number for one actuator, in any shape
             raise ValueError(
                 f"action has shape {given.shape}; expected {shape}: one number for each actuator "
                 "of each row; nothing was stepped"
             )
+        if arrays.any_of(begins) and given.dtype.kind == "f":
+            # Rows that begin ignore their action, which a wrapper may check nevertheless.
+            bad = begins & ~np.isfinite(given.reshape(self.num_envs, -1)).all(axis=-1)
+            given[bad] = 0.0
         return given
 
     def _seed(self, row: int, seed: int) -> None:
@@ -841,6 +846,9 @@ class _Trial:
     ) -> None:
         with _noted(0, context):
             env = build.make(seed, context)
+        self._name = build.name
+        self._env = env
+        self._parts = {id(one): one for one in parts_of(env).values()}
         try:
             self.action_spec = spec_of(env)
             spec: Any = env.observation_spec()  # a spec or a mapping of specs
@@ -858,12 +866,24 @@ class _Trial:
             before = _model_of(env)
             self.draws_globally = draws_globally(env, self.action_spec)
             self.edits_model = _model_of(env) != before
-        finally:
+        except BaseException:
             env.close()
+            raise
+
+    def close(self) -> None:
+        """Closes the environment."""
+        self._env.close()
 
     def compare(self, env: dm_env.Environment, row: int, context: Mapping[str, object]) -> None:
-        """Raises ValueError if the environment of a row has other specs or another control step."""
-        spec: Any = env.observation_spec()
+        """Raises ValueError if a row has other specs or another control step, or shares a part."""
+        for what, one in parts_of(env).items():
+            if id(one) in self._parts:
+                raise ValueError(
+                    f"row {row} has the {what} of another environment that {self._name} made: "
+                    "make a new one in each call, since rows are stepped independently"
+                )
+            self._parts[id(one)] = one  # kept, so that no id is used twice
+        spec: Any = env.observation_spec()  # a spec or a mapping of specs
         named = spec if isinstance(spec, Mapping) else {FLAT_OBSERVATION_KEY: spec}
         action = env.action_spec()
         here, there = str(_control_timestep(env)), str(self.control_timestep)  # of NaN, too
@@ -927,9 +947,12 @@ def draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | N
     return drawn[0] if drawn else None
 
 
-def _shared_streams(env: dm_env.Environment) -> dict[str, Any]:
+def _shared_streams(env: dm_env.Environment) -> dict[str, Any]:  # streams of several classes
     """The streams that environments of one class share, by name."""
-    found: dict[str, Any] = {"NumPy's global stream": np.random, "the stream of random": random}
+    found: dict[str, Any] = {  # as above
+        "NumPy's global stream": np.random,
+        "the stream of random": random,
+    }
     inner = control_of(env)
     for one in (env, inner, getattr(inner, "_task", None), getattr(inner, "_physics", None)):
         for cls in type(one).__mro__:
@@ -946,7 +969,7 @@ def _state(stream: Any) -> Any:
     return stream.getstate() if hasattr(stream, "getstate") else stream.get_state()
 
 
-def _set_state(stream: Any, state: Any) -> None:
+def _set_state(stream: Any, state: Any) -> None:  # as `_state` takes and returns them
     if isinstance(stream, np.random.Generator):
         stream.bit_generator.state = state
     elif hasattr(stream, "setstate"):
@@ -955,7 +978,7 @@ def _set_state(stream: Any, state: Any) -> None:
         stream.set_state(state)
 
 
-def _is_same_state(one: Any, other: Any) -> bool:
+def _is_same_state(one: Any, other: Any) -> bool:  # as `_state` returns them
     if isinstance(one, dict):
         return str(one) == str(other)
     return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))

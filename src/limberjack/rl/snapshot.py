@@ -71,7 +71,11 @@ class Snapshot:
 
     @classmethod
     def of_copy(
-        cls, env: Any, inner: Any, registration: object = None, name: str = ""
+        cls,
+        env: Any,  # of a user's class
+        inner: Any,  # its physics and task are
+        registration: object = None,
+        name: str = "",
     ) -> "Snapshot":
         """The snapshot of an environment as a copy of it.
 
@@ -93,7 +97,7 @@ class Snapshot:
         )
 
     @staticmethod
-    def origin_of_copy(env: Any, inner: Any) -> dict[str, object]:
+    def origin_of_copy(env: object, inner: Any) -> dict[str, object]:  # as `of_copy` takes it
         """Facts that must match for a copy to be restored; the arguments are those of `of_copy`."""
         origin: dict[str, object] = {"environment": _class_of(env)}
         if inner is None:

@@ -14,6 +14,7 @@ import numpy as np
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.rl.contract import Nested
+from limberjack.rl.memory import stand_in
 from limberjack.rl.reward_terms import reward_of_terms
 from limberjack.utils.arrays import Quantity
 
@@ -135,8 +136,9 @@ class Task(control.Task[_Physics]):
     def after_step(self, physics: _Physics) -> None:
         """Colours materials by the reward, if `visualize_reward` is set."""
         if self._visualize_reward:
-            with np.errstate(under="ignore"):  # a reward that underflows to 0 is not an error
-                _show_reward(physics, self.get_reward(physics))
+            # A reward that underflows to 0 is not an error.
+            with np.errstate(under="ignore"), stand_in(self, physics) as task:
+                _show_reward(physics, task.get_reward(physics))
 
     # The reward is `reward_of(reward_terms)` unless a task overrides it.
     get_reward = reward_of_terms  # pyright: ignore[reportAssignmentType] (its `self` is a protocol)
