@@ -100,7 +100,8 @@ def test_rows_can_be_asked_for_and_contexts_need_them() -> None:
     assert batch.why_rows == "rows were asked for"
     batch: Any = batch_of(_weighed, 2, seed=0, contexts=[{"mass": 1.0}, {"mass": 2.0}])
     assert isinstance(batch, RowsEnvironment)
-    assert [one.physics.model.body_mass[1] for one in batch.environments] == [1.0, 2.0]
+    environments: Any = batch.environments
+    assert [one.physics.model.body_mass[1] for one in environments] == [1.0, 2.0]
     with pytest.raises(ValueError, match="contexts were given"):
         batch_of(_weighed, 2, seed=0, vectorised=True, contexts=[{}, {}])
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.rl import memory
+from limberjack.rl import memory, references
 
 from . import odd_environments as odd
 
@@ -192,7 +192,7 @@ def test_attributes_are_found_in_slots_and_cached_properties_are_not() -> None:
     held = Held()
     held.number, held.own = 1, 2
     assert held.slow == 1
-    assert memory.attributes_of(held) == {"own": 2, "number": 1}
+    assert references.attributes_of(held) == {"own": 2, "number": 1}
 
 
 class _Slots:

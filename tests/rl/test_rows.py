@@ -522,7 +522,10 @@ def test_rows_have_what_a_vectorised_batch_of_the_suite_has() -> None:
         is_mid = rows._steps > 0
         assert not is_mid.any() or rows.reward_terms.keys() == vectorised.reward_terms.keys()
         for name, values in rows.reward_terms.items():
-            found, expected = values[is_mid], np.array(vectorised.reward_terms[name])[is_mid]
+            found, expected = (
+                np.array(values)[is_mid],
+                np.array(vectorised.reward_terms[name])[is_mid],
+            )
             np.testing.assert_array_equal(found, expected)
         np.testing.assert_array_equal(rows.timed_out, vectorised.timed_out)
         np.testing.assert_array_equal(rows.begins, vectorised.begins)

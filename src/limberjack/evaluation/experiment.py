@@ -24,7 +24,7 @@ from limberjack.rl.builds import is_reproducible
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
 from limberjack.rl.guards import at_least_one
-from limberjack.rl.rows import draws_globally
+from limberjack.rl.row_trial import draws_globally
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnState, Scale, Setup, shard_of
 from limberjack.workers.identity import canary_of, identity_of

@@ -9,6 +9,9 @@ Everything has a leading axis of `num_envs` rows. Row i equals the single enviro
 `seed + i`, bit for bit, regardless of the number of rows and threads and of the other rows. A row
 whose episode has ended begins its next one at the next step, which ignores its action.
 
+It is one idea, and long: every method acts on the state, the streams and the counters of the same
+rows, and each of these is a class with a module of its own.
+
 In the batched `dm_env.TimeStep`, `step_type`, `reward` and `discount` are arrays of (num_envs,); a
 row whose episode has just begun has reward 0 and discount 1.
 """
@@ -181,7 +184,8 @@ class BatchEnvironment:
         fields = env._saved_fields()
         check_episode_fields(env.task)
         guards.check_memory(num_envs, env.physics.simulation.save(None, fields).values())
-        task = _copy_of(env)
+        is_of_the_suite = is_proved(env.task, env.physics, env._randomizer)
+        task = copy.copy(env.task) if is_of_the_suite else _copy_of(env)
         if getattr(task, "visualize_reward", False):
             # The rows share the colours of materials. (Only `base.Task` has the attribute.)
             task.visualize_reward = False  # pyright: ignore[reportAttributeAccessIssue]

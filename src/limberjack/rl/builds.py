@@ -20,7 +20,8 @@ import numpy as np
 
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, difference
-from limberjack.rl.memory import Memory, attributes_of, put_back, remembered
+from limberjack.rl.memory import Memory, put_back, remembered
+from limberjack.rl.references import attributes_of
 from limberjack.utils.seeds import checked_seed
 
 __all__ = ["Build", "Make", "Seeded", "holder_of", "is_reproducible", "is_stable", "parts_of"]

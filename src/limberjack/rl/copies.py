@@ -18,10 +18,10 @@ from typing import Any, TypeVar
 
 import dm_env
 
-from limberjack.rl.memory import attributes_of
 from limberjack.rl.references import (
     ATOMS,
     STREAMS,
+    attributes_of,
     is_live,
     kept_by,
     local_methods,

@@ -12,7 +12,6 @@ attributes, and a reset with a seed puts them back. The task's random stream is 
 import contextlib
 import copy
 import functools
-import inspect
 import types
 import weakref
 from collections.abc import Iterator, Mapping
@@ -20,9 +19,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from limberjack.rl.references import attributes_of, is_live, kept_by, reachable, reaches
+
 __all__ = [
     "Memory",
-    "attributes_of",
     "is_of_the_suite",
     "put_back",
     "remembered",
@@ -39,22 +39,6 @@ _DECORATORS = ("contextlib", "functools")  # whose functions stand in for those 
 _SETTINGS = ("legacy_step", "_warnings_cause_exception")  # of a physics, not of an episode
 
 _Task = TypeVar("_Task")
-
-
-def attributes_of(owner: object) -> dict[str, object]:
-    """The attributes of an object by name, in `__dict__` or in slots; not cached properties."""
-    cls = type(owner)
-    found = {
-        name: value
-        for name, value in getattr(owner, "__dict__", {}).items()
-        if not isinstance(inspect.getattr_static(cls, name, None), functools.cached_property)
-    }
-    for one in cls.__mro__:
-        slots = vars(one).get("__slots__", ())
-        for name in (slots,) if isinstance(slots, str) else slots:
-            if name not in ("__dict__", "__weakref__") and hasattr(owner, name):
-                found[name] = getattr(owner, name)
-    return found
 
 
 def is_of_the_suite(task: object, physics: object) -> bool:
@@ -97,8 +81,6 @@ def _check_complete(
     kept: Mapping[str, Mapping[str, object]], task: object, physics: object
 ) -> None:
     """Raises TypeError if copies of attributes would share or lose what they keep."""
-    from limberjack.rl.references import is_live, kept_by, reachable  # see `_uses`
-
     own = _ids_of(task, physics)
     for owner, attributes in kept.items():
         for name, value in attributes.items():
@@ -204,8 +186,6 @@ def _uses(value: object, own: set[int]) -> bool:
     """Whether a value is a function that uses the task or the physics, and keeps nothing else."""
     if not isinstance(value, types.FunctionType | functools.partial):
         return False
-    from limberjack.rl.references import kept_by, reaches  # which import this module
-
     return reaches(value, own) and kept_by(value, own) is None
 
 

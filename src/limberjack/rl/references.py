@@ -13,6 +13,7 @@ import collections
 import dis
 import functools
 import gc
+import inspect
 import random
 import sys
 import types
@@ -21,9 +22,16 @@ from collections.abc import Container, Iterable, Iterator, Mapping
 
 import numpy as np
 
-from limberjack.rl.memory import attributes_of
-
-__all__ = ["ATOMS", "STREAMS", "is_live", "kept_by", "local_methods", "reachable", "reaches"]
+__all__ = [
+    "ATOMS",
+    "STREAMS",
+    "attributes_of",
+    "is_live",
+    "kept_by",
+    "local_methods",
+    "reachable",
+    "reaches",
+]
 
 ATOMS = (str, bytes, int, float, complex, bool, type(None), types.ModuleType, range, np.generic)
 STREAMS = (np.random.RandomState, np.random.Generator, np.random.BitGenerator, random.Random)
@@ -36,6 +44,22 @@ _C_MODULES = ("builtins", "itertools", "functools", "operator", "_operator", "co
 _PARTS_OF_SIMULATIONS = ("mujoco._structs", "limberjack.mujoco.index")
 _WHOLE = ("MjModel", "MjData", "MjSpec", "MjvOption", "MjvCamera", "MjvPerturb", "MjLROpt")
 _WRITES = ("STORE_DEREF", "STORE_SUBSCR", "STORE_ATTR", "DELETE_DEREF", "DELETE_SUBSCR")
+
+
+def attributes_of(owner: object) -> dict[str, object]:
+    """The attributes of an object by name, in `__dict__` or in slots; not cached properties."""
+    cls = type(owner)
+    found = {
+        name: value
+        for name, value in getattr(owner, "__dict__", {}).items()
+        if not isinstance(inspect.getattr_static(cls, name, None), functools.cached_property)
+    }
+    for one in cls.__mro__:
+        slots = vars(one).get("__slots__", ())
+        for name in (slots,) if isinstance(slots, str) else slots:
+            if name not in ("__dict__", "__weakref__") and hasattr(owner, name):
+                found[name] = getattr(owner, name)
+    return found
 
 
 def reachable(root: object) -> Iterator[tuple[str, object]]:

@@ -15,15 +15,16 @@ A few threads step the rows. A row whose episode has ended is stepped once more,
 next one, as dm_env specifies. A row that diverges ends with reward 0 and discount 0, and shows its
 last observation again. Any other error of a row is raised with the row's number once all threads
 have returned; every row then begins an episode with the next step.
+
+It is one idea, and long: every method does to each row's environment what `BatchEnvironment` does
+to the row of a batch.
 """
 
 import collections
-import contextlib
 import copy
 import dataclasses
 import math
-import random
-from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from typing import Any
 
 import dm_env
@@ -32,16 +33,16 @@ import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.rl import guards
-from limberjack.rl.action_specs import bounds_to_try, spec_of
-from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable, parts_of
+from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable
 from limberjack.rl.contract import Nested, PhysicsError
 from limberjack.rl.control import Environment
-from limberjack.rl.copies import check_copies, control_of, copied, difference, exact_copies
+from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
 from limberjack.rl.given_state import checked_states, state_sizes
-from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
 from limberjack.rl.represented import Description, represented
+from limberjack.rl.row_step import RowStep, as_mapping
 from limberjack.rl.row_threads import RowThreads
+from limberjack.rl.row_trial import Trial, model_of, noted
 from limberjack.rl.snapshot import Snapshot, as_snapshot
 from limberjack.rl.stagger import Stagger, check_limit
 from limberjack.utils import arrays
@@ -50,12 +51,11 @@ from limberjack.utils.cores import usable_cores
 from limberjack.utils.log import log
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["RowsEnvironment", "draws_globally"]
+__all__ = ["RowsEnvironment"]
 
 _Rows = Sequence[int] | np.ndarray | None  # sorted row numbers or a mask; None for all
 
 _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
-_TRIAL_STEPS = 3  # of an environment that is looked at before the rows are made
 
 
 class RowsEnvironment:
@@ -99,15 +99,12 @@ class RowsEnvironment:
         self.first_row = 0
         self.why_rows: str | None = why_rows
         self._raises = guards.raises_on_divergence(on_divergence)
-        guards.yes_or_no("stagger", stagger)
         first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
         checked_seed(first + self.num_envs - 1)
         self._build = Build.of(build)
         contexts = _checked_contexts(contexts, self.num_envs, self._build)
-        threads = min(usable_cores(), self.num_envs)
-        if num_threads is not None:
-            threads = min(guards.at_least_one("num_threads", num_threads), self.num_envs)
-        trial = _Trial(self._build, first, contexts[0] if contexts else {}, self.num_envs)
+        threads = _threads(num_threads, self.num_envs)
+        trial = Trial(self._build, first, contexts[0] if contexts else {}, self.num_envs)
         of_rows = contexts or [{}] * self.num_envs
         self.draws_globally: str | None = trial.draws_globally
         if self.draws_globally is not None:
@@ -117,7 +114,7 @@ class RowsEnvironment:
                 self._build.name,
                 self.draws_globally,
             )
-        self._observation_spec, self._is_mapping = trial.observation_spec, trial.is_mapping
+        self._observation_spec = trial.observation_spec
         self._single_action_spec = trial.action_spec
         self._action_spec = guards.batched_spec(trial.action_spec, self.num_envs)
         self._control_timestep = trial.control_timestep
@@ -131,10 +128,10 @@ class RowsEnvironment:
             self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
         self._own_limit: float | None = None  # set by `step_limit`; None for the environments' own
         self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
-        self._stagger = Stagger(self.num_envs) if stagger else None
+        self._stagger = Stagger(self.num_envs) if guards.yes_or_no("stagger", stagger) else None
         self._rows: list[Seeded] = []
         for row, context in enumerate(of_rows):
-            with _noted(row, context):
+            with noted(row, context):
                 self._rows.append(self._build.seeded(first + row, context, stable))
             trial.compare(self._rows[row].environment, row, context)
             self._set_up(row)
@@ -144,7 +141,7 @@ class RowsEnvironment:
         self._full_limits = [self._limit_of(row.environment) for row in self._rows]
         if stagger:
             check_limit(self.step_limit)
-        models = [] if stable else [_model_of(one) for one in self.environments]
+        models = [] if stable else [model_of(one) for one in self.environments]
         self._edits_models = trial.edits_model or any(one != models[0] for one in models)
         env = self.environments[0]
         self.registration: object = getattr(env, "registration", None)
@@ -187,14 +184,14 @@ class RowsEnvironment:
             self._begins[rows] = True  # until complete: after an interrupt, rows begin again
             self._has_ended[rows] = False
             by_row = dict(zip(rows.tolist(), seeds or [None] * len(rows), strict=True))
-            found = _Step(self)
+            found = RowStep(self._empty(), self._observation)
 
             def begin(row: int) -> None:
                 seed = by_row[row]
                 if seed is not None:
                     self._seed(row, seed)
                 self._set_limit_of_next(row)
-                found.take(row, self._rows[row].environment.reset())
+                found.take(row, self._rows[row].environment.reset(), self._plain(row))
 
             self._raise(self._threads.each(begin, rows.tolist()))
             for name, values in found.observation.items():
@@ -230,20 +227,21 @@ class RowsEnvironment:
             begins, has_ended = self._begins.tolist(), self._has_ended.tolist()
             # Until the step is complete: after an interrupt, all rows begin again.
             self.restart()
-            found = _Step(self)
+            found = RowStep(self._empty(), self._observation)
 
             def step(row: int) -> None:
                 if begins[row]:
                     env = self._rows[row].environment
                     self._set_limit_of_next(row)
-                    found.take(row, env.step(given[row]) if has_ended[row] else env.reset())
+                    time_step = env.step(given[row]) if has_ended[row] else env.reset()
+                    found.take(row, time_step, self._plain(row))
                     return
                 self._step_row(row, given[row], found)
 
             self._raise(self._threads.each(step))
             return self._counted(found)
 
-    def _counted(self, found: "_Step") -> dm_env.TimeStep:
+    def _counted(self, found: RowStep) -> dm_env.TimeStep:
         """Counts a step that all rows have made; returns its time step."""
         self.diverged = found.diverged
         if arrays.any_of(found.diverged):
@@ -258,7 +256,7 @@ class RowsEnvironment:
         observation = self._shown(found.observation)
         return dm_env.TimeStep(found.step_type, found.reward, found.discount, observation)
 
-    def _step_row(self, row: int, action: np.ndarray, found: "_Step") -> None:
+    def _step_row(self, row: int, action: np.ndarray, found: RowStep) -> None:
         """Steps a row in mid-episode, as often as an action is repeated."""
         seeded = self._rows[row]
         env = seeded.environment
@@ -272,7 +270,7 @@ class RowsEnvironment:
                 if self._action_repeat != 1:
                     found.add_reward(row, env._reward_so_far)
                 return
-            found.take(row, time_step)
+            found.take(row, time_step, self._plain(row))
             found.steps[row] = env._step_count - before
             return
         repeat = self._action_repeat
@@ -287,7 +285,7 @@ class RowsEnvironment:
             except PhysicsError:
                 found.diverge(row)
                 return
-            found.take(row, time_step)
+            found.take(row, time_step, self._plain(row))
             if repeat > 1:
                 terms.update(getattr(env, "reward_terms", {}))
             if isinstance(inner, Environment):
@@ -378,11 +376,13 @@ class RowsEnvironment:
                     "set_states()"
                 )
             self._begins[rows] = True  # until it is complete
-            found, index = _Step(self), {row: i for i, row in enumerate(rows.tolist())}
+            found = RowStep(self._empty(), self._observation)
+            index = {row: i for i, row in enumerate(rows.tolist())}
 
             def start(row: int) -> None:
                 state = {name: values[index[row]] for name, values in checked.items()}
-                found.take(row, _settable(self._rows[row].environment).set_state(state))
+                time_step = _settable(self._rows[row].environment).set_state(state)
+                found.take(row, time_step, self._plain(row))
 
             self._raise(self._threads.each(start, rows.tolist()))
             for name, values in found.observation.items():
@@ -688,7 +688,7 @@ class RowsEnvironment:
         if not observation:
             inner = control_of(seeded.environment)
             if isinstance(inner, Environment) and not part.begins[0]:
-                present = self._as_mapping(inner.present_observation())
+                present = as_mapping(inner.present_observation())
                 observation = {name: np.asarray(value)[None] for name, value in present.items()}
         for name, values in observation.items():
             if name in self._observation and self._observation[name][row].shape == values.shape[1:]:
@@ -732,273 +732,24 @@ class RowsEnvironment:
             for name, spec in self._observation_spec.items()
         }
 
-    def _as_mapping(self, observation: object) -> Mapping[str, object]:
-        if isinstance(observation, Mapping):
-            return observation
-        return {FLAT_OBSERVATION_KEY: observation}
-
     def _shown(self, observation: dict[str, np.ndarray]) -> MutableMapping[str, np.ndarray]:
         return collections.OrderedDict(observation)
+
+    def _plain(self, row: int) -> Environment | None:
+        """The environment of a row, if it is plain."""
+        seeded = self._rows[row]
+        env = seeded.environment
+        return env if seeded.is_plain and isinstance(env, Environment) else None
 
     def _numbers(self, ids: _Rows) -> np.ndarray:
         """Sorted row numbers from row numbers, a mask, or None for all."""
         return np.arange(self.num_envs) if ids is None else guards.as_rows(ids, self.num_envs)
 
 
-class _Step:
-    """The time steps of the rows, collected by the threads; each writes to its own rows."""
-
-    def __init__(self, batch: RowsEnvironment) -> None:
-        count = batch.num_envs
-        self._batch = batch
-        self.step_type = np.full(count, _MID)
-        self.reward = np.zeros(count)
-        self.discount = np.ones(count)
-        self.observation = batch._empty()
-        # Name, array of all rows, and the shape and dtype that each row must have.
-        self._forms = [(n, v, v.shape[1:], v.dtype) for n, v in self.observation.items()]
-        self.diverged = np.zeros(count, bool)
-        self.timed_out = np.zeros(count, bool)
-        self.cut_off = np.zeros(count, bool)  # rows whose environment does not know of its end
-        self.steps = np.zeros(count, int)  # that each row has made
-
-    def take(self, row: int, time_step: dm_env.TimeStep) -> None:
-        """Adds a row's time step.
-
-        Raises:
-          ValueError, TypeError: it does not have the specs of the batch.
-        """
-        step_type = time_step.step_type  # by name: wrappers return tuples with more fields
-        if step_type != _MID:
-            self.step_type[row] = step_type
-        if step_type != _FIRST:
-            self.add_reward(row, time_step.reward)
-            self.discount[row] = self._number("discount", time_step.discount)
-        if step_type == _LAST:
-            seeded = self._batch._rows[row]
-            env = seeded.environment
-            if seeded.is_plain and isinstance(env, Environment):
-                self.timed_out[row] = env.timed_out
-            else:
-                self.timed_out[row] = self.discount[row] == 1.0
-        given = time_step.observation
-        if type(given) is not collections.OrderedDict:
-            given = self._batch._as_mapping(given)
-        if len(given) != len(self._forms):
-            raise self._other_names(given)
-        for name, values, shape, dtype in self._forms:
-            value = given.get(name)
-            if type(value) is not np.ndarray:
-                if name not in given:
-                    raise self._other_names(given)
-                value = np.asarray(value)
-            if value.shape != shape or value.dtype != dtype:
-                raise ValueError(
-                    f"observation {name!r} has shape {value.shape} and dtype {value.dtype}; "
-                    f"expected {shape} and {dtype}, those of its spec"
-                )
-            values[row] = value
-
-    def add_reward(self, row: int, reward: object) -> None:
-        """Adds to the reward of a row.
-
-        Raises:
-          TypeError: it is not a number.
-        """
-        self.reward[row] += self._number("reward", reward)
-
-    def cut(self, row: int) -> None:
-        """Ends a row's episode at the limit, which its environment does not know."""
-        self.cut_off[row] = self.step_type[row] != _LAST
-        self.timed_out[row] |= self.cut_off[row]
-        self.step_type[row] = _LAST
-
-    def diverge(self, row: int) -> None:
-        """Ends a row's episode because its simulation diverged; it shows its last observation."""
-        self.diverged[row] = True
-        self.step_type[row] = _LAST
-        self.discount[row] = 0.0
-        self.steps[row] += 1
-        for name, values in self.observation.items():
-            values[row] = self._batch._observation[name][row]
-
-    def _other_names(self, given: Mapping[str, object]) -> ValueError:
-        return ValueError(
-            f"the observation has {sorted(given)}; expected {sorted(self.observation)}, those of "
-            "the batch"
-        )
-
-    @staticmethod
-    def _number(what: str, value: object) -> float:
-        if isinstance(value, float):
-            return value
-        number = np.asarray(value)
-        if number.ndim or number.dtype.kind not in "fiub":
-            raise TypeError(f"the {what} of a step is {value!r}; expected a number")
-        return number.item()
-
-
-class _Trial:
-    """An environment that is looked at before the rows are made: specs, and global streams."""
-
-    def __init__(
-        self, build: Build, seed: int, context: Mapping[str, object], num_envs: int
-    ) -> None:
-        with _noted(0, context):
-            env = build.make(seed, context)
-        self._name = build.name
-        self._env = env
-        self._parts = {id(one): one for one in parts_of(env).values()}
-        try:
-            self.action_spec = spec_of(env)
-            spec: Any = env.observation_spec()  # a spec or a mapping of specs
-            self.is_mapping = isinstance(spec, Mapping)
-            named = spec if self.is_mapping else {FLAT_OBSERVATION_KEY: spec}
-            if not all(isinstance(one, specs.Array) for one in named.values()):
-                raise TypeError(
-                    f"observation_spec of {build.name} is {spec!r}; expected a dm_env.specs.Array, "
-                    "or a mapping of them by name"
-                )
-            self.observation_spec: Mapping[str, specs.Array] = collections.OrderedDict(named)
-            self._check_memory(env, num_envs)
-            self.control_timestep = _control_timestep(env)
-            self.action_repeat: int = getattr(control_of(env), "action_repeat", 1)
-            before = _model_of(env)
-            self.draws_globally = draws_globally(env, self.action_spec)
-            self.edits_model = _model_of(env) != before
-        except BaseException:
-            env.close()
-            raise
-
-    def close(self) -> None:
-        """Closes the environment."""
-        self._env.close()
-
-    def compare(self, env: dm_env.Environment, row: int, context: Mapping[str, object]) -> None:
-        """Raises ValueError if a row has other specs or another control step, or shares a part."""
-        for what, one in parts_of(env).items():
-            if id(one) in self._parts:
-                raise ValueError(
-                    f"row {row} has the {what} of another environment that {self._name} made: "
-                    "make a new one in each call, since rows are stepped independently"
-                )
-            self._parts[id(one)] = one  # kept, so that no id is used twice
-        spec: Any = env.observation_spec()  # a spec or a mapping of specs
-        named = spec if isinstance(spec, Mapping) else {FLAT_OBSERVATION_KEY: spec}
-        action = env.action_spec()
-        here, there = str(_control_timestep(env)), str(self.control_timestep)  # of NaN, too
-        found: list[tuple[str, object, object]] = [("control step", here, there)]
-        found += [("actions", _form(action), _form(self.action_spec))]
-        names = list(dict.fromkeys([*self.observation_spec, *named]))
-        for name in names:
-            pair = (_form(named.get(name)), _form(self.observation_spec.get(name)))
-            found.append((f"observation {name!r}", *pair))
-        for what, here, expected in found:
-            if here != expected:
-                given = f", made with {dict(context)}," if context else ""
-                raise ValueError(
-                    f"row {row}{given} has {what} of {here}; expected {expected}, as in row 0: the "
-                    "rows of a batch must agree in their specs and control step"
-                )
-
-    def _check_memory(self, env: dm_env.Environment, num_envs: int) -> None:
-        physics = getattr(control_of(env), "_physics", None)
-        simulation = getattr(physics, "simulation", None)
-        if simulation is None:
-            observed = [np.empty(spec.shape, spec.dtype) for spec in self.observation_spec.values()]
-            guards.check_memory(num_envs, observed)
-            return
-        official = simulation.model._model
-        shared = simulation.model._shared is not None
-        more = 0 if shared else official.nbuffer
-        guards.check_memory(num_envs, simulation.save(None, ()).values(), more)
-
-
-@contextlib.contextmanager
-def _noted(row: int, context: Mapping[str, object]) -> Iterator[None]:
-    """Adds the row and its context to an error of the function that makes environments."""
-    try:
-        yield
-    except Exception as error:  # of any class: it is the user's code
-        given = f", with the context {dict(context)}" if context else ""
-        error.add_note(f"raised while the environment of row {row} was made{given}")
-        raise
-
-
-def draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | None:
-    """The global random stream that a few steps of an environment draw from, if there is one.
-
-    A stream in an attribute of a class counts. The streams are put back. An error of the
-    environment is not raised here, but by the row.
-    """
-    streams = _shared_streams(env)
-    before = {name: _state(one) for name, one in streams.items()}
-    stream = np.random.RandomState(0)
-    low, high = bounds_to_try(spec)
-    try:
-        env.reset()
-        for _ in range(_TRIAL_STEPS):
-            env.step(stream.uniform(low, high, spec.shape).astype(spec.dtype))
-    except Exception as error:  # of any class: it is the user's code
-        log.debug("the trial of %s ended early: %r", type(env).__name__, error)
-    drawn = [n for n, one in streams.items() if not _is_same_state(before[n], _state(one))]
-    for name in drawn:
-        _set_state(streams[name], before[name])
-    return drawn[0] if drawn else None
-
-
-def _shared_streams(env: dm_env.Environment) -> dict[str, Any]:  # streams of several classes
-    """The streams that environments of one class share, by name."""
-    found: dict[str, Any] = {  # as above
-        "NumPy's global stream": np.random,
-        "the stream of random": random,
-    }
-    inner = control_of(env)
-    for one in (env, inner, getattr(inner, "_task", None), getattr(inner, "_physics", None)):
-        for cls in type(one).__mro__:
-            for name, value in vars(cls).items():
-                if isinstance(value, np.random.RandomState | random.Random | np.random.Generator):
-                    found[f"{cls.__name__}.{name}"] = value
-    return found
-
-
-# Any: streams of NumPy and of Python, and their states.
-def _state(stream: Any) -> Any:
-    if isinstance(stream, np.random.Generator):
-        return stream.bit_generator.state
-    return stream.getstate() if hasattr(stream, "getstate") else stream.get_state()
-
-
-def _set_state(stream: Any, state: Any) -> None:  # as `_state` takes and returns them
-    if isinstance(stream, np.random.Generator):
-        stream.bit_generator.state = state
-    elif hasattr(stream, "setstate"):
-        stream.setstate(state)
-    else:
-        stream.set_state(state)
-
-
-def _is_same_state(one: Any, other: Any) -> bool:  # as `_state` returns them
-    if isinstance(one, dict):
-        return str(one) == str(other)
-    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
-
-
-def _model_of(env: dm_env.Environment) -> object:
-    """The identity of a plain environment's model, with its numbers; None for any other."""
-    return env._origin() if difference(env) is None and isinstance(env, Environment) else None
-
-
-def _control_timestep(env: dm_env.Environment) -> float:
-    of_env: Callable[[], float] | None = getattr(env, "control_timestep", None)
-    if of_env is None:
-        of_env = getattr(control_of(env), "control_timestep", None)
-    return math.nan if of_env is None else float(of_env())
-
-
-def _form(spec: object) -> object:
-    """Shape and dtype of a spec; None for no spec. NaN-free, so that forms can be compared."""
-    return None if spec is None else (getattr(spec, "shape", None), str(getattr(spec, "dtype", "")))
+def _threads(num_threads: int | None, num_envs: int) -> int:
+    """The number of threads: the user's choice, or as many as there are cores, at most the rows."""
+    given = usable_cores() if num_threads is None else num_threads
+    return min(guards.at_least_one("num_threads", given), num_envs)
 
 
 def _batched(spec: specs.Array, num_envs: int) -> specs.Array:

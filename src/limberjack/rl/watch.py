@@ -21,7 +21,7 @@ from typing import Any, Self
 import numpy as np
 
 from limberjack.rl.batch_measurements import RECORDS
-from limberjack.rl.memory import attributes_of
+from limberjack.rl.references import attributes_of
 
 __all__ = ["Watch"]
 

@@ -1,0 +1,133 @@
+"""`RowStep`: the time steps of the rows of a batch, collected by the threads that step them.
+
+    found = RowStep(arrays_to_fill, last_observations)
+    found.take(3, environment.step(action), environment)    # by the thread of row 3
+    found.reward        # (num_envs,)
+
+Each thread writes to its own rows only.
+"""
+
+import collections
+from collections.abc import Mapping
+
+import dm_env
+import numpy as np
+
+from limberjack.rl.control import Environment
+from limberjack.rl.observations import FLAT_OBSERVATION_KEY
+
+__all__ = ["RowStep", "as_mapping"]
+
+_FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
+
+
+class RowStep:
+    """See the module's docstring.
+
+    Attributes:
+      step_type, reward, discount: of each row, (num_envs,).
+      observation: of all rows, (num_envs, ...) by name.
+      diverged: mask of rows that diverged.
+      timed_out: mask of rows whose episode was truncated.
+      cut_off: mask of rows whose environment does not know that its episode has ended.
+      steps: that each row has made.
+    """
+
+    def __init__(self, observation: dict[str, np.ndarray], last: Mapping[str, np.ndarray]) -> None:
+        """Takes arrays to fill, (num_envs, ...) by name, and the observations of the last step."""
+        count = len(next(iter(observation.values())))
+        self._last = last
+        self.step_type = np.full(count, _MID)
+        self.reward = np.zeros(count)
+        self.discount = np.ones(count)
+        self.observation = observation
+        # Name, array of all rows, and the shape and dtype that each row must have.
+        self._forms = [(n, v, v.shape[1:], v.dtype) for n, v in self.observation.items()]
+        self.diverged = np.zeros(count, bool)
+        self.timed_out = np.zeros(count, bool)
+        self.cut_off = np.zeros(count, bool)
+        self.steps = np.zeros(count, int)
+
+    def take(self, row: int, time_step: dm_env.TimeStep, plain: Environment | None) -> None:
+        """Adds a row's time step.
+
+        Args:
+          row: the number of the row.
+          time_step: of its environment.
+          plain: the environment, if it is plain; another one's last step is a truncation if its
+            discount is 1.
+
+        Raises:
+          ValueError, TypeError: it does not have the specs of the batch.
+        """
+        step_type = time_step.step_type  # by name: wrappers return tuples with more fields
+        if step_type != _MID:
+            self.step_type[row] = step_type
+        if step_type != _FIRST:
+            self.add_reward(row, time_step.reward)
+            self.discount[row] = self._number("discount", time_step.discount)
+        if step_type == _LAST:
+            is_one = self.discount[row] == 1.0
+            self.timed_out[row] = is_one if plain is None else plain.timed_out
+        given = time_step.observation
+        if type(given) is not collections.OrderedDict:
+            given = as_mapping(given)
+        if len(given) != len(self._forms):
+            raise self._other_names(given)
+        for name, values, shape, dtype in self._forms:
+            value = given.get(name)
+            if type(value) is not np.ndarray:
+                if name not in given:
+                    raise self._other_names(given)
+                value = np.asarray(value)
+            if value.shape != shape or value.dtype != dtype:
+                raise ValueError(
+                    f"observation {name!r} has shape {value.shape} and dtype {value.dtype}; "
+                    f"expected {shape} and {dtype}, those of its spec"
+                )
+            values[row] = value
+
+    def add_reward(self, row: int, reward: object) -> None:
+        """Adds to the reward of a row.
+
+        Raises:
+          TypeError: it is not a number.
+        """
+        self.reward[row] += self._number("reward", reward)
+
+    def cut(self, row: int) -> None:
+        """Ends a row's episode at the limit, which its environment does not know."""
+        self.cut_off[row] = self.step_type[row] != _LAST
+        self.timed_out[row] |= self.cut_off[row]
+        self.step_type[row] = _LAST
+
+    def diverge(self, row: int) -> None:
+        """Ends a row's episode because its simulation diverged; it shows its last observation."""
+        self.diverged[row] = True
+        self.step_type[row] = _LAST
+        self.discount[row] = 0.0
+        self.steps[row] += 1
+        for name, values in self.observation.items():
+            values[row] = self._last[name][row]
+
+    def _other_names(self, given: Mapping[str, object]) -> ValueError:
+        return ValueError(
+            f"the observation has {sorted(given)}; expected {sorted(self.observation)}, those of "
+            "the batch"
+        )
+
+    @staticmethod
+    def _number(what: str, value: object) -> float:
+        if isinstance(value, float):
+            return value
+        number = np.asarray(value)
+        if number.ndim or number.dtype.kind not in "fiub":
+            raise TypeError(f"the {what} of a step is {value!r}; expected a number")
+        return number.item()
+
+
+def as_mapping(observation: object) -> Mapping[str, object]:
+    """An observation by name; a single array has the name of a flat observation."""
+    if isinstance(observation, Mapping):
+        return observation
+    return {FLAT_OBSERVATION_KEY: observation}
