@@ -33,7 +33,7 @@ from limberjack import gym
 from limberjack.gym import arguments, attributes
 from limberjack.gym.observations import Observations, action_space
 from limberjack.rl.action_specs import bounds_to_try
-from limberjack.rl.contract import Batch
+from limberjack.rl.batch_contract import Batch
 from limberjack.utils.requirements import missing_extra
 from limberjack.utils.seeds import checked_seed
 

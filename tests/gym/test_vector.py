@@ -18,7 +18,7 @@ from gymnasium.wrappers import vector as wrappers
 
 from limberjack import gym, rl, suite
 from limberjack.rl import control
-from limberjack.rl.contract import Batch
+from limberjack.rl.batch_contract import Batch
 
 from .gym_episodes import MODES, TASKS, assert_same, falling_env, falling_envs, told_alike
 

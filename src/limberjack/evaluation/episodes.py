@@ -22,9 +22,10 @@ from limberjack import rollout
 from limberjack.evaluation.statistics import Score
 from limberjack.policies import Policy
 from limberjack.policies.batched import ROWS, Actor
+from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import Build, Seeded
-from limberjack.rl.contract import Batch, PhysicsError
+from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
 

@@ -125,7 +125,7 @@ def reset_mask(
 
 
 def is_batch(given: object) -> bool:
-    """Whether it has the interface of a `rl.contract.Batch`, vectorised or not."""
+    """Whether it has the interface of a `rl.batch_contract.Batch`, vectorised or not."""
     return all(hasattr(given, name) for name in ("num_envs", "begins", "set_states"))
 
 

@@ -16,8 +16,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from limberjack.rl.batch_contract import Batch
 from limberjack.rl.builds import holder_of
-from limberjack.rl.contract import Batch
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["Rows", "are_environments", "call", "get", "has", "set_values"]

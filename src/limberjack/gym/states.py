@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from limberjack.rl.contract import Batch
+from limberjack.rl.batch_contract import Batch
 from limberjack.rl.control import Environment
 from limberjack.rl.given_state import (
     check_form,

@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 
 from limberjack.gym.observations import Info, Observation, Observations
 from limberjack.gym.states import States
-from limberjack.rl.contract import Batch
+from limberjack.rl.batch_contract import Batch
 from limberjack.rl.guards import check_actions
 from limberjack.utils.arrays import Quantity, any_of
 

@@ -46,7 +46,7 @@ from limberjack.gym.observations import (
 from limberjack.gym.pixels import observations_of
 from limberjack.gym.states import states_of_rows
 from limberjack.gym.transitions import Step, Transitions
-from limberjack.rl.contract import Batch
+from limberjack.rl.batch_contract import Batch
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.represented import represented
 

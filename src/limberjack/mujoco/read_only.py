@@ -12,7 +12,7 @@ and copies are ordinary arrays. Every view is read-only for NumPy, so that a way
 this module does not know fails with NumPy's own message instead of passing unchecked.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -60,27 +60,37 @@ class _Guarded(np.ndarray):
             return
         self._change(lambda array: method(array, *args, **kwargs))
 
-    def fill(self, *args: Any, **kwargs: Any) -> None:  # Any: as `np.ndarray.fill`
+    def fill(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, *args: object, **kwargs: object
+    ) -> None:
         """See `np.ndarray.fill`."""
         self._call("fill", *args, **kwargs)
 
-    def put(self, *args: Any, **kwargs: Any) -> None:  # Any: as `np.ndarray.put`
+    def put(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, *args: object, **kwargs: object
+    ) -> None:
         """See `np.ndarray.put`."""
         self._call("put", *args, **kwargs)
 
-    def sort(self, *args: Any, **kwargs: Any) -> None:  # Any: as `np.ndarray.sort`
+    def sort(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, *args: object, **kwargs: object
+    ) -> None:
         """See `np.ndarray.sort`."""
         self._call("sort", *args, **kwargs)
 
-    def partition(self, *args: Any, **kwargs: Any) -> None:  # Any: as `np.ndarray.partition`
+    def partition(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, *args: object, **kwargs: object
+    ) -> None:
         """See `np.ndarray.partition`."""
         self._call("partition", *args, **kwargs)
 
-    def setfield(self, *args: Any, **kwargs: Any) -> None:  # Any: as `np.ndarray.setfield`
+    def setfield(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, *args: object, **kwargs: object
+    ) -> None:
         """See `np.ndarray.setfield`."""
         self._call("setfield", *args, **kwargs)
 
-    def byteswap(self, inplace: bool = False) -> Any:  # Any: the type of this array
+    def byteswap(self, inplace: bool = False) -> np.ndarray:
         """See `np.ndarray.byteswap`."""
         if not inplace:
             return np.ndarray.byteswap(self)
@@ -129,21 +139,27 @@ class _Guarded(np.ndarray):
         each = [result if out is None else out for out, result in zip(outs, results, strict=True)]
         return tuple(each) if len(each) > 1 else each[0]
 
-    # Any: of any of NumPy's functions, each with its own types.
-    def __array_function__(self, func: Any, types: Any, args: Any, kwargs: Any) -> Any:
+    def __array_function__(
+        self,
+        func: Callable[..., object],
+        types: Iterable[type],
+        args: Iterable[Any],  # Any: of any of NumPy's functions
+        kwargs: Mapping[str, Any],  # as above
+    ) -> object:
         if "out" not in kwargs and func not in _WRITERS:  # the usual case
             return super().__array_function__(func, types, args, kwargs)
         name = _WRITERS.get(func, "out")
-        target = args[0] if name != "out" and args else kwargs.get(name)
-        if not _is_view(target):
+        given = tuple(args)
+        target = given[0] if name != "out" and given else kwargs.get(name)
+        if target is None or not _is_view(target):
             return super().__array_function__(func, types, args, kwargs)
         if name in kwargs:
-            target._change(lambda array: func(*args, **{**kwargs, name: array}))
+            target._change(lambda array: func(*given, **{**kwargs, name: array}))
         else:
-            target._change(lambda array: func(array, *args[1:], **kwargs))
+            target._change(lambda array: func(array, *given[1:], **kwargs))
         return None if func in _WRITERS else target
 
-    def __reduce__(self) -> Any:  # Any: of NumPy
+    def __reduce__(self) -> str | tuple[object, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
         return self.view(np.ndarray).__reduce__()
 
 

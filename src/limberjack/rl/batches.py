@@ -16,10 +16,10 @@ import dm_env
 import numpy as np
 
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batch_errors import NotVectorised
 from limberjack.rl.batch_safety import check_plain
 from limberjack.rl.builds import Build, Make, is_stable
-from limberjack.rl.contract import Batch
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import difference
 from limberjack.rl.guards import at_least_one, raises_on_divergence, yes_or_no

@@ -130,14 +130,7 @@ class RowsEnvironment:
         self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
         self._stagger = Stagger(self.num_envs) if guards.yes_or_no("stagger", stagger) else None
         self._rows: list[Seeded] = []
-        for row, context in enumerate(of_rows):
-            with noted(row, context):
-                self._rows.append(self._build.seeded(first + row, context, stable))
-            trial.compare(self._rows[row].environment, row, context)
-            self._set_up(row)
-            if self._stagger is not None:
-                self._stagger.draw(row, np.random.RandomState(first + row))
-        trial.close()
+        self._make_rows(trial, of_rows, first, stable)
         self._full_limits = [self._limit_of(row.environment) for row in self._rows]
         if stagger:
             check_limit(self.step_limit)
@@ -146,6 +139,23 @@ class RowsEnvironment:
         env = self.environments[0]
         self.registration: object = getattr(env, "registration", None)
         self._name: str = getattr(env, "_name", "") or _task_name(env)
+        self._set_counters()
+
+    def _make_rows(
+        self, trial: Trial, contexts: Sequence[Mapping[str, object]], first: int, stable: bool
+    ) -> None:
+        """Makes the environments of the seeds from the first one on, and compares them."""
+        for row, context in enumerate(contexts):
+            with noted(row, context):
+                self._rows.append(self._build.seeded(first + row, context, stable))
+            trial.compare(self._rows[row].environment, row, context)
+            self._set_up(row)
+            if self._stagger is not None:
+                self._stagger.draw(row, np.random.RandomState(first + row))
+        trial.close()
+
+    def _set_counters(self) -> None:
+        """Sets what is known of rows that have not begun an episode."""
         self._steps = np.zeros(self.num_envs, int)
         # Reward terms of rows whose `step` is called repeatedly.
         self._summed_terms: dict[int, Mapping[str, float]] = {}
@@ -543,7 +553,7 @@ class RowsEnvironment:
         """
         numbers = self._numbers(rows).tolist()
 
-        def draw(**how: Any) -> np.ndarray:  # each keyword has its own type
+        def draw(**how: object) -> np.ndarray:
             physics = [_physics_of(self.environments[row]) for row in numbers]
             if not physics:
                 shape, dtype = _physics_of(self.environments[0]).picture_spec(**how)
@@ -582,8 +592,7 @@ class RowsEnvironment:
             for row, value in zip(self._rows, values, strict=True):
                 row.set_attribute(name, value)
 
-    # Any: arguments and result of a user's method.
-    def call(self, name: str, *args: Any, **kwargs: Any) -> list[Any]:
+    def call(self, name: str, *args: object, **kwargs: object) -> list[object]:
         """The results of a method, or the values of an attribute, of each row's environment."""
         with self._use:
             found = [getattr(holder_of(env, name), name) for env in self.environments]

@@ -22,9 +22,9 @@ import dm_env
 from limberjack import registry
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import Build
-from limberjack.rl.contract import Batch
 from limberjack.rl.copies import control_of, difference
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.suite._registration import (
