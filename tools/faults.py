@@ -20,7 +20,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "            self._frames.forget()\n        self._c",
         ),
         ("return self._begins.copy()", "return self._begins"),
-        ("            self._begin(np.flatnonzero(begins))\n", "            self._begin(running)\n"),
+        (
+            "a start\n            self._begin(np.flatnonzero(begins))\n",
+            "a start\n            self._begin(running)\n",
+        ),
         (
             "self._replicas.simulation.save(rows, self._s",
             "self._replicas.simulation.save(None, self._s",

@@ -16,6 +16,7 @@ import pytest
 from limberjack import policies, report, rollout, suite
 from limberjack.evaluation import Evaluation, evaluate
 from limberjack.policies import PolicyError
+from limberjack.rl import control
 
 _SHORT = {"time_limit": 0.1, "num_threads": 1}
 _WHERE = Path(__file__).parent
@@ -320,3 +321,94 @@ def test_a_killed_evaluation_continues_and_equals_one_that_was_not_killed(tmp_pa
     assert (killed / "episodes.jsonl").read_bytes().startswith(first)
     for name in ("result.json", "episodes.jsonl"):
         assert (killed / name).read_bytes() == (whole / name).read_bytes()
+
+
+_POLICIES = ["random", "evaluated:linear", "evaluated:Linear", "evaluated:Remembering"]
+
+
+def _make(seed: int, repeat: int = 1, **kwargs: Any) -> control.Environment:
+    """An environment with episodes of ten control steps, which has actions to repeat itself."""
+    of_task = {"random": seed, "time_limit": 0.25}
+    environment = suite.load("humanoid", "stand", of_task, kwargs)
+    environment.action_repeat = repeat
+    return environment
+
+
+def _repeating(seed: int) -> control.Environment:
+    return _make(seed, repeat=3)
+
+
+def _pictured(seed: int) -> control.Environment:
+    return _make(seed, pixels={"camera": 0, "height": 8, "width": 8, "frame_stack": 2})
+
+
+def _by_hand(policy: Any, seed: int, repeat: int) -> tuple[float, int]:
+    """The return and the length, in control steps, of an episode with repeated actions."""
+    environment = _make(seed)
+    time_step = environment.reset()
+    act = policies.begin(policies.find(policy), environment, seed)
+    rewards: list[float] = []
+    while not time_step.last():
+        action = act(time_step.observation)
+        for _ in range(repeat):
+            time_step = environment.step(action)
+            rewards.append(time_step.reward)
+            if time_step.last():
+                break
+    return float(np.cumsum(rewards)[-1]), len(rewards)
+
+
+@pytest.mark.parametrize("policy", _POLICIES)
+@pytest.mark.parametrize("repeat", [3, 4])
+def test_repeated_actions_score_as_a_loop_that_counts_control_steps(
+    policy: str, repeat: int
+) -> None:
+    evaluation = evaluate(_make, None, policy, range(3), num_threads=1, action_repeat=repeat)
+    assert evaluation.as_json()["action_repeat"] == repeat
+    for seed, score in enumerate(evaluation.scores[policy]):
+        assert (score.total, score.length) == _by_hand(policy, seed, repeat)
+
+
+@pytest.mark.parametrize("policy", _POLICIES)
+def test_the_environments_own_repeat_counts_control_steps_too(policy: str) -> None:
+    own = evaluate(_repeating, None, policy, range(3), num_threads=1)
+    given = evaluate(_make, None, policy, range(3), num_threads=1, action_repeat=3)
+    assert own.scores == given.scores
+    assert own.as_json()["action_repeat"] == 3
+    other = evaluate(_repeating, None, policy, range(3), num_threads=1, action_repeat=2)
+    expected = evaluate(_make, None, policy, range(3), num_threads=1, action_repeat=2)
+    assert other.scores == expected.scores
+
+
+def test_workers_repeat_actions_and_another_repeat_does_not_continue(tmp_path: Path) -> None:
+    here = _evaluate("random", action_repeat=3)
+    there = _evaluate("random", action_repeat=3, workers=1, out=tmp_path)
+    assert there.scores == here.scores
+    with pytest.raises(ValueError, match="action_repeat"):
+        _evaluate("random", action_repeat=2, out=tmp_path)
+    assert _evaluate("random", action_repeat=3, out=tmp_path).scores == here.scores
+
+
+def test_stacked_pictures_and_repeated_actions_are_refused_together() -> None:
+    with pytest.raises(ValueError, match=r"frame_stack=2 .* action_repeat is 3"):
+        evaluate(_pictured, None, "zero", range(2), num_threads=1, action_repeat=3)
+
+
+@pytest.mark.parametrize("repeat", [0, -1, 1.5, True, "2"])
+def test_a_wrong_repeat_is_refused_before_anything_is_made(repeat: Any, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"action_repeat is .*; expected a whole number"):
+        _evaluate("random", action_repeat=repeat, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("domain", ["humanoid", _repeating])
+def test_the_planner_acts_at_every_control_step(domain: Any) -> None:
+    task = "stand" if domain == "humanoid" else None
+    how: dict[str, Any] = {"action_repeat": 2} if task else {}
+    with pytest.raises(ValueError, match=r"action_repeat is \d, but the planner acts at every"):
+        evaluate(domain, task, "planner", range(1), num_threads=1, **how)
+
+
+def test_an_evaluation_is_not_staggered() -> None:
+    with pytest.raises(TypeError, match="stagger"):
+        _evaluate("random", stagger=True)

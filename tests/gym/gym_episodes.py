@@ -12,7 +12,16 @@ from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import humanoid
 from tests.representatives import PAIRS
 
-__all__ = ["MODES", "TASKS", "Falls", "assert_same", "falling_env", "falling_envs", "told_alike"]
+__all__ = [
+    "MODES",
+    "TASKS",
+    "Falls",
+    "assert_same",
+    "falling",
+    "falling_env",
+    "falling_envs",
+    "told_alike",
+]
 
 TASKS = PAIRS
 MODES = [pytest.param(mode, id=mode.value) for mode in AutoresetMode]

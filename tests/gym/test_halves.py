@@ -160,8 +160,9 @@ def test_a_restored_or_given_state_and_the_log_number_rows_within_the_whole_batc
     with pytest.raises(ValueError, match=r"'qvel' of the state is invalid in rows \[3\]"):
         halves.reset(options={"state": states})
     second._raises = True
+    second.restore(snapshot)
     with pytest.raises(control.PhysicsError, match=r"rows \[4\] diverged"):
-        second.restore(snapshot)
+        second.step(np.zeros((2, 21)))
     halves.close()
 
 

@@ -180,3 +180,42 @@ def test_repeated_actions_keep_the_length_of_the_task_unless_another_is_given() 
             found.append(next(n for n in itertools.count(1) if np.any(each.step(zeros)[3])))
             each.close()
     assert found == [10, 10, 10, 4, 4, 4]
+
+
+@pytest.mark.parametrize(
+    ("given", "actions"),
+    [({}, 334), ({"max_episode_steps": 400}, 400), ({"max_episode_steps": 7}, 7)],
+)
+def test_the_spec_and_the_episodes_have_the_same_number_of_repeated_actions(
+    given: dict[str, Any], actions: int
+) -> None:
+    name = "limberjack/cartpole-swingup-v0"
+    env: Any = gymnasium.make(name, action_repeat=3, **given)
+    envs: Any = gymnasium.make_vec(name, 2, action_repeat=3, **given)
+    assert env.spec.max_episode_steps == envs.spec.max_episode_steps == actions
+    assert gymnasium.spec(name).max_episode_steps == 1000
+    envs.reset(seed=0)
+    for _ in range(2):  # episodes
+        env.reset(seed=0)
+        ended = [env.step([0.0])[2:4] for _ in range(actions)]
+        assert ended == [(False, False)] * (actions - 1) + [(False, True)]
+        rows = [envs.step(np.zeros((2, 1)))[3].tolist() for _ in range(actions)]
+        assert rows == [[False] * 2] * (actions - 1) + [[True] * 2]
+        envs.step(np.zeros((2, 1)))  # which begins the next episode
+    last = 1000 if not given else 3 * actions
+    assert env.unwrapped.environment._step_count == last
+    again: Any = gymnasium.make(env.spec)
+    assert again.spec.max_episode_steps == actions
+    again.reset(seed=0)
+    assert again.unwrapped.environment.step_limit == env.unwrapped.environment.step_limit
+    env.close()
+    envs.close()
+    again.close()
+
+
+def test_no_limit_of_gymnasium_leaves_no_limit_to_repeated_actions() -> None:
+    name = "limberjack/cartpole-swingup-v0"
+    env: Any = gymnasium.make(name, action_repeat=500, max_episode_steps=-1)
+    env.reset(seed=0)
+    assert not any(env.step([0.0])[3] for _ in range(3))
+    env.close()

@@ -9,10 +9,11 @@ from gymnasium.vector import AutoresetMode
 
 from limberjack import gym
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.batches import batch_of
 from limberjack.rl.randomize import shift
 from limberjack.suite import humanoid
 
-from .gym_episodes import MODES, falling_env, falling_envs
+from .gym_episodes import MODES, assert_same, falling, falling_env, falling_envs
 
 _ROWS, _STEPS = 5, 16  # steps to the time limit; rows fall after 13 to 18
 
@@ -160,4 +161,52 @@ def test_a_row_that_diverges_has_no_terms_and_is_flagged_alone(
     assert reward[1] == 0.0
     assert info["_reward_terms"].tolist() == [True, False, True]
     assert info["reward_terms"]["upright"][1] == 0.0
+    envs.close()
+
+
+@pytest.mark.parametrize("vectorised", [True, False])
+@pytest.mark.parametrize("mode", MODES)
+def test_repeated_actions_are_those_of_env_in_every_mode(
+    mode: AutoresetMode, vectorised: bool
+) -> None:
+    rows, repeat = 4, 3
+    batch = batch_of(falling(), rows, 1, seed=0, vectorised=vectorised, action_repeat=repeat)
+    envs = gym.VectorEnv(batch, autoreset_mode=mode)
+    singles = [falling_env() for _ in range(rows)]
+    observations, _ = envs.reset(seed=0)
+    for row, single in enumerate(singles):
+        single.environment.action_repeat = repeat
+        single.reset(seed=row)
+    assert envs.dt == singles[0].dt == repeat * 0.025
+    assert envs.metadata["render_fps"] == round(40 / repeat)
+    begun, ends = np.zeros(rows, bool), 0
+    actions = np.random.RandomState(0).uniform(-1, 1, (14, rows, 21))
+    for action in actions:
+        observations, rewards, terminated, truncated, info = envs.step(action)
+        for row, single in enumerate(singles):
+            of_row = {name: values[row] for name, values in observations.items()}
+            if begun[row]:
+                assert_same(of_row, single.reset()[0])
+                assert (rewards[row], terminated[row], truncated[row]) == (0.0, False, False)
+                continue
+            seen, reward, ended, late, of_env = single.step(action[row])
+            assert (rewards[row], terminated[row], truncated[row]) == (reward, ended, late)
+            done = ended or late
+            ends += done
+            shown = info["final_info"] if done and mode is AutoresetMode.SAME_STEP else info
+            for name, value in of_env["reward_terms"].items():
+                assert shown["reward_terms"][name][row] == value
+            assert shown["success"][row] == of_env["success"]
+            if done and mode is AutoresetMode.SAME_STEP:
+                assert_same(info["final_obs"][row], seen)
+                seen = single.reset()[0]
+            assert_same(of_row, seen)
+        done = terminated | truncated
+        begun = done if mode is AutoresetMode.NEXT_STEP else np.zeros(rows, bool)
+        if mode is AutoresetMode.DISABLED and done.any():
+            observations, _ = envs.reset(options={"reset_mask": done})
+            for row in np.flatnonzero(done):
+                of_row = {name: values[row] for name, values in observations.items()}
+                assert_same(of_row, singles[row].reset()[0])
+    assert ends >= rows
     envs.close()

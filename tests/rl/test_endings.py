@@ -6,7 +6,7 @@ import dm_env
 import numpy as np
 import pytest
 
-from limberjack.rl.endings import Counter
+from limberjack.rl.endings import Counter, Repeated
 
 _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
 _OBSERVATION = {"angle": np.zeros((3, 1))}
@@ -157,3 +157,47 @@ def test_after_a_reset_rows_are_shown_first_or_in_mid_episode_and_are_not_counte
     assert counter.steps.tolist() == [0, 4, 0]
     step.discount[:] = 0.0
     assert counter.shown(_OBSERVATION).discount.tolist() == [1.0] * 3
+
+
+def test_a_row_may_have_a_limit_of_its_own() -> None:
+    counter = Counter(3, 10)
+    counter.limits = np.array([1.0, 2.0, 10.0])
+    assert [_count(counter)[3] for _ in range(2)] == [[True, False, False], [True, True, False]]
+
+
+def _repeated(total: Repeated, *, shown: Any, stepped: Any, diverged: Any, **kwargs: Any) -> None:
+    step_type, reward, discount = (np.array(kwargs[name]) for name in ("types", "rewards", "ends"))
+    observation = {"angle": np.array(kwargs["angles"], float)[:, None]}
+    time_step = dm_env.TimeStep(step_type, reward, discount, observation)
+    total.add(time_step, {"term": reward}, shown, stepped, diverged)
+
+
+def test_repeated_steps_are_summed_and_show_the_last_one_that_counts_for_a_row() -> None:
+    total, all_rows = Repeated(3), np.ones(3, bool)
+    _repeated(
+        total,
+        types=[_MID, _LAST, _MID],
+        rewards=[0.1, 0.2, 0.3],
+        ends=[1.0, 0.25, 1.0],
+        angles=[1, 2, 3],
+        shown=all_rows,
+        stepped=all_rows,
+        diverged=_NONE,
+    )
+    _repeated(
+        total,
+        types=[_MID, _FIRST, _LAST],
+        rewards=[0.5, 9.0, 0.0],
+        ends=[1.0, 1.0, 0.0],
+        angles=[4, 5, 6],
+        shown=_mask(0, 2),
+        stepped=_mask(0, 2),
+        diverged=_mask(2),
+    )
+    step_type, reward, discount, observation = total.time_step()
+    assert step_type.tolist() == [_MID, _LAST, _LAST]
+    assert reward.tolist() == [0.1 + 0.5, 0.2, 0.3]
+    assert discount.tolist() == [1.0, 0.25, 0.0]
+    assert observation["angle"].ravel().tolist() == [4, 2, 6]
+    assert np.asarray(total.terms["term"]).tolist() == [0.1 + 0.5, 0.2, 0.3]
+    assert total.last_terms["term"].tolist() == [0.5, 0.2, 0.3]  # not of the step that diverged

@@ -222,3 +222,11 @@ def test_a_copy_is_free_and_has_the_name() -> None:
         assert _in_another_thread(copied) == []
         with copied:
             assert "this environment is used" in _in_another_thread(copied)[0]
+
+
+def test_a_switch_is_true_or_false() -> None:
+    assert guards.yes_or_no("stagger", np.True_) is True
+    assert guards.yes_or_no("stagger", False) is False
+    for wrong in (None, 0, 1, "yes", np.ones(2, bool)):
+        with pytest.raises(ValueError, match=r"stagger is .*; expected True or False"):
+            guards.yes_or_no("stagger", wrong)

@@ -80,7 +80,7 @@ def _evaluate(
     out: _Out = None,
     threads: _Threads = None,
     time_limit: TimeLimit = None,
-    action_repeat: ActionRepeat = 1,
+    action_repeat: ActionRepeat = None,
     workers: Workers = None,
     ray: Ray = None,
     shard: Shard = None,

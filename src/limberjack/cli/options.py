@@ -53,9 +53,11 @@ TimeLimit = Annotated[
     float | None, typer.Option(help="Seconds per episode; the task's own by default.")
 ]
 ActionRepeat = Annotated[
-    int,
+    int | None,
     typer.Option(
-        min=1, help="Control steps per action. Returns and lengths still count control steps."
+        min=1,
+        help="Control steps per action; the environment's own by default, mostly 1. Returns and "
+        "lengths still count control steps.",
     ),
 ]
 Workers = Annotated[

@@ -26,6 +26,8 @@ from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import Build, Seeded
 from limberjack.rl.contract import PhysicsError
+from limberjack.rl.control import Environment
+from limberjack.rl.copies import control_of
 
 __all__ = ["play", "play_alone"]
 
@@ -59,7 +61,7 @@ def play(
         nothing was played.
     """
     rows = min(ROWS, len(seeds))
-    batch = batch_of(build, rows, num_threads, seed=0)
+    batch = batch_of(build, rows, num_threads, seed=0, action_repeat=1)
     return _Playing(batch, actor, seeds, action_repeat).episodes(on_steps)
 
 
@@ -172,6 +174,9 @@ def play_alone(
     for seed in seeds:
         seeded.begin(seed)
         environment = seeded.environment
+        inner = control_of(environment)
+        if isinstance(inner, Environment):
+            inner.action_repeat = 1  # the loop repeats actions, and counts control steps
         so_far = (0, 0.0)
 
         def on_step(step: rollout.Step) -> None:

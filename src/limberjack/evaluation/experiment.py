@@ -43,7 +43,7 @@ def evaluate(
     out: Path | str | None = None,
     num_threads: int | None = None,
     time_limit: float | None = None,
-    action_repeat: int = 1,
+    action_repeat: int | None = None,
     workers: int | None = None,
     executor: concurrent.futures.Executor | None = None,
     ray: str | None = None,
@@ -71,8 +71,8 @@ def evaluate(
       num_threads: number of threads that step the batch, or of each worker; by default the usable
         cores, or each worker's share of them.
       time_limit: seconds per episode; the task's own by default, as with a function.
-      action_repeat: control steps per action. Returns, lengths, limits and success still count
-        control steps.
+      action_repeat: control steps per action; None for the environment's own, mostly 1. Returns,
+        lengths, limits and success still count control steps.
       workers: number of processes that play; by default one per usable core for the planner, and
         none but this process for other policies. See `limberjack.workers.open_workers`.
       executor: plays the episodes in place of processes made here.
@@ -97,20 +97,17 @@ def evaluate(
       OSError: a file cannot be written.
     """
     asked = _checked_seeds(seeds)
-    action_repeat = at_least_one("action_repeat", action_repeat)
+    if action_repeat is not None:
+        at_least_one("action_repeat", action_repeat)
     directory = None if out is None else Path(out).absolute()  # a policy may change folders
     mine = asked if shard is None else _of_shard(asked, shard, directory)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
     factory = factory_of(domain, task, time_limit)
     environment = _checked_environment(factory, asked, directory)
+    repeat = _checked_repeat(action_repeat, environment, policy)
     found = actors.find(policy, environment, num_threads)
-    if action_repeat > 1 and policy == "planner":
-        raise ValueError(
-            f"action_repeat is {action_repeat}, but the planner acts at every control step: leave "
-            "it at 1"
-        )
-    setup = scale.setup(domain, task, policy, time_limit, len(mine), action_repeat)
-    identity = identity_of(factory, found, environment, action_repeat)
+    setup = scale.setup(domain, task, policy, time_limit, len(mine), repeat)
+    identity = identity_of(factory, found, environment, repeat)
     canary = setup.canary if setup is not None else canary_of(factory) if directory else None
     store = Store(directory, identity, canary=canary, shard=shard, any_processor=any_processor)
     with contextlib.closing(store), contextlib.closing(environment):
@@ -119,7 +116,7 @@ def evaluate(
             full_length = factory_of(domain, task) if isinstance(domain, str) else factory
             runner = Runner(
                 factory.build(environment),
-                action_repeat,
+                repeat,
                 _step_limit(environment),
                 full_length.build(full_length.make(0)).seeded(0),
                 store,
@@ -205,6 +202,34 @@ def _checked_environment(
             )
         _check_seeding(factory, environment, seeds)
     return environment
+
+
+def _checked_repeat(
+    action_repeat: int | None, environment: dm_env.Environment, policy: object
+) -> int:
+    """Control steps per action: those that are asked for, or the environment's own.
+
+    Raises:
+      ValueError: the planner acts at every control step; or stacked pictures would be those of
+        control steps, not of actions.
+    """
+    inner = control_of(environment)
+    assert isinstance(inner, Environment)
+    repeat = inner.action_repeat if action_repeat is None else action_repeat
+    if repeat == 1:
+        return 1
+    if policy == "planner":
+        raise ValueError(
+            f"action_repeat is {repeat}, but the planner acts at every control step: leave it at 1"
+        )
+    stacked = 1 if inner.pixels is None else inner.pixels.frame_stack
+    if stacked > 1:
+        raise ValueError(
+            f"frame_stack={stacked} stacks a picture of each control step here, and action_repeat "
+            f"is {repeat}: evaluate with frame_stack=1 or action_repeat=1, or step the environment "
+            "in a loop"
+        )
+    return repeat
 
 
 def _check_seeding(factory: Factory, environment: dm_env.Environment, seeds: list[int]) -> None:

@@ -12,12 +12,13 @@ caller resets; `VectorEnv` resets its rows by itself.
 import inspect
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import error
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 
 from limberjack import suite
@@ -101,7 +102,36 @@ class Env(gymnasium.Env):
         # Whether Gymnasium's TimeLimit counts the steps, and its count.
         self._is_counted_outside = False
         self._counted = 0
+        # The id's length in control steps, where actions are repeated and no other was asked for.
+        self._length: int | None = None
+        self._spec: EnvSpec | None = None
         self._closed = False
+
+    # A plain attribute in Gymnasium, which `make` sets.
+    @property
+    def spec(self) -> EnvSpec | None:
+        """The spec of the id, in which Gymnasium's `TimeLimit` notes its number of actions."""
+        self._agree_with(_time_limits_calling(self))
+        return self._spec
+
+    @spec.setter
+    def spec(  # pyright: ignore[reportIncompatibleVariableOverride]
+        self, spec: EnvSpec | None
+    ) -> None:
+        self._spec = spec
+
+    def _agree_with(self, limits: Sequence[TimeLimit]) -> bool:
+        """Give limits that have the id's length, in control steps, that number of actions.
+
+        Returns whether there are any.
+        """
+        if self._length is None:
+            return False
+        actions = self.actions_of(self._length)
+        for limit in limits:
+            if limit._max_episode_steps == self._length:
+                limit._max_episode_steps = actions
+        return any(limit._max_episode_steps == actions for limit in limits)
 
     @property
     def environment(self) -> control.Environment:
@@ -141,6 +171,8 @@ class Env(gymnasium.Env):
             wrong kind; nothing was reset.
         """
         self._check_open()
+        limits = _time_limits_calling(self)
+        is_of_the_id = self._agree_with(limits)
         try:
             given = arguments.check_options(options, arguments.STATE).get(arguments.STATE)
             state = state_of_one(given, self._environment)
@@ -148,9 +180,11 @@ class Env(gymnasium.Env):
             _check_length(self, state)
         except (TypeError, ValueError):
             # Gymnasium's `TimeLimit` has set its count to 0 already.
-            for limit in _time_limits_resetting(self):
+            for limit in limits:
                 limit._elapsed_steps = self.actions_of(self._counted)
             raise
+        if self._length is not None:  # another number of actions takes the place of the id's
+            self._environment._step_limit = self._length if is_of_the_id else math.inf
         if number is not None:
             super().reset(seed=number)
             self._environment.reseed(number)
@@ -160,7 +194,7 @@ class Env(gymnasium.Env):
         observation = time_step.observation
         self._counted = self._environment._step_count
         if self._counted:
-            for limit in _time_limits_resetting(self):
+            for limit in limits:
                 limit._elapsed_steps = self.actions_of(self._counted)
         drawn = {name: v.copy() for name, v in self._environment.randomization.items()}
         info = {"randomization": drawn} if drawn else {}
@@ -244,7 +278,7 @@ def _check_length(env: Env, state: State | None) -> None:
     if not isinstance(state, Snapshot):
         return
     steps = env.actions_of(int(state.step_count[0]))
-    limits = [limit._max_episode_steps for limit in _time_limits_resetting(env)]
+    limits = [limit._max_episode_steps for limit in _time_limits_calling(env)]
     if limits and steps >= min(limits):
         raise ValueError(
             f"the snapshot is of step {steps} of an episode, and Gymnasium ends episodes after "
@@ -253,14 +287,16 @@ def _check_length(env: Env, state: State | None) -> None:
         )
 
 
-def _time_limits_resetting(env: Env) -> list[TimeLimit]:
-    """The `TimeLimit`s around an environment that are being reset now, by this thread.
+def _time_limits_calling(env: Env) -> list[TimeLimit]:
+    """The `TimeLimit`s around an environment that reset it, or read its spec, in this thread.
 
-    An environment has no reference to its wrappers, which call its `reset` in turn.
+    An environment has no reference to its wrappers, which call it in turn.
     """
+    reads_spec = cast(property, vars(TimeLimit)["spec"]).fget
+    codes = [TimeLimit.reset.__code__, getattr(reads_spec, "__code__", None)]
     found, frame = [], inspect.currentframe()
     while frame is not None:
-        if frame.f_code is TimeLimit.reset.__code__:
+        if frame.f_code in codes:
             limit = frame.f_locals["self"]
             if limit.unwrapped is env:
                 found.append(limit)

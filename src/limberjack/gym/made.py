@@ -43,8 +43,10 @@ def make(
         return env
     environment = env.environment
     repeat = environment.action_repeat
-    # Repeated actions leave fewer steps to count, so that the environment keeps its own limit.
-    is_asked_for = lengths.asks_for_a_time_limit(kwargs) or repeat != 1
+    is_asked_for = lengths.asks_for_a_time_limit(kwargs)
+    if repeat != 1 and not is_asked_for and environment.step_limit == length:
+        # The id's length is in control steps, of which the last action may have fewer.
+        env._length, is_asked_for = length, True
     own = environment._step_limit / repeat
     limit = lengths.limit_of_single(f"{domain}:{task}", length, own, is_asked_for)
     if limit != own:

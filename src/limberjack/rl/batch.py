@@ -120,7 +120,7 @@ class BatchEnvironment:
         self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
         self._last_terms: Mapping[str, Quantity] = {}  # of each row's last control step
         self._stagger: Stagger | None = None
-        if stagger:
+        if guards.yes_or_no("stagger", stagger):
             check_limit(step_limit)
             self._stagger = Stagger(self.num_envs)
             self._counter.limits = np.full(self.num_envs, step_limit)
@@ -304,7 +304,8 @@ class BatchEnvironment:
             steps = counter.steps.copy()
             time_step, last = counter.count(~active, self.diverged, reward, termination, state)
             counter.steps[~active] = steps[~active]
-            total.add(time_step, terms, active | begins if is_final else active, active)
+            shown = active | begins if is_final else active
+            total.add(time_step, terms, shown, active, self.diverged)
             ended = np.flatnonzero(last & ~self.diverged)
             if is_final:
                 break
@@ -591,10 +592,10 @@ class BatchEnvironment:
 
     def _begin_streams(self, rows: Iterable[int]) -> None:
         """Draws what belongs to the new streams of rows."""
-        self._streams.begin(rows, self._task, self._replicas.simulation)
-        if self._stagger is not None:
+        if self._stagger is not None:  # before the task draws from the streams
             for row in rows:
                 self._stagger.draw(row, self._streams.own[row])
+        self._streams.begin(rows, self._task, self._replicas.simulation)
 
     def _limits(self, rows: np.ndarray) -> np.ndarray | None:
         """The limits of rows as a snapshot holds them."""
@@ -606,7 +607,7 @@ class BatchEnvironment:
         if self._stagger is None or self._counter.limits is None:
             return
         full = self._counter.step_limit
-        self._counter.limits[rows] = full if saved is None else saved[:, 0]
+        self._counter.limits[rows] = full if saved is None else np.minimum(saved[:, 0], full)
         self._stagger.shares[rows] = 1.0 if saved is None else saved[:, 1]
 
     def _observe(self, is_step: bool = True) -> MutableMapping[str, np.ndarray]:

@@ -22,7 +22,7 @@ from limberjack.rl.batch_safety import check_plain
 from limberjack.rl.builds import Build, Make, is_stable
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import difference
-from limberjack.rl.guards import at_least_one, raises_on_divergence
+from limberjack.rl.guards import at_least_one, raises_on_divergence, yes_or_no
 from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.log import log
@@ -75,6 +75,9 @@ def batch_of(
         raise ValueError(f"vectorised is {vectorised!r}; expected None, True or False")
     if num_threads is not None:
         at_least_one("num_threads", num_threads)
+    if action_repeat is not None:
+        at_least_one("action_repeat", action_repeat)
+    yes_or_no("stagger", stagger)
     first = np.random.RandomState().randint(2**31) if seed is None else checked_seed(seed)
     checked_seed(first + num_envs - 1)
     try:

@@ -79,6 +79,7 @@ ATTRIBUTES = frozenset(
             "_physics",
             "_randomizer",
             "_reset_next_step",
+            "_reward_so_far",
             "_seeded",
             "_step_count",
             "_step_limit",
@@ -101,6 +102,7 @@ class Environment(dm_env.Environment):
     _frames: Frames | None = None  # None without pixel observations
     _action_repeat = 1
     _last_terms: Mapping[str, Quantity] | None = None  # of the last of several control steps
+    _reward_so_far: Quantity = 0.0  # of a step's control steps, also of one that diverges
     # The task's stream, and the stream derived from it that model fields are drawn from.
     _draws: tuple[np.random.RandomState, np.random.RandomState] | None = None
 
@@ -160,8 +162,7 @@ class Environment(dm_env.Environment):
         if time_limit != float("inf"):
             self._step_limit = time_limit / (physics.timestep() * self._n_sub_steps)
         physics.legacy_step = legacy_step
-        if action_repeat != 1:
-            self.action_repeat = action_repeat
+        self.action_repeat = action_repeat
         self._step_count = 0
         self._reset_next_step = True
         if randomize:
@@ -237,17 +238,20 @@ class Environment(dm_env.Environment):
 
     def _step_repeatedly(self, action: Nested) -> dm_env.TimeStep:
         physics, task = self._physics, self._task
-        total, sums, terms, state = 0.0, {}, {}, {}
+        sums, state = {}, {}
         is_last, discount = False, 1.0
-        for _ in range(self._action_repeat):
+        for number in range(self._action_repeat):
             task.before_step(action, physics)
+            if number == 0:  # the action was not refused
+                self._reward_so_far, self.reward_terms = 0.0, {}
             self._reset_next_step = True  # until the step is complete
             physics.step(self._n_sub_steps)
             task.after_step(physics)
             reward, terms = reward_and_terms(task, physics)
             state = task.get_observation(physics)
-            total = total + reward
+            self._reward_so_far = self._reward_so_far + reward
             sums = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
+            self.reward_terms, self._last_terms = sums, terms
             self._step_count += 1
             at_limit = self._step_count >= self._step_limit
             ending = 1.0 if at_limit else task.get_termination(physics)
@@ -255,11 +259,10 @@ class Environment(dm_env.Environment):
             if is_last:
                 discount = ending
                 break
-        self.reward_terms, self._last_terms = sums, terms
         observation = self._in_form(state)
         self._reset_next_step = is_last
         step_type = dm_env.StepType.LAST if is_last else dm_env.StepType.MID
-        return dm_env.TimeStep(step_type, total, discount, observation)
+        return dm_env.TimeStep(step_type, self._reward_so_far, discount, observation)
 
     def action_spec(self) -> Nested:
         """Spec of valid actions."""

@@ -127,7 +127,7 @@ def exact_copies(env: object, memo: dict[int, object]) -> None:
     warm start. A wrapper that delegates all names delegates `__deepcopy__` too, so that
     `copy.deepcopy` would return a copy of what it wraps.
     """
-    wrappers: list[tuple[Any, Any]] = []  # copies, and the states that they get
+    wrappers: list[tuple[object, object]] = []  # copies, and the states that they get
     for _, value in reachable(env):
         if id(value) in memo:
             continue

@@ -139,6 +139,7 @@ class Repeated:
         terms: Mapping[str, Quantity],
         shown: np.ndarray,
         stepped: np.ndarray,
+        diverged: np.ndarray,
     ) -> None:
         """Adds a control step.
 
@@ -147,6 +148,7 @@ class Repeated:
           terms: the reward terms of all rows.
           shown: mask of rows whose observation and step type count, (num_envs,).
           stepped: mask of those among them whose reward and discount count too.
+          diverged: mask of those whose reward terms mean nothing.
         """
         for name, values in time_step.observation.items():
             if name in self.observation:
@@ -156,12 +158,13 @@ class Repeated:
         self.step_type[shown] = time_step.step_type[shown]
         self._reward[stepped] += time_step.reward[stepped]
         self._discount[stepped] = time_step.discount[stepped]
+        valid = stepped & ~diverged
         for name, values in terms.items():
             of_rows = np.broadcast_to(values, stepped.shape)
             known = self.terms.setdefault(name, np.zeros(stepped.shape))
             last = self.last_terms.setdefault(name, np.zeros(stepped.shape))
-            self.terms[name] = np.where(stepped, known + of_rows, known)
-            last[stepped] = of_rows[stepped]
+            self.terms[name] = np.where(valid, known + of_rows, known)
+            last[valid] = of_rows[valid]
 
     def time_step(self) -> dm_env.TimeStep:
         """The time step of all rows."""

@@ -164,9 +164,10 @@ def rows_of(snapshot: Snapshot, rows: np.ndarray) -> Snapshot:
     parts = {}
     for field in dataclasses.fields(snapshot):
         value = getattr(snapshot, field.name)
-        if isinstance(value, np.ndarray):  # an empty one stands for nothing, whatever the size
+        # An empty array or list stands for nothing, whatever the size.
+        if isinstance(value, np.ndarray):
             parts[field.name] = value[rows] if len(value) else value
-        elif isinstance(value, list):  # as above
+        elif isinstance(value, list):
             parts[field.name] = [value[row] for row in rows] if value else []
         elif isinstance(value, dict) and field.name != "origin":
             parts[field.name] = {name: array[rows] for name, array in value.items()}

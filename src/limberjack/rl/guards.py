@@ -21,6 +21,7 @@ __all__ = [
     "check_memory",
     "raises_on_divergence",
     "streams_of_seeds",
+    "yes_or_no",
 ]
 
 _STREAM_BYTES = 2_500  # size of a RandomState, with 624 numbers of 4 bytes; each row has two
@@ -102,6 +103,17 @@ def at_least_one(name: str, value: object) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
         raise ValueError(f"{name} is {value!r}; expected a whole number of at least 1")
     return int(value)
+
+
+def yes_or_no(name: str, value: object) -> bool:
+    """`value` as a bool.
+
+    Raises:
+      ValueError: the value is neither True nor False.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise ValueError(f"{name} is {value!r}; expected True or False")
+    return bool(value)
 
 
 def check_memory(num_envs: int, row: Iterable[np.ndarray], more_bytes: int = 0) -> None:

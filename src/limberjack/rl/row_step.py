@@ -64,7 +64,7 @@ class RowStep:
         if step_type != _MID:
             self.step_type[row] = step_type
         if step_type != _FIRST:
-            self.reward[row] += self._number("reward", time_step.reward)
+            self.add_reward(row, time_step.reward)
             self.discount[row] = self._number("discount", time_step.discount)
         if step_type == _LAST:
             is_one = self.discount[row] == 1.0
@@ -86,6 +86,14 @@ class RowStep:
                     f"expected {shape} and {dtype}, those of its spec"
                 )
             values[row] = value
+
+    def add_reward(self, row: int, reward: object) -> None:
+        """Adds to the reward of a row.
+
+        Raises:
+          TypeError: it is not a number.
+        """
+        self.reward[row] += self._number("reward", reward)
 
     def cut(self, row: int) -> None:
         """Ends a row's episode at the limit, which its environment does not know."""

@@ -122,7 +122,7 @@ class RowsEnvironment:
             self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
         self._own_limit: float | None = None  # set by `step_limit`; None for the environments' own
         self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
-        self._stagger = Stagger(self.num_envs) if stagger else None
+        self._stagger = Stagger(self.num_envs) if guards.yes_or_no("stagger", stagger) else None
         self._rows: list[Seeded] = []
         self._make_rows(trial, of_rows, first, stable)
         self._full_limits = [self._limit_of(row.environment) for row in self._rows]
@@ -280,7 +280,10 @@ class RowsEnvironment:
             try:
                 time_step = env.step(action)
             except PhysicsError:
+                found.steps[row] = env._step_count - before
                 found.diverge(row)
+                if self._action_repeat != 1:
+                    found.add_reward(row, env._reward_so_far)
                 return
             found.take(row, time_step, self._plain(row))
             found.steps[row] = env._step_count - before
@@ -289,6 +292,8 @@ class RowsEnvironment:
         inner = control_of(env)
         before = getattr(inner, "_step_count", 0)
         terms: collections.Counter[str] = collections.Counter()
+        if repeat > 1:
+            self._summed_terms[row] = terms
         for number in range(1, repeat + 1):
             try:
                 time_step = env.step(action)
@@ -298,7 +303,6 @@ class RowsEnvironment:
             found.take(row, time_step, self._plain(row))
             if repeat > 1:
                 terms.update(getattr(env, "reward_terms", {}))
-                self._summed_terms[row] = terms
             if isinstance(inner, Environment):
                 found.steps[row] = inner._step_count - before
             else:
@@ -504,9 +508,9 @@ class RowsEnvironment:
             self._summed_terms.get(row, getattr(env, "reward_terms", {}))
             for row, env in enumerate(self.environments)
         ]
-        begun = self._steps == 0
+        without = (self._steps == 0) | self.diverged  # may have none
         names = next((list(terms) for terms in of_rows if terms), [])
-        if any(list(terms) != names for terms, new in zip(of_rows, begun, strict=True) if not new):
+        if any(list(terms) != names for terms, no in zip(of_rows, without, strict=True) if not no):
             return {}
         return {
             name: np.array([float(terms.get(name, 0.0)) for terms in of_rows]) for name in names
@@ -705,7 +709,8 @@ class RowsEnvironment:
                 self._observation[name][row] = values[0]
         full = self._full_limits[row] if self._own_limit is None else self._own_limit
         if part.limits is not None and self._stagger is not None:
-            full, self._stagger.shares[row] = part.limits[0]
+            limit, self._stagger.shares[row] = part.limits[0]
+            full = min(limit, full)
         self._set_up(row)
         self._set_limit(row, full)
         self._steps[row] = part.step_count[0]

@@ -42,7 +42,10 @@ _CPU_INFO = Path("/proc/cpuinfo")
 
 
 def identity_of(
-    factory: Factory, found: Found, environment: dm_env.Environment, action_repeat: int = 1
+    factory: Factory,
+    found: Found,
+    environment: dm_env.Environment,
+    action_repeat: int | None = None,
 ) -> Facts:
     """Everything that an episode depends on except its seed, as values of JSON.
 
@@ -50,7 +53,7 @@ def identity_of(
       factory: made the environment.
       found: the policy.
       environment: one that the factory made.
-      action_repeat: control steps per action.
+      action_repeat: control steps per action; None for the environment's own.
     """
     inner = control_of(environment)
     assert isinstance(inner, Environment)
@@ -61,7 +64,7 @@ def identity_of(
         "policy_sha256": found.sha256,
         "time_limit": None if limit is None else limit * control_timestep,
         "control_timestep": control_timestep,
-        "action_repeat": action_repeat,
+        "action_repeat": inner.action_repeat if action_repeat is None else action_repeat,
         "versions": report.versions(),
         "fingerprint": report.fingerprint(inner.physics.model._model),
     }
