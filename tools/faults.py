@@ -29,10 +29,13 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "self._replicas.simulation.save(None, self._s",
         ),
         ("            self._begins[rows] = True  # until c", "            pass  # until c"),
-        (
-            "self._streams.begin([row], self._task, self._replicas.simulation)",
-            "",
-        ),
+        ("                    self._begin_streams([row])\n", ""),
+        ("            self._replicas.check()\n            checked", "            checked"),
+        ("            active = active & ~last\n", ""),
+        ("            counter.steps[~active] = steps[~active]\n", ""),
+        ("            simulation.load(saved, rows)\n        s", "            pass\n        s"),
+        ("        self.diverged = diverged\n\n    def _rows", "\n    def _rows"),
+        ("limit = self._stagger.limit_of_next(row, ", "limit = self._stagger.limit_of_next(0, "),
         ("self._streams.replace(row, stream, seeds[i])", "self._streams.own[row] = stream"),
     ],
     "rl/endings.py": [
@@ -40,16 +43,77 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            self.steps[begins] = 0\n", ""),
         ("            last &= ~begins\n", ""),
         ("            step_type[begins] = _FIRST\n", ""),
-        ("return self.steps >= self.step_limit", "return self.steps > self.step_limit"),
+        (
+            "return self.steps >= (self.step_limit if",
+            "return self.steps > (self.step_limit if",
+        ),
         ("ends = ~np.isnan(termination) & ~last", "ends = ~np.isnan(termination)"),
         ("            if begins is not None:\n                ends &= ~begins\n", ""),
-        ("np.asarray(termination)[ends]", "np.asarray(termination)[: ends.sum()]"),
+        ("termination[ends]", "termination[: ends.sum()]"),
         ("            discount[diverged] = 0.0\n", ""),
         ("            reward[diverged] = 0.0\n", ""),
         ("            last |= diverged\n", ""),
-        ("reward = np.array(reward, float)", "reward = np.asarray(reward, float)"),
+        ("numbers = np.array(given, float)", "numbers = np.asarray(given, float)"),
         ("np.where(self.steps == 0, _FIRST, _MID)", "np.where(self.steps <= 1, _FIRST, _MID)"),
         ("self._all_one.copy(), self._all_mid.copy()", "self._all_one, self._all_mid.copy()"),
+        ("            if given is None:  # of which", "            if given is ...:  # of which"),
+        ("last[valid] = of_rows[valid]", "last[:] = of_rows"),
+        ("self._reward[stepped] += time_step.reward[stepped]", "self._reward += time_step.reward"),
+        ("self.observation[name][shown] = values[shown]", "self.observation[name] = values"),
+    ],
+    "rl/row_step.py": [
+        ("self.timed_out[row] = is_one if plain is None", "self.timed_out[row] = is_one if plain"),
+        ("            values[row] = self._last[name][row]\n", "            pass\n"),
+        ("value.shape != shape or value", "value.size != values[row].size or value"),
+        ("        self.discount[row] = 0.0\n", ""),
+        ("self.reward[row] += self._n", "self.reward[row] = self._n"),
+    ],
+    "rl/row_threads.py": [
+        ("if self._process != os.getpid():  # forked", "if False:  # forked"),
+        ("context = contextvars.copy_context()", "context = contextvars.Context()"),
+        ("if first <= row < end]", "if first < row < end]"),
+        ("            self._wait()\n            raise", "            raise"),
+        ("if not isinstance(error, Exception):  #", "if isinstance(error, Exception):  #"),
+    ],
+    "rl/rows.py": [
+        ("        self._steps[found.step_type == _FIRST] = 0\n", ""),
+        ("self._timed_out = found.timed_out &", "self._timed_out = found.timed_out |"),
+        ("last & ~found.diverged & ~found.cut_off", "last & ~found.diverged"),
+        ("env.step(given[row]) if has_ended[row] else env.reset()", "env.reset()"),
+        (
+            "            self._steps[rows] = 0\n            self._begins[rows] = False",
+            "            pass",
+        ),
+    ],
+    "rl/builds.py": [
+        ("            put_back(self._first, env.task, env.physics)\n", ""),
+        ("if self.is_plain and self._is_stable and self._has_first_model():", "if self.is_plain:"),
+        ("setattr(holder_of(made, name), name, copy.deepcopy(value))", "pass"),
+        ("return _start(one) == _start(other)", "return True"),
+    ],
+    "rl/memory.py": [
+        ("            for name in _kept(task, physics)[key]:\n", "            for name in ():\n"),
+        ("    memory = copy.deepcopy(dict(memory), _memo(task, physics))\n", ""),
+        ("return all(_is_defined_here(one) for", "return any(_is_defined_here(one) for"),
+    ],
+    "rl/watch.py": [
+        ("return sorted({*assigned, *differing})", "return sorted(differing)"),
+        ("return sorted({*assigned, *differing})\n", "return sorted(assigned)\n"),
+        ("                del cls.__setattr__\n", "                pass\n"),
+    ],
+    "rl/copies.py": [
+        ("            twin.become(copy.deepcopy(value.__getstate__(), memo))\n", ""),
+        ("name not in _NOT_BEHAVIOUR and hasattr(base, name)", "False"),
+    ],
+    "rl/stagger.py": [
+        ("share, self.shares[row] = self.shares[row], _FULL", "share = self.shares[row]"),
+        ("else 1 + math.floor(share", "else math.floor(share"),
+        ("int(position), int(_OWN)]", "int(position)]"),
+    ],
+    "rl/control.py": [
+        ("return self.reset()  # a subclass may", "return self._begin()  # a subclass may"),
+        ("            if is_last:\n", "            if False:\n"),
+        ("put_back(snapshot.memory[0], self._task, self._physics)", "pass"),
     ],
     "rl/stream_fields.py": [
         ("simulation.set_fields(fields, row)", "simulation.set_fields(fields)"),
@@ -75,8 +139,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("values.shape != nominal.shape or", "values.size != nominal.size or"),
     ],
     "rl/pixels.py": [
-        ("self._stack[index][..., _COLOURS:]", "self._stack[index][..., :-_COLOURS]"),
-        ("        stack[is_first] = np.tile(pictures[is_first], self.pixels.frame_stack)\n", ""),
+        (
+            "self._stack[index][..., self._colours :]",
+            "self._stack[index][..., : -self._colours]",
+        ),
+        ("        stack[is_first] = np.tile(frames[is_first], self.pixels.frame_stack)\n", ""),
         ("else self._stack.copy())", "else self._stack)"),
         ('"stack": self._stack[index].copy()', '"stack": self._stack[index]'),
         (
@@ -229,7 +296,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("is_free = seed % ROWS not in occupied", "is_free = True"),
         ("so_far[1], so_far[0] + 1)", "so_far[1], so_far[0])"),
         ("self._waiting = skipped + self._waiting[", "self._waiting = self._waiting["),
-        ("        environment.reseed(seed)\n", ""),
+        ("        seeded.begin(seed)\n", ""),
     ],
     "suite/_chain.py": [
         ("                end = link\n", ""),
@@ -340,7 +407,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return values if numbers.ndim else values[None]", "return values"),
     ],
     "mujoco/batch_simulation.py": [
-        ("self._call(-_at_least_one(nstep), rows)", "self._call(_at_least_one(nstep), rows)"),
+        ("self._call(-checked_steps(nstep), rows)", "self._call(checked_steps(nstep), rows)"),
         ("self._call(START, rows)", "self._call(FORWARD, rows)"),
         ("key = -1 if keyframe is None else keyframe", "key = -1"),
         (
@@ -395,7 +462,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             '        if callable(field):\n            raise AttributeError(f"a batch has no data',
             '        if False:\n            raise AttributeError(f"a batch has no data',
         ),
-        ("return copy.copy(self._model)", "return self._model"),
+        ("return copy_of(self._model)", "return self._model"),
         (
             "            vars(self)[name] = field  # c",
             "            vars(self)[name] = field.copy()  # c",
@@ -403,8 +470,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return ReadOnlyStruct(field, name, self._own_parts(name))", "return field"),
     ],
     "mujoco/read_only.py": [
-        ("        self._refuse_writing()\n        super()", "        super()"),
-        ("                out._refuse_writing()\n", "                pass\n"),
+        (
+            "        self._change(lambda array: array.__setitem__(key, value))\n\n    def _call",
+            "        super().__setitem__(key, value)\n\n    def _call",
+        ),
+        ("            outs[guarded[0]]._change(write)\n", "            write()\n"),
         ('self._advice = getattr(source, "_advice", "")', 'self._advice = ""'),
     ],
     "mujoco/model_values.py": [
@@ -461,7 +531,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    _staying.add(threading.get_ident())\n", ""),
         ("    while _others_simulate() and", "    while False and"),
         ("        frame = frame.f_back\n", "        frame = None\n"),
-        ('"limberjack.rl.", ', ""),
+        ('    "limberjack.rl.",\n', ""),
     ],
     "mujoco/math.py": [
         ("mj_quatprod(mj_quatneg(source), target)", "mj_quatprod(target, mj_quatneg(source))"),
@@ -470,11 +540,11 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "mujoco/wrapper/data.py": [
         ("return velocity.reshape(2, 3)[::-1]", "return velocity.reshape(2, 3)"),
         ("if not 0 <= contact_id < self._data.ncon:", "if not 0 <= contact_id <= self._data.ncon:"),
-        ('"_data", copy.copy(self._data)', '"_data", self._data'),
+        ("        mujoco.mj_copyData(data, model, self._data)\n", ""),
     ],
     "mujoco/wrapper/model.py": [
         ("opt.disableflags = before | bits", "opt.disableflags = bits"),
-        ("self._shared or copy.copy(self._model)", "self._shared or self._model"),
+        ("self._shared or copy_of(self._model)", "self._shared or self._model"),
         ("check_model._model is not last", "check_model is not last"),
     ],
     "mujoco/wrapper/visual.py": [

@@ -152,7 +152,10 @@ def _copied_as_far_as_possible(task: _Task, memo: dict[int, object]) -> _Task:
     except Exception:  # of any class: it is the user's object
         return task
     memo[id(task)] = twin
-    for name, value in _copies_of(attributes_of(task), memo).items():
+    attributes = attributes_of(task)
+    replaced = set(_shadowed(type(task), attributes))  # methods, which are called as they are
+    copied = {name: value for name, value in attributes.items() if name not in replaced}
+    for name, value in _copies_of(copied, memo).items():
         object.__setattr__(twin, name, value)
     return twin
 
