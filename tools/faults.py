@@ -86,15 +86,18 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
     ],
     "rl/builds.py": [
-        ("            put_back(self._first, env.task, env.physics)\n", ""),
-        ("if self.is_plain and self._is_stable and self._has_first_model():", "if self.is_plain:"),
+        (
+            "return env.forgets_when_seeded and _numbers(env) == self._numbers",
+            "return env.forgets_when_seeded",
+        ),
+        ("                inner.keep_when_seeded(name, value)\n", "                pass\n"),
         ("setattr(holder_of(made, name), name, copy.deepcopy(value))", "pass"),
         ("return _start(one) == _start(other)", "return True"),
     ],
     "rl/memory.py": [
         ("            for name in _kept(task, physics)[key]:\n", "            for name in ():\n"),
         ("    memory = copy.deepcopy(dict(memory), _memo(task, physics))\n", ""),
-        ("return all(_is_defined_here(one) for", "return any(_is_defined_here(one) for"),
+        ("if not all(_is_defined_here(one) for", "if not any(_is_defined_here(one) for"),
     ],
     "rl/watch.py": [
         ("return sorted({*assigned, *differing})", "return sorted(differing)"),
@@ -112,6 +115,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "rl/control.py": [
         ("return self.reset()  # a subclass may", "return self._begin()  # a subclass may"),
+        (
+            "            put_back(self._first_memory, self._task, self._physics)\n",
+            "            pass\n",
+        ),
         ("            if is_last:\n", "            if False:\n"),
         ("put_back(snapshot.memory[0], self._task, self._physics)", "pass"),
     ],

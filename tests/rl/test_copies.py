@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack.rl import copies
+from limberjack import suite
+from limberjack.rl import control, copies
 from limberjack.suite.wrappers import _delegating
 
 from . import odd_environments as odd
@@ -369,3 +370,14 @@ def test_what_cannot_be_copied_is_refused_by_name(held: Any) -> None:
         copies.check_copies(env)
     with pytest.raises(TypeError, match="held"):
         env.snapshot()
+
+
+def test_a_method_that_is_replaced_later_is_noticed() -> None:
+    class Kept(control.Environment):
+        def more(self) -> None: ...
+
+    env = suite.load("cartpole", "swingup", {"random": 0})
+    kept = Kept(env.physics, env.task, time_limit=1.0)
+    assert copies.difference(kept) is None
+    Kept.step = lambda self, action: self.reset()
+    assert copies.difference(kept) == "its class Kept overrides step"

@@ -250,6 +250,6 @@ def test_a_seed_of_gymnasium_begins_what_an_environment_of_that_seed_begins() ->
     env.step(env.action_space.sample())
     env.reset()
     found, expected = env.reset(seed=7), fresh.reset(seed=7)
-    action = np.zeros(env.action_space.shape, np.float32)
+    action = np.zeros(env.action_space.shape or (), np.float32)
     assert env.step(action)[1] == fresh.step(action)[1]
     assert str(found) == str(expected)

@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -78,3 +79,26 @@ def test_live_memory_is_told_from_copies() -> None:
         assert references.is_live(value)
     for value in (physics.data.qpos.copy(), np.ones(3)[1:], physics, physics.data, None):
         assert not references.is_live(value)
+
+
+def test_an_assignment_to_a_class_or_a_base_is_noticed() -> None:
+    class Base:
+        array = np.zeros(2)
+
+        def act(self) -> int:
+            return 1
+
+    class Derived(Base):
+        pass
+
+    changes: list[Callable[[], None]] = [
+        lambda: setattr(Base, "act", lambda self: 2),
+        lambda: setattr(Base, "array", np.zeros(2)),
+        lambda: setattr(Derived, "act", Base.act),
+        lambda: delattr(Derived, "act"),
+    ]
+    for change in changes:
+        assigned = references.Assigned(Derived)
+        assert assigned.is_same()
+        change()
+        assert not assigned.is_same()

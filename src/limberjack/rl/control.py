@@ -12,6 +12,8 @@ An episode ends at the time limit (with discount 1) or when the task terminates 
 discount). A step after the last one begins the next episode, as dm_env specifies. If a step or a
 reset is interrupted by divergence, Ctrl-C or an error in the task, the next step begins an episode.
 
+It is one idea, and long: an environment begins, steps, saves and restores one episode.
+
 This module does not depend on MuJoCo; the suite uses `limberjack.mujoco.Physics`.
 """
 

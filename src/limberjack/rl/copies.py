@@ -21,6 +21,7 @@ import dm_env
 from limberjack.rl.references import (
     ATOMS,
     STREAMS,
+    Assigned,
     attributes_of,
     is_live,
     kept_by,
@@ -44,6 +45,10 @@ _Env = TypeVar("_Env")
 _plain: tuple[type, Container[str]] = (dm_env.Environment, ())
 
 
+# Classes that were found not to override anything.
+_not_overriding: "weakref.WeakKeyDictionary[type, Assigned]" = weakref.WeakKeyDictionary()
+
+
 def set_plain(cls: type, attributes: Container[str]) -> None:
     """Sets the class of plain environments, and the names of the attributes that these have."""
     global _plain
@@ -60,9 +65,11 @@ def difference(env: object) -> str | None:
     cls = type(env)
     if not isinstance(env, plain):
         return f"it is a {cls.__name__}, not a control.Environment"
-    overridden = _overridden(cls, plain)
-    if overridden is not None:
-        return overridden
+    if not (cls in _not_overriding and _not_overriding[cls].is_same()):
+        overridden = _overridden(cls, plain)
+        if overridden is not None:
+            return overridden
+        _not_overriding[cls] = Assigned(cls)
     for name, value in vars(env).items():
         if name in attributes:
             continue

@@ -14,6 +14,7 @@ import dis
 import functools
 import gc
 import inspect
+import operator
 import random
 import sys
 import types
@@ -25,6 +26,7 @@ import numpy as np
 __all__ = [
     "ATOMS",
     "STREAMS",
+    "Assigned",
     "attributes_of",
     "is_live",
     "kept_by",
@@ -44,6 +46,21 @@ _C_MODULES = ("builtins", "itertools", "functools", "operator", "_operator", "co
 _PARTS_OF_SIMULATIONS = ("mujoco._structs", "limberjack.mujoco.index")
 _WHOLE = ("MjModel", "MjData", "MjSpec", "MjvOption", "MjvCamera", "MjvPerturb", "MjLROpt")
 _WRITES = ("STORE_DEREF", "STORE_SUBSCR", "STORE_ATTR", "DELETE_DEREF", "DELETE_SUBSCR")
+
+
+class Assigned:
+    """The attributes of a class and of its bases, to notice assignments to them."""
+
+    def __init__(self, cls: type) -> None:
+        classes = [one for one in cls.__mro__ if one is not object]
+        self._values = [(vars(one), tuple(vars(one).values())) for one in classes]
+
+    def is_same(self) -> bool:
+        """Whether none has been assigned, added or removed since."""
+        return all(
+            len(now) == len(values) and all(map(operator.is_, now.values(), values))
+            for now, values in self._values
+        )
 
 
 def attributes_of(owner: object) -> dict[str, object]:
