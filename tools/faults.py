@@ -90,7 +90,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "return env.forgets_when_seeded and _numbers(env) == self._numbers",
             "return env.forgets_when_seeded",
         ),
-        ("                inner.keep_when_seeded(name, value)\n", "                pass\n"),
+        ("inner.keep_when_seeded(name, value)", "pass"),
         ("setattr(holder_of(made, name), name, copy.deepcopy(value))", "pass"),
         ("return _start(one) == _start(other)", "return True"),
     ],
