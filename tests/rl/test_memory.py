@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import gym, suite
-from limberjack.rl import control, memory, references
+from limberjack import suite
+from limberjack.rl import memory, references
 
 from . import odd_environments as odd
 
@@ -199,57 +199,3 @@ class _Slots:
     __slots__ = ("__dict__", "number", "unset")
     number: int
     own: int
-
-
-class _Harder(odd.Pole):
-    """Grows harder with each episode that has begun."""
-
-    def __init__(self, random: int) -> None:
-        super().__init__(random=random)
-        self.episodes = 0
-
-    def initialize_episode(self, physics: Any) -> None:
-        super().initialize_episode(physics)
-        self.episodes += 1
-
-    def get_reward(self, physics: Any) -> Any:
-        return super().get_reward(physics) / self.episodes
-
-
-def _curriculum(seed: int) -> control.Environment:
-    return odd.environment(_Harder, seed)
-
-
-def test_a_new_seed_puts_back_what_a_single_environment_remembers() -> None:
-    env, fresh = _curriculum(0), _curriculum(7)
-    for _ in range(3):
-        env.reset()
-    assert env.task.episodes == 3
-    env.reseed(7)
-    assert env.task.episodes == 0
-    actions = np.random.RandomState(0).uniform(-1, 1, (4, *env.action_spec().shape))
-    assert odd.facts(env.reset()) == odd.facts(fresh.reset())
-    assert list(odd.steps_of(env, actions)) == list(odd.steps_of(fresh, actions))
-
-
-def test_a_setting_that_is_kept_when_seeded_is_not_put_back() -> None:
-    env = _curriculum(0)
-    env.reset()
-    env.task.episodes = 5
-    env.keep_when_seeded("episodes", 5)
-    env.reseed(1)
-    assert env.task.episodes == 5
-    env.keep_when_seeded("unknown", 5)
-    env.reseed(1)
-    assert not hasattr(env.task, "unknown")
-
-
-def test_a_seed_of_gymnasium_begins_what_an_environment_of_that_seed_begins() -> None:
-    env, fresh = gym.Env(_curriculum(0)), gym.Env(_curriculum(7))
-    env.reset(seed=3)
-    env.step(env.action_space.sample())
-    env.reset()
-    found, expected = env.reset(seed=7), fresh.reset(seed=7)
-    action = np.zeros(env.action_space.shape or (), np.float32)
-    assert env.step(action)[1] == fresh.step(action)[1]
-    assert str(found) == str(expected)

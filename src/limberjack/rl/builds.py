@@ -20,6 +20,7 @@ import numpy as np
 
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import check_copies, control_of, copied, difference
+from limberjack.rl.memory import Memory, put_back, remembered
 from limberjack.rl.references import attributes_of
 from limberjack.utils.seeds import checked_seed
 
@@ -144,16 +145,23 @@ class Seeded:
         self.attributes: dict[str, object] = {}
         self.environment = build.make(seed, context)
         self.is_plain = difference(self.environment) is None
+        self._first: Memory = {}
         self._numbers: object = None  # of the model
         if self.is_plain and is_stable:
-            assert isinstance(self.environment, Environment)
-            self._numbers = _numbers(self.environment)
+            env = self.environment
+            assert isinstance(env, Environment)
+            self._numbers = _numbers(env)
+            try:
+                self._first = remembered(env.task, env.physics)
+            except TypeError:  # an attribute cannot be copied: made again for each seed
+                self._is_stable = False
 
     def begin(self, seed: int) -> None:
         """Makes the next episode the first one of a seed."""
         env = self.environment
-        if self._can_be_seeded():
+        if self.is_plain and self._is_stable and self._has_first_model():
             assert isinstance(env, Environment)
+            put_back(self._first, env.task, env.physics)
             env.reseed(seed)
             return
         made = self._build.make(seed, self._context)
@@ -168,24 +176,19 @@ class Seeded:
         self.environment = env
         self.is_plain = difference(env) is None
 
-    def _can_be_seeded(self) -> bool:
-        """Whether the environment, given another seed, equals one that is made with it.
-
-        Its memory can then be put back, and its model has the numbers that it was made with, except
-        for declared fields.
-        """
+    def _has_first_model(self) -> bool:
+        """Whether the model has the numbers that it was made with, except for declared fields."""
         env = self.environment
-        if not (self.is_plain and self._is_stable and isinstance(env, Environment)):
-            return False
-        return env.forgets_when_seeded and _numbers(env) == self._numbers
+        assert isinstance(env, Environment)
+        return _numbers(env) == self._numbers
 
     def set_attribute(self, name: str, value: object) -> None:
         """Sets an attribute of the environment or its task, and of those that take their place."""
         setattr(holder_of(self.environment, name), name, value)
         self.attributes[name] = value
-        inner = control_of(self.environment)
-        if isinstance(inner, Environment):
-            inner.keep_when_seeded(name, value)
+        if name in self._first.get("task", {}):  # which a reset with a seed puts back
+            of_task = {**self._first["task"], name: copy.deepcopy(value)}
+            self._first = {**self._first, "task": of_task}
         self.is_plain = difference(self.environment) is None
 
 

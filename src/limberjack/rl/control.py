@@ -17,7 +17,6 @@ It is one idea, and long: an environment begins, steps, saves and restores one e
 This module does not depend on MuJoCo; the suite uses `limberjack.mujoco.Physics`.
 """
 
-import contextlib
 import copy
 import functools
 import math
@@ -43,7 +42,7 @@ from limberjack.rl.copies import (
 )
 from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
-from limberjack.rl.memory import Memory, put_back, remembered, stand_in
+from limberjack.rl.memory import put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
@@ -68,11 +67,26 @@ __all__ = [
 # The attributes of a plain environment; a subclass or its user may add others.
 ATTRIBUTES = frozenset(
     [
-        *("_action_repeat", "_closed", "_draws", "_first_memory", "_flat_observation"),
-        *("_frames", "_has_begun", "_last_terms", "_n_sub_steps", "_name"),
-        *("_physics", "_randomizer", "_reset_next_step", "_reward_so_far", "_seeded"),
-        *("_step_count", "_step_limit", "_task", "_use", "randomization"),
-        *("registration", "reward_terms"),
+        *(
+            "_action_repeat",
+            "_closed",
+            "_draws",
+            "_flat_observation",
+            "_frames",
+            "_n_sub_steps",
+            "_name",
+        ),
+        *(
+            "_last_terms",
+            "_physics",
+            "_randomizer",
+            "_reset_next_step",
+            "_reward_so_far",
+            "_seeded",
+            "_step_count",
+            "_step_limit",
+        ),
+        *("_task", "_use", "randomization", "registration", "reward_terms"),
     ]
 )
 
@@ -88,10 +102,6 @@ class Environment(dm_env.Environment):
     _name = ""  # such as 'humanoid:walk'; empty unless `suite.load` made it
     _seeded: tuple[object, object] = (None, None)  # a stream of the task, and its seed if known
     _frames: Frames | None = None  # None without pixel observations
-    # What task and physics remembered before the first episode; None until then, or if it cannot be
-    # copied.
-    _first_memory: Memory | None = None
-    _has_begun = False
     _action_repeat = 1
     _last_terms: Mapping[str, Quantity] | None = None  # of the last of several control steps
     _reward_so_far: Quantity = 0.0  # of a step's control steps, also of one that diverges
@@ -173,10 +183,6 @@ class Environment(dm_env.Environment):
         self._check_open()
         # True until the start is complete: an interrupted start must not be stepped.
         self._reset_next_step = True
-        if not self._has_begun:
-            with contextlib.suppress(TypeError):  # an attribute cannot be copied
-                self._first_memory = remembered(self._task, self._physics)
-            self._has_begun = True
         if self._randomizer is not None:
             self.randomization = self._randomizer.draw(self._draw_stream())
             self._simulated.simulation.set_fields(self.randomization)
@@ -333,27 +339,10 @@ class Environment(dm_env.Environment):
         return math.ceil(self._step_limit) if math.isfinite(self._step_limit) else None
 
     def reseed(self, seed: int) -> None:
-        """Makes the next episode the first one of an environment with `random=seed`.
-
-        What a task outside the suite remembered before its first episode is put back.
-        """
-        if self._first_memory is not None:
-            put_back(self._first_memory, self._task, self._physics)
+        """Makes the next episode the first one of an environment with `random=seed`."""
         stream = np.random.RandomState(seed)
         set_stream_fields(self._task, stream, self._simulated.simulation)
         self._task._random, self._seeded = stream, (stream, seed)
-
-    @property
-    def forgets_when_seeded(self) -> bool:
-        """Whether `reseed` puts back all that task and physics have remembered since they began."""
-        return not self._has_begun or self._first_memory is not None
-
-    def keep_when_seeded(self, name: str, value: object) -> None:
-        """Makes `reseed` put back this value of an attribute of the task, if it puts one back."""
-        memory = self._first_memory or {}
-        if name in memory.get("task", {}):
-            of_task = {**memory["task"], name: copy.deepcopy(value)}
-            self._first_memory = {**memory, "task": of_task}
 
     def snapshot(self) -> Snapshot:
         """Everything that the environment's future depends on; see `limberjack.rl.snapshot`.
