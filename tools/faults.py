@@ -86,11 +86,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
     ],
     "rl/builds.py": [
-        (
-            "return env.forgets_when_seeded and _numbers(env) == self._numbers",
-            "return env.forgets_when_seeded",
-        ),
-        ("inner.keep_when_seeded(name, value)", "pass"),
+        ("            put_back(self._first, env.task, env.physics)\n", ""),
+        ("if self.is_plain and self._is_stable and self._has_first_model():", "if self.is_plain:"),
         ("setattr(holder_of(made, name), name, copy.deepcopy(value))", "pass"),
         ("return _start(one) == _start(other)", "return True"),
     ],
@@ -115,10 +112,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "rl/control.py": [
         ("return self.reset()  # a subclass may", "return self._begin()  # a subclass may"),
-        (
-            "            put_back(self._first_memory, self._task, self._physics)\n",
-            "            pass\n",
-        ),
         ("            if is_last:\n", "            if False:\n"),
         ("put_back(snapshot.memory[0], self._task, self._physics)", "pass"),
     ],
