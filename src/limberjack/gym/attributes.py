@@ -37,11 +37,23 @@ _COMMON = {
 }
 # Attributes of a `control.Environment` that a vectorised batch has for its rows.
 _OF_BATCH = (
-    "is_running", "name", "pixels", "randomization", "reward_terms", "step_limit", "success",
+    "is_running",
+    "name",
+    "pixels",
+    "randomization",
+    "reward_terms",
+    "step_limit",
+    "success",
     "timed_out",
-)  # fmt: skip
-_METHODS = ("action_spec", "control_timestep", "get_wrapper_attr", "has_wrapper_attr", "render",
-            "snapshot")  # fmt: skip
+)
+_METHODS = (
+    "action_spec",
+    "control_timestep",
+    "get_wrapper_attr",
+    "has_wrapper_attr",
+    "render",
+    "snapshot",
+)
 # Not settings: the stream belongs to a row, and the rows share the colours of materials.
 _MACHINERY = ("_random", "random", "_visualize_reward", "visualize_reward")
 _SETTINGS = (bool, int, float, str, tuple, list, np.ndarray, np.generic, type(None))

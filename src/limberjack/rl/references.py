@@ -28,6 +28,7 @@ __all__ = [
     "STREAMS",
     "Assigned",
     "attributes_of",
+    "cells_of",
     "is_live",
     "kept_by",
     "local_methods",
@@ -148,7 +149,7 @@ def kept_by(function: object, besides: Container[int] = ()) -> str | None:
     attributes = {name for name in vars(function) if name != "__wrapped__"}
     if attributes:
         return f"an attribute {min(attributes)!r} of it"
-    enclosed = [*_cells(function), *(function.__defaults__ or ())]
+    enclosed = [*cells_of(function), *(function.__defaults__ or ())]
     enclosed += (function.__kwdefaults__ or {}).values()
     if not enclosed:
         return None
@@ -250,7 +251,7 @@ def _referred(function: types.FunctionType) -> list[object]:
     found: list[object] = [
         *(function.__defaults__ or ()),
         *(function.__kwdefaults__ or {}).values(),
-        *_cells(function),
+        *cells_of(function),
         *vars(function).values(),
     ]
     codes = [function.__code__]
@@ -263,7 +264,7 @@ def _referred(function: types.FunctionType) -> list[object]:
     return found
 
 
-def _cells(function: types.FunctionType) -> list[object]:
+def cells_of(function: types.FunctionType) -> list[object]:
     """The values that a function encloses; empty cells are left out."""
     found = []
     for cell in function.__closure__ or ():

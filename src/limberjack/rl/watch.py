@@ -21,7 +21,7 @@ from typing import Any, Self
 import numpy as np
 
 from limberjack.rl.batch_measurements import RECORDS
-from limberjack.rl.references import attributes_of
+from limberjack.rl.references import attributes_of, cells_of
 
 __all__ = ["Watch"]
 
@@ -155,7 +155,7 @@ class _Frozen:
         if isinstance(value, set | frozenset):
             return type(value), sorted(map(repr, value))
         if isinstance(value, types.FunctionType):
-            return id(value.__code__), self(_cells(value)), self(vars(value))
+            return id(value.__code__), self(cells_of(value)), self(vars(value))
         if isinstance(value, types.MethodType):
             return id(value.__func__), self(value.__self__)
         if isinstance(value, functools.partial):
@@ -175,14 +175,3 @@ def _state_of_stream(value: object) -> object | None:
     if isinstance(value, np.random.Generator):
         return value.bit_generator.state
     return value.getstate() if isinstance(value, random.Random) else None
-
-
-def _cells(function: types.FunctionType) -> list[object]:
-    """The values that a function encloses; empty cells are left out."""
-    found = []
-    for cell in function.__closure__ or ():
-        try:
-            found.append(cell.cell_contents)
-        except ValueError:  # an empty cell
-            continue
-    return found
