@@ -17,6 +17,7 @@ from dm_env import specs
 
 from limberjack.rl.contract import Physics, Task
 from limberjack.rl.copies import difference
+from limberjack.rl.shared_streams import put_back_after
 
 __all__ = ["bounded_spec", "bounds_to_try", "open_bounds", "spec_of"]
 
@@ -98,11 +99,8 @@ def _maps_actions(task: Task) -> bool:
 
 def _problem(task: Task, physics: Physics, spec: specs.BoundedArray) -> str | None:
     """The problem with actions of the spec, as part of a sentence; None if there is none."""
-    stream = np.random.get_state()
-    try:
+    with put_back_after():
         return _problem_of(spec, _effect(task, physics))
-    finally:
-        np.random.set_state(stream)
 
 
 def _problem_of(spec: specs.BoundedArray, effect: Callable[[np.ndarray], bytes]) -> str | None:

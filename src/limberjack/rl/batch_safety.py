@@ -19,7 +19,6 @@ changes only in later steps is found by `BatchEnvironment` as it happens, if at 
 """
 
 import copy
-import random as python_random
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -37,6 +36,7 @@ from limberjack.rl.copies import difference
 from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms
+from limberjack.rl.shared_streams import put_back_after
 from limberjack.rl.stream_fields import set_stream_fields
 from limberjack.rl.watch import Watch
 from limberjack.utils import arrays
@@ -136,8 +136,7 @@ def check_batch_safe(
         remembers something, or draws from a stream in a step; or it cannot be copied.
     """
     num_rows = min(max(replicas.num_envs, _MIN_ROWS), _MAX_ROWS)
-    global_stream, python_stream = np.random.get_state(), python_random.getstate()
-    try:
+    with put_back_after():
         trial = _Trial(task, replicas, num_rows, saved_fields)
         low, high = bounds_to_try(spec)
         shape = (_STEPS, num_rows, *spec.shape)
@@ -155,9 +154,6 @@ def check_batch_safe(
                 if look < len(records) and not (look > _STEPS and row == _LEFT_OUT):
                     steps = look if look <= _STEPS else _STEPS + _MORE_STEPS
                     trial.compare(found, records[look], row, steps)
-    finally:
-        np.random.set_state(global_stream)
-        python_random.setstate(python_stream)
 
 
 class _Trial:

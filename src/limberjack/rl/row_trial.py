@@ -12,7 +12,6 @@ environments share. The environment is not one of the rows.
 import collections
 import contextlib
 import math
-import pickle
 import random
 from collections.abc import Callable, Iterator, Mapping
 from typing import cast
@@ -27,6 +26,7 @@ from limberjack.rl.builds import Build, parts_of
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of, difference
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
+from limberjack.rl.shared_streams import GLOBAL_STREAMS, drawn_from
 from limberjack.utils.log import log
 
 __all__ = ["Trial", "control_timestep_of", "draws_globally", "model_of", "noted"]
@@ -124,26 +124,23 @@ def draws_globally(env: dm_env.Environment, spec: specs.BoundedArray) -> str | N
     A stream in an attribute of a class counts. The streams are put back. An error of the
     environment is not raised here, but by the row.
     """
-    streams = _shared_streams(env)
-    saved = {name: _save(one) for name, one in streams.items()}
     stream = np.random.RandomState(0)
     low, high = bounds_to_try(spec)
-    try:
-        env.reset()
-        for _ in range(_TRIAL_STEPS):
-            env.step(stream.uniform(low, high, spec.shape).astype(spec.dtype))
-    except Exception as error:  # of any class: it is the user's code
-        log.debug("the trial of %s ended early: %r", type(env).__name__, error)
-    drawn = [name for name, one in streams.items() if _save(one)[0] != saved[name][0]]
-    for name in drawn:
-        _, put_back = saved[name]
-        put_back()
-    return drawn[0] if drawn else None
+
+    def play() -> None:
+        try:
+            env.reset()
+            for _ in range(_TRIAL_STEPS):
+                env.step(stream.uniform(low, high, spec.shape).astype(spec.dtype))
+        except Exception as error:  # of any class: it is the user's code
+            log.debug("the trial of %s ended early: %r", type(env).__name__, error)
+
+    return drawn_from(_shared_streams(env), play)
 
 
 def _shared_streams(env: dm_env.Environment) -> dict[str, object]:
     """The streams that environments of one class share, by name; modules stand for global ones."""
-    found: dict[str, object] = {"NumPy's global stream": np.random, "the stream of random": random}
+    found = dict(GLOBAL_STREAMS)
     inner = control_of(env)
     for one in (env, inner, getattr(inner, "_task", None), getattr(inner, "_physics", None)):
         for cls in type(one).__mro__:
@@ -151,20 +148,6 @@ def _shared_streams(env: dm_env.Environment) -> dict[str, object]:
                 if isinstance(value, np.random.RandomState | random.Random | np.random.Generator):
                     found[f"{cls.__name__}.{name}"] = value
     return found
-
-
-def _save(stream: object) -> tuple[bytes, Callable[[], object]]:
-    """The state of a stream in a comparable form, and a function that puts it back."""
-    if isinstance(stream, np.random.Generator):
-        state = stream.bit_generator.state
-        return pickle.dumps(state), lambda: setattr(stream.bit_generator, "state", state)
-    if isinstance(stream, random.Random) or stream is random:
-        owner = random if stream is random else cast(random.Random, stream)
-        drawn = owner.getstate()
-        return pickle.dumps(drawn), lambda: owner.setstate(drawn)
-    source = np.random if stream is np.random else cast(np.random.RandomState, stream)
-    legacy = source.get_state()
-    return pickle.dumps(legacy), lambda: source.set_state(legacy)
 
 
 def model_of(env: dm_env.Environment) -> object:

@@ -1,0 +1,93 @@
+"""`put_back_after`: the random streams that all environments share, held while a check uses them.
+
+    with put_back_after():
+        ...                     # may seed and draw from NumPy's and Python's global streams
+
+Checks seed the global streams, to see whether a hook draws from them. Two threads that make
+environments at a time would see each other's draws, and keep each other's seeds: one waits for the
+other. Draws of other threads of a program are not seen as theirs, and are undone.
+"""
+
+import contextlib
+import functools
+import os
+import pickle
+import random
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from typing import cast
+
+import numpy as np
+
+__all__ = ["GLOBAL_STREAMS", "drawn_from", "put_back_after"]
+
+GLOBAL_STREAMS: Mapping[str, object] = {
+    "NumPy's global stream": np.random,
+    "the stream of random": random,
+}
+
+
+class _Turn:
+    """Whose turn it is; a process that is forked in the meantime begins with a free one."""
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        if hasattr(os, "register_at_fork"):  # not on Windows, which does not fork
+            os.register_at_fork(after_in_child=self._free)
+
+    def _free(self) -> None:
+        self.lock = threading.RLock()
+
+
+_TURN = _Turn()
+
+
+@contextlib.contextmanager
+def put_back_after(streams: Mapping[str, object] = GLOBAL_STREAMS) -> Iterator[None]:
+    """Waits for its turn with the shared streams, and puts them back in the end.
+
+    Args:
+      streams: modules and streams, by name.
+    """
+    with _TURN.lock:
+        put_back = [_putting_back(stream) for stream in streams.values()]
+        try:
+            yield
+        finally:
+            for each in put_back:
+                each()
+
+
+def drawn_from(streams: Mapping[str, object], play: Callable[[], object]) -> str | None:
+    """The first of some streams that a function draws from; the streams are put back.
+
+    Args:
+      streams: modules and streams, by name.
+      play: called once, without arguments.
+    """
+    with put_back_after(streams):
+        before = {name: _state(stream) for name, stream in streams.items()}
+        play()
+        drawn = [name for name, stream in streams.items() if _state(stream) != before[name]]
+    return drawn[0] if drawn else None
+
+
+def _state(stream: object) -> bytes:
+    """The state of a stream in a form that can be compared."""
+    if isinstance(stream, np.random.Generator):
+        return pickle.dumps(stream.bit_generator.state)
+    if isinstance(stream, np.random.RandomState) or stream is np.random:
+        return pickle.dumps(cast(np.random.RandomState, stream).get_state())
+    return pickle.dumps(cast(random.Random, stream).getstate())
+
+
+def _putting_back(stream: object) -> Callable[[], object]:
+    """A function that puts a stream back to where it is now."""
+    if isinstance(stream, np.random.Generator):
+        state = stream.bit_generator.state
+        return lambda: setattr(stream.bit_generator, "state", state)
+    if isinstance(stream, np.random.RandomState) or stream is np.random:
+        legacy = cast(np.random.RandomState, stream)
+        return functools.partial(legacy.set_state, legacy.get_state())
+    own = cast(random.Random, stream)
+    return functools.partial(own.setstate, own.getstate())
