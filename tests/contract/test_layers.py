@@ -29,6 +29,7 @@ _LAYERS = {
     "limberjack.rl.batch_measurements": 3,
     "limberjack.rl.batches": 3,
     "limberjack.rl.builds": 3,
+    "limberjack.rl.episode_attributes": 3,
     "limberjack.rl.row_trial": 3,
     "limberjack.rl.rows": 3,
     "limberjack.rl.watch": 3,

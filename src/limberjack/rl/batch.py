@@ -39,7 +39,9 @@ from limberjack.rl.batch_safety import (
 from limberjack.rl.contract import Nested, Task
 from limberjack.rl.copies import check_copies
 from limberjack.rl.endings import Counter, Repeated
+from limberjack.rl.episode_attributes import EpisodeAttributes, check_declared
 from limberjack.rl.given_state import checked_states, state_sizes
+from limberjack.rl.memory import Memory, remembered
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments, render_cameras
 from limberjack.rl.randomize import Randomizer, show_drawn
 from limberjack.rl.represented import Description, of_batch, represented
@@ -131,8 +133,13 @@ class BatchEnvironment:
         self._use = guards.OneUser("batch")
         spec = bounded_spec(task, replicas.single)
         self._action_spec = guards.batched_spec(spec, self.num_envs)
-        if not is_proved(task, replicas.single, randomizer):
+        proved = is_proved(task, replicas.single, randomizer)
+        if not proved:
             check_batch_safe(task, replicas, spec, n_sub_steps, self._saved_fields, randomizer)
+        self._memory = EpisodeAttributes(task, self.num_envs, proved)
+        # What rows observed last, as far as known: for a task that may remember that it was asked.
+        self._observed: MutableMapping[str, np.ndarray] = {}
+        self._has_observed = np.zeros(self.num_envs, bool)
         self._begin_streams(range(self.num_envs))
 
     @classmethod
@@ -183,9 +190,12 @@ class BatchEnvironment:
         num_envs = guards.at_least_one("num_envs", num_envs)
         fields = env._saved_fields()
         check_episode_fields(env.task)
+        check_declared(env.task)
         guards.check_memory(num_envs, env.physics.simulation.save(None, fields).values())
         is_of_the_suite = is_proved(env.task, env.physics, env._randomizer)
         task = copy.copy(env.task) if is_of_the_suite else _copy_of(env)
+        for name, value in env._first_values().items():
+            setattr(task, name, value)
         if getattr(task, "visualize_reward", False):
             # The rows share the colours of materials. (Only `base.Task` has the attribute.)
             task.visualize_reward = False  # pyright: ignore[reportAttributeAccessIssue]
@@ -223,9 +233,10 @@ class BatchEnvironment:
             for i, (row, stream) in enumerate(zip(rows.tolist(), streams, strict=True)):
                 if stream is not None and seeds is not None:
                     self._streams.replace(row, stream, seeds[i])
+                    self._memory.begin_again([row])
                     self._begin_streams([row])
             self._begin(rows)
-            observation = self._observe(is_step=False)
+            observation = self._observe(self._mask(rows), is_step=False)
             self._begins[rows] = False
         return self._counter.shown(observation)
 
@@ -247,7 +258,10 @@ class BatchEnvironment:
             begins = self._begins
             self._replicas.check()
             checked = guards.check_actions(actions, self.num_envs, begins, self.first_row)
-            self._task.before_step(checked, self._replicas.physics)
+            physics = self._replicas.physics
+            stepped = None if self._memory.is_idle else ~begins
+            with self._memory.during("before_step", physics, stepped):
+                self._task.before_step(checked, physics)
             # Until the step is complete: after an interrupt, all rows begin again.
             self._begins = self._all_begin.copy()
             if self._action_repeat != 1:
@@ -261,13 +275,18 @@ class BatchEnvironment:
         self.diverged = replicas.step(running, self._n_sub_steps)
         if arrays.any_of(self.diverged):
             self._report_divergence()
+        stepped = seen = None
+        if not self._memory.is_idle:
+            stepped = ~(begins | self.diverged)
+            seen = stepped | begins
         if running is None or running.size:
-            task.after_step(physics)
+            with self._memory.during("after_step", physics, stepped):
+                task.after_step(physics)
         if running is not None:  # only now, since `after_step` must not change a start
             self._begin(np.flatnonzero(begins))
-        reward, self.reward_terms = reward_and_terms(task, physics)
-        observation = self._observe()
-        termination = task.get_termination(physics)
+        reward, self.reward_terms = self._reward(stepped)
+        observation = self._observe(seen)
+        termination = self._termination(stepped)
         begun = None if running is None else begins
         time_step, self._begins = self._counter.count(
             begun, self.diverged, reward, termination, observation
@@ -288,19 +307,22 @@ class BatchEnvironment:
         for number in range(self._action_repeat):
             is_final = number == self._action_repeat - 1 or not arrays.any_of(active)
             if number and arrays.any_of(active):
-                task.before_step(actions, physics)
+                with self._memory.during("before_step", physics, active):
+                    task.before_step(actions, physics)
             running = np.flatnonzero(active)
             self.diverged = replicas.step(running, self._n_sub_steps)
             if arrays.any_of(self.diverged):
                 diverged |= self.diverged
                 self._report_divergence()
+            stepped = active & ~self.diverged
             if running.size:
-                task.after_step(physics)
+                with self._memory.during("after_step", physics, stepped):
+                    task.after_step(physics)
             if is_final and arrays.any_of(begins):
                 self._begin(np.flatnonzero(begins))
-            reward, terms = reward_and_terms(task, physics)
-            state = self._state()
-            termination = task.get_termination(physics)
+            reward, terms = self._reward(stepped)
+            state = self._state(stepped | begins if is_final else stepped)
+            termination = self._termination(stepped)
             steps = counter.steps.copy()
             time_step, last = counter.count(~active, self.diverged, reward, termination, state)
             counter.steps[~active] = steps[~active]
@@ -316,10 +338,26 @@ class BatchEnvironment:
             simulation.load(saved, rows)
         self.diverged = diverged
         self.reward_terms, self._last_terms = total.terms, total.last_terms
+        if self._memory.names:
+            self._observed = {n: v.copy() for n, v in total.observation.items()}
+            self._has_observed[:] = True
         if self._frames is not None:
             total.observation = self._frames.observe(replicas, total.observation)
         self._begins = (total.step_type == _LAST) | diverged
         return total.time_step()
+
+    def _reward(self, rows: np.ndarray | None) -> tuple[Quantity, dict[str, Quantity]]:
+        """The rewards and their terms, which count for a mask of rows."""
+        physics = self._replicas.physics
+        with self._memory.during("get_reward", physics, rows):
+            return reward_and_terms(self._task, physics)
+
+    def _termination(self, rows: np.ndarray | None) -> Quantity | None:
+        """The task's termination, which counts for those of a mask of rows that go on."""
+        physics = self._replicas.physics
+        going_on = None if rows is None else rows & ~self._counter.reach_limit
+        with self._memory.during("get_termination", physics, going_on):
+            return self._task.get_termination(physics)
 
     def snapshot(self, rows: _Rows = None) -> Snapshot:
         """Everything that the future of the batch, or of some rows, depends on."""
@@ -334,6 +372,7 @@ class BatchEnvironment:
                 {} if self._frames is None else self._frames.save(rows),
                 self.registration,
                 self._name,
+                self._remembered(rows),
                 limits=self._limits(rows),
             )
 
@@ -371,6 +410,9 @@ class BatchEnvironment:
                 self._frames.load(snapshot.frames, rows)
             self._counter.steps[rows] = snapshot.step_count
             self._set_limits(rows, snapshot.limits)
+            if snapshot.memory:
+                self._memory.load(rows, [one.get("task", {}) for one in snapshot.memory])
+            self._has_observed[rows] = False
             self._begins[rows], self.diverged[rows] = snapshot.begins, False
 
     def set_states(
@@ -410,7 +452,7 @@ class BatchEnvironment:
             self._replicas.start(rows)
             if self._frames is not None:
                 self._frames.forget(rows)
-            observation = self._observe(is_step=False)
+            observation = self._observe(self._mask(rows), is_step=False)
             self._begins[rows] = False
         return self._counter.shown(observation)
 
@@ -460,9 +502,9 @@ class BatchEnvironment:
         self._use = guards.OneUser("batch")
         self._replicas = single.replicate(num_envs, num_threads, self._saved_fields)
         self._frames = Frames.of(self.pixels, self._replicas)
-        diverged = self.diverged.copy()
+        diverged, has_observed = self.diverged.copy(), self._has_observed.copy()
         self.restore(snapshot)
-        self.diverged = diverged
+        self.diverged, self._has_observed = diverged, has_observed
 
     def _rows(self, ids: _Rows) -> np.ndarray:
         """Sorted row numbers from row numbers, a mask, or None for all."""
@@ -484,7 +526,7 @@ class BatchEnvironment:
     def observation_spec(self) -> Mapping[str, specs.Array]:
         """The specs of the observations of all rows, (num_envs, ...) each."""
         with arrays.rows_of_a_batch(self.num_envs):
-            spec = observations.specs_of(self._state())
+            spec = observations.specs_of(self._state(self._mask([])))
         return spec if self._frames is None else self._frames.spec_with(spec)
 
     def reward_spec(self) -> specs.Array:
@@ -579,7 +621,7 @@ class BatchEnvironment:
                 drawn = self._randomizer.draw(self._streams.beside[row])
                 show_drawn(self.randomization, drawn, row, self.num_envs)
                 replicas.simulation.set_fields(drawn, row)
-            with replicas.episode(row) as one:
+            with replicas.episode(row) as one, self._memory.of_row(row, one):
                 task.initialize_episode(one)
         replicas.start(rows)
         if self._frames is not None:
@@ -610,16 +652,45 @@ class BatchEnvironment:
         self._counter.limits[rows] = full if saved is None else np.minimum(saved[:, 0], full)
         self._stagger.shares[rows] = 1.0 if saved is None else saved[:, 1]
 
-    def _observe(self, is_step: bool = True) -> MutableMapping[str, np.ndarray]:
-        """Current observations in fresh arrays; a step renders every row."""
-        state, frames = self._state(), self._frames
+    def _observe(
+        self, rows: np.ndarray | None, is_step: bool = True
+    ) -> MutableMapping[str, np.ndarray]:
+        """Current observations in fresh arrays; a step renders every row.
+
+        Args:
+          rows: mask of rows that observe, (num_envs,); None for all.
+          is_step: whether this is a step instead of a start.
+        """
+        state, frames = self._state(rows), self._frames
+        if self._memory.names and rows is not None:
+            waiting = self._has_observed & ~rows
+            for name, values in self._observed.items():
+                state[name][waiting] = values[waiting]
+            self._observed = {name: values.copy() for name, values in state.items()}
+            self._has_observed |= rows
         return state if frames is None else frames.observe(self._replicas, state, is_step)
 
-    def _state(self) -> MutableMapping[str, np.ndarray]:
-        """The task's observations, without pictures."""
-        observation = self._task.get_observation(self._replicas.physics)
+    def _state(self, rows: np.ndarray | None) -> MutableMapping[str, np.ndarray]:
+        """The task's observations, without pictures, which count for a mask of rows."""
+        physics = self._replicas.physics
+        with self._memory.during("get_observation", physics, rows):
+            observation = self._task.get_observation(physics)
         self._check_forms(observation)
         return observations.of_rows(observation, self.num_envs, self._flat_observation)
+
+    def _mask(self, rows: np.ndarray | Sequence[int]) -> np.ndarray:
+        """A mask of rows from their numbers, (num_envs,)."""
+        mask = np.zeros(self.num_envs, bool)
+        mask[rows] = True
+        return mask
+
+    def _remembered(self, rows: np.ndarray) -> list[Memory]:
+        """What rows remember, in the form of a single environment's snapshot."""
+        common = {} if self._memory.is_idle else remembered(self._task, self._replicas.single)
+        if not common:  # of the suite's own task
+            return []
+        own = self._memory.of_rows(rows)
+        return [{**common, "task": {**common["task"], **values}} for values in own]
 
     def _check_forms(self, observation: object) -> None:
         """Raises unless an observation has the names, shapes and dtypes of the first one."""

@@ -12,12 +12,14 @@ side.
 
 A hook must not change the task, its physics or a class of theirs, nor draw from a random stream:
 the rows would share what single environments have for themselves. What a start writes counts too.
+What the task declares in EPISODE_ATTRIBUTES is kept for each row.
 
 The rows are compared once more some steps later, when one row has begun another episode and another
 row was left out. The suite's own tasks skip the check, which a test makes for all of them. What
 changes only in later steps is found by `BatchEnvironment` as it happens, if at all.
 """
 
+import contextlib
 import copy
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -33,6 +35,8 @@ from limberjack.rl.batch_errors import Finding, NotVectorised, explained
 from limberjack.rl.batch_measurements import MEASUREMENT, measurements_of
 from limberjack.rl.contract import Physics, PhysicsError, SimulatedPhysics, Task
 from limberjack.rl.copies import difference
+from limberjack.rl.episode_attributes import EpisodeAttributes, advice
+from limberjack.rl.episode_values import declared, keep_own, values_of
 from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.randomize import Randomizer, stream_beside
 from limberjack.rl.reward_terms import reward_and_terms
@@ -167,6 +171,9 @@ class _Trial:
         self._fields = tuple(saved_fields)
         self._name = type(task).__name__
         self._task: Task = _copied(task)
+        self._declared = declared(task)
+        # What rows remember at their start, and the row that begins again at its second one.
+        self._starts: list[dict[str, object]] = [{} for _ in range(num_rows)]
         self._measured = [measurements_of(each) for each in (self._rows.single, self._rows.physics)]
         self._stream = np.random.RandomState(0)
         self._stream_state = self._stream.get_state()
@@ -189,13 +196,14 @@ class _Trial:
           randomizer: draws model fields; None for no randomisation.
         """
         rows = self._rows
-        one, values = self._begin(row, row, randomizer)
         alone = _copied(self._task)
+        one, values = self._begin(alone, row, row, randomizer)
+        self._starts[row] = values_of(alone)
         if randomizer is not None:
             one.simulation.set_constants()
             values = self._values(one)
         try:
-            with Watch(alone, one) as watch:
+            with Watch(alone, one, self._declared) as watch:
                 one.after_reset()
                 yield _copies(self._seen(alone, one, is_step=False, watch=watch))
                 for action in actions:
@@ -204,8 +212,8 @@ class _Trial:
             self._check_model(one, values, "during a step")
             if row == _BEGINS_AGAIN:
                 start = rows.start_of(row)
-                one, _ = self._begin(row, _SECOND_START, randomizer)
-                alone = _copied(self._task)
+                one, _ = self._begin(alone, row, _SECOND_START, randomizer)
+                self._starts_again = values_of(alone)
                 if randomizer is not None:
                     one.simulation.set_constants()
                 self._second_start, again = rows.start_of(row), start
@@ -218,13 +226,13 @@ class _Trial:
             return
 
     def _begin(
-        self, row: int, seed: int, randomizer: Randomizer | None
+        self, task: Task, row: int, seed: int, randomizer: Randomizer | None
     ) -> tuple[SimulatedPhysics, dict[str, int]]:
         """Begins an episode of a seed; returns its simulation, and checksums of its model."""
-        task, rows = self._task, self._rows
+        rows = self._rows
         stream = np.random.RandomState(seed)
         task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
-        with Watch(task, rows.single) as watch:
+        with Watch(task, rows.single, self._declared) as watch:
             set_stream_fields(task, stream, rows.simulation, row)
             self._check_memory(watch, "begin_stream")
         if randomizer is not None:
@@ -232,9 +240,10 @@ class _Trial:
         with rows.episode(row) as one:
             values = self._values(one)
             np.random.set_state(self._stream_state)
-            with Watch(task, one) as watch:
+            with Watch(task, one, self._declared) as watch:
                 task.initialize_episode(one)  # pyright: ignore[reportArgumentType]
                 self._check_memory(watch, "initialize_episode")
+            keep_own(task, self._declared)
             self._check_global_stream("initialize_episode")
             self._check_model(one, values, "as an episode begins")
         return one, values
@@ -249,6 +258,7 @@ class _Trial:
     ) -> None:
         self._rewind(task)
         task.before_step(action.copy(), one)  # pyright: ignore[reportArgumentType]
+        keep_own(task, self._declared)
         self._check_hook(watch, "before_step")
         one.step(n_sub_steps)
         self._rewind(task)
@@ -268,6 +278,8 @@ class _Trial:
         """
         task, rows = self._task, self._rows
         batch = rows.physics
+        self._memory = EpisodeAttributes(task, self._num_rows)
+        self._memory.load(np.arange(self._num_rows), self._starts)
         rows.start(np.arange(self._num_rows))
         with arrays.rows_of_a_batch(self._num_rows):
             yield self._seen(task, batch, is_step=False, expected=expected[0])
@@ -276,6 +288,7 @@ class _Trial:
                 yield self._seen(task, batch, is_step=True, expected=expected[0])
             if not looks_again:
                 return
+            self._memory.load(np.array([_BEGINS_AGAIN]), [self._starts_again])
             rows.set_start(_BEGINS_AGAIN, self._second_start)
             rows.start(np.array([_BEGINS_AGAIN]))
             running = np.array([row for row in range(self._num_rows) if row != _LEFT_OUT])
@@ -286,12 +299,13 @@ class _Trial:
     def _step_together(
         self, action: np.ndarray, n_sub_steps: int, running: np.ndarray | None
     ) -> None:
-        task, rows = self._task, self._rows
+        task, rows, of = self._task, self._rows, (self._name, self._num_rows)
         self._rewind(task)
-        with explained("before_step", self._name, self._num_rows):
+        steps = None if running is None else np.isin(np.arange(self._num_rows), running)
+        with self._hook("before_step", steps), explained("before_step", *of):
             task.before_step(action.copy(), rows.physics)  # pyright: ignore[reportArgumentType]
         rows.step(running, n_sub_steps)
-        with explained("after_step", self._name, self._num_rows):
+        with self._hook("after_step", steps), explained("after_step", *of):
             task.after_step(rows.physics)  # pyright: ignore[reportArgumentType]
 
     def _seen(
@@ -322,7 +336,11 @@ class _Trial:
         if is_step:
             self._rewind(task)
             # After an underflow the reward would be computed, and its methods called, once more.
-            with explained("the reward", *of, is_batch), np.errstate(under="ignore"):
+            with (
+                self._hook("get_reward", is_batch=is_batch),
+                explained("the reward", *of, is_batch),
+                np.errstate(under="ignore"),
+            ):
                 reward, terms = reward_and_terms(task, read)
             self._check_hook(watch, "get_reward")
             seen["the reward"] = reward
@@ -331,7 +349,10 @@ class _Trial:
                 with explained("is_success", *of, is_batch):
                     seen["is_success"] = task.is_success(terms)  # pyright: ignore[reportAttributeAccessIssue]
         self._rewind(task)
-        with explained("get_observation", *of, is_batch, list(expected or ())):
+        with (
+            self._hook("get_observation", is_batch=is_batch),
+            explained("get_observation", *of, is_batch, list(expected or ())),
+        ):
             observation = task.get_observation(read)
             if not isinstance(observation, Mapping):
                 raise TypeError(
@@ -342,14 +363,26 @@ class _Trial:
         seen |= {f"observation {name!r}": value for name, value in observation.items()}
         if is_step:
             self._rewind(task)
-            with explained("get_termination", *of, is_batch):
+            with (
+                self._hook("get_termination", is_batch=is_batch),
+                explained("get_termination", *of, is_batch),
+            ):
                 ending = task.get_termination(read)
             self._check_hook(watch, "get_termination")
             seen["get_termination"] = np.nan if ending is None else ending
         if not is_batch:
+            keep_own(task, self._declared)
             _check_returned(self._name, seen)
         seen = measured | seen  # first, as the cause of differences in the others
         return {name: np.asarray(value) for name, value in seen.items()}
+
+    def _hook(
+        self, hook: str, rows: np.ndarray | None = None, is_batch: bool = True
+    ) -> contextlib.AbstractContextManager[None]:
+        """A context for a hook of all rows, which counts for a mask of them; None for all."""
+        if not is_batch:
+            return contextlib.nullcontext()
+        return self._memory.during(hook, self._rows.physics, rows)
 
     def _state(self, physics: SimulatedPhysics, is_batch: bool) -> dict[str, object]:
         """The state and the per-row model fields."""
@@ -432,9 +465,13 @@ class _Trial:
         if not changed:
             return
         named = ", ".join(changed)
+        of_task = [name.removeprefix("self.") for name in changed if name.startswith("self.")]
+        way_out = "keep what belongs to an episode in attributes of the task"
+        if len(of_task) == len(changed):
+            way_out = advice(self._task, of_task)
         raise NotVectorised(
             f"task {self._name} sets {named} in {hook}, which all rows of a vectorised batch would "
-            "share: keep what belongs to an episode in the physics' data or model"
+            f"share: {way_out}"
         )
 
     def _rewind(self, task: Task) -> None:

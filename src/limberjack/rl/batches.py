@@ -22,6 +22,7 @@ from limberjack.rl.batch_safety import check_plain
 from limberjack.rl.builds import Build, Make, is_stable
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import difference
+from limberjack.rl.episode_values import declared
 from limberjack.rl.guards import at_least_one, raises_on_divergence, yes_or_no
 from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.rows import RowsEnvironment
@@ -111,6 +112,11 @@ def vectorisable(env: object) -> Environment:
     assert isinstance(env, Environment)
     if is_of_the_suite(env.task, env.physics):
         return env
+    if declared(env.task):
+        raise ValueError(
+            f"task {type(env.task).__name__} remembers {', '.join(declared(env.task))} "
+            "(EPISODE_ATTRIBUTES); evaluate() and batches play such tasks"
+        )
     try:
         BatchEnvironment.from_environment(env, 1, 1, seed=0).close()
     except NotVectorised as reason:

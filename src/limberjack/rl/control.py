@@ -40,6 +40,8 @@ from limberjack.rl.copies import (
     exact_copies,
     set_plain,
 )
+from limberjack.rl.episode_values import NAME as EPISODE_ATTRIBUTES
+from limberjack.rl.episode_values import keep_own, values_of
 from limberjack.rl.given_state import checked_state, state_sizes
 from limberjack.rl.guards import OneUser, at_least_one
 from limberjack.rl.memory import put_back, remembered, stand_in
@@ -71,6 +73,7 @@ ATTRIBUTES = frozenset(
             "_action_repeat",
             "_closed",
             "_draws",
+            "_first",
             "_flat_observation",
             "_frames",
             "_n_sub_steps",
@@ -102,6 +105,8 @@ class Environment(dm_env.Environment):
     _name = ""  # such as 'humanoid:walk'; empty unless `suite.load` made it
     _seeded: tuple[object, object] = (None, None)  # a stream of the task, and its seed if known
     _frames: Frames | None = None  # None without pixel observations
+    # The task's EPISODE_ATTRIBUTES before the first episode; None until that begins.
+    _first: Mapping[str, object] | None = None
     _action_repeat = 1
     _last_terms: Mapping[str, Quantity] | None = None  # of the last of several control steps
     _reward_so_far: Quantity = 0.0  # of a step's control steps, also of one that diverges
@@ -183,16 +188,20 @@ class Environment(dm_env.Environment):
         self._check_open()
         # True until the start is complete: an interrupted start must not be stepped.
         self._reset_next_step = True
+        if self._first is None:
+            self._first = self._first_values()
         if self._randomizer is not None:
             self.randomization = self._randomizer.draw(self._draw_stream())
             self._simulated.simulation.set_fields(self.randomization)
         with self._physics.reset_context():
             self._task.initialize_episode(self._physics)
+            self._keep_own()
             if self._randomizer is not None:  # the start may have set fields too
                 self._simulated.simulation.set_constants()
         if self._frames is not None:
             self._frames.forget()
         observation = self._observe()
+        self._keep_own()
         self._step_count = 0
         self._reset_next_step = False
         return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
@@ -219,10 +228,13 @@ class Environment(dm_env.Environment):
             if self._reset_next_step:
                 return self.reset()  # a subclass may define another one, as in dm_control
             physics, task = self._physics, self._task
+            declared = getattr(task, EPISODE_ATTRIBUTES, None)
             self._check_action(action)
             if self._action_repeat != 1:
                 return self._step_repeatedly(action)
             task.before_step(action, physics)
+            if declared:
+                keep_own(task, declared)
             self._reset_next_step = True  # until the step is complete
             physics.step(self._n_sub_steps)
             task.after_step(physics)
@@ -231,6 +243,8 @@ class Environment(dm_env.Environment):
             self._step_count += 1
             at_limit = self._step_count >= self._step_limit
             discount = 1.0 if at_limit else task.get_termination(physics)
+            if declared:
+                keep_own(task, declared)
             if discount is not None and not np.all(discount != discount):  # None or NaN: go on
                 return dm_env.TimeStep(dm_env.StepType.LAST, reward, discount, observation)
             self._reset_next_step = False
@@ -244,6 +258,7 @@ class Environment(dm_env.Environment):
         is_last, discount = False, 1.0
         for number in range(self._action_repeat):
             task.before_step(action, physics)
+            self._keep_own()
             if number == 0:  # the action was not refused
                 self._reward_so_far, self.reward_terms = 0.0, {}
             self._reset_next_step = True  # until the step is complete
@@ -257,6 +272,7 @@ class Environment(dm_env.Environment):
             self._step_count += 1
             at_limit = self._step_count >= self._step_limit
             ending = 1.0 if at_limit else task.get_termination(physics)
+            self._keep_own()
             is_last = ending is not None and not np.all(ending != ending)
             if is_last:
                 discount = ending
@@ -339,10 +355,22 @@ class Environment(dm_env.Environment):
         return math.ceil(self._step_limit) if math.isfinite(self._step_limit) else None
 
     def reseed(self, seed: int) -> None:
-        """Makes the next episode the first one of an environment with `random=seed`."""
+        """Makes the next episode the first one of an environment with `random=seed`.
+
+        The task's EPISODE_ATTRIBUTES get the values from before the first episode.
+        """
+        for name, value in self._first_values().items():
+            setattr(self._task, name, value)
         stream = np.random.RandomState(seed)
         set_stream_fields(self._task, stream, self._simulated.simulation)
         self._task._random, self._seeded = stream, (stream, seed)
+
+    def _keep_own(self) -> None:
+        keep_own(self._task, getattr(self._task, EPISODE_ATTRIBUTES, ()))
+
+    def _first_values(self) -> dict[str, object]:
+        """Copies of the task's EPISODE_ATTRIBUTES from before the first episode."""
+        return copy.deepcopy(values_of(self._task) if self._first is None else dict(self._first))
 
     def snapshot(self) -> Snapshot:
         """Everything that the environment's future depends on; see `limberjack.rl.snapshot`.
@@ -385,6 +413,8 @@ class Environment(dm_env.Environment):
           PhysicsError: its state has diverged; the next step begins an episode.
         """
         self._check_open()
+        if self._first is None:
+            self._first = self._first_values()
         if as_snapshot(snapshot).copies:
             snapshot.check(Snapshot.origin_of_copy(self, control_of(self)), size=1)
             snapshot.check_copies(is_plain=difference(self) is None)
@@ -455,6 +485,7 @@ class Environment(dm_env.Environment):
             if self._frames is not None:
                 self._frames.forget()
             observation = self._observe()
+            self._keep_own()
             self._reset_next_step = False
         return dm_env.TimeStep(dm_env.StepType.FIRST, None, None, observation)
 

@@ -42,6 +42,11 @@ class Counter:
         """Mask of rows that have reached the step limit, (num_envs,)."""
         return self.steps >= (self.step_limit if self.limits is None else self.limits)
 
+    @property
+    def reach_limit(self) -> np.ndarray:
+        """Mask of rows whose present step, not counted yet, reaches the step limit."""
+        return self.steps + 1 >= (self.step_limit if self.limits is None else self.limits)
+
     def shown(self, observation: Mapping[str, np.ndarray]) -> dm_env.TimeStep:
         """The time step of a reset: FIRST for rows that begin, MID for others; rewards are 0."""
         step_type = np.where(self.steps == 0, _FIRST, _MID)

@@ -205,9 +205,7 @@ def _ids_of(task: object, physics: object) -> set[int]:
 
 def _of_physics(physics: object) -> dict[str, object]:
     """The attributes that a class of physics, or its user, has added."""
-    attributes = getattr(physics, "_attributes", None)
-    own = attributes_of(physics) if attributes is None else attributes()
-    return {name: value for name, value in own.items() if name not in _SETTINGS}
+    return {n: value for n, value in attributes_of(physics).items() if n not in _SETTINGS}
 
 
 def _is_stream(name: str, value: object) -> bool:

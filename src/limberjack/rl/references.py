@@ -13,7 +13,6 @@ import collections
 import dis
 import functools
 import gc
-import inspect
 import operator
 import random
 import sys
@@ -65,19 +64,34 @@ class Assigned:
 
 
 def attributes_of(owner: object) -> dict[str, object]:
-    """The attributes of an object by name, in `__dict__` or in slots; not cached properties."""
-    cls = type(owner)
-    found = {
-        name: value
-        for name, value in getattr(owner, "__dict__", {}).items()
-        if not isinstance(inspect.getattr_static(cls, name, None), functools.cached_property)
-    }
-    for one in cls.__mro__:
-        slots = vars(one).get("__slots__", ())
-        for name in (slots,) if isinstance(slots, str) else slots:
-            if name not in ("__dict__", "__weakref__") and hasattr(owner, name):
-                found[name] = getattr(owner, name)
+    """The attributes of an object by name, in `__dict__` or in slots; not cached properties.
+
+    Of a physics those that a class of physics, or its user, has added.
+    """
+    own: Mapping[str, object] = getattr(owner, "__dict__", {})
+    if _is_physics(owner):
+        return owner._attributes()  # pyright: ignore[reportAttributeAccessIssue] (as checked)
+    cached, slots = _declared_by(type(owner))
+    found = {name: value for name, value in own.items() if name not in cached}
+    found |= {name: getattr(owner, name) for name in slots if hasattr(owner, name)}
     return found
+
+
+@functools.lru_cache(maxsize=256)
+def _declared_by(cls: type) -> tuple[frozenset[str], tuple[str, ...]]:
+    """Names of the cached properties, and of the slots, of a class."""
+    cached, slots = set(), []
+    for one in cls.__mro__:
+        cached |= {n for n, v in vars(one).items() if isinstance(v, functools.cached_property)}
+        own = vars(one).get("__slots__", ())
+        slots += [own] if isinstance(own, str) else own
+    slots = [name for name in slots if name not in ("__dict__", "__weakref__")]
+    return frozenset(cached), tuple(slots)
+
+
+def _is_physics(value: object) -> bool:
+    # By its class, because a mock has any attribute.
+    return "_simulation" in getattr(value, "__dict__", {}) and hasattr(type(value), "_attributes")
 
 
 def reachable(root: object) -> Iterator[tuple[str, object]]:
@@ -231,9 +245,8 @@ def _parts(path: str, value: object) -> Iterator[tuple[str, object]]:
         yield from ((path, key) for key in value)
     elif isinstance(value, list | tuple | set | frozenset | collections.deque):
         yield from ((path, part) for part in value)
-    elif hasattr(value, "_attributes") and "_simulation" in getattr(value, "__dict__", {}):
-        attributes: Mapping[str, object] = value._attributes()  # pyright: ignore
-        yield from ((_joined(path, name), part) for name, part in attributes.items())
+    elif _is_physics(value):
+        yield from ((_joined(path, name), part) for name, part in attributes_of(value).items())
     elif not type(value).__module__.startswith((_INTERNAL, "mujoco.")):
         for name, part in attributes_of(value).items():
             if name not in _DERIVED:

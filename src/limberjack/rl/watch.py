@@ -15,7 +15,7 @@ import itertools
 import random
 import threading
 import types
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -23,7 +23,7 @@ import numpy as np
 from limberjack.rl.batch_measurements import RECORDS
 from limberjack.rl.references import attributes_of, cells_of
 
-__all__ = ["Watch"]
+__all__ = ["Watch", "watched"]
 
 # Classes are changed while a watch is on, so that there is one at a time.
 _one_at_a_time = threading.RLock()
@@ -39,7 +39,9 @@ _OURS = ("limberjack.", "builtins", "typing", "numpy")  # modules of classes wit
 class Watch:
     """See the module's docstring."""
 
-    def __init__(self, task: object, physics: object) -> None:
+    def __init__(self, task: object, physics: object, declared: Sequence[str] = ()) -> None:
+        """Takes the names of attributes that the task may change as well."""
+        self._declared = frozenset(declared)
         self._owners = {"self": task, "physics": physics}
         self._assigned: list[str] = []
         self._patched: list[tuple[type, object]] = []
@@ -81,9 +83,10 @@ class Watch:
         cls: Any = type(owner)  # a user's class
         original = vars(cls).get("__setattr__")
         assign, assigned = cls.__setattr__, self._assigned
+        allowed = {*_INTERNAL, *_STREAMS, *(self._declared if label == "self" else ())}
 
         def recording(one: object, name: str, value: object) -> None:
-            if one is owner and name not in _INTERNAL and name not in _STREAMS:
+            if one is owner and name not in allowed:
                 assigned.append(f"{label}.{name}")
             assign(one, name, value)
 
@@ -96,11 +99,9 @@ class Watch:
     def _values(self) -> dict[str, object]:
         found: dict[str, object] = {}
         for label, owner in self._owners.items():
-            attributes = getattr(owner, "_attributes", None)
-            own = attributes_of(owner) if attributes is None else attributes()
             frozen = _Frozen(self._opaque)
-            for name, value in own.items():
-                if name not in _INTERNAL and name not in _STREAMS and not hasattr(value, RECORDS):
+            for name, value in watched(owner).items():
+                if owner is not self._owners["self"] or name not in self._declared:
                     found[f"{label}.{name}"] = frozen(value)
             for cls in type(owner).__mro__:
                 if cls.__module__.startswith(_OURS):
@@ -109,6 +110,15 @@ class Watch:
                     if not name.startswith(("__", "_abc_")) and not _is_behaviour(value):
                         found[f"{cls.__name__}.{name}"] = frozen(value)
         return found
+
+
+def watched(owner: object) -> dict[str, object]:
+    """The attributes of a task or a physics that hooks must not change, by name."""
+    return {
+        name: value
+        for name, value in attributes_of(owner).items()
+        if name not in _INTERNAL and name not in _STREAMS and not hasattr(value, RECORDS)
+    }
 
 
 def _is_behaviour(value: object) -> bool:

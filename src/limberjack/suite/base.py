@@ -1,7 +1,8 @@
 """Base class of all tasks of the suite.
 
-A task stores its settings and its random stream, but nothing about the current episode, which lives
-entirely in the physics. One task therefore works for a single simulation and for a batch.
+A task of the suite stores its settings and its random stream, but nothing about the current
+episode, which lives entirely in the physics. One task therefore works for a single simulation and
+for a batch. A task that must remember something declares it in `EPISODE_ATTRIBUTES`.
 """
 
 import functools
@@ -61,6 +62,9 @@ class Task(control.Task[_Physics]):
     # Model fields that `initialize_episode` or `begin_stream` sets. Each row of a batch has its own
     # copy of them.
     EPISODE_FIELDS: tuple[str, ...] = ()
+    # Attributes of the task that belong to an episode: numbers and arrays whose shape and dtype
+    # never change. Each row of a batch has its own; see `rl.episode_attributes`.
+    EPISODE_ATTRIBUTES: tuple[str, ...] = ()
     # The reward terms that define the goal; the others shape the behaviour.
     GOAL: tuple[str, ...] = ()
     # The kinds of starts that `start` distinguishes; empty if there is only one kind.

@@ -1,0 +1,359 @@
+"""`EpisodeAttributes`: what a task remembers of each row's episode in a vectorised batch.
+
+    class Smooth(base.Task):
+        EPISODE_ATTRIBUTES = ("last_action",)           # an array of (nu,), set in __init__
+
+    memory = EpisodeAttributes(task, num_envs=64)       # task.last_action is now (64, nu)
+    with memory.during("before_step", physics, rows):   # the hook counts for a mask of rows
+        task.before_step(actions, physics)
+    with memory.of_row(3, one):                         # task.last_action is (nu,), of row 3
+        task.initialize_episode(one)
+
+A task declares numbers and arrays whose shape and dtype never change. In a batch each is one array
+with a leading axis of rows. A hook that is called for all rows counts for those whose single
+environment would have called it; the others get their values back. Values are copied in and out.
+
+All other attributes belong to all rows. One that a hook changes, and draws of a hook of a step,
+would give wrong numbers, so they raise `NotVectorised`, here as in the check at creation.
+"""
+
+import collections
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from limberjack.rl.batch_errors import NotVectorised
+from limberjack.rl.episode_values import NAME, declared
+from limberjack.rl.references import ATOMS, attributes_of
+from limberjack.rl.watch import watched
+from limberjack.utils.suggest import did_you_mean
+
+__all__ = ["EpisodeAttributes", "advice", "check_declared"]
+
+_FORM = "numbers and arrays of numbers whose shape and dtype never change"
+_KINDS = "fiub"  # kinds of dtypes that an attribute may have
+_MOST_BYTES = 2**16  # of an array that is compared after every hook
+_STREAM = "_random"  # of a task, which a batch replaces by that of each row
+_NOTHING = contextlib.nullcontext()
+
+
+class _Form(NamedTuple):
+    """The form of an attribute in a single environment."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    kind: type
+
+    def single(self, value: np.ndarray) -> object:
+        """One row's value, as a single environment has it."""
+        if self.kind is np.ndarray:
+            return np.array(value)
+        return value[()] if self.kind is np.generic else self.kind(value)
+
+
+def check_declared(task: object) -> None:
+    """Checks that a task has the attributes that it declares, before its first episode.
+
+    Raises:
+      TypeError: see `episode_values.declared`.
+      NotVectorised: there is no such attribute, or it is no number or array of numbers.
+    """
+    for name in declared(task):
+        _form_of(task, name)
+
+
+def advice(task: object, names: Sequence[str]) -> str:
+    """What to do about attributes that a task remembers and does not declare."""
+    values = [getattr(task, name, None) for name in names]
+    if all(_is_number_or_array(value) for value in values):
+        whole = tuple(sorted({*declared(task), *names}))
+        return f"declare {NAME} = {whole}, with {_FORM}, and each row has its own"
+    return (
+        f"keep it in {_FORM}, such as a ring array for the last few, and declare them in {NAME}, "
+        "so that each row has its own"
+    )
+
+
+class EpisodeAttributes:
+    """See the module's docstring.
+
+    Attributes:
+      names: of the attributes that the task declares.
+      is_idle: whether the task is known to remember nothing, and is not looked at.
+    """
+
+    def __init__(self, task: object, num_envs: int, is_proved: bool = False) -> None:
+        """Gives each row the values that the task has, in arrays of (num_envs, ...).
+
+        Args:
+          task: a task with the values from before its first episode, which is changed.
+          num_envs: number of rows.
+          is_proved: whether the task is known to remember nothing.
+
+        Raises:
+          NotVectorised: an attribute is declared that cannot be kept for each row.
+        """
+        self._task = task
+        self._count = num_envs
+        self.is_idle = is_proved
+        self._why_not: str | None = None  # once the task has changed what rows share
+        self.names: tuple[str, ...] = () if is_proved else declared(task)
+        self._forms = {name: _form_of(task, name) for name in self.names}
+        # The values of rows before the first episode of a seed.
+        self._first = {
+            name: np.stack([np.asarray(getattr(task, name))] * num_envs) for name in self.names
+        }
+        self.begin_again(slice(None))
+
+    def during(
+        self, hook: str, physics: object, rows: np.ndarray | None = None
+    ) -> contextlib.AbstractContextManager[None]:
+        """A context in which a hook is called for all rows at once.
+
+        Args:
+          hook: its name.
+          physics: that it is called with.
+          rows: mask of rows for which the hook counts, (num_envs,); None for all.
+
+        Raises:
+          NotVectorised: the hook changes what rows share, draws, or sets an attribute to a value of
+            another form.
+        """
+        return _NOTHING if self.is_idle else self._during(hook, physics, rows)
+
+    @contextlib.contextmanager
+    def _during(self, hook: str, physics: object, rows: np.ndarray | None) -> Iterator[None]:
+        before = {name: self._of_rows(name, getattr(self._task, name), hook) for name in self.names}
+        self._set({name: values.copy() for name, values in before.items()})
+        try:
+            with self._shared(hook, physics), self._refusing_draws(hook):
+                yield
+            after = {}
+            for name, values in before.items():
+                given = self._of_rows(name, getattr(self._task, name), hook)
+                after[name] = np.array(given)
+                if rows is not None:
+                    after[name][~rows] = values[~rows]
+            before = after
+        finally:
+            self._set(before)
+
+    def of_row(
+        self, row: int, physics: object, hook: str = "initialize_episode"
+    ) -> contextlib.AbstractContextManager[None]:
+        """A context in which the attributes are those of one row, as in a single environment.
+
+        Args:
+          row: its number.
+          physics: its single simulation.
+          hook: that is called.
+
+        Raises:
+          NotVectorised: the hook changes what rows share, or sets an attribute to a value of
+            another form.
+        """
+        return _NOTHING if self.is_idle else self._of_row(row, physics, hook)
+
+    @contextlib.contextmanager
+    def _of_row(self, row: int, physics: object, hook: str) -> Iterator[None]:
+        before = {name: getattr(self._task, name) for name in self.names}
+        self._set({n: self._forms[n].single(values[row]) for n, values in before.items()})
+        try:
+            with self._shared(hook, physics):
+                yield
+            after = {}
+            for name, values in before.items():
+                after[name] = values.copy()
+                after[name][row] = self._of_one(name, getattr(self._task, name), hook)
+            before = after
+        finally:
+            self._set(before)
+
+    def begin_again(self, rows: slice | np.ndarray | list[int]) -> None:
+        """Gives rows the values from before the first episode, as a new seed does."""
+        for name in self.names:
+            values = np.array(getattr(self._task, name))
+            if values.shape != self._first[name].shape:
+                values = self._first[name].copy()
+            values[rows] = self._first[name][rows]
+            self._set({name: values})
+
+    def of_rows(self, rows: np.ndarray) -> list[dict[str, object]]:
+        """The values of rows, each as a single environment has it."""
+        values = {name: np.asarray(getattr(self._task, name)) for name in self.names}
+        return [
+            {name: self._forms[name].single(value[row]) for name, value in values.items()}
+            for row in rows.tolist()
+        ]
+
+    def load(self, rows: np.ndarray, values: Sequence[Mapping[str, object]]) -> None:
+        """Sets the values of rows; those that are missing stay.
+
+        Raises:
+          ValueError: a value has another form; nothing is set.
+        """
+        new = {name: np.array(getattr(self._task, name)) for name in self.names}
+        for row, given in zip(rows.tolist(), values, strict=True):
+            for name in self.names:
+                if name in given:
+                    new[name][row] = self._of_one(name, given[name], "a snapshot")
+        self._set(new)
+
+    def set_first(self, name: str, values: np.ndarray) -> None:
+        """Sets an attribute of all rows, now and whenever a seed puts back the first value.
+
+        Args:
+          name: of the attribute.
+          values: (num_envs, ...).
+        """
+        self._first[name] = np.array(values)
+        self._set({name: values.copy()})
+
+    def _set(self, values: Mapping[str, object]) -> None:
+        for name, value in values.items():
+            setattr(self._task, name, value)
+
+    def _of_rows(self, name: str, given: object, hook: str) -> np.ndarray:
+        """What a hook has set for all rows, as an array of (num_envs, ...)."""
+        form = self._forms[name]
+        value = self._numbers(name, given, hook)
+        whole = (self._count, *form.shape)
+        if value.shape not in (whole, form.shape):
+            raise self._other_form(name, value, hook, whole)
+        return np.broadcast_to(value, whole)
+
+    def _of_one(self, name: str, given: object, hook: str) -> np.ndarray:
+        """What a hook has set for one row."""
+        value = self._numbers(name, given, hook)
+        if value.shape != self._forms[name].shape:
+            raise self._other_form(name, value, hook, self._forms[name].shape)
+        return value
+
+    def _numbers(self, name: str, given: object, hook: str) -> np.ndarray:
+        """The value as an array of the declared dtype; a Python integer may stand for a float."""
+        form, value = self._forms[name], np.asarray(given)
+        if type(given) is int and form.dtype.kind in "fiu":
+            value = value.astype(form.dtype)
+        if value.dtype != form.dtype:
+            raise self._other_form(name, value, hook, form.shape)
+        return value
+
+    def _other_form(
+        self, name: str, value: np.ndarray, hook: str, shape: tuple[int, ...]
+    ) -> NotVectorised:
+        return NotVectorised(
+            f"{hook} of task {type(self._task).__name__} set self.{name} to shape {value.shape} "
+            f"and dtype {value.dtype}; expected {shape} and {self._forms[name].dtype}, since "
+            f"{NAME} declares {_FORM}"
+        )
+
+    @contextlib.contextmanager
+    def _shared(self, hook: str, physics: object) -> Iterator[None]:
+        """Raises NotVectorised if a hook changes what rows share; the batch then stays unusable."""
+        if self._why_not is not None:
+            raise NotVectorised(self._why_not)
+        before = self._seen(physics)
+        yield
+        after = self._seen(physics)
+        names = before.keys() | after.keys()
+        changed = sorted(n for n in names if not _is_same(before.get(n), after.get(n)))
+        if changed:
+            named = [label.removeprefix("self.") for label in changed if label.startswith("self.")]
+            self._why_not = (
+                f"task {type(self._task).__name__} set {', '.join(changed)} in {hook}, which all "
+                f"rows of a vectorised batch share: {advice(self._task, named)}; or make the batch "
+                "of complete environments, with limberjack.rl.batch_of(..., vectorised=False)"
+            )
+            raise NotVectorised(self._why_not)
+
+    def _seen(self, physics: object) -> dict[str, tuple[object, ...]]:
+        """What a hook must not change, with its elements, by name."""
+        of_task = {n: v for n, v in watched(self._task).items() if n not in self.names}
+        both = [("self", of_task), ("physics", watched(physics))]
+        return {
+            f"{label}.{name}": (value, *_elements(value))
+            for label, attributes in both
+            for name, value in attributes.items()
+        }
+
+    @contextlib.contextmanager
+    def _refusing_draws(self, hook: str) -> Iterator[None]:
+        """Replaces the task's stream, which in a step is that of whichever row began last."""
+        stream = getattr(self._task, _STREAM, None)
+        if not isinstance(stream, np.random.RandomState):
+            yield
+            return
+        refusing = _Refusing(type(self._task).__name__, hook)
+        self._set({_STREAM: refusing})
+        try:
+            yield
+        finally:
+            if getattr(self._task, _STREAM, None) is refusing:
+                self._set({_STREAM: stream})
+
+
+class _Refusing:
+    """Stands for a random stream where nothing may be drawn."""
+
+    def __init__(self, task: str, hook: str) -> None:
+        self._message = (
+            f"task {task} draws from the task's random stream in {hook}, and all rows of a "
+            "vectorised batch would get one draw: draw in initialize_episode"
+        )
+
+    def __getattr__(self, name: str) -> object:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise NotVectorised(self._message)
+
+
+def _form_of(task: object, name: str) -> _Form:
+    """The form of a declared attribute."""
+    cls = type(task).__name__
+    if not hasattr(task, name):
+        known = [one for one in attributes_of(task) if not one.startswith("_")]
+        raise NotVectorised(
+            f"task {cls} declares {name!r} in {NAME}, but has no such attribute before its first "
+            f"episode.{did_you_mean(name, known)} Set it in __init__"
+        )
+    value = getattr(task, name)
+    if not _is_number_or_array(value):
+        raise NotVectorised(
+            f"task {cls} declares {name!r} in {NAME}, which is {value!r} before its first "
+            f"episode; expected {_FORM}, such as a ring array for the last few"
+        )
+    array = np.asarray(value)
+    kinds = (np.ndarray, np.generic, bool, int, float)  # not subclasses, of other constructors
+    kind = next(one for one in kinds if isinstance(value, one))
+    return _Form(array.shape, array.dtype, kind)
+
+
+def _is_number_or_array(value: object) -> bool:
+    if not isinstance(value, bool | int | float | np.generic | np.ndarray):
+        return False
+    return np.asarray(value).dtype.kind in _KINDS
+
+
+def _elements(value: object) -> Sequence[object]:
+    """What can change in a value while it stays the same object, as far as that is quickly seen."""
+    if isinstance(value, ATOMS):
+        return ()
+    if isinstance(value, np.ndarray):
+        return (value.tobytes(),) if value.nbytes <= _MOST_BYTES else ()
+    if isinstance(value, Mapping):
+        return (*value, *value.values())
+    if isinstance(value, list | set | collections.deque):
+        return tuple(value)
+    return ()
+
+
+def _is_same(one: tuple[object, ...] | None, other: tuple[object, ...] | None) -> bool:
+    if one is None or other is None or len(one) != len(other):
+        return False
+    return all(a is b or _is_equal_atom(a, b) for a, b in zip(one, other, strict=True))
+
+
+def _is_equal_atom(one: object, other: object) -> bool:
+    return type(one) is type(other) and isinstance(one, ATOMS) and bool(one == other)

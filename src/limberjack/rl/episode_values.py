@@ -1,0 +1,62 @@
+"""`EPISODE_ATTRIBUTES`: what a task remembers of an episode, in a single environment.
+
+    class Smooth(base.Task):
+        EPISODE_ATTRIBUTES = ("last_action",)
+
+    values_of(task)                     # {"last_action": array([0., 0.])}
+    keep_own(task, ("last_action",))    # after a hook: not the caller's array, nor the simulation's
+
+In a batch each of them is an array with a leading axis of rows; see `rl.episode_attributes`.
+"""
+
+import copy
+
+import numpy as np
+
+__all__ = ["NAME", "declared", "keep_own", "values_of"]
+
+NAME = "EPISODE_ATTRIBUTES"
+
+
+def declared(task: object) -> tuple[str, ...]:
+    """The names that a task declares; empty if it declares none.
+
+    Raises:
+      TypeError: it is not a tuple or list of names.
+    """
+    names = getattr(task, NAME, ())
+    if isinstance(names, str) or not isinstance(names, tuple | list):
+        wrong = True
+    else:
+        wrong = not all(isinstance(name, str) for name in names)
+    if wrong:
+        raise TypeError(
+            f"{NAME} of task {type(task).__name__} is {names!r}; expected a tuple of names of "
+            "attributes, such as ('last_action',)"
+        )
+    return tuple(names)
+
+
+def values_of(task: object) -> dict[str, object]:
+    """Copies of the attributes that a task declares and has, by name."""
+    names = getattr(task, NAME, ())
+    if not isinstance(names, tuple | list):  # such as a mock's, which has any attribute
+        return {}
+    return {name: copy.copy(getattr(task, name)) for name in names if hasattr(task, name)}
+
+
+def keep_own(task: object, names: object) -> None:
+    """Gives a task its own copies of declared arrays, which it may share with a caller or physics.
+
+    A single environment calls it after hooks, so that what is remembered does not change later.
+
+    Args:
+      task: the task.
+      names: what it declares.
+    """
+    if not isinstance(names, tuple | list):
+        return
+    for name in names:
+        value = getattr(task, name, None)
+        if isinstance(value, np.ndarray):
+            setattr(task, name, np.array(value))
