@@ -58,6 +58,7 @@ class _Remembers(Falls):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
+        self.level, self.offset = 0.0, np.zeros(2, int)
         self.names: tuple[str, ...] = ("a",)
         self.weights = np.ones(3)
         self.is_quick = False
@@ -82,11 +83,7 @@ def _remembering(*sizes: int) -> gym.VectorEnv:
     single = falling()
     task = _Remembers(move_speed=0, pure_state=False, random=0)
     env = control.Environment(single.physics, task, time_limit=1, control_timestep=0.025)
-    envs = gym.VectorEnv(*(BatchEnvironment.from_environment(env, n, 1) for n in sizes))
-    for batch in envs.batches:  # as a batch keeps what a start sets in each row
-        batch.task.level = np.zeros(batch.num_envs)
-        batch.task.offset = np.zeros((batch.num_envs, 2), int)
-    return envs
+    return gym.VectorEnv(*(BatchEnvironment.from_environment(env, n, 1) for n in sizes))
 
 
 # Rows that share a task.

@@ -93,3 +93,8 @@ class Calls(odd.Pole):
         self.of_get_termination += 1
         ends = self.of_after_step % 5 == 0
         return np.where(ends, 0.5, np.nan) if np.ndim(ends) else (0.5 if ends else None)
+
+
+def smooth(seed: int) -> Any:
+    """An environment with an action-rate penalty."""
+    return odd.environment(Smooth, seed)

@@ -1,7 +1,6 @@
 """Memory that a task declares: each row of a vectorised batch has its own, as if it were alone."""
 
 import copy
-import functools
 import pickle
 import re
 from collections.abc import Callable
@@ -19,7 +18,7 @@ from limberjack.rl.contract import PhysicsError
 from limberjack.rl.rows import RowsEnvironment
 
 from . import odd_environments as odd
-from .remembering import COUNTERS, Calls, Smooth
+from .remembering import COUNTERS, Calls, Smooth, smooth
 
 _FIRST, _MID, _LAST = 0, 1, 2
 _KINDS = [pytest.param(True, id="vectorised"), pytest.param(False, id="rows")]
@@ -117,7 +116,7 @@ def test_rows_of_a_vector_environment_remember_as_single_ones_do(mode: str) -> N
         batch = _batch(Calls, 3, vectorised=vectorised)
         envs = gym.VectorEnv(batch, autoreset_mode=mode)
         observation, _ = envs.reset(seed=[5, 9, 2])
-        seen = [{name: value.tobytes() for name, value in observation.items()}]
+        seen: list[Any] = [{name: value.tobytes() for name, value in observation.items()}]
         actions = np.random.RandomState(1).uniform(-1, 0.8, (25, 3, 1))
         for number, action in enumerate(actions):
             observation, reward, ends, cut, info = envs.step(action)
@@ -154,7 +153,7 @@ def test_a_new_seed_puts_back_the_first_values_and_other_resets_go_on() -> None:
     for _ in range(3):
         env.step([0.1])
         batch.step(np.full((2, 1), 0.1))
-    played = batch_of(env, 2, 1, seed=3)  # of an environment that has played
+    played: Any = batch_of(env, 2, 1, seed=3)  # of an environment that has played
     assert _memory(played.task, 0) == _memory(odd.environment(Calls, 0).task)
     env.reset()
     batch.reset()
@@ -222,9 +221,9 @@ def test_evaluate_and_batches_of_workers_give_the_returns_of_single_environments
             step = env.step(np.zeros(1))
             total += step.reward
         returns.append(total)
-    build = functools.partial(odd.of_task, Smooth)
-    result = evaluate(build, seeds=[3, 4], workers=2)
-    assert result.scores["zero"].returns.tolist() == returns
+    for workers in (None, 2):
+        result = evaluate(smooth, seeds=[3, 4], workers=workers)
+        assert [score.total for score in result.scores["zero"]] == returns
 
 
 class _Undeclared(Smooth):

@@ -198,14 +198,16 @@ def _set_in_tasks(batches: Sequence[Batch], name: str, parts: Sequence[Sequence[
         for task, value in zip(tasks, new, strict=True):
             setattr(task, name, copy.copy(value))
         if _are_kept(batches, specs):
-            if not _memory(tasks[0]):  # whose arrays are of all rows, and the check has fewer
-                batches[0].check_task()  # pyright: ignore[reportAttributeAccessIssue]
+            batches[0].check_task()  # pyright: ignore[reportAttributeAccessIssue]
             is_set = True
     finally:
         if not is_set:
             for task, attributes in zip(tasks, kept, strict=True):
                 vars(task).clear()
                 vars(task).update(attributes)
+    if is_set and name in _memory(tasks[0]):
+        for batch in batches:
+            batch.keep_as_first(name)  # pyright: ignore[reportAttributeAccessIssue]
     if not is_set:
         raise ValueError(
             f"{name!r} of the task cannot be {given[0]!r} here: that changes the observations or "
@@ -306,8 +308,8 @@ def _setting(task: object, name: str, values: Sequence[object]) -> object:
 def _rows_of_memory(task: object, name: str, values: Sequence[object]) -> np.ndarray:
     """The values of rows of an attribute that the task declares in EPISODE_ATTRIBUTES."""
     old = np.asarray(getattr(task, name))
-    new = [np.asarray(_of_kind(name, value, old[row])) for row, value in enumerate(values)]
-    return np.stack(new)
+    new = [_of_kind(name, value, old[row]) for row, value in enumerate(values)]
+    return np.array(new, old.dtype)
 
 
 def _of_kind(name: str, value: object, old: object) -> object:

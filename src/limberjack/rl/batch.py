@@ -269,27 +269,16 @@ class BatchEnvironment:
             return self._step(begins)
 
     def _step(self, begins: np.ndarray) -> dm_env.TimeStep:
-        replicas, task = self._replicas, self._task
-        physics = replicas.physics
-        running = np.flatnonzero(~begins) if arrays.any_of(begins) else None
-        self.diverged = replicas.step(running, self._n_sub_steps)
-        if arrays.any_of(self.diverged):
-            self._report_divergence()
-        stepped = seen = None
-        if not self._memory.is_idle:
-            stepped = ~(begins | self.diverged)
-            seen = stepped | begins
-        if running is None or running.size:
-            with self._memory.during("after_step", physics, stepped):
-                task.after_step(physics)
-        if running is not None:  # only now, since `after_step` must not change a start
+        are_some = arrays.any_of(begins)
+        stepped = self._simulate(~begins if are_some else None)
+        seen = None if stepped is None else stepped | begins
+        if are_some:  # only now, since `after_step` must not change a start
             self._begin(np.flatnonzero(begins))
         reward, self.reward_terms = self._reward(stepped)
         observation = self._observe(seen)
         termination = self._termination(stepped)
-        begun = None if running is None else begins
         time_step, self._begins = self._counter.count(
-            begun, self.diverged, reward, termination, observation
+            begins if are_some else None, self.diverged, reward, termination, observation
         )
         return time_step
 
@@ -309,19 +298,12 @@ class BatchEnvironment:
             if number and arrays.any_of(active):
                 with self._memory.during("before_step", physics, active):
                     task.before_step(actions, physics)
-            running = np.flatnonzero(active)
-            self.diverged = replicas.step(running, self._n_sub_steps)
-            if arrays.any_of(self.diverged):
-                diverged |= self.diverged
-                self._report_divergence()
-            stepped = active & ~self.diverged
-            if running.size:
-                with self._memory.during("after_step", physics, stepped):
-                    task.after_step(physics)
+            stepped = self._simulate(active)
+            diverged |= self.diverged
             if is_final and arrays.any_of(begins):
                 self._begin(np.flatnonzero(begins))
             reward, terms = self._reward(stepped)
-            state = self._state(stepped | begins if is_final else stepped)
+            state = self._state(stepped | begins if is_final and stepped is not None else stepped)
             termination = self._termination(stepped)
             steps = counter.steps.copy()
             time_step, last = counter.count(~active, self.diverged, reward, termination, state)
@@ -345,6 +327,25 @@ class BatchEnvironment:
             total.observation = self._frames.observe(replicas, total.observation)
         self._begins = (total.step_type == _LAST) | diverged
         return total.time_step()
+
+    def _simulate(self, active: np.ndarray | None) -> np.ndarray | None:
+        """Steps the simulations of a mask of rows, None for all, and tells the task.
+
+        Returns:
+          A mask of those that did not diverge, (num_envs,); None if the task remembers nothing.
+        """
+        running = None if active is None else np.flatnonzero(active)
+        self.diverged = self._replicas.step(running, self._n_sub_steps)
+        if arrays.any_of(self.diverged):
+            self._report_divergence()
+        stepped = None
+        if not self._memory.is_idle:
+            stepped = ~self.diverged if active is None else active & ~self.diverged
+        if running is None or running.size:
+            physics = self._replicas.physics
+            with self._memory.during("after_step", physics, stepped):
+                self._task.after_step(physics)
+        return stepped
 
     def _reward(self, rows: np.ndarray | None) -> tuple[Quantity, dict[str, Quantity]]:
         """The rewards and their terms, which count for a mask of rows."""
@@ -480,7 +481,12 @@ class BatchEnvironment:
         """
         task, replicas = self._task, self._replicas
         how = self._n_sub_steps, self._saved_fields, self._randomizer
-        check_batch_safe(task, replicas, bounded_spec(task, replicas.single), *how)
+        with self._memory.of_row(0, replicas.single, "check_task"):
+            check_batch_safe(task, replicas, bounded_spec(task, replicas.single), *how)
+
+    def keep_as_first(self, name: str) -> None:
+        """Makes a reset with a seed put back the present values of a declared attribute."""
+        self._memory.keep_as_first(name)
 
     def description(self) -> Description:
         """The parts of the batch's `repr`."""
@@ -685,7 +691,7 @@ class BatchEnvironment:
         return mask
 
     def _remembered(self, rows: np.ndarray) -> list[Memory]:
-        """What rows remember, in the form of a single environment's snapshot."""
+        """Memory of rows, in the form of a single environment's snapshot."""
         common = {} if self._memory.is_idle else remembered(self._task, self._replicas.single)
         if not common:  # of the suite's own task
             return []

@@ -299,13 +299,13 @@ class _Trial:
     def _step_together(
         self, action: np.ndarray, n_sub_steps: int, running: np.ndarray | None
     ) -> None:
-        task, rows, of = self._task, self._rows, (self._name, self._num_rows)
+        task, rows = self._task, self._rows
         self._rewind(task)
         steps = None if running is None else np.isin(np.arange(self._num_rows), running)
-        with self._hook("before_step", steps), explained("before_step", *of):
+        with self._hook("before_step", rows=steps):
             task.before_step(action.copy(), rows.physics)  # pyright: ignore[reportArgumentType]
         rows.step(running, n_sub_steps)
-        with self._hook("after_step", steps), explained("after_step", *of):
+        with self._hook("after_step", rows=steps):
             task.after_step(rows.physics)  # pyright: ignore[reportArgumentType]
 
     def _seen(
@@ -327,7 +327,6 @@ class _Trial:
           expected: for a batch, the quantities of a single simulation.
           watch: of the task and physics; None if they are not watched.
         """
-        of = (self._name, self._num_rows)
         read: Physics = physics  # pyright: ignore[reportAssignmentType] (implements both)
         is_batch = expected is not None
         measured = self._measured[is_batch]
@@ -336,23 +335,16 @@ class _Trial:
         if is_step:
             self._rewind(task)
             # After an underflow the reward would be computed, and its methods called, once more.
-            with (
-                self._hook("get_reward", is_batch=is_batch),
-                explained("the reward", *of, is_batch),
-                np.errstate(under="ignore"),
-            ):
+            with self._hook("get_reward", is_batch), np.errstate(under="ignore"):
                 reward, terms = reward_and_terms(task, read)
             self._check_hook(watch, "get_reward")
             seen["the reward"] = reward
             seen |= {f"reward term {name!r}": value for name, value in terms.items()}
             if terms and getattr(task, "GOAL", ()):
-                with explained("is_success", *of, is_batch):
+                with explained("is_success", self._name, self._num_rows, is_batch):
                     seen["is_success"] = task.is_success(terms)  # pyright: ignore[reportAttributeAccessIssue]
         self._rewind(task)
-        with (
-            self._hook("get_observation", is_batch=is_batch),
-            explained("get_observation", *of, is_batch, list(expected or ())),
-        ):
+        with self._hook("get_observation", is_batch, expected=list(expected or ())):
             observation = task.get_observation(read)
             if not isinstance(observation, Mapping):
                 raise TypeError(
@@ -363,10 +355,7 @@ class _Trial:
         seen |= {f"observation {name!r}": value for name, value in observation.items()}
         if is_step:
             self._rewind(task)
-            with (
-                self._hook("get_termination", is_batch=is_batch),
-                explained("get_termination", *of, is_batch),
-            ):
+            with self._hook("get_termination", is_batch):
                 ending = task.get_termination(read)
             self._check_hook(watch, "get_termination")
             seen["get_termination"] = np.nan if ending is None else ending
@@ -376,13 +365,28 @@ class _Trial:
         seen = measured | seen  # first, as the cause of differences in the others
         return {name: np.asarray(value) for name, value in seen.items()}
 
+    @contextlib.contextmanager
     def _hook(
-        self, hook: str, rows: np.ndarray | None = None, is_batch: bool = True
-    ) -> contextlib.AbstractContextManager[None]:
-        """A context for a hook of all rows, which counts for a mask of them; None for all."""
-        if not is_batch:
-            return contextlib.nullcontext()
-        return self._memory.during(hook, self._rows.physics, rows)
+        self,
+        hook: str,
+        is_batch: bool = True,
+        rows: np.ndarray | None = None,
+        expected: Sequence[str] = (),
+    ) -> Iterator[None]:
+        """A context for a hook, in which errors in a batch are explained.
+
+        Args:
+          hook: its name.
+          is_batch: whether it is called for all rows, each of which has its own memory.
+          rows: mask of rows for which it counts; None for all.
+          expected: labels of a single simulation's quantities, in order.
+        """
+        what = "the reward" if hook == "get_reward" else hook
+        with contextlib.ExitStack() as stack:
+            if is_batch:
+                stack.enter_context(self._memory.during(hook, self._rows.physics, rows))
+            stack.enter_context(explained(what, self._name, self._num_rows, is_batch, expected))
+            yield
 
     def _state(self, physics: SimulatedPhysics, is_batch: bool) -> dict[str, object]:
         """The state and the per-row model fields."""

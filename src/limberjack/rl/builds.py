@@ -186,6 +186,9 @@ class Seeded:
         """Sets an attribute of the environment or its task, and of those that take their place."""
         setattr(holder_of(self.environment, name), name, value)
         self.attributes[name] = value
+        inner = control_of(self.environment)
+        if isinstance(inner, Environment):
+            inner.keep_as_first(name)
         if name in self._first.get("task", {}):  # which a reset with a seed puts back
             of_task = {**self._first["task"], name: copy.deepcopy(value)}
             self._first = {**self._first, "task": of_task}

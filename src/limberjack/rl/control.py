@@ -365,6 +365,11 @@ class Environment(dm_env.Environment):
         set_stream_fields(self._task, stream, self._simulated.simulation)
         self._task._random, self._seeded = stream, (stream, seed)
 
+    def keep_as_first(self, name: str) -> None:
+        """Makes `reseed` put back the present value of one of the task's EPISODE_ATTRIBUTES."""
+        if self._first is not None and name in self._first:
+            self._first = {**self._first, name: copy.deepcopy(getattr(self._task, name))}
+
     def _keep_own(self) -> None:
         keep_own(self._task, getattr(self._task, EPISODE_ATTRIBUTES, ()))
 

@@ -65,7 +65,7 @@ def check_declared(task: object) -> None:
 
 
 def advice(task: object, names: Sequence[str]) -> str:
-    """What to do about attributes that a task remembers and does not declare."""
+    """The way out for a task that remembers attributes which it does not declare."""
     values = [getattr(task, name, None) for name in names]
     if all(_is_number_or_array(value) for value in values):
         whole = tuple(sorted({*declared(task), *names}))
@@ -125,18 +125,20 @@ class EpisodeAttributes:
 
     @contextlib.contextmanager
     def _during(self, hook: str, physics: object, rows: np.ndarray | None) -> Iterator[None]:
-        before = {name: self._of_rows(name, getattr(self._task, name), hook) for name in self.names}
-        self._set({name: values.copy() for name, values in before.items()})
+        before = {name: getattr(self._task, name) for name in self.names}
+        values = {n: self._of_rows(n, value, "an assignment") for n, value in before.items()}
+        self._set({name: value.copy() for name, value in values.items()})
         try:
             with self._shared(hook, physics), self._refusing_draws(hook):
                 yield
-            after = {}
-            for name, values in before.items():
-                given = self._of_rows(name, getattr(self._task, name), hook)
-                after[name] = np.array(given)
-                if rows is not None:
-                    after[name][~rows] = values[~rows]
-            before = after
+            if rows is None or rows.any():
+                after = {}
+                for name, value in values.items():
+                    given = self._of_rows(name, getattr(self._task, name), hook)
+                    after[name] = np.array(given)
+                    if rows is not None:
+                        after[name][~rows] = value[~rows]
+                before = after
         finally:
             self._set(before)
 
@@ -201,22 +203,16 @@ class EpisodeAttributes:
                     new[name][row] = self._of_one(name, given[name], "a snapshot")
         self._set(new)
 
-    def set_first(self, name: str, values: np.ndarray) -> None:
-        """Sets an attribute of all rows, now and whenever a seed puts back the first value.
-
-        Args:
-          name: of the attribute.
-          values: (num_envs, ...).
-        """
-        self._first[name] = np.array(values)
-        self._set({name: values.copy()})
+    def keep_as_first(self, name: str) -> None:
+        """Makes `begin_again` give rows the values that an attribute has now."""
+        self._first[name] = self._of_rows(name, getattr(self._task, name), "set_attr").copy()
 
     def _set(self, values: Mapping[str, object]) -> None:
         for name, value in values.items():
             setattr(self._task, name, value)
 
     def _of_rows(self, name: str, given: object, hook: str) -> np.ndarray:
-        """What a hook has set for all rows, as an array of (num_envs, ...)."""
+        """The value that a hook has set for all rows, as an array of (num_envs, ...)."""
         form = self._forms[name]
         value = self._numbers(name, given, hook)
         whole = (self._count, *form.shape)
@@ -225,7 +221,7 @@ class EpisodeAttributes:
         return np.broadcast_to(value, whole)
 
     def _of_one(self, name: str, given: object, hook: str) -> np.ndarray:
-        """What a hook has set for one row."""
+        """The value that a hook has set for one row."""
         value = self._numbers(name, given, hook)
         if value.shape != self._forms[name].shape:
             raise self._other_form(name, value, hook, self._forms[name].shape)
@@ -269,7 +265,7 @@ class EpisodeAttributes:
             raise NotVectorised(self._why_not)
 
     def _seen(self, physics: object) -> dict[str, tuple[object, ...]]:
-        """What a hook must not change, with its elements, by name."""
+        """Attributes that a hook must not change, with their elements, by name."""
         of_task = {n: v for n, v in watched(self._task).items() if n not in self.names}
         both = [("self", of_task), ("physics", watched(physics))]
         return {
@@ -337,7 +333,7 @@ def _is_number_or_array(value: object) -> bool:
 
 
 def _elements(value: object) -> Sequence[object]:
-    """What can change in a value while it stays the same object, as far as that is quickly seen."""
+    """Parts that can change in a value that stays the same object, as far as that is quickly seen."""
     if isinstance(value, ATOMS):
         return ()
     if isinstance(value, np.ndarray):
