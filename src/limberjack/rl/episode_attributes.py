@@ -333,7 +333,7 @@ def _is_number_or_array(value: object) -> bool:
 
 
 def _elements(value: object) -> Sequence[object]:
-    """Parts that can change in a value that stays the same object, as far as that is quickly seen."""
+    """Parts that can change in a value while it stays the same object, if quickly compared."""
     if isinstance(value, ATOMS):
         return ()
     if isinstance(value, np.ndarray):
