@@ -11,7 +11,7 @@ import pytest
 from limberjack import suite
 from limberjack.rl.batches import batch_of
 from limberjack.rl.control import Environment
-from limberjack.rl.shared_streams import GLOBAL_STREAMS, drawn_from, put_back_after
+from limberjack.rl.shared_streams import GLOBAL_STREAMS, drawn_from, fingerprint, put_back_after
 from limberjack.suite import pendulum
 
 
@@ -62,3 +62,27 @@ def _reason(seed: int) -> str | None:
     env = Environment(of_suite.physics, _Own(random=seed), time_limit=1)
     with contextlib.closing(batch_of(env, 2, seed=seed)) as batch:
         return batch.why_rows
+
+
+def test_a_fingerprint_changes_with_every_draw_and_is_that_of_an_equal_state() -> None:
+    one, other = np.random.RandomState(3), np.random.RandomState(3)
+    before = fingerprint(one)
+    assert before == fingerprint(other)
+    one.uniform()
+    assert fingerprint(one) != before
+    one.seed(3)
+    assert fingerprint(one) == before
+    one.normal()
+    assert fingerprint(one) != before
+    for _ in range(312):  # 624 numbers in all: the same position, with another key
+        other.uniform()
+    assert fingerprint(other) != before
+    of_another_kind = np.random.RandomState(np.random.PCG64(3))
+    first = fingerprint(of_another_kind)
+    of_another_kind.uniform()
+    assert fingerprint(of_another_kind) != first
+    with put_back_after():
+        states = [fingerprint(np.random)]
+        np.random.uniform()
+        assert fingerprint(np.random) not in states
+    assert fingerprint(np.random) == states[0]

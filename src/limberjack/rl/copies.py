@@ -191,7 +191,10 @@ def check_copies(env: object, are_seeded: bool = True, is_vectorised: bool = Fal
             if value is not bit_generator:
                 raise _refused(env, path, "is a random stream other than the task's")
     try:
-        copied(env)
+        if is_vectorised:  # one task for all rows, which keeps to its physics
+            copy.deepcopy(task, {id(one): one for one in (env, inner, physics)})
+        else:
+            copied(env)
     except Exception as error:  # of any class: it is the user's object
         name = _cannot_be_copied(env)
         raise _refused(env, name, f"cannot be copied ({type(error).__name__}: {error})") from error

@@ -9,6 +9,7 @@ other. Draws of other threads of a program are not seen as theirs, and are undon
 """
 
 import contextlib
+import ctypes
 import functools
 import os
 import pickle
@@ -19,12 +20,16 @@ from typing import cast
 
 import numpy as np
 
-__all__ = ["GLOBAL_STREAMS", "drawn_from", "put_back_after"]
+__all__ = ["GLOBAL_STREAMS", "drawn_from", "fingerprint", "put_back_after"]
 
 GLOBAL_STREAMS: Mapping[str, object] = {
     "NumPy's global stream": np.random,
     "the stream of random": random,
 }
+
+
+# NumPy's mt19937_state: 624 numbers of 32 bits, and the position.
+_BYTES_OF_STATE = (624 + 1) * 4
 
 
 class _Turn:
@@ -70,6 +75,18 @@ def drawn_from(streams: Mapping[str, object], play: Callable[[], object]) -> str
         play()
         drawn = [name for name, stream in streams.items() if _state(stream) != before[name]]
     return drawn[0] if drawn else None
+
+
+def fingerprint(stream: object) -> bytes:
+    """The state of a `RandomState`, or of NumPy's global one, as bytes that every draw changes.
+
+    It is read where NumPy keeps it, in a microsecond; `get_state` takes thirty.
+    """
+    owner = np.random.mtrand._rand if stream is np.random else cast(np.random.RandomState, stream)
+    generator = owner._bit_generator
+    if isinstance(generator, np.random.MT19937):
+        return ctypes.string_at(generator.ctypes.state_address, _BYTES_OF_STATE)
+    return _state(stream)
 
 
 def _state(stream: object) -> bytes:

@@ -42,6 +42,7 @@ class Watch:
     def __init__(self, task: object, physics: object, declared: Sequence[str] = ()) -> None:
         """Takes the names of attributes that the task may change as well."""
         self._declared = frozenset(declared)
+        self._in_classes: dict[type, tuple[int, Sequence[str]]] = {}  # sizes, and names of values
         self._owners = {"self": task, "physics": physics}
         self._assigned: list[str] = []
         self._patched: list[tuple[type, object]] = []
@@ -104,12 +105,17 @@ class Watch:
                 if owner is not self._owners["self"] or name not in self._declared:
                     found[f"{label}.{name}"] = frozen(value)
             for cls in type(owner).__mro__:
-                if cls.__module__.startswith(_OURS):
-                    continue
-                for name, value in vars(cls).items():
-                    if not name.startswith(("__", "_abc_")) and not _is_behaviour(value):
-                        found[f"{cls.__name__}.{name}"] = frozen(value)
+                for name in self._names_in(cls):
+                    found[f"{cls.__name__}.{name}"] = frozen(vars(cls)[name])
         return found
+
+    def _names_in(self, cls: type) -> Sequence[str]:
+        """Names of the values in a class of a user, looked up again once it has more or fewer."""
+        count, names = self._in_classes.get(cls, (-1, ()))
+        if count != len(vars(cls)):
+            names = _names_of_values(cls)
+            self._in_classes[cls] = len(vars(cls)), names
+        return names
 
 
 def watched(owner: object) -> dict[str, object]:
@@ -119,6 +125,16 @@ def watched(owner: object) -> dict[str, object]:
         for name, value in attributes_of(owner).items()
         if name not in _INTERNAL and name not in _STREAMS and not hasattr(value, RECORDS)
     }
+
+
+def _names_of_values(cls: type) -> Sequence[str]:
+    if cls.__module__.startswith(_OURS):
+        return ()
+    return [
+        name
+        for name, value in vars(cls).items()
+        if not name.startswith(("__", "_abc_")) and not _is_behaviour(value)
+    ]
 
 
 def _is_behaviour(value: object) -> bool:
