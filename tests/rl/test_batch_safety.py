@@ -592,7 +592,7 @@ def test_a_row_that_begins_again_later_is_compared() -> None:
         time = np.asarray(physics.data.time)
         return np.zeros(time.shape) + (time.min() if np.ptp(time) else 0.0)
 
-    with pytest.raises(ValueError, match=r"reward of .* in row 0 of a batch after 9 steps"):
+    with pytest.raises(ValueError, match=r"reward of .* in row 0 of a batch after 7 steps"):
         _batch(_with(get_reward=get_reward))
 
 

@@ -94,7 +94,7 @@ def _state(stream: object) -> bytes:
     if isinstance(stream, np.random.Generator):
         return pickle.dumps(stream.bit_generator.state)
     if isinstance(stream, np.random.RandomState) or stream is np.random:
-        return pickle.dumps(cast(np.random.RandomState, stream).get_state())
+        return pickle.dumps(cast(np.random.RandomState, stream).get_state(legacy=False))
     return pickle.dumps(cast(random.Random, stream).getstate())
 
 
@@ -105,6 +105,6 @@ def _putting_back(stream: object) -> Callable[[], object]:
         return lambda: setattr(stream.bit_generator, "state", state)
     if isinstance(stream, np.random.RandomState) or stream is np.random:
         legacy = cast(np.random.RandomState, stream)
-        return functools.partial(legacy.set_state, legacy.get_state())
+        return functools.partial(legacy.set_state, legacy.get_state(legacy=False))
     own = cast(random.Random, stream)
     return functools.partial(own.setstate, own.getstate())
