@@ -13,7 +13,6 @@ import copy
 import functools
 import types
 import weakref
-from collections.abc import Container
 from typing import Any, TypeVar
 
 import dm_env
@@ -42,14 +41,14 @@ _Env = TypeVar("_Env")
 
 # The class `control.Environment`, and the attributes of its instances. That module sets them, since
 # it imports this one.
-_plain: tuple[type, Container[str]] = (dm_env.Environment, ())
+_plain: tuple[type, frozenset[str]] = (dm_env.Environment, frozenset())
 
 
 # Classes that were found not to override anything.
 _not_overriding: "weakref.WeakKeyDictionary[type, Assigned]" = weakref.WeakKeyDictionary()
 
 
-def set_plain(cls: type, attributes: Container[str]) -> None:
+def set_plain(cls: type, attributes: frozenset[str]) -> None:
     """Sets the class of plain environments, and the names of the attributes that these have."""
     global _plain
     _plain = cls, attributes
@@ -65,14 +64,15 @@ def difference(env: object) -> str | None:
     cls = type(env)
     if not isinstance(env, plain):
         return f"it is a {cls.__name__}, not a control.Environment"
-    if not (cls in _not_overriding and _not_overriding[cls].is_same()):
+    known = _not_overriding.get(cls)
+    if known is None or not known.is_same():
         overridden = _overridden(cls, plain)
         if overridden is not None:
             return overridden
         _not_overriding[cls] = Assigned(cls)
-    for name, value in vars(env).items():
-        if name in attributes:
-            continue
+    inside = vars(env)
+    for name in inside.keys() - attributes:
+        value = inside[name]
         if callable(value) and hasattr(cls, name):
             return f"its method {name} is replaced"
         return f"it has an attribute {name!r} of its own"

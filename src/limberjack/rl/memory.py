@@ -29,8 +29,8 @@ __all__ = [
     "stand_in",
 ]
 
-# Classes whose functions were all found to be this package's.
-_unchanged: "weakref.WeakKeyDictionary[type, Assigned]" = weakref.WeakKeyDictionary()
+# Classes of the suite whose functions were all found to be this package's.
+_unchanged: dict[type, Assigned] = {}
 
 # Attributes by name, of the "task" and of the "physics".
 Memory = Mapping[str, Mapping[str, object]]
@@ -46,7 +46,7 @@ _Task = TypeVar("_Task")
 
 def is_of_the_suite(task: object, physics: object) -> bool:
     """Whether both are the suite's own, with no method of class or instance replaced."""
-    return all(_is_unchanged(owner) for owner in (task, physics))
+    return _is_unchanged(task) and _is_unchanged(physics)
 
 
 def remembered(task: object, physics: object) -> Memory:
@@ -223,15 +223,17 @@ def _memo(task: object, physics: object) -> dict[int, object]:
 
 def _is_unchanged(owner: object) -> bool:
     cls = type(owner)
-    if not cls.__module__.startswith(_SUITE) or any(_shadowed(cls, vars(owner))):
-        return False
-    if cls in _unchanged and _unchanged[cls].is_same():
-        return True
-    ours = [one for one in cls.__mro__ if one.__module__.startswith(_OURS)]
-    if not all(_is_defined_here(one) for one in ours):
-        return False
-    _unchanged[cls] = Assigned(cls)
-    return True
+    known = _unchanged.get(cls)
+    if known is None or not known.is_same():
+        if not cls.__module__.startswith(_SUITE):
+            return False
+        ours = [one for one in cls.__mro__ if one.__module__.startswith(_OURS)]
+        if not all(_is_defined_here(one) for one in ours):
+            return False
+        known = _unchanged[cls] = Assigned(cls)
+    attributes = vars(owner)
+    shadowing = attributes.keys() & known.names
+    return not any(_shadowed(cls, {name: attributes[name] for name in shadowing}))
 
 
 def _shadowed(cls: type, attributes: Mapping[str, object]) -> Iterator[str]:
