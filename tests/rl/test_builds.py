@@ -117,3 +117,27 @@ class _Unseedable(odd.Catch):
     def __init__(self) -> None:
         super().__init__(0)
         del self._stream
+
+
+class _Tabled(odd.Pole):
+    """Begins where a table says, which no comparison of settings sees."""
+
+    table: Any = None
+
+    def initialize_episode(self, physics: Any) -> None:
+        super().initialize_episode(physics)
+        physics.named.data.qpos["hinge"] = self.table["start"]
+
+
+def _tabled(seed: int) -> Any:
+    env = odd.environment(_Tabled, seed)
+    env.task.table = {"start": 0.1 * seed}
+    return env
+
+
+def test_environments_that_begin_elsewhere_for_another_seed_are_not_stable() -> None:
+    assert not builds.is_stable(Build.of(_tabled), 0)
+    seeded = Build.of(_tabled).seeded(1)
+    before = seeded.environment
+    seeded.begin(2)
+    assert seeded.environment is not before

@@ -12,6 +12,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.rl import memory, references
+from limberjack.suite import base, pendulum
 
 from . import odd_environments as odd
 
@@ -199,3 +200,24 @@ class _Slots:
     __slots__ = ("__dict__", "number", "unset")
     number: int
     own: int
+
+
+@pytest.mark.parametrize("cls", [base.Task, pendulum.SwingUp])
+def test_a_task_of_the_suite_with_a_function_of_a_user_is_not_the_suites(
+    monkeypatch: pytest.MonkeyPatch, cls: type
+) -> None:
+    env = suite.load("pendulum", "swingup")
+    assert memory.is_of_the_suite(env.task, env.physics)
+    after_step = cls.after_step  # pyright: ignore[reportAttributeAccessIssue]
+
+    def remembering(self: Any, physics: Any) -> None:
+        self.last = physics.data.time
+        after_step(self, physics)
+
+    monkeypatch.setattr(cls, "after_step", remembering)
+    memory._unchanged.clear()  # as in a program that replaces it before it loads anything
+    assert not memory.is_of_the_suite(env.task, env.physics)
+    monkeypatch.undo()
+    assert memory.is_of_the_suite(env.task, env.physics)
+    env.task.after_step = remembering
+    assert not memory.is_of_the_suite(env.task, env.physics)

@@ -56,6 +56,8 @@ def test_a_row_may_be_cut_off_at_a_limit_that_its_environment_does_not_know() ->
 @pytest.mark.parametrize(
     ("time_step", "error", "message"),
     [
+        (_time_step(angle=[[1.0, 2.0]]), ValueError, r"'angle' has shape \(1, 2\) and dtype"),
+        (_time_step(angle=[[1.0], [2.0]]), ValueError, r"'angle' has shape \(2, 1\) and dtype"),
         (_time_step(reward=None), TypeError, "the reward of a step is None; expected a number"),
         (_time_step(reward="high"), TypeError, "the reward of a step is 'high'"),
         (_time_step(reward=np.zeros(2)), TypeError, "the reward of a step is array"),

@@ -10,7 +10,7 @@ import pytest
 
 from limberjack import gym, rl, suite
 from limberjack.rl import control
-from limberjack.rl.randomize import scale
+from limberjack.rl.randomize import scale, stream_beside
 from limberjack.rl.stagger import Stagger, check_limit
 
 from . import odd_environments as odd
@@ -54,6 +54,12 @@ def test_a_length_is_uniform_from_one_step_to_the_limit() -> None:
     chi_squared = float(((counts[1:11] - expected) ** 2 / expected).sum())
     assert chi_squared < 27.9  # the 99.9 % quantile with 9 degrees of freedom
     assert all(stagger.limit_of_next(row, 9.5) == 9.5 for row in range(3))
+
+
+def test_lengths_are_drawn_apart_from_the_fields_that_are_randomized() -> None:
+    stagger = Stagger(1)
+    stagger.draw(0, np.random.RandomState(4))
+    assert stagger.shares[0] != stream_beside(np.random.RandomState(4)).uniform()
 
 
 def test_a_draw_does_not_advance_the_stream() -> None:
