@@ -12,6 +12,34 @@ __all__ = ["FAULTS", "TESTS"]
 TESTS = {"suite": ["tests/suite", "tests/oracle/test_domains.py", "tests/oracle/test_episodes.py"]}
 
 FAULTS: dict[str, list[tuple[str, str]]] = {
+    "rl/episode_attributes.py": [
+        ("                        after[name][~rows] = value[~rows]\n", ""),
+        ("                after[name] = values.copy()\n", "                after[name] = values\n"),
+        ("            return np.array(value)\n", "            return value\n"),
+        ("self._set({name: value.copy() for name, value in values.items()})", "pass"),
+        ("            values[rows] = self._first[name][rows]\n", ""),
+        ("if type(given) is int and form", "if form"),
+        ("if value.shape not in (whole, form.shape):", "if value.ndim > len(whole):"),
+        ("        if self._why_not is not None:\n", "        if False:\n"),
+        ("        return tuple(value)\n    return ()", "        return ()\n    return ()"),
+        ("len(one) != len(other)", "len(one) > len(other)"),
+        ("self._set({_STREAM: refusing})", "pass"),
+    ],
+    "rl/episode_values.py": [
+        (
+            "            setattr(task, name, np.array(value))\n",
+            "            setattr(task, name, value)\n",
+        ),
+        ("    if not isinstance(names, tuple | list):  # such", "    if not names:  # such"),
+    ],
+    "rl/shared_streams.py": [
+        (
+            "put_back = [_putting_back(stream) for stream in streams.values()]",
+            "put_back: list[Callable[[], object]] = []",
+        ),
+        ("    with _TURN.lock:\n", "    if True:\n"),
+        ("_BYTES_OF_STATE = (624 + 1) * 4", "_BYTES_OF_STATE = 4"),
+    ],
     "rl/batch.py": [
         ("task._random = self._streams.own[row]", "task._random = self._streams.own[0]"),
         ("self._randomizer.draw(self._streams.beside[row])", "self._randomizer.draw(task._random)"),
@@ -22,7 +50,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return self._begins.copy()", "return self._begins"),
         (
             "a start\n            self._begin(np.flatnonzero(begins))\n",
-            "a start\n            self._begin(running)\n",
+            "a start\n            self._begin(np.flatnonzero(~begins))\n",
         ),
         (
             "self._replicas.simulation.save(rows, self._s",
@@ -34,7 +62,24 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            active = active & ~last\n", ""),
         ("            counter.steps[~active] = steps[~active]\n", ""),
         ("            simulation.load(saved, rows)\n        s", "            pass\n        s"),
-        ("        self.diverged = diverged\n\n    def _rows", "\n    def _rows"),
+        ("        self.diverged, self._has_observed = diverged, has_observed\n", ""),
+        (
+            'self._memory.during("before_step", physics, stepped)',
+            'self._memory.during("before_step", physics)',
+        ),
+        (
+            "stepped = ~self.diverged if active is None else active & ~self.diverged",
+            "stepped = active",
+        ),
+        ("seen = None if stepped is None else stepped | begins", "seen = stepped"),
+        ("None if rows is None else rows & ~self._counter.reach_limit", "rows"),
+        (
+            "            waiting = self._has_observed & ~rows\n",
+            "            waiting = rows & ~rows\n",
+        ),
+        ("                    self._memory.begin_again([row])\n", ""),
+        ('{**common["task"], **values}', '{**values, **common["task"]}'),
+        ("            self._has_observed[rows] = False\n", ""),
         ("limit = self._stagger.limit_of_next(row, ", "limit = self._stagger.limit_of_next(0, "),
         ("self._streams.replace(row, stream, seeds[i])", "self._streams.own[row] = stream"),
     ],
@@ -110,7 +155,19 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("else 1 + math.floor(share", "else math.floor(share"),
         ("int(position), int(_OWN)]", "int(position)]"),
     ],
+    "rl/batch_safety.py": [
+        ("            self._memory.load(np.array([_BEGINS_AGAIN]), [self._starts_again])\n", ""),
+        ("        self._memory.load(np.arange(self._num_rows), self._starts)\n", ""),
+    ],
     "rl/control.py": [
+        (
+            "        for name, value in self._first_values().items():\n",
+            "        for name, value in ():\n",
+        ),
+        (
+            "            self._task.initialize_episode(self._physics)\n            self._keep_own()\n",
+            "            self._task.initialize_episode(self._physics)\n",
+        ),
         ("return self.reset()  # a subclass may", "return self._begin()  # a subclass may"),
         ("            if is_last:\n", "            if False:\n"),
         ("put_back(snapshot.memory[0], self._task, self._physics)", "pass"),
