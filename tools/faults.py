@@ -165,8 +165,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "        for name, value in ():\n",
         ),
         (
-            "            self._task.initialize_episode(self._physics)\n            self._keep_own()\n",
-            "            self._task.initialize_episode(self._physics)\n",
+            "initialize_episode(self._physics)\n            self._keep_own()\n",
+            "initialize_episode(self._physics)\n",
         ),
         ("return self.reset()  # a subclass may", "return self._begin()  # a subclass may"),
         ("            if is_last:\n", "            if False:\n"),
