@@ -13,7 +13,7 @@ TESTS = {"suite": ["tests/suite", "tests/oracle/test_domains.py", "tests/oracle/
 
 FAULTS: dict[str, list[tuple[str, str]]] = {
     "rl/episode_attributes.py": [
-        ("                        after[name][~rows] = value[~rows]\n", ""),
+        ("after[name][~rows] = value[~rows]", "after[name][~rows] = given[~rows]"),
         ("                after[name] = values.copy()\n", "                after[name] = values\n"),
         ("            return np.array(value)\n", "            return value\n"),
         ("self._set({name: value.copy() for name, value in values.items()})", "pass"),
