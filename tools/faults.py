@@ -13,7 +13,7 @@ TESTS = {"suite": ["tests/suite", "tests/oracle/test_domains.py", "tests/oracle/
 
 FAULTS: dict[str, list[tuple[str, str]]] = {
     "rl/episode_attributes.py": [
-        ("after[name][~rows] = value[~rows]", "after[name][~rows] = given[~rows]"),
+        ("            new[~rows] = before[~rows]\n", "            new[rows] = before[rows]\n"),
         ("                after[name] = values.copy()\n", "                after[name] = values\n"),
         ("            return np.array(value)\n", "            return value\n"),
         ("self._set({name: value.copy() for name, value in values.items()})", "pass"),
@@ -21,9 +21,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if type(given) is int and form", "if form"),
         ("if value.shape not in (whole, form.shape):", "if value.ndim > len(whole):"),
         ("        if self._why_not is not None:\n", "        if False:\n"),
-        ("        return tuple(value)\n    return ()", "        return ()\n    return ()"),
-        ("len(one) != len(other)", "len(one) > len(other)"),
-        ("self._set({_STREAM: refusing})", "pass"),
+        ("            task._random = refusing ", "            pass "),
     ],
     "rl/episode_values.py": [
         (
@@ -142,6 +140,13 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if not all(_is_defined_here(one) for", "if not any(_is_defined_here(one) for"),
     ],
     "rl/watch.py": [
+        ("        return tuple(value)\n    return None", "        return ()\n    return None"),
+        ("    if len(before) != len(after):\n", "    if len(before) > len(after):\n"),
+        (
+            "        if len(attributes) != self._count:\n",
+            "        if len(attributes) < self._count:\n",
+        ),
+        ("if not self._containers and self._is_same()", "if self._is_same()"),
         ("return sorted({*assigned, *differing})", "return sorted(differing)"),
         ("return sorted({*assigned, *differing})\n", "return sorted(assigned)\n"),
         ("                del cls.__setattr__\n", "                pass\n"),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack.rl.watch import Watch
+from limberjack.rl.watch import QuickWatch, Watch
 
 from . import odd_environments as odd
 
@@ -187,3 +187,52 @@ def test_two_threads_watch_one_after_the_other() -> None:
         thread.join()
     assert found == [["self.number"]] * 4
     assert "__setattr__" not in vars(_Task)
+
+
+class _Watched:
+    """Has attributes of several kinds."""
+
+    def __init__(self) -> None:
+        self.number = 0.5
+        self.items: list[object] = [1]
+        self.table: dict[str, object] = {"a": 1}
+        self.array = np.zeros(3)
+        self.large = np.zeros(10**5)
+        self.last = 0
+
+    @functools.cached_property
+    def derived(self) -> float:
+        """Not a change."""
+        return 2.0
+
+
+_QUICK: list[tuple[Callable[[Any], object], list[str]]] = [
+    (lambda one: None, []),
+    (lambda one: one.derived, []),
+    (lambda one: setattr(one, "last", 5), []),
+    (lambda one: setattr(one, "number", 0.5 + 0 * len(one.items)), []),  # equal, another object
+    (lambda one: setattr(one, "number", 0.25), ["self.number"]),
+    (lambda one: setattr(one, "more", 1), ["self.more"]),
+    (lambda one: delattr(one, "number"), ["self.number"]),
+    (lambda one: setattr(one, "items", [1]), ["self.items"]),
+    (lambda one: one.items.append(2), ["self.items"]),
+    (lambda one: one.items.__setitem__(0, 2), ["self.items"]),
+    (lambda one: one.table.update(b=1), ["self.table"]),
+    (lambda one: one.array.fill(1), ["self.array"]),
+    (lambda one: setattr(one, "array", one.array.copy()), ["self.array"]),
+    (lambda one: (one.items.pop(), setattr(one, "number", 3.0)), ["self.items", "self.number"]),
+]
+
+
+@pytest.mark.parametrize(("change", "names"), _QUICK)
+def test_a_quick_look_finds_other_objects_and_other_elements(
+    change: Callable[[Any], object], names: list[str]
+) -> None:
+    one = _Watched()
+    watch = QuickWatch("self", one, ["last"])
+    watch.look()
+    assert watch.changed() == []
+    change(one)
+    assert watch.changed() == names
+    watch.look()  # from now on that is as it was
+    assert watch.changed() == []

@@ -17,7 +17,6 @@ All other attributes belong to all rows. One that a hook changes, and draws of a
 would give wrong numbers, so they raise `NotVectorised`, here as in the check at creation.
 """
 
-import collections
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
@@ -26,15 +25,14 @@ import numpy as np
 
 from limberjack.rl.batch_errors import NotVectorised
 from limberjack.rl.episode_values import NAME, declared
-from limberjack.rl.references import ATOMS, attributes_of
-from limberjack.rl.watch import watched
+from limberjack.rl.references import attributes_of
+from limberjack.rl.watch import QuickWatch
 from limberjack.utils.suggest import did_you_mean
 
 __all__ = ["EpisodeAttributes", "advice", "check_declared"]
 
 _FORM = "numbers and arrays of numbers whose shape and dtype never change"
 _KINDS = "fiub"  # kinds of dtypes that an attribute may have
-_MOST_BYTES = 2**16  # of an array that is compared after every hook
 _STREAM = "_random"  # of a task, which a batch replaces by that of each row
 _NOTHING = contextlib.nullcontext()
 
@@ -105,6 +103,8 @@ class EpisodeAttributes:
         self._first = {
             name: np.stack([np.asarray(getattr(task, name))] * num_envs) for name in self.names
         }
+        self._of_task = QuickWatch("self", task, self.names)
+        self._watches: dict[int, QuickWatch] = {}  # of each physics that hooks are called with
         self.begin_again(slice(None))
 
     def during(
@@ -125,22 +125,33 @@ class EpisodeAttributes:
 
     @contextlib.contextmanager
     def _during(self, hook: str, physics: object, rows: np.ndarray | None) -> Iterator[None]:
-        before = {name: getattr(self._task, name) for name in self.names}
+        task = self._task
+        before = {name: getattr(task, name) for name in self.names}
         values = {n: self._of_rows(n, value, "an assignment") for n, value in before.items()}
         self._set({name: value.copy() for name, value in values.items()})
+        watches = self._look(physics)
+        # In a step it is the stream of whichever row began last.
+        stream, refusing = getattr(task, _STREAM, None), _Refusing(type(task).__name__, hook)
+        if is_stream := isinstance(stream, np.random.RandomState):
+            task._random = refusing  # pyright: ignore[reportAttributeAccessIssue]
         try:
-            with self._shared(hook, physics), self._refusing_draws(hook):
-                yield
+            yield
+            self._check(watches, hook)
             if rows is None or rows.any():
-                after = {}
-                for name, value in values.items():
-                    given = self._of_rows(name, getattr(self._task, name), hook)
-                    after[name] = np.array(given)
-                    if rows is not None:
-                        after[name][~rows] = value[~rows]
-                before = after
+                before = {n: self._counted(n, value, rows, hook) for n, value in values.items()}
         finally:
+            if is_stream and getattr(task, _STREAM, None) is refusing:
+                task._random = stream  # pyright: ignore[reportAttributeAccessIssue]
             self._set(before)
+
+    def _counted(
+        self, name: str, before: np.ndarray, rows: np.ndarray | None, hook: str
+    ) -> np.ndarray:
+        """The values that a hook has set in a mask of rows, None for all, and those from before."""
+        new = np.array(self._of_rows(name, getattr(self._task, name), hook))
+        if rows is not None:
+            new[~rows] = before[~rows]
+        return new
 
     def of_row(
         self, row: int, physics: object, hook: str = "initialize_episode"
@@ -162,9 +173,10 @@ class EpisodeAttributes:
     def _of_row(self, row: int, physics: object, hook: str) -> Iterator[None]:
         before = {name: getattr(self._task, name) for name in self.names}
         self._set({n: self._forms[n].single(values[row]) for n, values in before.items()})
+        watches = self._look(physics)
         try:
-            with self._shared(hook, physics):
-                yield
+            yield
+            self._check(watches, hook)
             after = {}
             for name, values in before.items():
                 after[name] = values.copy()
@@ -245,16 +257,21 @@ class EpisodeAttributes:
             f"{NAME} declares {_FORM}"
         )
 
-    @contextlib.contextmanager
-    def _shared(self, hook: str, physics: object) -> Iterator[None]:
-        """Raises NotVectorised if a hook changes what rows share; the batch then stays unusable."""
+    def _look(self, physics: object) -> list[QuickWatch]:
+        """Begins to watch what rows share."""
         if self._why_not is not None:
             raise NotVectorised(self._why_not)
-        before = self._seen(physics)
-        yield
-        after = self._seen(physics)
-        names = before.keys() | after.keys()
-        changed = sorted(n for n in names if not _is_same(before.get(n), after.get(n)))
+        key = id(physics)
+        if key not in self._watches:
+            self._watches[key] = QuickWatch("physics", physics)  # which keeps it
+        watches = [self._of_task, self._watches[key]]
+        for watch in watches:
+            watch.look()
+        return watches
+
+    def _check(self, watches: Sequence[QuickWatch], hook: str) -> None:
+        """Raises NotVectorised if a hook has changed what rows share; the batch stays unusable."""
+        changed = [label for watch in watches for label in watch.changed()]
         if changed:
             named = [label.removeprefix("self.") for label in changed if label.startswith("self.")]
             self._why_not = (
@@ -264,45 +281,26 @@ class EpisodeAttributes:
             )
             raise NotVectorised(self._why_not)
 
-    def _seen(self, physics: object) -> dict[str, tuple[object, ...]]:
-        """Attributes that a hook must not change, with their elements, by name."""
-        of_task = {n: v for n, v in watched(self._task).items() if n not in self.names}
-        both = [("self", of_task), ("physics", watched(physics))]
-        return {
-            f"{label}.{name}": (value, *_elements(value))
-            for label, attributes in both
-            for name, value in attributes.items()
-        }
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in vars(self).items() if name != "_watches"}
 
-    @contextlib.contextmanager
-    def _refusing_draws(self, hook: str) -> Iterator[None]:
-        """Replaces the task's stream, which in a step is that of whichever row began last."""
-        stream = getattr(self._task, _STREAM, None)
-        if not isinstance(stream, np.random.RandomState):
-            yield
-            return
-        refusing = _Refusing(type(self._task).__name__, hook)
-        self._set({_STREAM: refusing})
-        try:
-            yield
-        finally:
-            if getattr(self._task, _STREAM, None) is refusing:
-                self._set({_STREAM: stream})
+    def __setstate__(self, state: dict[str, object]) -> None:
+        vars(self).update(state, _watches={})
 
 
 class _Refusing:
     """Stands for a random stream where nothing may be drawn."""
 
     def __init__(self, task: str, hook: str) -> None:
-        self._message = (
-            f"task {task} draws from the task's random stream in {hook}, and all rows of a "
-            "vectorised batch would get one draw: draw in initialize_episode"
-        )
+        self._task, self._hook = task, hook
 
     def __getattr__(self, name: str) -> object:
         if name.startswith("__"):
             raise AttributeError(name)
-        raise NotVectorised(self._message)
+        raise NotVectorised(
+            f"task {self._task} draws from the task's random stream in {self._hook}, and all rows "
+            "of a vectorised batch would get one draw: draw in initialize_episode"
+        )
 
 
 def _form_of(task: object, name: str) -> _Form:
@@ -330,26 +328,3 @@ def _is_number_or_array(value: object) -> bool:
     if not isinstance(value, bool | int | float | np.generic | np.ndarray):
         return False
     return np.asarray(value).dtype.kind in _KINDS
-
-
-def _elements(value: object) -> Sequence[object]:
-    """Parts that can change in a value while it stays the same object, if quickly compared."""
-    if isinstance(value, ATOMS):
-        return ()
-    if isinstance(value, np.ndarray):
-        return (value.tobytes(),) if value.nbytes <= _MOST_BYTES else ()
-    if isinstance(value, Mapping):
-        return (*value, *value.values())
-    if isinstance(value, list | set | collections.deque):
-        return tuple(value)
-    return ()
-
-
-def _is_same(one: tuple[object, ...] | None, other: tuple[object, ...] | None) -> bool:
-    if one is None or other is None or len(one) != len(other):
-        return False
-    return all(a is b or _is_equal_atom(a, b) for a, b in zip(one, other, strict=True))
-
-
-def _is_equal_atom(one: object, other: object) -> bool:
-    return type(one) is type(other) and isinstance(one, ATOMS) and bool(one == other)

@@ -7,11 +7,15 @@
 An assignment counts even if the value is equal. Other changes, such as those of a list or of an
 object that an attribute holds, are found by comparing values. A `functools.cached_property` does
 not count. Values that cannot be compared, such as those of a C library, go unnoticed.
+
+`QuickWatch` takes a microsecond instead of a hundred, for every hook of every step of a batch. It
+notices attributes of one object that are other objects than before, or have other elements.
 """
 
 import collections
 import functools
 import itertools
+import operator
 import random
 import threading
 import types
@@ -21,13 +25,15 @@ from typing import Any, Self
 import numpy as np
 
 from limberjack.rl.batch_measurements import RECORDS
-from limberjack.rl.references import attributes_of, cells_of
+from limberjack.rl.references import ATOMS, attributes_of, cells_of
 
-__all__ = ["Watch", "watched"]
+__all__ = ["QuickWatch", "Watch"]
 
 # Classes are changed while a watch is on, so that there is one at a time.
 _one_at_a_time = threading.RLock()
 
+_MOST_BYTES = 2**16  # of an array that a `QuickWatch` compares
+_NOTHING = object()  # an attribute that is missing
 _MOST_PARTS = 20_000  # of the values of one task; an object with more is not compared further
 _ATOMS = (str, bytes, int, complex, bool, type(None), range)
 # Attributes of a physics that its own methods set.
@@ -101,8 +107,9 @@ class Watch:
         found: dict[str, object] = {}
         for label, owner in self._owners.items():
             frozen = _Frozen(self._opaque)
-            for name, value in watched(owner).items():
-                if owner is not self._owners["self"] or name not in self._declared:
+            allowed = self._declared if label == "self" else ()
+            for name, value in attributes_of(owner).items():
+                if name not in allowed and _is_watched(name, value):
                     found[f"{label}.{name}"] = frozen(value)
             for cls in type(owner).__mro__:
                 for name in self._names_in(cls):
@@ -118,13 +125,82 @@ class Watch:
         return names
 
 
-def watched(owner: object) -> dict[str, object]:
-    """The attributes of a task or a physics that hooks must not change, by name."""
-    return {
-        name: value
-        for name, value in attributes_of(owner).items()
-        if name not in _INTERNAL and name not in _STREAMS and not hasattr(value, RECORDS)
-    }
+def _is_watched(name: str, value: object) -> bool:
+    return name not in _INTERNAL and name not in _STREAMS and not hasattr(value, RECORDS)
+
+
+class QuickWatch:
+    """See the module's docstring."""
+
+    def __init__(self, label: str, owner: object, declared: Sequence[str] = ()) -> None:
+        """Takes an object, its name in the results, and the attributes that may change."""
+        self._label, self._owner = label, owner
+        self._declared = frozenset(declared)
+        self._names: Sequence[str] = ()
+        self._values: list[object] = []
+        self._count = -1  # attributes of the object, those that may change included
+        self._containers: list[tuple[str, object]] = []
+        self._elements: list[tuple[object, ...]] = []
+
+    def look(self) -> None:
+        """Remembers the attributes as they are now."""
+        if not self._is_same():
+            found = attributes_of(self._owner).items()
+            watched = {n: v for n, v in found if n not in self._declared and _is_watched(n, v)}
+            self._names, self._values = list(watched), list(watched.values())
+            self._count = len(vars(self._owner))
+            self._containers = [(n, v) for n, v in watched.items() if _elements_of(v) is not None]
+        self._elements = [_elements_of(value) or () for _, value in self._containers]
+
+    def changed(self) -> list[str]:
+        """Sorted names of what has changed since the last look."""
+        if not self._containers and self._is_same():  # nearly always
+            return []
+        elements = zip(self._containers, self._elements, strict=True)
+        names = {
+            name
+            for (name, value), before in elements
+            if not _are_same(before, _elements_of(value) or ())
+        }
+        if not self._is_same():
+            before = dict(zip(self._names, self._values, strict=True))
+            found = attributes_of(self._owner).items()
+            after = {n: v for n, v in found if n not in self._declared and _is_watched(n, v)}
+            for name in before.keys() | after.keys():
+                if not _are_same((before.get(name, _NOTHING),), (after.get(name, _NOTHING),)):
+                    names.add(name)
+        return sorted(f"{self._label}.{name}" for name in names)
+
+    def _is_same(self) -> bool:
+        """Whether all attributes are the objects of the last look."""
+        attributes = vars(self._owner)
+        if len(attributes) != self._count:
+            return False
+        now = [attributes.get(name, _NOTHING) for name in self._names]
+        return all(map(operator.is_, now, self._values))
+
+
+def _elements_of(value: object) -> tuple[object, ...] | None:
+    """Parts that can change while a value stays the same object; None for others and large ones."""
+    if isinstance(value, ATOMS):
+        return None
+    if isinstance(value, np.ndarray):
+        return (value.tobytes(),) if value.nbytes <= _MOST_BYTES else None
+    if isinstance(value, Mapping):
+        return (*value, *value.values())
+    if isinstance(value, list | set | collections.deque):
+        return tuple(value)
+    return None
+
+
+def _are_same(before: Sequence[object], after: Sequence[object]) -> bool:
+    if len(before) != len(after):
+        return False
+    return all(a is b or _is_equal_atom(a, b) for a, b in zip(before, after, strict=True))
+
+
+def _is_equal_atom(one: object, other: object) -> bool:
+    return type(one) is type(other) and isinstance(one, ATOMS) and bool(one == other)
 
 
 def _names_of_values(cls: type) -> Sequence[str]:
