@@ -13,7 +13,7 @@ import concurrent.futures
 import contextvars
 import itertools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -41,8 +41,29 @@ class RowThreads:
 
         Every row is tried. An interrupt of the caller is raised once all threads have returned.
         """
-        if self.num_threads == 1:
-            return _run(job, range(self._num_rows) if rows is None else rows)
+        if rows is None:
+            rows = range(self._num_rows)
+        if self.num_threads == 1 or not rows:
+            return _run(job, rows)
+        shares = [[row for row in rows if first <= row < end] for first, end in self._shares]
+        given = zip(self._living(), shares, strict=True)
+        return self._run_in([(thread, share) for thread, share in given if share], job, ())
+
+    def share(
+        self, job: Callable[[int], object], rows: Sequence[int]
+    ) -> list[tuple[int, BaseException]]:
+        """Like `each`, but any thread that is free takes the next row, the caller's included.
+
+        It is for jobs that do not depend on their thread. An interrupt in the caller's share is
+        returned like an error of the row.
+        """
+        if self.num_threads == 1 or len(rows) < 2:
+            return _run(job, rows)
+        rest = iter(rows)  # of all threads together
+        return self._run_in([(thread, rest) for thread in self._living()[1:]], job, rest)
+
+    def _living(self) -> list[concurrent.futures.ThreadPoolExecutor]:
+        """The threads, which are started if necessary."""
         if self._process != os.getpid():  # forked: threads stay in the parent
             self._forget()
         if not self._threads:
@@ -53,17 +74,22 @@ class RowThreads:
             for thread in threads:  # starts it; one interrupted as it starts would get a second one
                 thread.submit(int).result()
             self._threads = threads
+        return self._threads
+
+    def _run_in(
+        self,
+        given: Sequence[tuple[concurrent.futures.ThreadPoolExecutor, Iterable[int]]],
+        job: Callable[[int], object],
+        own: Iterable[int],
+    ) -> list[tuple[int, BaseException]]:
+        """Runs a job in threads, for the rows given to each, and in this one for its own rows."""
         try:
             started = []
-            for thread, (first, end) in zip(self._threads, self._shares, strict=True):
-                if rows is None:
-                    share: Sequence[int] = range(first, end)
-                else:
-                    share = [row for row in rows if first <= row < end]
-                if share:
-                    context = contextvars.copy_context()
-                    started.append(thread.submit(context.run, _run, job, share))
-            return [error for future in started for error in future.result()]
+            for thread, rows in given:
+                context = contextvars.copy_context()
+                started.append(thread.submit(context.run, _run, job, rows))
+            errors = _run(job, own)
+            return errors + [error for future in started for error in future.result()]
         except BaseException:  # an interrupt of the caller: the threads go on
             self._wait()
             raise
@@ -90,7 +116,7 @@ class RowThreads:
         return type(self), (self._num_rows, self.num_threads)
 
 
-def _run(job: Callable[[int], object], rows: Sequence[int]) -> list[tuple[int, BaseException]]:
+def _run(job: Callable[[int], object], rows: Iterable[int]) -> list[tuple[int, BaseException]]:
     errors: list[tuple[int, BaseException]] = []
     for row in rows:
         try:

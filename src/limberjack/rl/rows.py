@@ -40,11 +40,13 @@ from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
 from limberjack.rl.given_state import checked_states, state_sizes
 from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
 from limberjack.rl.represented import Description, represented
+from limberjack.rl.row_phases import step_in_phases
 from limberjack.rl.row_step import RowStep, as_mapping
 from limberjack.rl.row_threads import RowThreads
 from limberjack.rl.row_trial import Trial, model_of, noted
 from limberjack.rl.snapshot import Snapshot, as_snapshot
 from limberjack.rl.stagger import Stagger, check_limit
+from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 from limberjack.utils.cores import usable_cores
@@ -125,6 +127,7 @@ class RowsEnvironment:
         self._stagger = Stagger(self.num_envs) if guards.yes_or_no("stagger", stagger) else None
         self._rows: list[Seeded] = []
         self._make_rows(trial, of_rows, first, stable)
+        self._physics_threads = RowThreads(self.num_envs, self._num_physics_threads())
         self._full_limits = [self._limit_of(row.environment) for row in self._rows]
         if stagger:
             check_limit(self.step_limit)
@@ -145,6 +148,13 @@ class RowsEnvironment:
             self.draws_globally,
         )
         return 1
+
+    def _num_physics_threads(self) -> int:
+        """The number of threads that advance the simulations of rows that are stepped in parts."""
+        env = _in_parts(self._rows[0])
+        if self._threads.num_threads == 1 or env is None:
+            return self._threads.num_threads
+        return min(self._threads.num_threads, threads_for(None, self.num_envs, env))
 
     def _make_rows(
         self, trial: Trial, contexts: Sequence[Mapping[str, object]], first: int, stable: bool
@@ -253,8 +263,24 @@ class RowsEnvironment:
                     return
                 self._step_row(row, given[row], found)
 
-            self._raise(self._threads.each(step))
+            in_parts = self._in_parts(begins)
+            others = [row for row in range(self.num_envs) if row not in in_parts]
+            errors = self._threads.each(step, others)
+            if in_parts:
+                errors += step_in_phases(in_parts, given, found, self._physics_threads)
+            self._raise(errors)
             return self._counted(found)
+
+    def _in_parts(self, begins: Sequence[bool]) -> dict[int, Environment]:
+        """The rows in mid-episode whose control step can be taken in parts; none on one thread."""
+        if self._threads.num_threads == 1:  # in order, since rows may share anything
+            return {}
+        found: dict[int, Environment] = {}
+        for row, (seeded, begin) in enumerate(zip(self._rows, begins, strict=True)):
+            env = None if begin else _in_parts(seeded)
+            if env is not None and env.is_running:
+                found[row] = env
+        return found
 
     def _counted(self, found: RowStep) -> dm_env.TimeStep:
         """Counts a step that all rows have made; returns its time step."""
@@ -280,10 +306,7 @@ class RowsEnvironment:
             try:
                 time_step = env.step(action)
             except PhysicsError:
-                found.steps[row] = env._step_count - before
-                found.diverge(row)
-                if self._action_repeat != 1:
-                    found.add_reward(row, env._reward_so_far)
+                found.end_diverged(row, env, before)
                 return
             found.take(row, time_step, self._plain(row))
             found.steps[row] = env._step_count - before
@@ -424,6 +447,7 @@ class RowsEnvironment:
         if self._use.what_is_wrong is None:
             with self._use:
                 self._threads.close()
+                self._physics_threads.close()
                 for row in self._rows:
                     row.environment.close()
             self._use.what_is_wrong = "this batch is closed: create a new one"
@@ -764,6 +788,14 @@ def _threads(num_threads: int | None, num_envs: int) -> int:
     """The number of threads: the user's choice, or as many as there are cores, at most the rows."""
     given = usable_cores() if num_threads is None else num_threads
     return min(guards.at_least_one("num_threads", given), num_envs)
+
+
+def _in_parts(seeded: Seeded) -> Environment | None:
+    """The environment of a row, if it is plain and its control step can be taken in parts."""
+    env = seeded.environment
+    if seeded.is_plain and isinstance(env, Environment) and env._steps_in_parts:
+        return env
+    return None
 
 
 def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
