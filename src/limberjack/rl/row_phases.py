@@ -1,12 +1,13 @@
-"""`step_in_phases`: a step of plain rows, with their physics in threads and the rest in order.
+"""`step_in_phases`: a step of plain rows, with their hooks in order and their physics in threads.
 
-    errors = step_in_phases(environments, actions, found, threads)
+    errors = step_in_phases(environments, actions, found, share)
 
-Python runs one thread at a time, and threads that take turns lose more than they gain. Therefore
-the caller's thread runs the hooks of all rows, before and after the threads advance the simulations
-of all rows, which takes no lock. Each row makes the same calls in the same order as by itself.
+Python runs one thread at a time, and threads that take turns at short calls lose more than they
+gain. Therefore the caller's thread runs the hooks of all rows. In between, threads advance the
+simulations of all rows, which takes no lock. Each row makes the same calls in the same order as a
+single environment.
 
-If an action is repeated, rows whose episode has ended wait for the others.
+If actions are repeated, rows whose episode has ended wait for the others.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -18,32 +19,30 @@ from limberjack.rl.contract import PhysicsError
 from limberjack.rl.control import Environment
 from limberjack.rl.guards import OneUser
 from limberjack.rl.row_step import RowStep
-from limberjack.rl.row_threads import RowThreads
+from limberjack.rl.row_threads import RowErrors, interrupts
 
-__all__ = ["step_in_phases"]
+__all__ = ["Share", "step_in_phases"]
 
-_Errors = list[tuple[int, BaseException]]
+# Calls a function for each of some rows, in several threads; returns the errors.
+Share = Callable[[Callable[[int], None], Sequence[int]], RowErrors]
 
 
 def step_in_phases(
-    environments: Mapping[int, Environment],
-    actions: np.ndarray,
-    found: RowStep,
-    threads: RowThreads,
-) -> _Errors:
+    environments: Mapping[int, Environment], actions: np.ndarray, found: RowStep, share: Share
+) -> RowErrors:
     """Steps rows in mid-episode, and returns their errors, by row.
 
-    Every row is tried, except after an interrupt.
+    A row that diverges ends. Every row is tried, unless an interrupt is among the errors.
 
     Args:
       environments: by row; plain ones that can be stepped in parts.
-      actions: finite numbers, (num_envs, ...).
+      actions: finite numbers of all rows, (num_envs, ...).
       found: takes the time steps.
-      threads: that advance the simulations.
+      share: calls a function for each of some rows, in several threads; returns the errors.
     """
-    phases = _Phases(environments, actions, found, threads)
+    phases = _Phases(environments, actions, found)
     try:
-        phases.step()
+        phases.step(share)
     finally:
         for use in phases.entered:
             use.leave()
@@ -51,36 +50,38 @@ def step_in_phases(
 
 
 class _Phases:
-    """The step of `step_in_phases`, of which rows drop out as they end or fail."""
+    """A step of several rows.
+
+    Attributes:
+      errors: of the rows until now.
+      entered: the contexts of the environments, which this thread is to leave.
+    """
 
     def __init__(
-        self,
-        environments: Mapping[int, Environment],
-        actions: np.ndarray,
-        found: RowStep,
-        threads: RowThreads,
+        self, environments: Mapping[int, Environment], actions: np.ndarray, found: RowStep
     ) -> None:
-        self.errors: _Errors = []
+        self.errors: RowErrors = []
         self.entered: list[OneUser] = []
         self._environments = environments
         self._actions = actions
         self._found = found
-        self._threads = threads
-        self._number = 0  # of the control step of this action
-        # The functions that advance a row's simulation and check it.
-        self._physics: dict[int, tuple[Callable[[], None], Callable[[], None]]] = {}
+        self._thread = get_ident()
+        self._number = 0  # of the control step with these actions
         self._steps_before = {row: env._step_count for row, env in environments.items()}
+        # The functions that advance the simulation of a row and check it.
+        self._physics: dict[int, tuple[Callable[[], None], Callable[[], None]]] = {}
 
-    def step(self) -> None:
-        rows = self._each(self._enter, list(self._environments))
+    def step(self, share: Share) -> None:
+        rows = list(self._environments)
         while rows:
             rows = self._each(self._begin, rows)
-            failed = dict(self._threads.share(self._advance, rows))
+            failed = share(self._advance, rows)
             if failed:
-                self.errors += failed.items()
-                if not all(isinstance(error, Exception) for error in failed.values()):
+                self.errors += failed
+                if interrupts(failed):
                     return
-                rows = [row for row in rows if row not in failed]
+                lost = dict(failed)
+                rows = [row for row in rows if row not in lost]
             rows = self._each(self._end, rows)
             self._number += 1
 
@@ -92,27 +93,28 @@ class _Phases:
                 if job(row):
                     going_on.append(row)
             except PhysicsError:
-                self._diverge(row)
+                self._found.end_diverged(row, self._environments[row], self._steps_before[row])
             except BaseException as error:  # of any class: it is the user's code
                 self.errors.append((row, error))
                 if not isinstance(error, Exception):  # an interrupt, or the user's exit
                     return []
         return going_on
 
-    def _enter(self, row: int) -> bool:
-        use, thread = self._environments[row]._use, get_ident()
-        self.entered.append(use)
-        if use.enter(thread) != thread:
-            self.entered.pop()
-            use.refuse(thread)
-            self.entered.append(use)
-        return True
-
     def _begin(self, row: int) -> bool:
         env = self._environments[row]
+        if self._number == 0:
+            self._enter(env._use)
         env._begin_control_step(self._actions[row], self._number)
         self._physics[row] = env.physics.step_in_parts(env._n_sub_steps)
         return True
+
+    def _enter(self, use: OneUser) -> None:
+        self.entered.append(use)  # first, for an interrupt
+        if use.enter(self._thread) == self._thread:
+            return
+        self.entered.pop()
+        use.refuse(self._thread)
+        self.entered.append(use)
 
     def _advance(self, row: int) -> None:
         self._physics[row][0]()
@@ -126,6 +128,3 @@ class _Phases:
         self._found.take(row, time_step, env)
         self._found.steps[row] = env._step_count - self._steps_before[row]
         return False
-
-    def _diverge(self, row: int) -> None:
-        self._found.end_diverged(row, self._environments[row], self._steps_before[row])

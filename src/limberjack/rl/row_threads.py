@@ -1,9 +1,11 @@
-"""`RowThreads`: threads that each step the same rows of a batch every time.
+"""`RowThreads`: threads that do a job for each row of a batch.
 
     threads = RowThreads(num_rows=64, num_threads=2)
     errors = threads.each(step_row)         # step_row(row) for all rows; returns when all are done
+    errors = threads.share(job, rows, num_threads=2)
 
-Each row keeps its thread, so what a row's environment keeps per thread stays valid. A thread runs
+With `each`, each row keeps its thread, so what a row's environment keeps per thread stays valid.
+With `share`, which takes less time, the job must not depend on the thread. A thread runs
 in the caller's context, for `np.errstate`. With one thread the caller steps the rows, in order. The
 threads are those of `concurrent.futures`, which the interpreter joins before it exits. They
 start with the first use, and again after a fork or in a copy.
@@ -17,7 +19,9 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-__all__ = ["RowThreads"]
+__all__ = ["RowErrors", "RowThreads", "interrupts", "run"]
+
+RowErrors = list[tuple[int, BaseException]]
 
 
 class RowThreads:
@@ -34,9 +38,7 @@ class RowThreads:
         self._process = os.getpid()
         self._threads: list[concurrent.futures.ThreadPoolExecutor] = []
 
-    def each(
-        self, job: Callable[[int], object], rows: Sequence[int] | None = None
-    ) -> list[tuple[int, BaseException]]:
+    def each(self, job: Callable[[int], object], rows: Sequence[int] | None = None) -> RowErrors:
         """Calls `job(row)` for rows, all by default; returns the errors, by row.
 
         Every row is tried. An interrupt of the caller is raised once all threads have returned.
@@ -44,23 +46,22 @@ class RowThreads:
         if rows is None:
             rows = range(self._num_rows)
         if self.num_threads == 1 or not rows:
-            return _run(job, rows)
+            return run(job, rows)
         shares = [[row for row in rows if first <= row < end] for first, end in self._shares]
         given = zip(self._living(), shares, strict=True)
         return self._run_in([(thread, share) for thread, share in given if share], job, ())
 
     def share(
-        self, job: Callable[[int], object], rows: Sequence[int]
-    ) -> list[tuple[int, BaseException]]:
-        """Like `each`, but any thread that is free takes the next row, the caller's included.
+        self, job: Callable[[int], object], rows: Sequence[int], num_threads: int
+    ) -> RowErrors:
+        """Calls `job(row)` for rows, each in any of a few threads that is free; returns the errors.
 
-        It is for jobs that do not depend on their thread. An interrupt in the caller's share is
-        returned like an error of the row.
+        The caller's thread is one of them. An interrupt there is returned as an error of the row.
         """
-        if self.num_threads == 1 or len(rows) < 2:
-            return _run(job, rows)
+        if num_threads == 1 or len(rows) < 2:
+            return run(job, rows)
         rest = iter(rows)  # of all threads together
-        return self._run_in([(thread, rest) for thread in self._living()[1:]], job, rest)
+        return self._run_in([(one, rest) for one in self._living()[1:num_threads]], job, rest)
 
     def _living(self) -> list[concurrent.futures.ThreadPoolExecutor]:
         """The threads, which are started if necessary."""
@@ -81,14 +82,14 @@ class RowThreads:
         given: Sequence[tuple[concurrent.futures.ThreadPoolExecutor, Iterable[int]]],
         job: Callable[[int], object],
         own: Iterable[int],
-    ) -> list[tuple[int, BaseException]]:
+    ) -> RowErrors:
         """Runs a job in threads, for the rows given to each, and in this one for its own rows."""
         try:
             started = []
             for thread, rows in given:
                 context = contextvars.copy_context()
-                started.append(thread.submit(context.run, _run, job, rows))
-            errors = _run(job, own)
+                started.append(thread.submit(context.run, run, job, rows))
+            errors = run(job, own)
             return errors + [error for future in started for error in future.result()]
         except BaseException:  # an interrupt of the caller: the threads go on
             self._wait()
@@ -116,8 +117,14 @@ class RowThreads:
         return type(self), (self._num_rows, self.num_threads)
 
 
-def _run(job: Callable[[int], object], rows: Iterable[int]) -> list[tuple[int, BaseException]]:
-    errors: list[tuple[int, BaseException]] = []
+def interrupts(errors: RowErrors) -> bool:
+    """Whether an interrupt, or the user's exit, is among errors."""
+    return any(not isinstance(error, Exception) for _, error in errors)
+
+
+def run(job: Callable[[int], object], rows: Iterable[int]) -> RowErrors:
+    """Calls `job(row)` for rows in this thread, until an interrupt; returns the errors, by row."""
+    errors: RowErrors = []
     for row in rows:
         try:
             job(row)

@@ -11,10 +11,12 @@ environment with seed `seed + i`, bit for bit, whatever its class does, except t
 environments share: global random streams, class attributes, modules' globals and files. If an
 environment draws from a global stream, the rows are stepped on one thread, in order.
 
-A few threads step the rows. A row whose episode has ended is stepped once more, which begins its
-next one, as dm_env specifies. A row that diverges ends with reward 0 and discount 0, and shows its
-last observation again. Any other error of a row is raised with the row's number once all threads
-have returned; every row then begins an episode with the next step.
+A few threads step the rows. In plain environments they advance the simulation only, and the
+caller's thread runs the hooks (`limberjack.rl.row_phases`). A row whose episode has ended is
+stepped once more, which begins its next one, as dm_env specifies. A row that diverges ends with
+reward 0 and discount 0, and shows its last observation again. Any other error of a row is raised
+with the row's number once all threads have returned; every row then begins an episode with the next
+step.
 
 It is one idea, and long: every method does to each row's environment what `BatchEnvironment` does
 to the row of a batch.
@@ -23,8 +25,9 @@ to the row of a batch.
 import collections
 import copy
 import dataclasses
+import functools
 import math
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from typing import Any
 
 import dm_env
@@ -42,7 +45,7 @@ from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
 from limberjack.rl.represented import Description, represented
 from limberjack.rl.row_phases import step_in_phases
 from limberjack.rl.row_step import RowStep, as_mapping
-from limberjack.rl.row_threads import RowThreads
+from limberjack.rl.row_threads import RowErrors, RowThreads, interrupts, run
 from limberjack.rl.row_trial import Trial, model_of, noted
 from limberjack.rl.snapshot import Snapshot, as_snapshot
 from limberjack.rl.stagger import Stagger, check_limit
@@ -127,7 +130,7 @@ class RowsEnvironment:
         self._stagger = Stagger(self.num_envs) if guards.yes_or_no("stagger", stagger) else None
         self._rows: list[Seeded] = []
         self._make_rows(trial, of_rows, first, stable)
-        self._physics_threads = RowThreads(self.num_envs, self._num_physics_threads())
+        self._num_physics_threads = self._threads_of_physics()
         self._full_limits = [self._limit_of(row.environment) for row in self._rows]
         if stagger:
             check_limit(self.step_limit)
@@ -149,7 +152,7 @@ class RowsEnvironment:
         )
         return 1
 
-    def _num_physics_threads(self) -> int:
+    def _threads_of_physics(self) -> int:
         """The number of threads that advance the simulations of rows that are stepped in parts."""
         env = _in_parts(self._rows[0])
         if self._threads.num_threads == 1 or env is None:
@@ -218,7 +221,7 @@ class RowsEnvironment:
                 self._set_limit_of_next(row)
                 found.take(row, self._rows[row].environment.reset(), self._plain(row))
 
-            self._raise(self._threads.each(begin, rows.tolist()))
+            self._raise(self._each(begin, rows.tolist()))
             for name, values in found.observation.items():
                 self._observation[name][rows] = values[rows]
             self._steps[rows] = 0
@@ -263,24 +266,40 @@ class RowsEnvironment:
                     return
                 self._step_row(row, given[row], found)
 
-            in_parts = self._in_parts(begins)
-            others = [row for row in range(self.num_envs) if row not in in_parts]
-            errors = self._threads.each(step, others)
-            if in_parts:
-                errors += step_in_phases(in_parts, given, found, self._physics_threads)
+            rows = range(self.num_envs)
+            in_parts = {
+                row: env
+                for row, env in self._in_parts(rows).items()
+                if env.is_running and not begins[row]
+            }
+            errors = self._each(step, [row for row in rows if row not in in_parts])
+            if in_parts and not interrupts(errors):
+                threads = functools.partial(
+                    self._threads.share, num_threads=self._num_physics_threads
+                )
+                errors += step_in_phases(in_parts, given, found, threads)
             self._raise(errors)
             return self._counted(found)
 
-    def _in_parts(self, begins: Sequence[bool]) -> dict[int, Environment]:
-        """The rows in mid-episode whose control step can be taken in parts; none on one thread."""
-        if self._threads.num_threads == 1:  # in order, since rows may share anything
+    def _in_parts(self, rows: Sequence[int]) -> dict[int, Environment]:
+        """The environments that are stepped in parts, by row; none on one thread.
+
+        One thread steps row by row, because rows may share streams, whose draws have an order.
+        """
+        if self._threads.num_threads == 1:
             return {}
-        found: dict[int, Environment] = {}
-        for row, (seeded, begin) in enumerate(zip(self._rows, begins, strict=True)):
-            env = None if begin else _in_parts(seeded)
-            if env is not None and env.is_running:
-                found[row] = env
-        return found
+        found = {row: _in_parts(self._rows[row]) for row in rows}
+        return {row: env for row, env in found.items() if env is not None}
+
+    def _each(self, job: Callable[[int], object], rows: Sequence[int]) -> RowErrors:
+        """Calls `job(row)` for rows; returns the errors.
+
+        All hooks of rows that are stepped in parts run in the caller's thread, those of others in
+        the row's own.
+        """
+        here = self._in_parts(rows)
+        errors = self._threads.each(job, [row for row in rows if row not in here])
+        return errors if interrupts(errors) else errors + run(job, list(here))
 
     def _counted(self, found: RowStep) -> dm_env.TimeStep:
         """Counts a step that all rows have made; returns its time step."""
@@ -422,7 +441,7 @@ class RowsEnvironment:
                 time_step = _settable(self._rows[row].environment).set_state(state)
                 found.take(row, time_step, self._plain(row))
 
-            self._raise(self._threads.each(start, rows.tolist()))
+            self._raise(self._each(start, rows.tolist()))
             for name, values in found.observation.items():
                 self._observation[name][rows] = values[rows]
             self._begins[rows] = False
@@ -447,7 +466,6 @@ class RowsEnvironment:
         if self._use.what_is_wrong is None:
             with self._use:
                 self._threads.close()
-                self._physics_threads.close()
                 for row in self._rows:
                     row.environment.close()
             self._use.what_is_wrong = "this batch is closed: create a new one"
@@ -743,7 +761,7 @@ class RowsEnvironment:
         self._seeds[row] = None
         self._timed_out[row] = self.diverged[row] = False
 
-    def _raise(self, errors: Sequence[tuple[int, BaseException]]) -> None:
+    def _raise(self, errors: RowErrors) -> None:
         """Raises the first error of a row, if there is one, with the row's number."""
         errors = sorted(errors, key=lambda one: (isinstance(one[1], Exception), one[0]))
         if not errors:
