@@ -84,7 +84,9 @@ class SingleSimulation(CountsWarnings):
         if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
             nstep = checked_steps(nstep)
         begin()
-        model, data = self._model(), self._data
+        model, data = self._wrapper._model, self._data
+        if self._flags_before is not None:
+            model = self._model()
         self._call = nstep
         mujoco.mj_getState(model, data, self._before, STATE)
         if model is not self._model_of_opt:  # accessing `opt` creates a new object each time

@@ -90,6 +90,8 @@ ATTRIBUTES = frozenset(
     ]
 )
 
+_MID, _LAST = dm_env.StepType.MID, dm_env.StepType.LAST  # read faster than from the enum
+
 
 class Environment(dm_env.Environment):
     """Episodes of a task on a physics; see the module's docstring."""
@@ -242,7 +244,7 @@ class Environment(dm_env.Environment):
     def _begin_control_step(self, action: Nested, number: int) -> None:
         """Begins a control step of an action, by its number: 0, or more if actions are repeated."""
         self._task.before_step(action, self._physics)
-        if number == 0 and self._action_repeat != 1:  # the action was not refused
+        if self._action_repeat != 1 and number == 0:  # the action was not refused
             self._reward_so_far, self.reward_terms = 0.0, {}
         self._reset_next_step = True  # until the step is complete
 
@@ -253,14 +255,16 @@ class Environment(dm_env.Environment):
         physics, task = self._physics, self._task
         task.after_step(physics)
         reward, self.reward_terms = reward_and_terms(task, physics)
-        observation = self._observe()
+        observation = task.get_observation(physics)
+        if self._flat_observation or self._frames is not None:
+            observation = self._in_form(observation)
         self._step_count += 1
         at_limit = self._step_count >= self._step_limit
         discount = 1.0 if at_limit else task.get_termination(physics)
         if discount is not None and not np.all(discount != discount):  # None or NaN: go on
-            return dm_env.TimeStep(dm_env.StepType.LAST, reward, discount, observation)
+            return dm_env.TimeStep(_LAST, reward, discount, observation)
         self._reset_next_step = False
-        return dm_env.TimeStep(dm_env.StepType.MID, reward, 1.0, observation)
+        return dm_env.TimeStep(_MID, reward, 1.0, observation)
 
     def _end_repeated_step(self, number: int) -> dm_env.TimeStep | None:
         """Like `_end_control_step`, with the sums of the control steps of the action until now."""
@@ -280,7 +284,7 @@ class Environment(dm_env.Environment):
             return None
         observation = self._in_form(state)
         self._reset_next_step = is_last
-        step_type = dm_env.StepType.LAST if is_last else dm_env.StepType.MID
+        step_type = _LAST if is_last else _MID
         discount = ending if is_last else 1.0
         return dm_env.TimeStep(step_type, self._reward_so_far, discount, observation)
 
