@@ -118,7 +118,21 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            self._wait()\n            raise", "            raise"),
         ("if not isinstance(error, Exception):  #", "if isinstance(error, Exception):  #"),
     ],
+    "rl/row_phases.py": [
+        ("                    return []\n", "                    pass\n"),
+        ("rows = [row for row in rows if row not in lost]", "pass"),
+        ("        self.entered.append(use)  # first, for an interrupt\n", ""),
+        ("        self.entered.pop()\n", ""),
+        ("            self._number += 1\n", ""),
+        ("                if interrupts(failed):\n                    return\n", ""),
+    ],
     "rl/rows.py": [
+        (
+            "                if env.is_running and not begins[row]\n",
+            "                if not begins[row]\n",
+        ),
+        ("        if self._threads.num_threads == 1:\n            return {}\n", ""),
+        ("        here = self._in_parts(rows)\n", "        here = {}\n"),
         ("        self._steps[found.step_type == _FIRST] = 0\n", ""),
         ("self._timed_out = found.timed_out &", "self._timed_out = found.timed_out |"),
         ("last & ~found.diverged & ~found.cut_off", "last & ~found.diverged"),
@@ -174,7 +188,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "initialize_episode(self._physics)\n",
         ),
         ("return self.reset()  # a subclass may", "return self._begin()  # a subclass may"),
-        ("            if is_last:\n", "            if False:\n"),
+        ("if not is_last and number + 1 < ", "if number + 1 < "),
+        ("        self._reset_next_step = True  # until the step is complete\n", ""),
         ("put_back(snapshot.memory[0], self._task, self._physics)", "pass"),
     ],
     "rl/stream_fields.py": [
@@ -483,10 +498,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            forget()\n", "            pass\n"),
     ],
     "mujoco/single_simulation.py": [
-        (
-            "            mujoco.mj_step(model, data, nstep - 1)\n",
-            "            mujoco.mj_step(model, data, nstep)\n",
-        ),
+        ("return model, data, 1, nstep - 1, 1", "return model, data, 1, nstep, 1"),
         ("if self._opt.integrator == _RUNGE_KUTTA:", "if False:"),
         ("        self._remember(-nstep)\n", "        self._remember(nstep)\n"),
         ("            opt.disableflags = self._flags_before | ACTUATION\n", ""),

@@ -2,6 +2,7 @@
 
 import logging
 import pickle
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -165,6 +166,55 @@ def test_a_step_is_mujocos_and_positions_are_up_to_date_after_it(
         np.testing.assert_array_equal(physics.data.cvel, up_to_date.cvel)
         assert physics.named.data.sensordata["angle"] == physics.data.qpos[0]
     assert physics.time() == pytest.approx(10 * nstep * 0.01)
+
+
+@pytest.mark.parametrize("legacy_step", [True, False])
+@pytest.mark.parametrize("nstep", [1, 2, 5])
+def test_a_step_in_parts_is_a_step(physics: Physics, legacy_step: bool, nstep: int) -> None:
+    other = Physics.from_xml_string(_PENDULUM)
+    for one in (physics, other):
+        one.legacy_step = legacy_step
+        one.set_control([1.0, 0.5])
+    for _ in range(3):
+        physics.step(nstep)
+        advance, check = other.step_in_parts(nstep)
+        before = other.get_state(_INTEGRATION)
+        thread = threading.Thread(target=advance)
+        thread.start()
+        thread.join()
+        check()
+        assert not np.array_equal(other.get_state(_INTEGRATION), before)
+        for name in ("qpos", "qacc", "xpos", "sensordata", "warning"):
+            found, expected = (getattr(one.data, name) for one in (other, physics))
+            np.testing.assert_array_equal(np.asarray(found), np.asarray(expected))
+        for name, saved in physics.simulation.save(None, ()).items():
+            np.testing.assert_array_equal(other.simulation.save(None, ())[name], saved)
+
+
+def test_a_step_in_parts_that_diverges_raises_in_its_last_part(physics: Physics) -> None:
+    physics.data.qvel[0] = np.inf
+    advance, check = physics.step_in_parts()
+    advance()
+    with pytest.raises(control.PhysicsError):
+        check()
+    physics.reset()
+    with pytest.raises(ValueError, match="nstep is 0"):
+        physics.step_in_parts(0)
+
+
+def test_a_step_of_ones_own_is_not_taken_in_parts(physics: Physics) -> None:
+    class Own(Physics):
+        def step(self, nstep: int = 1) -> None:
+            super().step(nstep)
+
+    class Same(Physics):
+        pass
+
+    assert physics.can_step_in_parts
+    assert Same.from_xml_string(_PENDULUM).can_step_in_parts
+    assert not Own.from_xml_string(_PENDULUM).can_step_in_parts
+    physics.step = lambda nstep=1: None
+    assert not physics.can_step_in_parts
 
 
 def test_without_legacy_step_positions_are_those_before_the_last_sub_step(physics: Physics) -> None:

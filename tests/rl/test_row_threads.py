@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from limberjack.rl.row_threads import RowThreads
+from limberjack.rl.row_threads import RowThreads, interrupts
 
 
 def test_every_row_is_tried_once_and_keeps_its_thread() -> None:
@@ -106,3 +106,46 @@ def test_copies_and_closed_threads_start_again() -> None:
 
 def test_no_rows_need_no_thread() -> None:
     assert RowThreads(3, 2).each(lambda row: 1 / 0, []) == []
+
+
+@pytest.mark.parametrize("num_threads", [1, 2, 3])
+def test_shared_rows_are_each_tried_once_by_as_many_threads_as_asked_for(num_threads: int) -> None:
+    threads = RowThreads(12, 3)
+    meet = threading.Barrier(num_threads, timeout=10)
+    seen: dict[int, int] = {}
+
+    def job(row: int) -> None:
+        if threading.get_ident() not in seen.values():
+            seen[row] = threading.get_ident()
+            meet.wait()
+        seen[row] = threading.get_ident()
+        if row in (1, 5):
+            raise ValueError(row)
+
+    errors = threads.share(job, [0, 1, 2, 5, 6, 11], num_threads)
+    assert sorted((row, str(error)) for row, error in errors) == [(1, "1"), (5, "5")]
+    assert sorted(seen) == [0, 1, 2, 5, 6, 11]
+    assert threading.get_ident() in seen.values()
+    assert len(set(seen.values())) == num_threads
+
+
+def test_an_interrupt_in_the_callers_share_is_returned_when_all_threads_are_done() -> None:
+    done: list[int] = []
+    caller = threading.get_ident()
+
+    def job(row: int) -> None:
+        if threading.get_ident() == caller:
+            signal.raise_signal(signal.SIGINT)
+        time.sleep(0.05)
+        done.append(row)
+
+    errors = RowThreads(4, 2).share(job, range(4), 2)
+    assert [type(error) for _, error in errors] == [KeyboardInterrupt]
+    assert interrupts(errors)
+    assert sorted([*done, errors[0][0]]) == [0, 1, 2, 3]
+
+
+def test_only_what_is_no_exception_interrupts() -> None:
+    assert not interrupts([])
+    assert not interrupts([(0, ValueError())])
+    assert interrupts([(0, ValueError()), (1, SystemExit())])

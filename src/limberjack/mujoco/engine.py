@@ -13,7 +13,7 @@ name lookup by `index.py` and drawing by `camera.py`.
 
 import contextlib
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NoReturn, Self, cast
 
 import numpy as np
@@ -42,7 +42,7 @@ from limberjack.mujoco.identity import identity
 from limberjack.mujoco.index import NamedIndexStructs
 from limberjack.mujoco.rows_view import RowsData
 from limberjack.mujoco.simulation import MOST_AT_ONCE, Fields, Simulation, checked_steps, described
-from limberjack.mujoco.single_simulation import SingleSimulation
+from limberjack.mujoco.single_simulation import SingleSimulation, advance
 from limberjack.rl import control as _control
 from limberjack.rl.contract import Nested
 from limberjack.utils.log import log
@@ -255,6 +255,34 @@ class Physics(_control.Physics):
             simulation.step_whole(nstep)
         if earlier is not None or simulation.has_warned():
             self._check_warnings(earlier)
+
+    @property
+    def can_step_in_parts(self) -> bool:
+        """Whether `step_in_parts` equals `step`: no subclass or user has replaced that."""
+        if type(self).step is not Physics.step or "step" in vars(self):
+            return False
+        return type(self._simulation) is SingleSimulation
+
+    def step_in_parts(self, nstep: int = 1) -> tuple[Callable[[], None], Callable[[], None]]:
+        """Begins what `step(nstep)` does, and returns two functions that complete it, in order.
+
+        The first calls only MuJoCo, in any thread. The second raises `PhysicsError` if the
+        simulation diverged.
+
+        Raises:
+          ValueError: `nstep` is not a whole number of at least 1; nothing was stepped.
+        """
+        nstep = checked_steps(nstep)
+        simulation = cast(SingleSimulation, self._simulation)
+        earlier = simulation.set_warnings_aside()
+        record = simulation.begin_step if self.legacy_step else simulation.begin_step_whole
+        run = functools.partial(advance, *record(nstep))
+
+        def check() -> None:
+            if earlier is not None or simulation.has_warned():
+                self._check_warnings(earlier)
+
+        return run, check
 
     def forward(self) -> None:
         """Recomputes every quantity from the state and the controls.

@@ -36,7 +36,10 @@ from limberjack.mujoco.wrapper.core import MjData, MjModel
 from limberjack.mujoco.wrapper.integer_fields import check_values, is_checked
 from limberjack.rl.contract import PhysicsError
 
-__all__ = ["SingleSimulation"]
+__all__ = ["Advance", "SingleSimulation", "advance"]
+
+# A model, its data, and the numbers of second halves, whole time steps and first halves to make.
+Advance = tuple[mujoco.MjModel, mujoco.MjData, int, int, int]
 
 _RUNGE_KUTTA = mujoco.mjtIntegrator.mjINT_RK4.value
 
@@ -70,28 +73,34 @@ class SingleSimulation(CountsWarnings):
 
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
+        advance(*self.begin_step(nstep))
+
+    def step_whole(self, nstep: int, rows: Rows = None) -> None:
+        """See `Simulation`."""
+        advance(*self.begin_step_whole(nstep))
+
+    def begin_step(self, nstep: int) -> "Advance":
+        """Records the call `step(nstep)`, and returns the arguments of `advance` that make it."""
         if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
             nstep = checked_steps(nstep)
         begin()
-        model, data = self._model(), self._data
+        model, data = self._wrapper._model, self._data
+        if self._flags_before is not None:
+            model = self._model()
         self._call = nstep
         mujoco.mj_getState(model, data, self._before, STATE)
         if model is not self._model_of_opt:  # accessing `opt` creates a new object each time
             self._model_of_opt, self._opt = model, model.opt
         if self._opt.integrator == _RUNGE_KUTTA:  # cannot be split into halves
-            mujoco.mj_step(model, data, nstep)
-        else:
-            mujoco.mj_step2(model, data)
-            if nstep > 1:
-                mujoco.mj_step(model, data, nstep - 1)
-        mujoco.mj_step1(model, data)
+            return model, data, 0, nstep, 1
+        return model, data, 1, nstep - 1, 1
 
-    def step_whole(self, nstep: int, rows: Rows = None) -> None:
-        """See `Simulation`."""
+    def begin_step_whole(self, nstep: int) -> "Advance":
+        """Records the call `step_whole(nstep)`, and returns the arguments of `advance`."""
         nstep = checked_steps(nstep)
         begin()
         self._remember(-nstep)
-        mujoco.mj_step(self._model(), self._data, nstep)
+        return self._model(), self._data, 0, nstep, 0
 
     def forward(self, rows: Rows = None) -> None:
         """See `Simulation`."""
@@ -247,6 +256,18 @@ class SingleSimulation(CountsWarnings):
             model.opt.disableflags = self._flags_before
             self._flags_before = None
         return model
+
+
+def advance(
+    model: mujoco.MjModel, data: mujoco.MjData, ends: int, wholes: int, begins: int
+) -> None:
+    """Calls only MuJoCo, which takes no lock: threads run it at once, on different data."""
+    if ends:
+        mujoco.mj_step2(model, data)
+    if wholes:
+        mujoco.mj_step(model, data, wholes)
+    if begins:
+        mujoco.mj_step1(model, data)
 
 
 def _check(model: mujoco.MjModel, state: np.ndarray) -> None:

@@ -93,6 +93,8 @@ ATTRIBUTES = frozenset(
     ]
 )
 
+_MID, _LAST = dm_env.StepType.MID, dm_env.StepType.LAST  # read faster than from the enum
+
 
 class Environment(dm_env.Environment):
     """Episodes of a task on a physics; see the module's docstring."""
@@ -227,59 +229,78 @@ class Environment(dm_env.Environment):
         try:
             if self._reset_next_step:
                 return self.reset()  # a subclass may define another one, as in dm_control
-            physics, task = self._physics, self._task
-            declared = getattr(task, EPISODE_ATTRIBUTES, None)
             self._check_action(action)
-            if self._action_repeat != 1:
-                return self._step_repeatedly(action)
-            task.before_step(action, physics)
-            if declared:
-                keep_own(task, declared)
-            self._reset_next_step = True  # until the step is complete
-            physics.step(self._n_sub_steps)
-            task.after_step(physics)
-            reward, self.reward_terms = reward_and_terms(task, physics)
-            observation = self._observe()
-            self._step_count += 1
-            at_limit = self._step_count >= self._step_limit
-            discount = 1.0 if at_limit else task.get_termination(physics)
-            if declared:
-                keep_own(task, declared)
-            if discount is not None and not np.all(discount != discount):  # None or NaN: go on
-                return dm_env.TimeStep(dm_env.StepType.LAST, reward, discount, observation)
-            self._reset_next_step = False
-            return dm_env.TimeStep(dm_env.StepType.MID, reward, 1.0, observation)
+            number = 0
+            while True:
+                self._begin_control_step(action, number)
+                self._physics.step(self._n_sub_steps)
+                time_step = self._end_control_step(number)
+                if time_step is not None:
+                    return time_step
+                number += 1
         finally:
             use.leave()
 
-    def _step_repeatedly(self, action: Nested) -> dm_env.TimeStep:
+    # A control step in parts, between which the physics is stepped; see `limberjack.rl.row_phases`.
+
+    @property
+    def _steps_in_parts(self) -> bool:
+        """Whether `step` may be replaced by its parts, and that of the physics by its own."""
+        if self._frames is not None or "step" in vars(self):
+            return False
+        return getattr(self._physics, "can_step_in_parts", False)
+
+    def _begin_control_step(self, action: Nested, number: int) -> None:
+        """Begins a control step of an action, by its number: 0, or more if actions are repeated."""
+        task = self._task
+        task.before_step(action, self._physics)
+        if getattr(task, EPISODE_ATTRIBUTES, None):
+            self._keep_own()
+        if self._action_repeat != 1 and number == 0:  # the action was not refused
+            self._reward_so_far, self.reward_terms = 0.0, {}
+        self._reset_next_step = True  # until the step is complete
+
+    def _end_control_step(self, number: int) -> dm_env.TimeStep | None:
+        """Ends a control step; returns the action's time step after its last one, else None."""
+        if self._action_repeat != 1:
+            return self._end_repeated_step(number)
         physics, task = self._physics, self._task
-        sums, state = {}, {}
-        is_last, discount = False, 1.0
-        for number in range(self._action_repeat):
-            task.before_step(action, physics)
+        task.after_step(physics)
+        reward, self.reward_terms = reward_and_terms(task, physics)
+        observation = task.get_observation(physics)
+        if self._flat_observation or self._frames is not None:
+            observation = self._in_form(observation)
+        self._step_count += 1
+        at_limit = self._step_count >= self._step_limit
+        discount = 1.0 if at_limit else task.get_termination(physics)
+        if getattr(task, EPISODE_ATTRIBUTES, None):
             self._keep_own()
-            if number == 0:  # the action was not refused
-                self._reward_so_far, self.reward_terms = 0.0, {}
-            self._reset_next_step = True  # until the step is complete
-            physics.step(self._n_sub_steps)
-            task.after_step(physics)
-            reward, terms = reward_and_terms(task, physics)
-            state = task.get_observation(physics)
-            self._reward_so_far = self._reward_so_far + reward
-            sums = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
-            self.reward_terms, self._last_terms = sums, terms
-            self._step_count += 1
-            at_limit = self._step_count >= self._step_limit
-            ending = 1.0 if at_limit else task.get_termination(physics)
-            self._keep_own()
-            is_last = ending is not None and not np.all(ending != ending)
-            if is_last:
-                discount = ending
-                break
+        if discount is not None and not np.all(discount != discount):  # None or NaN: go on
+            return dm_env.TimeStep(_LAST, reward, discount, observation)
+        self._reset_next_step = False
+        return dm_env.TimeStep(_MID, reward, 1.0, observation)
+
+    def _end_repeated_step(self, number: int) -> dm_env.TimeStep | None:
+        """Like `_end_control_step`, with the sums of the control steps of the action until now."""
+        physics, task = self._physics, self._task
+        task.after_step(physics)
+        reward, terms = reward_and_terms(task, physics)
+        state = task.get_observation(physics)
+        self._reward_so_far = self._reward_so_far + reward
+        sums = self.reward_terms
+        self.reward_terms = {name: sums.get(name, 0.0) + value for name, value in terms.items()}
+        self._last_terms = terms
+        self._step_count += 1
+        at_limit = self._step_count >= self._step_limit
+        ending = 1.0 if at_limit else task.get_termination(physics)
+        self._keep_own()
+        is_last = ending is not None and not np.all(ending != ending)
+        if not is_last and number + 1 < self._action_repeat:
+            return None
         observation = self._in_form(state)
         self._reset_next_step = is_last
-        step_type = dm_env.StepType.LAST if is_last else dm_env.StepType.MID
+        step_type = _LAST if is_last else _MID
+        discount = ending if is_last else 1.0
         return dm_env.TimeStep(step_type, self._reward_so_far, discount, observation)
 
     def action_spec(self) -> Nested:

@@ -110,6 +110,19 @@ class RowStep:
         for name, values in self.observation.items():
             values[row] = self._last[name][row]
 
+    def end_diverged(self, row: int, plain: Environment, steps_before: int) -> None:
+        """Ends a row whose plain environment diverged, with the rewards before that.
+
+        Args:
+          row: the number of the row.
+          plain: its environment.
+          steps_before: the environment's step count before the action.
+        """
+        self.steps[row] = plain._step_count - steps_before
+        self.diverge(row)
+        if plain.action_repeat != 1:
+            self.add_reward(row, plain._reward_so_far)
+
     def _other_names(self, given: Mapping[str, object]) -> ValueError:
         return ValueError(
             f"the observation has {sorted(given)}; expected {sorted(self.observation)}, those of "

@@ -1,9 +1,11 @@
-"""`RowThreads`: threads that each step the same rows of a batch every time.
+"""`RowThreads`: threads that do a job for each row of a batch.
 
     threads = RowThreads(num_rows=64, num_threads=2)
     errors = threads.each(step_row)         # step_row(row) for all rows; returns when all are done
+    errors = threads.share(job, rows, num_threads=2)
 
-Each row keeps its thread, so what a row's environment keeps per thread stays valid. A thread runs
+With `each`, each row keeps its thread, so what a row's environment keeps per thread stays valid.
+With `share`, which takes less time, the job must not depend on the thread. A thread runs
 in the caller's context, for `np.errstate`. With one thread the caller steps the rows, in order. The
 threads are those of `concurrent.futures`, which the interpreter joins before it exits. They
 start with the first use, and again after a fork or in a copy.
@@ -13,11 +15,13 @@ import concurrent.futures
 import contextvars
 import itertools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-__all__ = ["RowThreads"]
+__all__ = ["RowErrors", "RowThreads", "interrupts", "run"]
+
+RowErrors = list[tuple[int, BaseException]]
 
 
 class RowThreads:
@@ -34,15 +38,33 @@ class RowThreads:
         self._process = os.getpid()
         self._threads: list[concurrent.futures.ThreadPoolExecutor] = []
 
-    def each(
-        self, job: Callable[[int], object], rows: Sequence[int] | None = None
-    ) -> list[tuple[int, BaseException]]:
+    def each(self, job: Callable[[int], object], rows: Sequence[int] | None = None) -> RowErrors:
         """Calls `job(row)` for rows, all by default; returns the errors, by row.
 
         Every row is tried. An interrupt of the caller is raised once all threads have returned.
         """
-        if self.num_threads == 1:
-            return _run(job, range(self._num_rows) if rows is None else rows)
+        if rows is None:
+            rows = range(self._num_rows)
+        if self.num_threads == 1 or not rows:
+            return run(job, rows)
+        shares = [[row for row in rows if first <= row < end] for first, end in self._shares]
+        given = zip(self._living(), shares, strict=True)
+        return self._run_in([(thread, share) for thread, share in given if share], job, ())
+
+    def share(
+        self, job: Callable[[int], object], rows: Sequence[int], num_threads: int
+    ) -> RowErrors:
+        """Calls `job(row)` for rows, each in any of a few threads that is free; returns the errors.
+
+        The caller's thread is one of them. An interrupt there is returned as an error of the row.
+        """
+        if num_threads == 1 or len(rows) < 2:
+            return run(job, rows)
+        rest = iter(rows)  # of all threads together
+        return self._run_in([(one, rest) for one in self._living()[1:num_threads]], job, rest)
+
+    def _living(self) -> list[concurrent.futures.ThreadPoolExecutor]:
+        """The threads, which are started if necessary."""
         if self._process != os.getpid():  # forked: threads stay in the parent
             self._forget()
         if not self._threads:
@@ -53,17 +75,22 @@ class RowThreads:
             for thread in threads:  # starts it; one interrupted as it starts would get a second one
                 thread.submit(int).result()
             self._threads = threads
+        return self._threads
+
+    def _run_in(
+        self,
+        given: Sequence[tuple[concurrent.futures.ThreadPoolExecutor, Iterable[int]]],
+        job: Callable[[int], object],
+        own: Iterable[int],
+    ) -> RowErrors:
+        """Runs a job in threads, for the rows given to each, and in this one for its own rows."""
         try:
             started = []
-            for thread, (first, end) in zip(self._threads, self._shares, strict=True):
-                if rows is None:
-                    share: Sequence[int] = range(first, end)
-                else:
-                    share = [row for row in rows if first <= row < end]
-                if share:
-                    context = contextvars.copy_context()
-                    started.append(thread.submit(context.run, _run, job, share))
-            return [error for future in started for error in future.result()]
+            for thread, rows in given:
+                context = contextvars.copy_context()
+                started.append(thread.submit(context.run, run, job, rows))
+            errors = run(job, own)
+            return errors + [error for future in started for error in future.result()]
         except BaseException:  # an interrupt of the caller: the threads go on
             self._wait()
             raise
@@ -90,8 +117,14 @@ class RowThreads:
         return type(self), (self._num_rows, self.num_threads)
 
 
-def _run(job: Callable[[int], object], rows: Sequence[int]) -> list[tuple[int, BaseException]]:
-    errors: list[tuple[int, BaseException]] = []
+def interrupts(errors: RowErrors) -> bool:
+    """Whether an interrupt, or the user's exit, is among errors."""
+    return any(not isinstance(error, Exception) for _, error in errors)
+
+
+def run(job: Callable[[int], object], rows: Iterable[int]) -> RowErrors:
+    """Calls `job(row)` for rows in this thread, until an interrupt; returns the errors, by row."""
+    errors: RowErrors = []
     for row in rows:
         try:
             job(row)

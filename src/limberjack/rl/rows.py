@@ -11,10 +11,12 @@ environment with seed `seed + i`, bit for bit, whatever its class does, except t
 environments share: global random streams, class attributes, modules' globals and files. If an
 environment draws from a global stream, the rows are stepped on one thread, in order.
 
-A few threads step the rows. A row whose episode has ended is stepped once more, which begins its
-next one, as dm_env specifies. A row that diverges ends with reward 0 and discount 0, and shows its
-last observation again. Any other error of a row is raised with the row's number once all threads
-have returned; every row then begins an episode with the next step.
+A few threads step the rows. In plain environments they advance the simulation only, and the
+caller's thread runs the hooks (`limberjack.rl.row_phases`). A row whose episode has ended is
+stepped once more, which begins its next one, as dm_env specifies. A row that diverges ends with
+reward 0 and discount 0, and shows its last observation again. Any other error of a row is raised
+with the row's number once all threads have returned; every row then begins an episode with the next
+step.
 
 It is one idea, and long: every method does to each row's environment what `BatchEnvironment` does
 to the row of a batch.
@@ -23,8 +25,9 @@ to the row of a batch.
 import collections
 import copy
 import dataclasses
+import functools
 import math
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from typing import Any
 
 import dm_env
@@ -40,11 +43,13 @@ from limberjack.rl.copies import check_copies, control_of, copied, exact_copies
 from limberjack.rl.given_state import checked_states, state_sizes
 from limberjack.rl.pixels import Pixels, render_arguments, render_cameras
 from limberjack.rl.represented import Description, represented
+from limberjack.rl.row_phases import step_in_phases
 from limberjack.rl.row_step import RowStep, as_mapping
-from limberjack.rl.row_threads import RowThreads
+from limberjack.rl.row_threads import RowErrors, RowThreads, interrupts, run
 from limberjack.rl.row_trial import Trial, model_of, noted
 from limberjack.rl.snapshot import Snapshot, as_snapshot
 from limberjack.rl.stagger import Stagger, check_limit
+from limberjack.rl.threads import threads_for
 from limberjack.utils import arrays
 from limberjack.utils.arrays import Quantity
 from limberjack.utils.cores import usable_cores
@@ -125,6 +130,7 @@ class RowsEnvironment:
         self._stagger = Stagger(self.num_envs) if guards.yes_or_no("stagger", stagger) else None
         self._rows: list[Seeded] = []
         self._make_rows(trial, of_rows, first, stable)
+        self._num_physics_threads = self._threads_of_physics()
         self._full_limits = [self._limit_of(row.environment) for row in self._rows]
         if stagger:
             check_limit(self.step_limit)
@@ -145,6 +151,13 @@ class RowsEnvironment:
             self.draws_globally,
         )
         return 1
+
+    def _threads_of_physics(self) -> int:
+        """The number of threads that advance the simulations of rows that are stepped in parts."""
+        env = _in_parts(self._rows[0])
+        if self._threads.num_threads == 1 or env is None:
+            return self._threads.num_threads
+        return min(self._threads.num_threads, threads_for(None, self.num_envs, env))
 
     def _make_rows(
         self, trial: Trial, contexts: Sequence[Mapping[str, object]], first: int, stable: bool
@@ -208,7 +221,7 @@ class RowsEnvironment:
                 self._set_limit_of_next(row)
                 found.take(row, self._rows[row].environment.reset(), self._plain(row))
 
-            self._raise(self._threads.each(begin, rows.tolist()))
+            self._raise(self._each(begin, rows.tolist()))
             for name, values in found.observation.items():
                 self._observation[name][rows] = values[rows]
             self._steps[rows] = 0
@@ -253,8 +266,40 @@ class RowsEnvironment:
                     return
                 self._step_row(row, given[row], found)
 
-            self._raise(self._threads.each(step))
+            rows = range(self.num_envs)
+            in_parts = {
+                row: env
+                for row, env in self._in_parts(rows).items()
+                if env.is_running and not begins[row]
+            }
+            errors = self._each(step, [row for row in rows if row not in in_parts])
+            if in_parts and not interrupts(errors):
+                threads = functools.partial(
+                    self._threads.share, num_threads=self._num_physics_threads
+                )
+                errors += step_in_phases(in_parts, given, found, threads)
+            self._raise(errors)
             return self._counted(found)
+
+    def _in_parts(self, rows: Sequence[int]) -> dict[int, Environment]:
+        """The environments that are stepped in parts, by row; none on one thread.
+
+        One thread steps row by row, because rows may share streams, whose draws have an order.
+        """
+        if self._threads.num_threads == 1:
+            return {}
+        found = {row: _in_parts(self._rows[row]) for row in rows}
+        return {row: env for row, env in found.items() if env is not None}
+
+    def _each(self, job: Callable[[int], object], rows: Sequence[int]) -> RowErrors:
+        """Calls `job(row)` for rows; returns the errors.
+
+        All hooks of rows that are stepped in parts run in the caller's thread, those of others in
+        the row's own.
+        """
+        here = self._in_parts(rows)
+        errors = self._threads.each(job, [row for row in rows if row not in here])
+        return errors if interrupts(errors) else errors + run(job, list(here))
 
     def _counted(self, found: RowStep) -> dm_env.TimeStep:
         """Counts a step that all rows have made; returns its time step."""
@@ -280,10 +325,7 @@ class RowsEnvironment:
             try:
                 time_step = env.step(action)
             except PhysicsError:
-                found.steps[row] = env._step_count - before
-                found.diverge(row)
-                if self._action_repeat != 1:
-                    found.add_reward(row, env._reward_so_far)
+                found.end_diverged(row, env, before)
                 return
             found.take(row, time_step, self._plain(row))
             found.steps[row] = env._step_count - before
@@ -399,7 +441,7 @@ class RowsEnvironment:
                 time_step = _settable(self._rows[row].environment).set_state(state)
                 found.take(row, time_step, self._plain(row))
 
-            self._raise(self._threads.each(start, rows.tolist()))
+            self._raise(self._each(start, rows.tolist()))
             for name, values in found.observation.items():
                 self._observation[name][rows] = values[rows]
             self._begins[rows] = False
@@ -719,7 +761,7 @@ class RowsEnvironment:
         self._seeds[row] = None
         self._timed_out[row] = self.diverged[row] = False
 
-    def _raise(self, errors: Sequence[tuple[int, BaseException]]) -> None:
+    def _raise(self, errors: RowErrors) -> None:
         """Raises the first error of a row, if there is one, with the row's number."""
         errors = sorted(errors, key=lambda one: (isinstance(one[1], Exception), one[0]))
         if not errors:
@@ -764,6 +806,14 @@ def _threads(num_threads: int | None, num_envs: int) -> int:
     """The number of threads: the user's choice, or as many as there are cores, at most the rows."""
     given = usable_cores() if num_threads is None else num_threads
     return min(guards.at_least_one("num_threads", given), num_envs)
+
+
+def _in_parts(seeded: Seeded) -> Environment | None:
+    """The environment of a row, if it is plain and its control step can be taken in parts."""
+    env = seeded.environment
+    if seeded.is_plain and isinstance(env, Environment) and env._steps_in_parts:
+        return env
+    return None
 
 
 def _batched(spec: specs.Array, num_envs: int) -> specs.Array:
