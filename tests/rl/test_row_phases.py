@@ -222,7 +222,7 @@ def test_an_environment_in_use_by_another_thread_is_refused_and_stays_in_use() -
     task = batch.environments[1].task
     inside, go_on = threading.Event(), threading.Event()
     task.at, task.job = "before_step", lambda: (inside.set(), go_on.wait())
-    other = threading.Thread(target=batch.environments[1].step, args=(np.zeros(1),))
+    other = threading.Thread(target=batch.environments[1].step, args=(np.zeros(1),), daemon=True)
     other.start()
     inside.wait()
     for _ in range(2):

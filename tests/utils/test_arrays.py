@@ -36,6 +36,12 @@ def test_norm_reduces_the_last_axis_only(stream: np.random.RandomState) -> None:
     assert arrays.norm(np.zeros((2, 5, 3))).shape == (2, 5)
 
 
+@pytest.mark.parametrize("shape", [(1,), (7,), (300,), (5, 1), (64, 3), (4, 200)])
+def test_mean_has_the_bits_of_numpys(stream: np.random.RandomState, shape: tuple) -> None:
+    x = stream.normal(size=shape)
+    np.testing.assert_array_equal(arrays.mean(x), x.mean(axis=-1))
+
+
 def test_to_frame_of_a_batch_has_the_bits_of_its_rows(stream: np.random.RandomState) -> None:
     vectors, frames = wide(stream, _ROWS // 4, 4, 3), wide(stream, _ROWS // 4, 9)
     together = arrays.to_frame(vectors, frames)

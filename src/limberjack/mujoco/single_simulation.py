@@ -79,7 +79,7 @@ class SingleSimulation(CountsWarnings):
         """See `Simulation`."""
         advance(*self.begin_step_whole(nstep))
 
-    def begin_step(self, nstep: int) -> "Advance":
+    def begin_step(self, nstep: int) -> Advance:
         """Records the call `step(nstep)`, and returns the arguments of `advance` that make it."""
         if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
             nstep = checked_steps(nstep)
@@ -95,7 +95,7 @@ class SingleSimulation(CountsWarnings):
             return model, data, 0, nstep, 1
         return model, data, 1, nstep - 1, 1
 
-    def begin_step_whole(self, nstep: int) -> "Advance":
+    def begin_step_whole(self, nstep: int) -> Advance:
         """Records the call `step_whole(nstep)`, and returns the arguments of `advance`."""
         nstep = checked_steps(nstep)
         begin()

@@ -194,7 +194,7 @@ class Balance(base.Task[Physics]):
             return {"balanced": rewards.tolerance(position, self._CART_RANGE) * is_upright}
         slowness = rewards.tolerance(physics.angular_vel(), margin=_FAST).min(axis=-1)
         return {
-            "upright": ((cosine + 1) / 2).mean(axis=-1),
+            "upright": arrays.mean((cosine + 1) / 2),
             "small_control": locomotion.low_effort(physics.control()),
             "small_velocity": (1 + slowness) / 2,
             "centered": (1 + rewards.tolerance(position, margin=_FAR)) / 2,

@@ -127,8 +127,7 @@ def mean_tolerance(
     The arguments are those of `tolerance`; bounds and margins per simulation have shape (N, 1).
     """
     values = tolerance(x, bounds, margin, sigmoid, value_at_margin)
-    # The same arithmetic as `ndarray.mean`, without its overhead.
-    return np.add.reduce(values, axis=-1) / x.shape[-1]
+    return arrays.mean(values)
 
 
 def _check_order(lower: Quantity, upper: Quantity, margin: Quantity) -> None:
