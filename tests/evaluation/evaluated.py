@@ -20,6 +20,7 @@ __all__ = [
     "Linear",
     "Network",
     "NotANumber",
+    "OfItsOwn",
     "Raising",
     "Remembering",
     "TooShort",
@@ -29,6 +30,7 @@ __all__ = [
     "raising",
     "sinking",
     "too_long",
+    "watching",
 ]
 
 FALLS_FROM = 0.8  # metres; the head is below it after 13 to 18 steps without torques
@@ -173,6 +175,21 @@ def too_long(observation: Mapping[str, Any]) -> np.ndarray:
     return np.zeros(22)
 
 
+def watching(observation: Mapping[str, Any]) -> np.ndarray:
+    """Acts by the difference between the newest picture and the one before."""
+    *_, before, newest = np.split(
+        observation["pixels"].astype(int), observation["pixels"].shape[-1] // 3, -1
+    )
+    return np.cos(np.arange(21) + np.sum(newest - 2 * before))
+
+
+class OfItsOwn(control.Environment):
+    """An environment that is not plain, so that rows cannot be vectorised."""
+
+    def step(self, action: Any) -> Any:
+        return super().step(action)
+
+
 class _Sinks(humanoid.Humanoid):
     """Stand; the task ends the episode once the head is low, so lengths differ."""
 
@@ -190,9 +207,14 @@ class _Sinks(humanoid.Humanoid):
         return 0.0 if fallen else None
 
 
-def sinking(seed: int | None = None, some_diverge: bool = False) -> control.Environment:
+def sinking(
+    seed: int | None = None,
+    some_diverge: bool = False,
+    kind: type[control.Environment] = control.Environment,
+    **kwargs: Any,
+) -> control.Environment:
     """An environment whose episodes have different lengths; some of its starts may diverge."""
     physics = humanoid.Physics.from_shared_xml(*humanoid.get_model_and_assets())
     task = _Sinks(move_speed=0, pure_state=False, random=seed)
     task.some_diverge = some_diverge
-    return control.Environment(physics, task, time_limit=16 * 0.025, control_timestep=0.025)
+    return kind(physics, task, time_limit=16 * 0.025, control_timestep=0.025, **kwargs)

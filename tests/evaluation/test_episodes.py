@@ -1,5 +1,6 @@
 """Episodes in batches are those of single environments, bit for bit."""
 
+import os
 from collections.abc import Iterable
 from typing import Any
 
@@ -12,7 +13,9 @@ from limberjack.evaluation.episodes import play, play_alone
 from limberjack.evaluation.statistics import Score
 from limberjack.policies import Policy, actors
 from limberjack.policies.batched import Batched, EachRow
+from limberjack.rl import control
 from limberjack.rl.builds import Build
+from tests.plain_pictures import draw_plainly
 
 _SEEDS = [5, 0, 3, *range(100, 165)]  # more than there are rows
 
@@ -91,6 +94,70 @@ def test_a_function_of_one_observation_sees_what_a_single_environment_shows(poli
     act = policies.find("evaluated:leaning")
     expected = _alone(_load("humanoid", "stand"), act, seeds)
     assert _in_order(play(environment, found.actor, seeds, 1), seeds) == expected
+
+
+_Stacks = dict[int, list[np.ndarray]]  # those of an episode, by its seed
+
+
+def _looking(seen: _Stacks) -> Policy:
+    """A policy that acts by what it sees, and keeps it."""
+
+    def begin(spec: Any, seed: int) -> policies.Act:
+        stacks = seen.setdefault(seed, [])
+
+        def act(observation: Any) -> np.ndarray:
+            stacks.append(observation["pixels"].copy())
+            return np.cos(stacks[-1].sum() + np.arange(spec.shape[0]))
+
+        return act
+
+    return begin
+
+
+def _seen(make: Any, seed: int, repeat: int) -> tuple[list[np.ndarray], Score]:
+    """What a single environment that repeats actions shows, and the score of its control steps."""
+    seen, actions, rewards = {}, [], []
+    environment = make(seed, action_repeat=repeat)
+    act = _looking(seen)(environment.action_spec(), seed)
+    time_step = environment.reset()
+    while not time_step.last():
+        actions.append(act(time_step.observation))
+        time_step = environment.step(actions[-1])
+    plain = make(seed, pixels=None)
+    time_step = plain.reset()
+    while not time_step.last():
+        time_step = plain.step(actions[len(rewards) // repeat])
+        rewards.append(time_step.reward)
+    return seen[seed], Score.of_rewards(seed, np.array(rewards))
+
+
+@pytest.mark.skipif(os.environ.get("MUJOCO_GL") == "disable", reason="rendering is turned off")
+@pytest.mark.parametrize("kind", [control.Environment, evaluated.OfItsOwn])
+@pytest.mark.parametrize("repeat", [1, 3])
+@pytest.mark.parametrize("is_alone", [False, True])
+def test_repeated_actions_see_the_stacks_of_an_environment_that_repeats_them(
+    kind: Any, repeat: int, is_alone: bool
+) -> None:
+    pixels = {"camera": 0, "height": 8, "width": 8, "frame_stack": 3}
+
+    def make(seed: int, **kwargs: Any) -> control.Environment:
+        environment = evaluated.sinking(seed, kind=kind, **{"pixels": pixels, **kwargs})
+        draw_plainly(environment.physics.model)
+        return environment
+
+    seen: _Stacks = {}
+    seeds = [0, 1, 2, 64, 65]  # of which those from 64 begin in the middle of the others
+    build = Build.of(make)
+    if is_alone:
+        ended = play_alone(build.seeded(0), _looking(seen), seeds, action_repeat=repeat)
+    else:
+        ended = play(build, EachRow(_looking(seen)), seeds, 1, action_repeat=repeat)
+    scores = {score.seed: score for score in _listed(ended)}
+    for seed in seeds:
+        stacks, expected = _seen(make, seed, repeat)
+        np.testing.assert_array_equal(seen[seed], stacks)
+        assert scores[seed] == expected
+    assert len({score.length for score in scores.values()}) > 1  # so rows act at different times
 
 
 def test_a_row_takes_the_next_seed_when_its_episode_ends() -> None:

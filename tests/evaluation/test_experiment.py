@@ -10,6 +10,7 @@ import types
 from pathlib import Path
 from typing import Any
 
+import evaluated
 import numpy as np
 import pytest
 
@@ -358,6 +359,16 @@ def _by_hand(policy: Any, seed: int, repeat: int) -> tuple[float, int]:
     return float(np.cumsum(rewards)[-1]), len(rewards)
 
 
+def _replayed(seed: int, actions: list[np.ndarray], repeat: int) -> tuple[float, int]:
+    """The return and the length, in control steps, of an episode with known actions."""
+    environment = _make(seed)
+    time_step, rewards = environment.reset(), []
+    while not time_step.last():
+        time_step = environment.step(actions[len(rewards) // repeat])
+        rewards.append(time_step.reward)
+    return float(np.cumsum(rewards)[-1]), len(rewards)
+
+
 @pytest.mark.parametrize("policy", _POLICIES)
 @pytest.mark.parametrize("repeat", [3, 4])
 def test_repeated_actions_score_as_a_loop_that_counts_control_steps(
@@ -389,9 +400,19 @@ def test_workers_repeat_actions_and_another_repeat_does_not_continue(tmp_path: P
     assert _evaluate("random", action_repeat=3, out=tmp_path).scores == here.scores
 
 
-def test_stacked_pictures_and_repeated_actions_are_refused_together() -> None:
-    with pytest.raises(ValueError, match=r"frame_stack=2 .* action_repeat is 3"):
-        evaluate(_pictured, None, "zero", range(2), num_threads=1, action_repeat=3)
+@pytest.mark.skipif(os.environ.get("MUJOCO_GL") == "disable", reason="rendering is turned off")
+@pytest.mark.parametrize("workers", [None, 1])
+def test_stacked_pictures_are_those_of_actions(workers: int | None) -> None:
+    how: dict[str, Any] = {"num_threads": 1, "action_repeat": 3, "workers": workers}
+    evaluation = evaluate(_pictured, None, "evaluated:watching", range(2), **how)
+    for seed, score in enumerate(evaluation.scores["evaluated:watching"]):
+        environment = _pictured(seed)
+        environment.action_repeat = 3
+        time_step, actions = environment.reset(), []
+        while not time_step.last():
+            actions.append(evaluated.watching(time_step.observation))
+            time_step = environment.step(actions[-1])
+        assert (score.total, score.length) == _replayed(seed, actions, 3)
 
 
 @pytest.mark.parametrize("repeat", [0, -1, 1.5, True, "2"])

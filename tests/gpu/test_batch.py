@@ -21,6 +21,8 @@ batches: Any = pytest.importorskip("limberjack.gpu.batch")
 class _Glide(cheetah.Cheetah):
     """Maps one action to all actuators, reads forces, ends episodes, and has a plain reward."""
 
+    lowest = -0.05  # metres; episodes end below it
+
     def action_spec(self, physics: Any) -> Any:
         return specs.BoundedArray((1,), float, -1.0, 1.0)
 
@@ -36,7 +38,7 @@ class _Glide(cheetah.Cheetah):
         return 2.0 * physics.data.qpos[..., 0]
 
     def get_termination(self, physics: Any) -> Any:
-        ends = physics.data.qpos[..., 1] < -0.05
+        ends = physics.data.qpos[..., 1] < self.lowest
         if physics.num_envs is None:
             return 0.0 if ends else None
         return np.where(ends, 0.0, np.nan)
@@ -47,9 +49,80 @@ def _environment(task: Any) -> control.Environment:
     return control.Environment(physics, task, time_limit=1.0)
 
 
-def _batch(task: Any, rows: int = 6) -> Any:
-    options = batches.Options(Sizes(32, 96), 0.0, False, True)
+def _batch(task: Any, rows: int = 6, repeat: int = 1, begins_next: bool = True) -> Any:
+    options = batches.Options(Sizes(32, 96), 0.0, False, begins_next, repeat)
     return batches.DeviceBatch(_environment(task), rows, torch.device("cpu"), 0, options)
+
+
+class _Lasting(_Glide):
+    """The same, with episodes of different lengths: two of six end in the first five steps."""
+
+    lowest = -0.115
+
+
+class _Termed(_Lasting):
+    """The same with terms of the reward."""
+
+    get_reward = cheetah.Cheetah.get_reward
+
+
+@pytest.mark.parametrize("kind", [_Lasting, _Termed])
+@pytest.mark.parametrize("repeat", [2, 3])
+def test_a_repeated_action_gives_the_control_steps_until_the_episode_ends(
+    kind: Any, repeat: int
+) -> None:
+    ours = _batch(kind(random=0), repeat=repeat)
+    plain = _batch(kind(random=0), begins_next=False)
+    ours.reset()
+    plain.reset()
+    action = torch.from_numpy(np.linspace(-1, 1, 6, dtype=np.float32)[:, None])
+    ended, ends_early = np.zeros(6, bool), False
+    while not ended.all():
+        running = ~ended
+        reward, terms = np.zeros(6, np.float32), np.zeros(6, np.float32)
+        observation, states = np.zeros((6, 9)), np.zeros((6, ours.starts.width))
+        for number in range(repeat):
+            expected = plain.step(action)
+            reward[~ended] += as_numpy(expected.reward)[~ended]
+            for values in expected.terms.values():
+                terms[~ended] += as_numpy(values)[~ended]
+            observation[~ended] = as_numpy(expected.observation["forces"])[~ended]
+            states[~ended] = as_numpy(plain.read_rows())[~ended]
+            ends_early |= number < repeat - 1 and bool(
+                (as_numpy(expected.ending.last) > ended).any()
+            )
+            ended = as_numpy(expected.ending.last)
+        outcome = ours.step(action)
+        for name in ("last", "terminated", "truncated"):
+            found = as_numpy(getattr(outcome.ending, name))[running]
+            np.testing.assert_array_equal(found, as_numpy(getattr(expected.ending, name))[running])
+        np.testing.assert_array_equal(as_numpy(outcome.reward)[running], reward[running])
+        for values in outcome.terms.values():
+            np.testing.assert_array_equal(as_numpy(values)[running], terms[running])
+        forces = as_numpy(outcome.observation["forces"])
+        np.testing.assert_array_equal(forces[running], observation[running])
+        np.testing.assert_array_equal(as_numpy(ours.read_rows())[running], states[running])
+        assert not as_numpy(outcome.reward)[~running & as_numpy(outcome.begun)].any()
+        assert not as_numpy(ours.counter.steps)[as_numpy(outcome.begun)].any()
+    assert ends_early
+    ours.close()
+    plain.close()
+
+
+def test_a_row_that_diverges_ends_before_its_action_is_repeated() -> None:
+    batch = _batch(_Termed(random=0), repeat=3)
+    batch.reset()
+    action = torch.zeros(6, 1)
+    action[2] = torch.nan
+    outcome = batch.step(action)
+    np.testing.assert_array_equal(as_numpy(outcome.diverged), np.arange(6) == 2)
+    np.testing.assert_array_equal(as_numpy(batch.counter.steps), [3, 3, 1, 3, 3, 3])
+    assert as_numpy(outcome.reward)[2] == 0
+    assert as_numpy(outcome.ending.terminated)[2]
+    following = batch.step(torch.zeros(6, 1))
+    np.testing.assert_array_equal(as_numpy(following.begun), np.arange(6) == 2)
+    np.testing.assert_array_equal(as_numpy(batch.counter.steps), [6, 6, 0, 6, 6, 6])
+    batch.close()
 
 
 def test_a_task_of_ones_own_runs_as_it_is() -> None:

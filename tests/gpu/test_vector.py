@@ -41,14 +41,19 @@ def _close(found: Any, expected: Any, tolerance: float = 1e-4) -> None:
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_episodes_end_and_begin_as_on_the_cpu_in_each_mode(mode: str) -> None:
-    kwargs: dict[str, Any] = {"time_limit": _SHORT, "autoreset_mode": mode, "flat": True}
+@pytest.mark.parametrize("repeat", [1, 3])
+def test_episodes_end_and_begin_as_on_the_cpu_in_each_mode(mode: str, repeat: int) -> None:
+    # One control step more than six actions, if actions are repeated.
+    limit = _SHORT if repeat == 1 else 0.16
+    kwargs: dict[str, Any] = {"time_limit": limit, "autoreset_mode": mode, "flat": True}
+    kwargs["action_repeat"] = repeat
     ours = _envs(**kwargs)
     theirs = gym.load_vector("cheetah", "run", _ROWS, dtype="float32", num_threads=1, **kwargs)
     found, info = ours.reset()
     expected, _ = theirs.reset(seed=0)
     _close(found, expected)
     assert info == {}
+    assert (ours.dt, ours.metadata["render_fps"]) == (theirs.dt, theirs.metadata["render_fps"])
     for step in range(16):
         found, reward, terminated, truncated, info = ours.step(_actions(ours))
         expected, *others, expected_info = theirs.step(as_numpy(_actions(ours)))
@@ -201,7 +206,8 @@ def test_observations_are_plain_tensors_that_later_steps_leave_alone(cheetah: An
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
-def test_nothing_waits_for_the_device_in_a_hundred_steps(mode: str) -> None:
+@pytest.mark.parametrize("repeat", [1, 3])
+def test_nothing_waits_for_the_device_in_a_hundred_control_steps(mode: str, repeat: int) -> None:
     from torch.utils._python_dispatch import (  # pyright: ignore[reportMissingImports]
         TorchDispatchMode,
     )
@@ -214,14 +220,20 @@ def test_nothing_waits_for_the_device_in_a_hundred_steps(mode: str) -> None:
                 waits.append(str(func))
             return func(*args, **(kwargs or {}))
 
-    envs = _envs(time_limit=_SHORT, autoreset_mode=mode, rows=2)
+    envs = _envs(time_limit=_SHORT, autoreset_mode=mode, rows=2, action_repeat=repeat)
     envs.reset()
     actions = _actions(envs)
     with Watch():
-        for _ in range(100):
+        for _ in range(100 // repeat):
             envs.step(actions)
     assert waits == []
     envs.close()
+
+
+@pytest.mark.parametrize("repeat", [0, 1.5, True])
+def test_a_wrong_action_repeat_is_refused(repeat: Any) -> None:
+    with pytest.raises(ValueError, match=r"action_repeat is .*; expected a whole number"):
+        _envs(action_repeat=repeat)
 
 
 def test_a_state_dict_continues_with_the_same_bits(cheetah: Any) -> None:

@@ -81,6 +81,35 @@ def test_the_stack_holds_the_last_pictures_and_an_episode_begins_with_its_first(
 
 
 @_draws
+@pytest.mark.parametrize("kind", ["single", "vectorised", "rows"])
+def test_pictures_drawn_at_every_second_step_are_those_of_repeated_actions(kind: str) -> None:
+    repeating = _single()
+    repeating.action_repeat = 2
+    env: Any = _single()
+    if kind == "vectorised":
+        env = _batch()
+    if kind == "rows":
+        env = RowsEnvironment(_single, 3, 1, seed=0)
+    env.draw_every(2)
+    actions = _actions(repeating, _STEPS // 2)
+    for _ in range(2):  # episodes
+        expected, time_step = repeating.reset(), env.reset()
+        for step in range(_STEPS + 1):
+            seen = time_step.observation["pixels"]
+            np.testing.assert_array_equal(
+                seen[0] if seen.ndim > 3 else seen, expected.observation["pixels"]
+            )
+            if step == _STEPS:
+                break
+            action = actions[step // 2]
+            time_step = env.step(action if kind == "single" else np.tile(action, (3, 1)))
+            if step % 2:
+                expected = repeating.step(action)
+    with pytest.raises(ValueError, match="steps is 0"):
+        env.draw_every(0)
+
+
+@_draws
 @pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_rows_observe_the_pixels_of_single_environments_across_episodes(
     task: tuple[str, str],

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from limberjack import suite
+from limberjack.rl import guards
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.builds import Build
 from limberjack.rl.control import Environment
 from limberjack.rl.row_trial import Trial, control_timestep_of, draws_globally
+from limberjack.suite import cartpole
 
 
 def _load(seed: int) -> Environment:
@@ -86,6 +88,25 @@ def test_an_environment_in_two_rows_is_refused() -> None:
     with pytest.raises(ValueError, match=r"row 1 has the \w+ of another environment"):
         trial.compare(env, 1, {})
     trial.close()
+
+
+class _EditsItsModel(cartpole.Balance):
+    def initialize_episode(self, physics: Any) -> None:
+        super().initialize_episode(physics)
+        physics.model.geom_friction[0, 0] = self.random.uniform()
+
+
+def test_models_that_starts_edit_count_as_memory_of_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guards, "_memory", lambda: 2**26)  # bytes: a model takes 2**23 or more
+
+    def edits(seed: int) -> Environment:
+        task = _EditsItsModel(swing_up=False, sparse=False, random=seed)
+        return Environment(_load(seed).physics, task, time_limit=0.1)
+
+    Trial(Build.of(_load), 0, {}, 64).close()
+    Trial(Build.of(edits), 0, {}, 2).close()
+    with pytest.raises(MemoryError, match="num_envs is 64, which takes"):
+        Trial(Build.of(edits), 0, {}, 64)
 
 
 def test_an_environment_without_a_control_step_has_none() -> None:

@@ -54,7 +54,8 @@ def play(
       seeds: at least one.
       num_threads: number of threads that step the rows; by default one per usable core.
       on_steps: called after each step of the batch with the number of rows that it stepped.
-      action_repeat: control steps per action. Scores count control steps.
+      action_repeat: control steps per action. Scores count control steps; pixels are those of
+        the steps at which the actor acts.
 
     Raises:
       ValueError, TypeError: the environments cannot be made or do not agree in their specs;
@@ -62,6 +63,7 @@ def play(
     """
     rows = min(ROWS, len(seeds))
     batch = batch_of(build, rows, num_threads, seed=0, action_repeat=1)
+    batch.draw_every(action_repeat)
     return _Playing(batch, actor, seeds, action_repeat).episodes(on_steps)
 
 
@@ -177,6 +179,7 @@ def play_alone(
         inner = control_of(environment)
         if isinstance(inner, Environment):
             inner.action_repeat = 1  # the loop repeats actions, and counts control steps
+            inner.draw_every(action_repeat)
         so_far = (0, 0.0)
 
         def on_step(step: rollout.Step) -> None:

@@ -210,24 +210,14 @@ def _checked_repeat(
     """Control steps per action: those that are asked for, or the environment's own.
 
     Raises:
-      ValueError: the planner acts at every control step; or stacked pictures would be those of
-        control steps, not of actions.
+      ValueError: the planner acts at every control step.
     """
     inner = control_of(environment)
     assert isinstance(inner, Environment)
     repeat = inner.action_repeat if action_repeat is None else action_repeat
-    if repeat == 1:
-        return 1
-    if policy == "planner":
+    if repeat != 1 and policy == "planner":
         raise ValueError(
             f"action_repeat is {repeat}, but the planner acts at every control step: leave it at 1"
-        )
-    stacked = 1 if inner.pixels is None else inner.pixels.frame_stack
-    if stacked > 1:
-        raise ValueError(
-            f"frame_stack={stacked} stacks a picture of each control step here, and action_repeat "
-            f"is {repeat}: evaluate with frame_stack=1 or action_repeat=1, or step the environment "
-            "in a loop"
         )
     return repeat
 

@@ -6,6 +6,7 @@
 
 A control step sets the controls, runs the physics steps, begins the episodes that are due, computes
 the first half of the next step, and then the observation and the reward with the task's own code.
+`step` makes one of them, or as many as an action is repeated.
 
 Row i's first episode is that of `RandomState(seed + i)`, as on the CPU. Later episodes take their
 starts from a ring of `num_envs` starts, the oldest first. The control steps replace them by new
@@ -59,12 +60,14 @@ class Options:
       uses_graphs: record sequences of kernels, and replay them.
       begins_next: begin the next episode of a row in the step after its last one; else rows wait
         for `begin`.
+      action_repeat: control steps per action; see `control.Environment.step`.
     """
 
     sizes: Sizes
     starts_per_step: float
     uses_graphs: bool
     begins_next: bool
+    action_repeat: int = 1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,10 +76,11 @@ class Outcome:
 
     Attributes:
       observation: by name.
-      reward: 0 where an episode begins or a row diverges.
+      reward: summed over the action's control steps; 0 where an episode begins, and for a control
+        step in which a row diverges.
       ending: which episodes end, and how.
-      terms: terms of the reward by name; empty if the task has none.
-      success: whether the goal is reached; None if the task has none.
+      terms: terms of the reward by name, summed too; empty if the task has none.
+      success: whether the goal is reached in the last control step; None if the task has none.
       begun: rows that began an episode.
       diverged: rows whose state left MuJoCo's range, or whose action was not finite.
       overflow: rows whose contacts or constraints had no room.
@@ -213,6 +217,9 @@ class DeviceBatch:
     def step(self, actions: torch.Tensor) -> Outcome:
         """Applies an action in every row; a row whose action is not finite diverges.
 
+        The action is repeated for the option's number of control steps. A row whose episode ends
+        before the last of them waits unchanged; one that begins an episode does so in the last.
+
         Args:
           actions: (num_envs, ...) float32 on the device.
         """
@@ -221,15 +228,52 @@ class DeviceBatch:
             begun = self.counter.ended if self.options.begins_next else self._none.clone()
             finite = torch.isfinite(actions).reshape(self.num_envs, -1).all(dim=-1)
             safe = finite.reshape(-1, *(1,) * (actions.ndim - 1))
-            self._set_controls(torch.where(safe, actions, torch.zeros_like(actions)))
-            self.simulation.advance(self.n_sub_steps)
-            diverged = (~finite | self._out_of_range()) & ~begun
-            overflow = self.simulation.take_overflow()
-            self._rows.write_state(diverged, self._default)
-            if self.options.begins_next:
-                self._begin(begun)
-            self.simulation.first_half()
-            return self._outcome(begun, diverged, overflow)
+            actions = torch.where(safe, actions, torch.zeros_like(actions))
+            if self.options.action_repeat == 1:
+                return self._control_step(actions, finite, begun)
+            return self._step_repeatedly(actions, finite, begun)
+
+    def _step_repeatedly(
+        self, actions: torch.Tensor, finite: torch.Tensor, begun: torch.Tensor
+    ) -> Outcome:
+        had_ended = self.counter.ended & ~begun
+        total = self._control_step(actions, finite, begun, is_final=False)
+        for number in range(2, self.options.action_repeat + 1):
+            done = total.ending.last & ~had_ended
+            waiting = done, self._rows.read()
+            is_final = number == self.options.action_repeat
+            outcome = self._control_step(actions, finite, begun, is_final, waiting)
+            total = _with(total, outcome, done)
+        return total
+
+    def _control_step(
+        self,
+        actions: torch.Tensor,
+        finite: torch.Tensor,
+        begun: torch.Tensor,
+        is_final: bool = True,
+        waiting: tuple[torch.Tensor, torch.Tensor] | None = None,
+    ) -> Outcome:
+        """Makes a control step.
+
+        Args:
+          actions: numbers that are finite.
+          finite: mask of rows whose action was finite; others diverge.
+          begun: mask of rows that begin an episode with this action.
+          is_final: whether this is the last control step of the action, in which they begin.
+          waiting: mask of rows that do not take part, and the rows as numbers before the step.
+        """
+        self._set_controls(actions)
+        self.simulation.advance(self.n_sub_steps)
+        diverged = (~finite | self._out_of_range()) & ~begun
+        overflow = self.simulation.take_overflow()
+        self._rows.write_state(diverged, self._default)
+        if waiting is not None:
+            self._rows.write(*waiting)
+        if is_final and self.options.begins_next:
+            self._begin(begun)
+        self.simulation.first_half()
+        return self._outcome(begun, diverged, overflow)
 
     def _set_controls(self, actions: torch.Tensor) -> None:
         if type(self.task).before_step is base.Task.before_step:
@@ -279,7 +323,7 @@ class DeviceBatch:
     def _draw_fresh_starts(self) -> None:
         """Replaces the oldest starts of the ring, while the device is busy with the last step."""
         assert self._ring is not None
-        self._owed += self.options.starts_per_step
+        self._owed += self.options.starts_per_step * self.options.action_repeat
         count = self._fresh_at_once
         while self._owed >= count:
             self._owed -= count
@@ -362,6 +406,33 @@ class DeviceBatch:
     def close(self) -> None:
         """Frees the batch."""
         self.starts.close()
+
+
+def _with(total: Outcome, outcome: Outcome, done: torch.Tensor) -> Outcome:
+    """The outcome of several control steps and one more, before which rows of a mask had ended."""
+    counts = ~done & ~outcome.diverged
+    observation = {
+        name: torch.where(
+            done.reshape(-1, *(1,) * (values.ndim - 1)), total.observation[name], values
+        )
+        for name, values in outcome.observation.items()
+    }
+    terms = {
+        name: total.terms[name] + torch.where(counts, values, torch.zeros_like(values))
+        for name, values in outcome.terms.items()
+    }
+    success = outcome.success
+    if success is not None and total.success is not None:
+        success = torch.where(counts, success, total.success)
+    return dataclasses.replace(
+        outcome,
+        observation=observation,
+        reward=total.reward + outcome.reward,
+        terms=terms,
+        success=success,
+        diverged=total.diverged | (outcome.diverged & ~done),
+        overflow=total.overflow | (outcome.overflow & ~done),
+    )
 
 
 def usual_starts_per_step(num_envs: int, step_limit: float) -> float:

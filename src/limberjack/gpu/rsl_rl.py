@@ -11,6 +11,8 @@ marks those that the time limit ended, and `extras["log"]` has the means of the 
 No other file imports rsl_rl or tensordict.
 """
 
+import math
+
 from limberjack.gpu.backend import torch
 from limberjack.gpu.vector import VectorEnv
 from limberjack.utils.requirements import missing_extra
@@ -52,7 +54,8 @@ class RslRlVecEnv(VecEnv):
         self.vector_env = envs
         self.num_envs = envs.num_envs
         self.num_actions = envs.action_shape[-1]
-        self.max_episode_length = int(envs.step_limit)
+        self._repeat = envs.batch.options.action_repeat
+        self.max_episode_length = math.ceil(envs.step_limit / self._repeat)
         self.device = envs.device
         self.cfg = {"task": repr(envs)}
         self._clip = clip_actions
@@ -60,12 +63,13 @@ class RslRlVecEnv(VecEnv):
 
     @property
     def episode_length_buf(self) -> torch.Tensor:
-        """Steps since each row's episode began, (num_envs,)."""
-        return self.vector_env.batch.counter.steps
+        """Actions since each row's episode began, (num_envs,)."""
+        steps = self.vector_env.batch.counter.steps
+        return steps if self._repeat == 1 else steps // self._repeat
 
     @episode_length_buf.setter
     def episode_length_buf(self, steps: torch.Tensor) -> None:
-        self.vector_env.batch.counter.steps.copy_(steps)
+        self.vector_env.batch.counter.steps.copy_(steps * self._repeat)
 
     def get_observations(self) -> TensorDict:
         """The current observations, a `TensorDict`."""

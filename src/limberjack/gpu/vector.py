@@ -95,13 +95,18 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._all = torch.ones(self.num_envs, dtype=torch.bool, device=self.device)
         self._overflows = torch.zeros((), dtype=torch.int64, device=self.device)
         self._was_reset = False
-        fps = round(1 / on_cpu.control_timestep())
-        self.metadata = {"render_modes": [], "render_fps": fps, "autoreset_mode": self._mode}
+        self.metadata = {"render_modes": [], "autoreset_mode": self._mode}
+        self.metadata["render_fps"] = round(1 / self.dt)
         self.closed = False
 
     @property
+    def dt(self) -> float:
+        """Time between two actions, seconds."""
+        return self.batch.environment.control_timestep() * self.batch.options.action_repeat
+
+    @property
     def step_limit(self) -> float:
-        """Steps of an episode; infinite without a time limit."""
+        """Control steps of an episode; infinite without a time limit."""
         return self.batch.counter.step_limit
 
     @property
@@ -149,6 +154,8 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     def step(self, actions: torch.Tensor) -> _Step:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Step every row; return observations, rewards, terminated, truncated and info.
 
+        With an `action_repeat` of k each row makes k control steps, or fewer if its episode ends.
+        Rewards and their terms are summed; everything else is that of the last control step.
         A row whose action is not finite diverges: its episode ends. With `autoreset_mode` DISABLED
         a row whose episode has ended reports that again, with reward 0, until it is reset.
 
@@ -321,6 +328,7 @@ def load_vector(
     njmax: int | None = None,
     starts_per_step: float | None = None,
     graphs: bool | None = None,
+    action_repeat: int | None = None,
     pixels: object = None,
     render_mode: object = None,
 ) -> VectorEnv:
@@ -340,9 +348,11 @@ def load_vector(
       randomize: fields of the model to draw for each episode; see `limberjack.rl.randomize`.
       nconmax: contacts for each row, on average; None for twice the peak of some episodes.
       njmax: rows of constraints for each row, at most; likewise.
-      starts_per_step: new starts of episodes to draw in each step; None for as many as episodes of
-        full length use, 0 to use those of the first episodes again and again.
+      starts_per_step: new starts of episodes to draw in each control step; None for as many as
+        episodes of full length use, 0 to use those of the first episodes again and again.
       graphs: replay recorded sequences of kernels; None for True on CUDA.
+      action_repeat: control steps per action, whose rewards are summed; None for the environment's
+        own, mostly 1. See `suite.load_batch`.
       pixels, render_mode: refused; pictures are drawn on the CPU.
 
     Raises:
@@ -357,6 +367,8 @@ def load_vector(
         if value is not None or of_environment.get(name) is not None:
             raise ValueError(f"{name} is {value or of_environment[name]!r}: {_NO_PICTURES}")
     num_envs = at_least_one("num_envs", num_envs)
+    if action_repeat is not None:
+        at_least_one("action_repeat", action_repeat)
     mode = arguments.autoreset_mode(autoreset_mode)
     place = device_of(device)
     of_task = arguments.task_arguments(task_kwargs, time_limit)
@@ -370,6 +382,7 @@ def load_vector(
         float(starts_per_step),
         place.type == "cuda" if graphs is None else graphs,
         mode is AutoresetMode.NEXT_STEP,
+        environment.action_repeat if action_repeat is None else action_repeat,
     )
     return VectorEnv(DeviceBatch(environment, num_envs, place, seed, options), mode, flat)
 

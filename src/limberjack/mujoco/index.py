@@ -307,7 +307,8 @@ class NamedFields:
         shape = tuple(field.shape[batch:])
         sizes = fields.axes_of(self._struct_name, name, shape, self._names.model)
         axes = Axes(*(self._names.axis(size) for size in sizes or (None,)))
-        is_guarded = type(field) is not np.ndarray and field.dtype.kind in "iub"
+        # The dtype of an array on a device has no kind; integers are not there.
+        is_guarded = type(field) is not np.ndarray and getattr(field.dtype, "kind", "f") in "iub"
         create = _IntegerIndexer if is_guarded and not batch else self._indexer
         indexer = create(name, field, axes, batch)
         if sizes[:1] != (None,):

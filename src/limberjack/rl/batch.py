@@ -560,6 +560,11 @@ class BatchEnvironment:
         """Control steps per action."""
         return self._action_repeat
 
+    def draw_every(self, steps: int) -> None:
+        """Takes a picture of a row at each `steps`-th step; see `control.Environment`."""
+        if self._frames is not None:
+            self._frames.interval = guards.at_least_one("steps", steps)
+
     @property
     def begins(self) -> np.ndarray:
         """Mask of rows whose next step begins an episode, (num_envs,)."""

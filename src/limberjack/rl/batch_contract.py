@@ -78,6 +78,10 @@ class Batch(Protocol):
         """Options of the pixel observations; None without them."""
         ...
 
+    def draw_every(self, steps: int) -> None:
+        """Takes a picture of a row at each `steps`-th step; see `control.Environment`."""
+        ...
+
     @property
     def begins(self) -> np.ndarray:
         """Mask of rows whose next step begins an episode, (num_envs,)."""

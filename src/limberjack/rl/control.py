@@ -336,6 +336,15 @@ class Environment(dm_env.Environment):
         """Options of the pixel observations; None without them."""
         return None if self._frames is None else self._frames.pixels
 
+    def draw_every(self, steps: int) -> None:
+        """Takes a picture at a start and at each `steps`-th step; others repeat the last picture.
+
+        A loop that repeats an action, and needs the reward of each control step, thus stacks one
+        picture of each action. Snapshots do not contain it.
+        """
+        if self._frames is not None:
+            self._frames.interval = at_least_one("steps", steps)
+
     def control_timestep(self) -> float:
         """Time between two actions, seconds."""
         return self._physics.timestep() * self._n_sub_steps

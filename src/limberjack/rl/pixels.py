@@ -137,6 +137,9 @@ class Frames:
         stacked = height, width, self._colours * pixels.frame_stack
         self._stack = np.zeros((physics.num_envs or 1, *stacked), dtype)
         self._is_seen = np.zeros(len(self._stack), bool)  # rows with a picture of this episode
+        # Steps between two pictures of a row; only where it is not 1, steps are counted.
+        self.interval = 1
+        self._since_picture = np.zeros(len(self._stack), int)
 
     @classmethod
     def of(cls, pixels: PixelOptions | Pixels | None, physics: Drawn) -> Self | None:
@@ -155,10 +158,10 @@ class Frames:
         Args:
           physics: the single simulation or batch to render.
           state: the other observations.
-          is_step: whether to render every row; if False, only those without a picture of their
-            episode.
+          is_step: whether this is a step, after which every row is rendered, or every row whose
+            `interval` is over; if False, only rows without a picture of their episode.
         """
-        rows = None if is_step else np.flatnonzero(~self._is_seen)
+        rows = None if is_step and self.interval == 1 else self._due(is_step)
         if rows is None or rows.size:
             draw = functools.partial(physics.render_rows, rows)
             self._add(render_cameras(draw, self.pixels.render_kwargs, axis=-1), rows)
@@ -186,6 +189,14 @@ class Frames:
         settings = dataclasses.asdict(self.pixels)
         del settings["only"]  # the stack does not depend on it
         return {"pixels": settings}
+
+    def _due(self, is_step: bool) -> np.ndarray:
+        """The rows to render: those without a picture, and those whose interval is over."""
+        self._since_picture += is_step
+        is_over = is_step & (self._since_picture >= self.interval)
+        rows = np.flatnonzero(is_over | ~self._is_seen)
+        self._since_picture[rows] = 0
+        return rows
 
     def _add(self, frames: np.ndarray, rows: np.ndarray | None) -> None:
         """Pushes a frame per row onto its stack; an episode's first frame fills the stack."""

@@ -60,6 +60,8 @@ class Trial:
             before = model_of(env)
             self.draws_globally = draws_globally(env, self.action_spec)
             self.edits_model = model_of(env) != before
+            # Again: an environment that has edited its model keeps a copy, textures included.
+            self._check_memory(env, num_envs)
         except BaseException:
             env.close()
             raise

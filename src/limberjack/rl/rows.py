@@ -125,6 +125,7 @@ class RowsEnvironment:
         self._action_repeat = trial.action_repeat
         if action_repeat is not None:
             self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
+        self._draw_interval = 1  # see `draw_every`
         self._own_limit: float | None = None  # set by `step_limit`; None for the environments' own
         self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
         self._stagger = Stagger(self.num_envs) if guards.yes_or_no("stagger", stagger) else None
@@ -529,6 +530,12 @@ class RowsEnvironment:
         """Calls of `step` per action."""
         return self._action_repeat
 
+    def draw_every(self, steps: int) -> None:
+        """Takes a picture of a row at each `steps`-th step; see `control.Environment`."""
+        self._draw_interval = guards.at_least_one("steps", steps)
+        for row in range(self.num_envs):
+            self._set_up(row)
+
     @property
     def begins(self) -> np.ndarray:
         """Mask of rows whose next step begins an episode, (num_envs,)."""
@@ -677,6 +684,7 @@ class RowsEnvironment:
         inner = control_of(self._rows[row].environment)
         if isinstance(inner, Environment):
             inner.action_repeat = self._action_repeat if self._rows[row].is_plain else 1
+            inner.draw_every(self._draw_interval)
 
     @staticmethod
     def _limit_of(env: dm_env.Environment) -> float:
