@@ -296,6 +296,15 @@ def test_bad_arguments_are_refused_by_name(
         _envs(**kwargs)
 
 
+def test_tasks_that_remember_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    of_suite = suite.load("cartpole", "swingup")
+    task = type("Remembers", (type(of_suite.task),), {"EPISODE_ATTRIBUTES": ("last",), "last": 0.0})
+    of_suite.task.__class__ = task
+    monkeypatch.setattr(suite, "load", lambda *_: of_suite)
+    with pytest.raises(ValueError, match="task Remembers remembers last"):
+        gpu.load_vector("cartpole", "swingup", 2, device="cpu")
+
+
 def test_pictures_are_refused_and_a_closed_environment_says_so() -> None:
     envs = _envs(rows=2)
     with pytest.raises(error.ResetNeeded, match="call reset"):

@@ -31,6 +31,7 @@ from limberjack.gpu.sizes import Sizes, measured
 from limberjack.gym import arguments
 from limberjack.gym.observations import Info, Observations, action_space, specs_of_one_row
 from limberjack.rl.action_specs import bounded_spec
+from limberjack.rl.batches import vectorisable
 from limberjack.rl.control import Environment
 from limberjack.rl.guards import as_rows, at_least_one
 from limberjack.rl.snapshot import Snapshot
@@ -357,8 +358,8 @@ def load_vector(
 
     Raises:
       ImportError: PyTorch, Warp or MuJoCo Warp is not installed.
-      ValueError: the device cannot be used, the task is not for a device, or a number is out of
-        range.
+      ValueError: the device cannot be used, the task is not for a device, as one that remembers
+        something, or a number is out of range.
       TypeError: an argument is unknown; the message suggests the nearest name.
       MemoryError: this many rows do not fit into the device's memory.
     """
@@ -372,7 +373,7 @@ def load_vector(
     mode = arguments.autoreset_mode(autoreset_mode)
     place = device_of(device)
     of_task = arguments.task_arguments(task_kwargs, time_limit)
-    environment = suite.load(domain, task, of_task, of_environment)
+    environment = vectorisable(suite.load(domain, task, of_task, of_environment))
     if not environment.physics.legacy_step:
         raise ValueError("legacy_step is False: use the CPU, limberjack.gym.load_vector")
     if starts_per_step is None:
