@@ -77,9 +77,9 @@ def test_an_interrupt_of_the_caller_waits_for_all_threads() -> None:
     done: list[int] = []
 
     def job(row: int) -> None:
-        if row == 0:
-            signal.raise_signal(signal.SIGINT)
-        time.sleep(0.2)
+        if row == 0:  # the caller waits, and wakes up for a signal of its own only
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+        time.sleep(0.2 * (1 + row))
         done.append(row)
 
     with pytest.raises(KeyboardInterrupt):

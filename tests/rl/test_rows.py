@@ -621,3 +621,10 @@ def test_rows_that_begin_take_any_action(kind: str) -> None:
     assert (batch.step(np.full((3, 1), np.nan)).step_type == 0).all()
     with pytest.raises(ValueError, match=r"not finite in rows \[0, 1, 2\]"):
         batch.step(np.full((3, 1), np.nan))
+
+
+def test_a_row_that_is_cut_off_at_the_limit_is_reset_although_its_environment_goes_on() -> None:
+    batch = RowsEnvironment(odd.Catch, 2, 1, seed=0)
+    batch.step_limit = 3
+    kinds = [batch.step(np.zeros((2, 1))).step_type.tolist() for _ in range(9)]
+    assert kinds == [[0, 0], [1, 1], [1, 1], [2, 2]] * 2 + [[0, 0]]
