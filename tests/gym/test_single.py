@@ -147,12 +147,13 @@ def test_attributes_that_are_set_hold_for_later_seeds() -> None:
 def test_a_model_edited_by_hand_stays_and_one_edited_by_the_task_is_made_again() -> None:
     for task, is_kept in ((odd.LastAction, True), (odd.Perturbed, False)):
         single = Single(odd.environment(task, 0))
-        physics = single.physics
+        physics: Any = single.physics
         single.reset()
         physics.model.body_mass[1] = 7.0
         single.reseed(1)
-        assert (single.physics.model.body_mass[1] == 7.0) == is_kept
-        assert (single.physics is physics) == is_kept
+        played: Any = single.physics
+        assert (played.model.body_mass[1] == 7.0) == is_kept
+        assert (played is physics) == is_kept
 
 
 class _Locked(odd.Counting):
@@ -232,7 +233,8 @@ def test_after_an_error_in_a_step_an_episode_must_begin() -> None:
 def test_a_divergence_ends_the_episode_of_a_wrapper() -> None:
     single = Single(odd.scaled)
     single.reset()
-    single.physics.data.qpos[0] = np.nan
+    physics: Any = single.physics
+    physics.data.qpos[0] = np.nan
     with pytest.raises(control.PhysicsError):
         single.step(np.zeros(1))
     assert not single.is_running
