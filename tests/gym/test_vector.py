@@ -631,8 +631,13 @@ def test_environments_that_do_not_report_a_control_step_have_no_frame_rate() -> 
     assert rewards.tolist() == [1.0] * 3
     with pytest.raises(TypeError, match="a Silent cannot begin in a given state"):
         envs.reset(options={"state": {"qpos": np.zeros((3, 1))}})
-    with pytest.raises(TypeError, match="is a Silent; expected a limberjack"):
-        gym.Env(Silent())  # pyright: ignore[reportArgumentType]
+    env = gym.Env(Silent())
+    assert np.isnan(env.dt)
+    assert "render_fps" not in env.metadata
+    assert env.reset()[0] == {"x": [0.0]}
+    assert env.step([0.5])[1] == 1.0
+    with pytest.raises(TypeError, match=r"contains no control\.Environment, .* pass a function"):
+        env.reset(seed=0)
 
 
 def test_an_environment_that_could_not_be_made_leaves_its_batch_open() -> None:

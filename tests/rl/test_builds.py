@@ -141,3 +141,32 @@ def test_environments_that_begin_elsewhere_for_another_seed_are_not_stable() -> 
     before = seeded.environment
     seeded.begin(2)
     assert seeded.environment is not before
+
+
+class _Leaning(odd.LastAction):
+    """Rewards come from a setting of the class, which a property sets."""
+
+    lean = 0.0
+
+    def get_reward(self, physics: Any) -> Any:
+        return self.lean
+
+    @property
+    def doubled(self) -> float:
+        return 2 * self.lean
+
+    @doubled.setter
+    def doubled(self, value: float) -> None:
+        self.lean = value / 2
+
+
+@pytest.mark.parametrize(("name", "value"), [("lean", 3.0), ("doubled", 6.0)])
+def test_a_setting_of_a_class_or_a_property_holds_for_later_seeds(name: str, value: float) -> None:
+    seeded = Build.of(functools.partial(odd.of_task, _Leaning)).seeded(0)
+    env = seeded.environment
+    seeded.set_attribute(name, value)
+    for seed in (1, 2):
+        seeded.begin(seed)
+        assert seeded.environment is env
+        env.reset()
+        assert env.step(np.zeros(1)).reward == 3.0

@@ -78,7 +78,8 @@ def test_everything_that_is_wrong_is_in_one_numbered_message() -> None:
         "PICTURES['none'] is 3; expected a limberjack.suite.base.Picture",
         "factory takes_nothing does not accept time_limit, random, environment_kwargs",
         "factory fails raises KeyError: 'no model'",
-        "(6) factory returns_nothing returns a NoneType; expected a control.Environment",
+        "(6) factory returns_nothing returns a NoneType; expected a control.Environment, or "
+        "another dm_env.Environment",
     ):
         assert part in str(error.value)
     assert "good" not in str(error.value)

@@ -7,6 +7,9 @@
 `reset(seed=s)` begins the episode that dm_control begins with `random=s`; without a seed the
 random stream continues. The time limit truncates; only the task terminates. After an episode the
 caller resets; `VectorEnv` resets its rows by itself.
+
+The environment may be of any class: a wrapper, a subclass, any other `dm_env.Environment`. See
+`limberjack.gym.single` for its seeds, and its last step.
 """
 
 import inspect
@@ -14,6 +17,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
+import dm_env
 import gymnasium
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +29,13 @@ from limberjack import suite
 from limberjack.gym import arguments
 from limberjack.gym.observations import Info, Observation, Part, action_space
 from limberjack.gym.pixels import observations_of
+from limberjack.gym.single import Single
 from limberjack.gym.states import State, state_of_one
 from limberjack.rl import control
-from limberjack.rl.action_specs import bounded_spec
+from limberjack.rl.action_specs import spec_of
+from limberjack.rl.builds import Build, Make, holder_of
+from limberjack.rl.copies import difference
+from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.pixels import render_cameras
 from limberjack.rl.represented import of_environment, represented
 from limberjack.rl.snapshot import Snapshot
@@ -52,8 +60,9 @@ class Env(gymnasium.Env):
     @arguments.suggests_names
     def __init__(
         self,
-        environment: control.Environment,
+        environment: dm_env.Environment | Make | Build,
         *,
+        action_repeat: int | None = None,
         flat: bool = False,
         dtype: npt.DTypeLike = "float64",
         render_mode: str | None = None,
@@ -63,10 +72,14 @@ class Env(gymnasium.Env):
         camera_id: int | Sequence[int | str] | None = None,
         camera_name: str | Sequence[str] | None = None,
     ) -> None:
-        """Take over an environment, of the suite or your own.
+        """Take over an environment, of the suite or your own, of any class.
 
         Args:
-          environment: it must not be used elsewhere.
+          environment: it must not be used elsewhere; or a function `build(seed)` that makes one.
+            An environment that is not a plain `control.Environment` is made again for each seed,
+            by that function or else as a copy.
+          action_repeat: control steps per action, whose rewards are summed; None for the
+            environment's own.
           flat: observations are one array (see `layout`) instead of a dict; beside pixels, that
             array is called 'state'.
           dtype: of observations, 'float64' or 'float32'. Actions are float32.
@@ -78,27 +91,25 @@ class Env(gymnasium.Env):
 
         Raises:
           ValueError: the dtype or the render mode is unknown.
-          TypeError: an argument is unknown, or given twice; or the environment is of another kind,
-            which has no snapshots, seeds and end of time to report.
+          TypeError: an argument is unknown, or given twice; it is no environment; or it has no
+            arrays to observe, no single array of actions, or no physics to draw.
         """
-        if not isinstance(environment, control.Environment):
-            raise TypeError(
-                f"environment is a {type(environment).__name__}; expected a limberjack.rl.control."
-                "Environment or a subclass: make it from the task and its physics, or load it with "
-                "limberjack.gym.load"
-            )
-        self._environment = environment
-        spec = environment.observation_spec()
-        self._observations = observations_of(spec, flat, dtype, environment.pixels)
-        self.layout: tuple[Part, ...] = self._observations.layout
-        self.observation_space = self._observations.space
-        bounded_spec(environment.task, environment.physics)  # raises if there is none
-        self.action_space = action_space(environment.action_spec())
         self.render_mode = arguments.render_mode(render_mode)
-        self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
         self._render_kwargs = arguments.picture_arguments(
             render_kwargs, width, height, camera_id, camera_name
         )
+        self._played = played = _played(environment, action_repeat)
+        self._observations = observations_of(played.observation_spec(), flat, dtype, played.pixels)
+        self.layout: tuple[Part, ...] = self._observations.layout
+        self.observation_space = self._observations.space
+        self.action_space = action_space(played.action_spec())
+        if self.render_mode is not None and not hasattr(self, "physics"):
+            raise TypeError(
+                f"render_mode is {render_mode!r}, but a {type(self.environment).__name__} has no "
+                "physics to draw; expected None"
+            )
+        if not math.isnan(self.dt):
+            self.metadata = {**self.metadata, "render_fps": round(1 / self.dt)}
         # Whether Gymnasium's TimeLimit counts the steps, and its count.
         self._is_counted_outside = False
         self._counted = 0
@@ -133,25 +144,60 @@ class Env(gymnasium.Env):
                 limit._max_episode_steps = actions
         return any(limit._max_episode_steps == actions for limit in limits)
 
+    # Any: of the caller's own class, such as a `control.Environment` with `physics` and `task`.
     @property
-    def environment(self) -> control.Environment:
-        """The dm_env environment, with its `physics` and `task`."""
-        return self._environment
+    def environment(self) -> Any:
+        """The dm_env environment; unless it is plain, a reset with a seed makes another one."""
+        played = self._played
+        return played.environment if isinstance(played, Single) else played
 
     # Any: of the domain's own class.
     @property
     def physics(self) -> Any:
         """The simulation, also of a wrapped environment as `env.unwrapped.physics`."""
-        return self._environment.physics
+        return self._played.physics
 
     @property
     def dt(self) -> float:
-        """Time between two actions, seconds."""
-        return self._environment.control_timestep() * self._environment.action_repeat
+        """Time between two actions, seconds; NaN for an environment that does not report it."""
+        return self._played.control_timestep() * self._played.action_repeat
 
     def actions_of(self, steps: int) -> int:
         """Number of actions that make a number of control steps; each may be repeated."""
-        return math.ceil(steps / self._environment.action_repeat)
+        return math.ceil(steps / self._played.action_repeat)
+
+    def has_wrapper_attr(self, name: str) -> bool:
+        """Whether this environment, the dm_env environment or its task has an attribute."""
+        return hasattr(self, name) or hasattr(holder_of(self.environment, name), name)
+
+    def get_wrapper_attr(self, name: str) -> object:
+        """An attribute of this environment, or else of the dm_env environment or its task.
+
+        Raises:
+          AttributeError: none of them has it.
+        """
+        if hasattr(self, name) or not self.has_wrapper_attr(name):
+            return getattr(self, name)
+        return getattr(holder_of(self.environment, name), name)
+
+    def set_wrapper_attr(self, name: str, value: object, *, force: bool = True) -> bool:
+        """Set an attribute where there is one of this name, for later seeds too.
+
+        Args:
+          name: such as '_move_speed', of the task.
+          value: its new value.
+          force: set it here if there is none.
+
+        Returns:
+          Whether it was set.
+        """
+        if hasattr(self, name) or not self.has_wrapper_attr(name):
+            return super().set_wrapper_attr(name, value, force=force)
+        if isinstance(self._played, Single):
+            self._played.set_attribute(name, value)
+        else:
+            setattr(holder_of(self._played, name), name, value)
+        return True
 
     def reset(
         self, *, seed: int | None = None, options: Info | None = None
@@ -168,35 +214,38 @@ class Env(gymnasium.Env):
           ValueError: the seed is not between 0 and 2**32 - 1, or the state does not fit; nothing
             was reset.
           TypeError: the seed is not a whole number, an option is unknown, or a state is of the
-            wrong kind; nothing was reset.
+            wrong kind; or the environment cannot be copied for another seed, see
+            `limberjack.gym.single`; nothing was reset.
         """
         self._check_open()
+        played = self._played
         limits = _time_limits_calling(self)
         is_of_the_id = self._agree_with(limits)
         try:
             given = arguments.check_options(options, arguments.STATE).get(arguments.STATE)
-            state = state_of_one(given, self._environment)
+            state = state_of_one(given, played)
             number = None if seed is None else checked_seed(seed)
             _check_length(self, state)
-        except (TypeError, ValueError):
+            if number is not None:  # which may call the user's code, to make the environment
+                played.reseed(number)
+        except Exception:
             # Gymnasium's `TimeLimit` has set its count to 0 already.
             for limit in limits:
                 limit._elapsed_steps = self.actions_of(self._counted)
             raise
         if self._length is not None:  # another number of actions takes the place of the id's
-            self._environment._step_limit = self._length if is_of_the_id else math.inf
+            played._step_limit = self._length if is_of_the_id else math.inf
         if number is not None:
             super().reset(seed=number)
-            self._environment.reseed(number)
-        time_step = self._environment.reset()
+        time_step = played.reset()
         if state is not None:
-            time_step = self._environment.set_state(state)
+            time_step = played.set_state(state)
         observation = time_step.observation
-        self._counted = self._environment._step_count
+        self._counted = played._step_count
         if self._counted:
             for limit in limits:
                 limit._elapsed_steps = self.actions_of(self._counted)
-        drawn = {name: v.copy() for name, v in self._environment.randomization.items()}
+        drawn = {name: v.copy() for name, v in played.randomization.items()}
         info = {"randomization": drawn} if drawn else {}
         return self._observations.of_one(observation), info
 
@@ -212,22 +261,31 @@ class Env(gymnasium.Env):
             count of steps is wrong.
         """
         self._check_open()
-        environment = self._environment
-        if not environment.is_running:
+        played = self._played
+        if not played.is_running:
             raise error.ResetNeeded("no episode is running: call reset() before step()")
-        if self._is_counted_outside and environment._step_count != self._counted:
+        if self._is_counted_outside and played._step_count != self._counted:
             raise RuntimeError(
-                f"the inner environment is at step {environment._step_count}, and Gymnasium's "
+                f"the inner environment is at step {played._step_count}, and Gymnasium's "
                 f"TimeLimit at step {self._counted}: restore with limberjack.gym.restore(env, "
                 "snapshot), and step the outermost environment only"
             )
-        time_step = environment.step(action)
-        self._counted = environment._step_count
+        time_step = played.step(action)
+        self._counted = played._step_count
         is_last = time_step.last()
-        truncated = is_last and environment.timed_out
+        truncated = is_last and played.timed_out
         observation = self._observations.of_one(time_step.observation)
         reward = float(time_step.reward)
         return observation, reward, is_last and not truncated, truncated, self._info()
+
+    def snapshot(self) -> Snapshot:
+        """Everything that the environment's future depends on, to `restore`.
+
+        Raises:
+          TypeError: the environment or its task keeps something that cannot be copied.
+        """
+        self._check_open()
+        return self._played.snapshot()
 
     def restore(self, snapshot: Snapshot) -> None:
         """Continue from a snapshot; `limberjack.gym.restore` does so for a wrapped environment.
@@ -236,8 +294,8 @@ class Env(gymnasium.Env):
           ValueError: see `control.Environment.restore`.
         """
         self._check_open()
-        self._environment.restore(snapshot)
-        self._counted = self._environment._step_count
+        self._played.restore(snapshot)
+        self._counted = self._played._step_count
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """A picture of the present state, (height, width, 3) uint8; None without a render mode.
@@ -247,22 +305,24 @@ class Env(gymnasium.Env):
         self._check_open()
         if self.render_mode is None:
             return None
-        return render_cameras(self._environment.physics.render, self._render_kwargs, axis=1)
+        return render_cameras(self.physics.render, self._render_kwargs, axis=1)
 
     def close(self) -> None:
         """Free the simulation; closing twice is fine, using it later is an error."""
         if not self._closed:
             self._closed = True
-            self._environment.close()
+            self._played.close()
 
     def __repr__(self) -> str:
-        return represented(self, of_environment(self._environment))
+        played = self._played
+        is_single = isinstance(played, Single)
+        return represented(self, played.description() if is_single else of_environment(played))
 
     __str__ = __repr__  # Gymnasium's wrappers show it within their own
 
     def _info(self) -> Info:
         """The terms of the last step's reward, and whether the goal is reached now."""
-        terms, success = self._environment.reward_terms, self._environment.success
+        terms, success = self._played.reward_terms, self._played.success
         if not terms:
             return {}
         info: Info = {"reward_terms": {name: float(v) for name, v in terms.items()}}
@@ -271,6 +331,20 @@ class Env(gymnasium.Env):
     def _check_open(self) -> None:
         if self._closed:
             raise error.ClosedEnvironmentError("this environment is closed: make a new one")
+
+
+def _played(
+    given: dm_env.Environment | Make | Build, action_repeat: int | None
+) -> control.Environment | Single:
+    """The environment itself if it is plain and its task the suite's; else one that wraps it."""
+    env = given.original if isinstance(given, Build) else given
+    is_plain = isinstance(env, control.Environment) and difference(env) is None
+    if not is_plain or not is_of_the_suite(env.task, env.physics):
+        return Single(given, action_repeat)
+    spec_of(env)  # raises if it is not one array
+    if action_repeat is not None:
+        env.action_repeat = action_repeat
+    return env
 
 
 def _check_length(env: Env, state: State | None) -> None:
@@ -345,7 +419,8 @@ def load(
     of_task = arguments.task_arguments(task_kwargs, time_limit)
     of_environment = arguments.environment_arguments(environment_kwargs, randomize, pixels)
     return Env(
-        suite.load(domain, task, of_task, of_environment, action_repeat=action_repeat),
+        suite.build_of(domain, task, of_task, of_environment),
+        action_repeat=action_repeat,
         flat=flat,
         dtype=dtype,
         render_mode=render_mode,

@@ -11,6 +11,7 @@ from limberjack import registry, suite
 from limberjack.gym import arguments, lengths
 from limberjack.gym.env import Env, load
 from limberjack.gym.vector import VectorEnv, load_vector
+from limberjack.rl.copies import difference
 
 __all__ = ["make", "make_vector"]
 
@@ -41,10 +42,11 @@ def make(
     length = registry.steps(domain, task) if module is None else steps
     if length is None:  # Gymnasium adds no TimeLimit
         return env
-    environment = env.environment
+    environment = env._played
     repeat = environment.action_repeat
     is_asked_for = lengths.asks_for_a_time_limit(kwargs)
-    if repeat != 1 and not is_asked_for and environment.step_limit == length:
+    may_repeat = repeat != 1 or difference(env.environment) is not None  # as a wrapper does
+    if may_repeat and not is_asked_for and environment.step_limit == length:
         # The id's length is in control steps, of which the last action may have fewer.
         env._length, is_asked_for = length, True
     own = environment._step_limit / repeat

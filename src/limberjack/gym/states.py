@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from limberjack.gym.single import Single
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.control import Environment
 from limberjack.rl.given_state import (
@@ -32,19 +33,27 @@ State = dict[str, np.ndarray] | Snapshot
 States = list[tuple[np.ndarray, State]]
 
 
-def state_of_one(given: object, environment: Environment) -> State | None:
-    """The state for `Environment.set_state`; None if none is given.
+def state_of_one(given: object, environment: Environment | Single) -> State | None:
+    """The state for the environment's `set_state`; None if none is given.
 
     Raises:
       TypeError, ValueError: it is not a state of this environment; see `rl.given_state`.
     """
     if given is None:
         return None
-    sizes = state_sizes(environment.physics)
-    if not isinstance(given, Snapshot):
+    own = environment.snapshot() if isinstance(given, Snapshot) else None
+    is_copy = own is not None and bool(own.copies)  # of a class that may have no such state
+    sizes = {} if is_copy else _sizes(environment)
+    if not isinstance(given, Snapshot) or own is None:
         return checked_state(given, sizes)
-    check_snapshot(given, environment.snapshot(), 1, sizes, environment._step_limit)
+    check_snapshot(given, own, 1, sizes, environment._step_limit)
     return given
+
+
+def _sizes(environment: Environment | Single) -> dict[str, int]:
+    if isinstance(environment, Single):
+        return environment.state_sizes()
+    return state_sizes(environment.physics)
 
 
 def states_of_rows(
@@ -85,7 +94,8 @@ def _of_a_snapshot(snapshot: Snapshot, batches: Sequence[Batch], rows: np.ndarra
     if not own.frames:  # pictures that are ignored may have any form
         snapshot = dataclasses.replace(snapshot, frames={})
     taken = rows_of(snapshot, rows)
-    check_snapshot(taken, own, len(rows), first.state_sizes(), first.step_limit, rows)
+    sizes = {} if own.copies else first.state_sizes()  # copies may be of classes without a state
+    check_snapshot(taken, own, len(rows), sizes, first.step_limit, rows)
     return [[(of_batch, rows_of(taken, here))] for of_batch, here in _split(batches, rows)]
 
 
@@ -106,10 +116,13 @@ def _of_a_list(
 
 def _of_items(items: Sequence[object], batch: Batch, start: int, begun: np.ndarray) -> States:
     """The states of one batch, those with the same fields together."""
-    sizes = batch.state_sizes()
+    given = [item for item, is_begun in zip(items, begun, strict=True) if is_begun]
+    own = batch.snapshot([0]) if any(isinstance(item, Snapshot) for item in given) else None
+    has_mappings = not all(item is None or isinstance(item, Snapshot) for item in given)
+    needs_sizes = has_mappings or (own is not None and not own.copies)
+    sizes = batch.state_sizes() if needs_sizes else {}
     found: States = []
     together: dict[tuple[str, ...], list[tuple[int, dict[str, np.ndarray]]]] = {}
-    own = batch.snapshot([0]) if any(isinstance(item, Snapshot) for item in items) else None
     for row in np.flatnonzero(begun).tolist():
         item, what = items[row], f"state of row {row + start}"
         if item is None:

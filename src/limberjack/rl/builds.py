@@ -24,7 +24,16 @@ from limberjack.rl.memory import Memory, put_back, remembered
 from limberjack.rl.references import attributes_of
 from limberjack.utils.seeds import checked_seed
 
-__all__ = ["Build", "Make", "Seeded", "holder_of", "is_reproducible", "is_stable", "parts_of"]
+__all__ = [
+    "Build",
+    "Make",
+    "Seeded",
+    "holder_of",
+    "is_reproducible",
+    "is_stable",
+    "numbers_of",
+    "parts_of",
+]
 
 # Makes an environment whose first episode is that of its seed.
 Make = Callable[..., dm_env.Environment]
@@ -75,6 +84,17 @@ class Build:
         make = cast(Make, given)  # `make` checks what it returns
         return cls(make, getattr(given, "__qualname__", type(given).__name__))
 
+    @classmethod
+    def of_instance(cls, environment: dm_env.Environment) -> "Build":
+        """The build of an environment that is used itself, by copying it as it is now.
+
+        If copies would share state with it, making one raises the TypeError of `of`.
+        """
+        try:
+            return cls.of(environment)
+        except TypeError as error:
+            return cls(_Refusal(str(error)), type(environment).__name__)
+
     @property
     def copies(self) -> bool:
         """Whether it copies an environment instead of calling a user's function."""
@@ -110,7 +130,17 @@ class Build:
         """
         if stable is None:
             stable = not context and is_stable(self, seed)
-        return Seeded(self, seed, dict(context or {}), stable)
+        return Seeded(self, self.make(seed, context), dict(context or {}), stable)
+
+
+class _Refusal:
+    """Raises the reason why an environment has no copies."""
+
+    def __init__(self, reason: str) -> None:
+        self._reason = reason
+
+    def __call__(self, seed: int) -> dm_env.Environment:
+        raise TypeError(self._reason)
 
 
 class _Copies:
@@ -137,29 +167,53 @@ class Seeded:
     """
 
     def __init__(
-        self, build: Build, seed: int, context: dict[str, object], is_stable: bool
+        self,
+        build: Build,
+        environment: dm_env.Environment,
+        context: dict[str, object],
+        is_stable: bool | None,
     ) -> None:
+        """Takes an environment before its first episode, and the build of later ones.
+
+        Args:
+          build: makes the environments that take its place.
+          environment: the environment.
+          context: keywords for `build`.
+          is_stable: the result of the function `is_stable`; None to call it when it is needed.
+        """
         self._build = build
         self._is_stable = is_stable
         self._context = context
         self.attributes: dict[str, object] = {}
-        self.environment = build.make(seed, context)
+        self.environment = environment
         self.is_plain = difference(self.environment) is None
         self._first: Memory = {}
         self._numbers: object = None  # of the model
-        if self.is_plain and is_stable:
+        if self.is_plain and is_stable is not False:
             env = self.environment
             assert isinstance(env, Environment)
-            self._numbers = _numbers(env)
+            self._numbers = numbers_of(env)
             try:
                 self._first = remembered(env.task, env.physics)
             except TypeError:  # an attribute cannot be copied: made again for each seed
                 self._is_stable = False
 
-    def begin(self, seed: int) -> None:
-        """Makes the next episode the first one of a seed."""
+    def begin(self, seed: int, keeps_model: bool = False) -> None:
+        """Makes the next episode the first one of a seed.
+
+        Args:
+          seed: of the episode.
+          keeps_model: whether a plain environment keeps a model that was edited; by default it is
+            made again.
+
+        Raises:
+          TypeError: the environment must be made again, and cannot be copied; nothing has changed.
+          Exception: any that `build` raises; nothing has changed.
+        """
         env = self.environment
-        if self.is_plain and self._is_stable and self._has_first_model():
+        if self.is_plain and self._is_stable is None:
+            self._is_stable = is_stable(self._build, seed)
+        if self.is_plain and self._is_stable and (keeps_model or self._has_first_model()):
             assert isinstance(env, Environment)
             put_back(self._first, env.task, env.physics)
             env.reseed(seed)
@@ -180,18 +234,25 @@ class Seeded:
         """Whether the model has the numbers that it was made with, except for declared fields."""
         env = self.environment
         assert isinstance(env, Environment)
-        return _numbers(env) == self._numbers
+        return numbers_of(env) == self._numbers
 
     def set_attribute(self, name: str, value: object) -> None:
         """Sets an attribute of the environment or its task, and of those that take their place."""
+        inner = control_of(self.environment)
+        task = getattr(inner, "_task", None)
+        before = attributes_of(task)
         setattr(holder_of(self.environment, name), name, value)
         self.attributes[name] = value
-        inner = control_of(self.environment)
         if isinstance(inner, Environment):
             inner.keep_as_first(name)
-        if name in self._first.get("task", {}):  # which a reset with a seed puts back
-            of_task = {**self._first["task"], name: copy.deepcopy(value)}
-            self._first = {**self._first, "task": of_task}
+        if "task" in self._first:  # which a reset with a seed puts back
+            # A property may set attributes of other names.
+            is_set = {
+                one: copy.deepcopy(kept)
+                for one, kept in attributes_of(task).items()
+                if one == name or one not in before or before[one] is not kept
+            }
+            self._first = {**self._first, "task": {**self._first["task"], **is_set}}
         self.is_plain = difference(self.environment) is None
 
 
@@ -254,10 +315,10 @@ def _settings(env: Environment) -> object:
         for name, value in attributes_of(task).items()
         if isinstance(value, comparable)
     }
-    return type(task), env._step_limit, env.control_timestep(), attributes, _numbers(env)
+    return type(task), env._step_limit, env.control_timestep(), attributes, numbers_of(env)
 
 
-def _numbers(env: Environment) -> object:
+def numbers_of(env: Environment) -> object:
     """The identity of a model, without the fields that are set per episode."""
     return (
         env._simulated.identity(env._saved_fields()) if hasattr(env.physics, "identity") else None

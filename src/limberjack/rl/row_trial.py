@@ -29,7 +29,14 @@ from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.shared_streams import GLOBAL_STREAMS, drawn_from
 from limberjack.utils.log import log
 
-__all__ = ["Trial", "control_timestep_of", "draws_globally", "model_of", "noted"]
+__all__ = [
+    "Trial",
+    "control_timestep_of",
+    "draws_globally",
+    "model_of",
+    "noted",
+    "observation_specs",
+]
 
 _TRIAL_STEPS = 3
 
@@ -47,13 +54,7 @@ class Trial:
         self._parts = {id(one): one for one in parts_of(env).values()}
         try:
             self.action_spec = spec_of(env)
-            named = _named(env.observation_spec())
-            if not all(isinstance(one, specs.Array) for one in named.values()):
-                raise TypeError(
-                    f"observation_spec of {build.name} is {named!r}; expected a "
-                    "dm_env.specs.Array, or a mapping of them by name"
-                )
-            self.observation_spec: Mapping[str, specs.Array] = collections.OrderedDict(named)
+            self.observation_spec = observation_specs(env, build.name)
             self._check_memory(env, num_envs)
             self.control_timestep = control_timestep_of(env)
             self.action_repeat: int = getattr(control_of(env), "action_repeat", 1)
@@ -163,6 +164,25 @@ def control_timestep_of(env: dm_env.Environment) -> float:
     if of_env is None:
         of_env = getattr(control_of(env), "control_timestep", None)
     return math.nan if of_env is None else float(of_env())
+
+
+def observation_specs(env: dm_env.Environment, name: str) -> Mapping[str, specs.Array]:
+    """The specs of an environment's observations by name.
+
+    Args:
+      env: the environment.
+      name: of its class, or of the function that makes it, in messages.
+
+    Raises:
+      TypeError: one is not an array.
+    """
+    named = _named(env.observation_spec())
+    if not all(isinstance(one, specs.Array) for one in named.values()):
+        raise TypeError(
+            f"observation_spec of {name} is {named!r}; expected a dm_env.specs.Array, or a mapping "
+            "of them by name"
+        )
+    return collections.OrderedDict(named)
 
 
 def _named(spec: object) -> Mapping[str, specs.Array]:

@@ -49,6 +49,7 @@ __all__ = [
     "REWARD_VIZ",
     "TASKS_BY_DOMAIN",
     "build_environment",
+    "build_of",
     "find_installed",
     "load",
     "load_batch",
@@ -262,10 +263,9 @@ def load_batch(
             "load_batch does not accept 'random' in task_kwargs: pass seed instead, from which "
             "each row gets its own"
         )
-    env = load(domain_name, task_name, task_kwargs, environment_kwargs)
-    loaded = _Loaded(domain_name, task_name, task_kwargs, environment_kwargs)
+    build = build_of(domain_name, task_name, task_kwargs, environment_kwargs)
     batch = batch_of(
-        Build(loaded, f"{domain_name}:{task_name}", env),
+        build,
         num_envs,
         num_threads,
         seed=seed,
@@ -274,8 +274,23 @@ def load_batch(
         action_repeat=action_repeat,
         stagger=stagger,
     )
-    batch.registration = getattr(control_of(env), "registration", None)
+    batch.registration = getattr(control_of(build.original), "registration", None)
     return batch
+
+
+def build_of(
+    domain_name: str,
+    task_name: str,
+    task_kwargs: Mapping[str, object] | None = None,
+    environment_kwargs: Mapping[str, object] | None = None,
+) -> Build:
+    """Loads the environment of a task, as `original`, and makes others of it for any seed.
+
+    The arguments and errors are those of `load`; another seed takes the place of 'random'.
+    """
+    env = load(domain_name, task_name, task_kwargs, environment_kwargs)
+    loaded = _Loaded(domain_name, task_name, task_kwargs, environment_kwargs)
+    return Build(loaded, f"{domain_name}:{task_name}", env)
 
 
 @dataclasses.dataclass(frozen=True)

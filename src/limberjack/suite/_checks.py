@@ -8,8 +8,11 @@ from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
+import dm_env
+
 from limberjack.registry import Row
 from limberjack.rl import control
+from limberjack.rl.copies import control_of
 from limberjack.suite import base
 
 __all__ = ["rows_of"]
@@ -77,15 +80,21 @@ def _row(name: str, task: object, suite: Any, problems: list[str]) -> Row | None
     except Exception as error:  # a user's factory may raise anything; reported with the others
         problems.append(f"factory {task} raises {type(error).__name__}: {error}")
         return None
-    if not isinstance(environment, control.Environment):
+    if not isinstance(environment, dm_env.Environment):
         what = type(environment).__name__
-        problems.append(f"factory {task} returns a {what}; expected a control.Environment")
+        problems.append(
+            f"factory {task} returns a {what}; expected a control.Environment, or another "
+            "dm_env.Environment"
+        )
         return None
-    wrong = _task_problems(environment)
+    inner = control_of(environment)  # of a wrapper; it may have none
+    wrong, dof, steps = [], 0, None
+    if isinstance(inner, control.Environment):
+        wrong = _task_problems(inner)
+        dof = getattr(getattr(inner.physics, "model", None), "nv", 0)
+        steps = inner.step_limit
     problems += [f"the task of {task} has {what}" for what in wrong]
     tags = tuple(tag for tag in suite.tags() if task in suite.tagged(tag))
-    dof = getattr(getattr(environment.physics, "model", None), "nv", 0)
-    steps = environment.step_limit
     environment.close()
     return None if wrong else Row(name, task, tags, steps, int(dof))
 
