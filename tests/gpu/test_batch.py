@@ -81,6 +81,7 @@ def test_a_repeated_action_gives_the_control_steps_until_the_episode_ends(
         running = ~ended
         reward, terms = np.zeros(6, np.float32), np.zeros(6, np.float32)
         observation, states = np.zeros((6, 9)), np.zeros((6, ours.starts.width))
+        expected: Any = None
         for number in range(repeat):
             expected = plain.step(action)
             reward[~ended] += as_numpy(expected.reward)[~ended]

@@ -338,8 +338,9 @@ def _played(
 ) -> control.Environment | Single:
     """The environment itself if it is plain and its task the suite's; else one that wraps it."""
     env = given.original if isinstance(given, Build) else given
-    is_plain = isinstance(env, control.Environment) and difference(env) is None
-    if not is_plain or not is_of_the_suite(env.task, env.physics):
+    if not isinstance(env, control.Environment) or difference(env) is not None:
+        return Single(given, action_repeat)
+    if not is_of_the_suite(env.task, env.physics):
         return Single(given, action_repeat)
     spec_of(env)  # raises if it is not one array
     if action_repeat is not None:

@@ -39,6 +39,7 @@ from limberjack.rl.represented import Description
 from limberjack.rl.row_step import RowStep, as_mapping
 from limberjack.rl.row_trial import control_timestep_of, observation_specs
 from limberjack.rl.snapshot import Snapshot, as_snapshot
+from limberjack.rl.watch import QuickWatch
 from limberjack.utils.arrays import Quantity
 
 __all__ = ["Single"]
@@ -89,7 +90,10 @@ class Single:
         self._steps = 0  # control steps
         self._summed_terms: Mapping[str, float] | None = None
         self._observation = self._empty()
+        self._watched_task: object = None
+        self._task_watch: QuickWatch | None = None
         self._set_up()
+        self._look()
 
     @property
     def environment(self) -> dm_env.Environment:
@@ -120,6 +124,7 @@ class Single:
           TypeError: the environment must be made again, and cannot be copied.
           Exception: any that `build` raises.
         """
+        self._keep_what_was_set()
         plain = self._plain
         if self._is_new and plain is not None:
             plain.reseed(seed)
@@ -131,6 +136,7 @@ class Single:
 
     def reset(self) -> dm_env.TimeStep:
         """Begins an episode; returns its first time step."""
+        self._keep_what_was_set()
         self._is_new = False
         plain = self._plain
         if plain is not None:
@@ -153,8 +159,11 @@ class Single:
         plain = self._plain
         if plain is None:
             return self._step(self._checked(action))
+        self._keep_what_was_set()
         if not self._to_watch:
-            return plain.step(action)
+            time_step = plain.step(action)
+            self._look()
+            return time_step
         self._to_watch -= 1
         return self._watched(plain, lambda: plain.step(action))
 
@@ -246,8 +255,9 @@ class Single:
         if not observations and isinstance(inner, Environment) and not snapshot.begins[0]:
             observations = as_mapping(inner.present_observation())
         for name, value in observations.items():
-            if name in self._observation and self._observation[name].shape == np.shape(value):
-                self._observation[name] = np.array(value, self._observation[name].dtype)
+            given, own = np.asarray(value), self._observation.get(name)
+            if own is not None and own.shape == given.shape:
+                self._observation[name] = given.astype(own.dtype)
         self._steps = int(snapshot.step_count[0])
         self._is_running = not snapshot.begins[0]
         self._is_last, self._timed_out = not snapshot.resets.any(), False
@@ -376,7 +386,32 @@ class Single:
         before = numbers_of(plain)
         result = call()
         self._edits_model |= numbers_of(plain) != before
+        self._look()
         return result
+
+    def _look(self) -> None:
+        """Remembers the attributes of a plain environment's task, after its hooks were called."""
+        plain = self._plain
+        if plain is None:
+            return
+        if self._task_watch is None or self._watched_task is not plain.task:
+            self._watched_task = plain.task
+            self._task_watch = QuickWatch("self", plain.task)
+        self._task_watch.look()
+
+    def _keep_what_was_set(self) -> None:
+        """Keeps attributes of the task that were set between calls: settings, for later seeds too.
+
+        What hooks set is memory instead, which a seed puts back.
+        """
+        plain, watch = self._plain, self._task_watch
+        if plain is None or watch is None or self._watched_task is not plain.task:
+            return
+        for label in watch.changed():
+            name = label.removeprefix("self.")
+            if hasattr(plain.task, name):
+                self._seeded.set_attribute(name, getattr(plain.task, name))
+        watch.look()
 
     def _set_up(self) -> None:
         """Sets the limit, and makes a plain environment repeat actions by itself."""
