@@ -115,7 +115,7 @@ def _looking(seen: _Stacks) -> Policy:
 
 
 def _seen(make: Any, seed: int, repeat: int) -> tuple[list[np.ndarray], Score]:
-    """What a single environment that repeats actions shows, and the score of its control steps."""
+    """The stacks that an environment shows if it repeats actions, and its control steps' score."""
     seen, actions, rewards = {}, [], []
     environment = make(seed, action_repeat=repeat)
     act = _looking(seen)(environment.action_spec(), seed)
