@@ -8,7 +8,8 @@ With `each`, each row keeps its thread, so what a row's environment keeps per th
 With `share`, which takes less time, the job must not depend on the thread. A thread runs
 in the caller's context, for `np.errstate`. With one thread the caller steps the rows, in order. The
 threads are those of `concurrent.futures`, which the interpreter joins before it exits. They
-start with the first use, and again after a fork or in a copy.
+start with the first use, and again after a fork or in a copy. No signature names their class, which
+cannot be imported while the interpreter exits.
 """
 
 import concurrent.futures
@@ -63,7 +64,7 @@ class RowThreads:
         rest = iter(rows)  # of all threads together
         return self._run_in([(one, rest) for one in self._living()[1:num_threads]], job, rest)
 
-    def _living(self) -> list[concurrent.futures.ThreadPoolExecutor]:
+    def _living(self) -> Sequence[concurrent.futures.Executor]:
         """The threads, which are started if necessary."""
         if self._process != os.getpid():  # forked: threads stay in the parent
             self._forget()
@@ -79,7 +80,7 @@ class RowThreads:
 
     def _run_in(
         self,
-        given: Sequence[tuple[concurrent.futures.ThreadPoolExecutor, Iterable[int]]],
+        given: Sequence[tuple[concurrent.futures.Executor, Iterable[int]]],
         job: Callable[[int], object],
         own: Iterable[int],
     ) -> RowErrors:
