@@ -312,3 +312,44 @@ def test_its_description_has_the_task_the_seed_and_the_step() -> None:
     single.step([0.0])
     described = single.description()
     assert (described.task, described.seeds, described.steps) == ("pendulum:swingup", [4], [1])
+
+
+class _Margin(odd.LastAction):
+    """Has a setting, and a memory that is not declared."""
+
+    def __init__(self, random: Any = None) -> None:
+        super().__init__(random=random)
+        self.margin = 0.5
+        self.limits = [1.0]
+        self.calls = 0
+
+    def get_reward(self, physics: Any) -> Any:
+        self.calls += 1
+        return self.margin + self.limits[0] + 0.001 * self.calls
+
+
+def test_settings_that_a_program_changes_stay_and_memory_is_put_back() -> None:
+    single = Single(odd.environment(_Margin, 0))
+    task: Any = single.environment.task  # pyright: ignore[reportAttributeAccessIssue]
+    single.reseed(1)
+    for _ in range(2):
+        single.reset()
+        assert single.step([0.1]).reward == pytest.approx(1.5 + 0.001 * task.calls)
+    assert task.calls == 2
+    task.margin = 0.25
+    task.limits[0] = 2.0
+    single.reseed(2)
+    assert (task.calls, task.margin, task.limits) == (0, 0.25, [2.0])
+    single.reset()
+    single.reseed(2)
+    assert (task.calls, task.margin, task.limits) == (0, 0.25, [2.0])
+
+
+def test_settings_that_are_changed_before_the_first_episode_stay() -> None:
+    single = Single(odd.environment(_Margin, 0))
+    task: Any = single.environment.task  # pyright: ignore[reportAttributeAccessIssue]
+    task.margin = 0.25
+    single.reset()
+    single.step([0.1])
+    single.reseed(2)
+    assert (task.calls, task.margin) == (0, 0.25)
