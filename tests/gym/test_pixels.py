@@ -12,8 +12,9 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
-from limberjack import gym, suite
+from limberjack import gym, rl, suite
 from limberjack.rl.batch import BatchEnvironment
+from limberjack.suite.wrappers import pixels
 from tests.plain_pictures import draw_plainly
 
 from .gym_episodes import MODES, assert_same, told_alike
@@ -220,6 +221,27 @@ def test_one_picture_needs_no_stack(make: Any) -> None:
 
 
 # Refused input.
+
+
+@pytest.mark.parametrize("only", [True, False])
+def test_pictures_of_the_suites_wrapper_stay_pictures(only: bool) -> None:
+    def build(seed: int) -> Any:
+        env = suite.load("cartpole", "swingup", {"random": seed})
+        size = {"height": 8, "width": 8, "camera_id": 0}
+        return pixels.Wrapper(env, pixels_only=only, render_kwargs=size)
+
+    one = gym.Env(build)
+    rows = gym.VectorEnv(rl.batch_of(build, 2, seed=0))
+    space = gymnasium.spaces.Box(0, 255, (8, 8, 3), np.uint8)
+    for envs in (one.observation_space, rows.single_observation_space):
+        assert (envs if only else envs["pixels"]) == space  # pyright: ignore[reportIndexIssue]
+    for env in (one, rows):
+        observation: Any = env.reset(seed=0)[0]
+        picture = observation if only else observation["pixels"]
+        assert picture.dtype == np.uint8
+        assert env.observation_space.contains(observation)
+    one.close()
+    rows.close()
 
 
 def _load_vector(domain: str, task: str, **kwargs: Any) -> gym.VectorEnv:

@@ -63,11 +63,16 @@ class PixelObservations(Observations):
 def observations_of(
     of_one: Mapping[str, specs.Array], flat: bool, dtype: npt.DTypeLike, pixels: Pixels | None
 ) -> Observations:
-    """The form of observations with these specs; they have pictures unless `pixels` is None.
+    """The form of observations with these specs.
+
+    They have pictures unless `pixels` is None, or if there are some from a wrapper.
 
     Raises:
       ValueError: `dtype` is neither float64 nor float32.
     """
-    if pixels is None:
+    if pixels is not None:
+        return PixelObservations(of_one, flat, dtype, pixels.only)
+    seen = of_one.get(PIXELS_KEY)
+    if seen is None or seen.dtype != np.uint8:
         return Observations(of_one, flat, dtype)
-    return PixelObservations(of_one, flat, dtype, pixels.only)
+    return PixelObservations(of_one, flat, dtype, only=len(of_one) == 1)
