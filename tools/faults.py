@@ -144,7 +144,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "rl/builds.py": [
         ("            put_back(self._first, env.task, env.physics)\n", ""),
-        ("if self.is_plain and self._is_stable and self._has_first_model():", "if self.is_plain:"),
+        (" and (keeps_model or self._has_first_model()):", ":"),
         ("setattr(holder_of(made, name), name, copy.deepcopy(value))", "pass"),
         ("return _start(one) == _start(other)", "return True"),
     ],
@@ -227,7 +227,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             '"height": self.height, "width": self.width',
             '"height": self.width, "width": self.height',
         ),
-        ("np.flatnonzero(~self._is_seen)", "np.flatnonzero(self._is_seen)"),
+        ("np.flatnonzero(is_over | ~self._is_seen)", "np.flatnonzero(is_over | self._is_seen)"),
         ('"camera_id": self.camera, "quality": self.quality}', '"camera_id": self.camera}'),
     ],
     "rl/observations.py": [

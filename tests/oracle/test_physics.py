@@ -294,6 +294,7 @@ def test_physics_has_dm_controls_public_names_and_few_of_its_own() -> None:
     assert len(others) == 34
     assert sorted(names - others) == [
         "become",
+        "can_step_in_parts",
         "from_shared_xml",
         "identity",
         "nominal_fields",
@@ -303,4 +304,5 @@ def test_physics_has_dm_controls_public_names_and_few_of_its_own() -> None:
         "replicate",
         "seen_through",
         "simulation",
+        "step_in_parts",
     ]

@@ -66,6 +66,9 @@ _FIRST, _MID, _LAST = (int(kind) for kind in dm_env.StepType)
 class RowsEnvironment:
     """Complete single environments in lockstep; see the module's docstring."""
 
+    _draw_interval = 1  # see `draw_every`
+    _own_limit: float | None = None  # set by `step_limit`; None for the environments' own
+
     def __init__(
         self,
         build: dm_env.Environment | Make | Build,
@@ -125,8 +128,6 @@ class RowsEnvironment:
         self._action_repeat = trial.action_repeat
         if action_repeat is not None:
             self._action_repeat = guards.at_least_one("action_repeat", action_repeat)
-        self._draw_interval = 1  # see `draw_every`
-        self._own_limit: float | None = None  # set by `step_limit`; None for the environments' own
         self._limits = np.full(self.num_envs, math.inf)  # of the rows' present episodes
         self._stagger = Stagger(self.num_envs) if guards.yes_or_no("stagger", stagger) else None
         self._rows: list[Seeded] = []
