@@ -307,6 +307,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if not mask.any():", "if not mask.all():"),
     ],
     "utils/arrays.py": [
+        ("axis=-1) / x.shape[-1]", "axis=-1) / x.shape[0]"),
         ("else np.vecdot(x, x)", "else (x * x).sum(axis=-1)"),
         (
             "np.matmul(vectors[..., None, :], frames)[..., 0, :]",
@@ -324,7 +325,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return 1 / (_square(x * scale) + 1)", "return 1 / (x * scale * x * scale + 1)"),
         ("np.where(has_margin, outside, 0.0))", "outside)"),
         ("np.float_power(x, 2) if arrays.one_value_per_row(x) else x**2", "x * x"),
-        ("axis=-1) / x.shape[-1]", "axis=-1) / x.shape[0]"),
         ("return np.fmax(x, 0.0)", "return np.maximum(x, 0.0)"),
         ("(lower > upper, ", "(lower >= upper, "),
         ("return abs(x - lower if lower else x)", "return abs(x)"),
@@ -567,7 +567,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "mujoco/index.py": [
         ("        return (..., *index, *(slice(None),) * rest)", "        return (..., *index)"),
-        ("return (slice, key.start, key.stop, key.step)", "return (slice, key.start, key.stop)"),
+        ("return (slice, start, stop, step)", "return (slice, start, stop)"),
         ("starts == -1, 0, 1)", "starts == -1, 1, 1)"),
     ],
     "mujoco/physics_state.py": [
