@@ -406,3 +406,16 @@ def test_code_that_does_not_play_rows_refuses_tasks_that_remember() -> None:
 
 def test_the_batch_of_a_task_that_remembers_is_offered_by_name() -> None:
     assert rl.batch_of(odd.environment(Smooth, 0), 2, seed=0).why_rows is None
+
+
+def test_a_snapshot_stays_as_it_was() -> None:
+    batch = _batch(Calls, 2)
+    batch.reset()
+    batch.step(np.full((2, 1), 0.5))
+    saved = batch.snapshot()
+    before = copy.deepcopy(saved.memory)
+    batch.reset()  # which changes the ring in place
+    batch.step(np.full((2, 1), 0.5))
+    for one, kept in zip(saved.memory, before, strict=True):
+        for name in Calls.EPISODE_ATTRIBUTES:
+            np.testing.assert_array_equal(one["task"][name], kept["task"][name])
