@@ -105,7 +105,7 @@ class EpisodeAttributes:
         }
         self._of_task = QuickWatch("self", task, self.names)
         self._watches: dict[int, QuickWatch] = {}  # of each physics that hooks are called with
-        self.begin_again(slice(None))
+        self._set({name: values.copy() for name, values in self._first.items()})
 
     def during(
         self, hook: str, physics: object, rows: np.ndarray | None = None
@@ -128,8 +128,8 @@ class EpisodeAttributes:
         task = self._task
         before = {name: getattr(task, name) for name in self.names}
         values = {n: self._of_rows(n, value, "an assignment") for n, value in before.items()}
-        self._set({name: value.copy() for name, value in values.items()})
         watches = self._look(physics)
+        self._set({name: value.copy() for name, value in values.items()})
         # In a step it is the stream of whichever row began last.
         stream, refusing = getattr(task, _STREAM, None), _Refusing(type(task).__name__, hook)
         if is_stream := isinstance(stream, np.random.RandomState):
@@ -172,8 +172,8 @@ class EpisodeAttributes:
     @contextlib.contextmanager
     def _of_row(self, row: int, physics: object, hook: str) -> Iterator[None]:
         before = {name: getattr(self._task, name) for name in self.names}
-        self._set({n: self._forms[n].single(values[row]) for n, values in before.items()})
         watches = self._look(physics)
+        self._set({n: self._forms[n].single(values[row]) for n, values in before.items()})
         try:
             yield
             self._check(watches, hook)
@@ -185,12 +185,10 @@ class EpisodeAttributes:
         finally:
             self._set(before)
 
-    def begin_again(self, rows: slice | np.ndarray | list[int]) -> None:
+    def begin_again(self, rows: Sequence[int]) -> None:
         """Gives rows the values from before the first episode, as a new seed does."""
         for name in self.names:
             values = np.array(getattr(self._task, name))
-            if values.shape != self._first[name].shape:
-                values = self._first[name].copy()
             values[rows] = self._first[name][rows]
             self._set({name: values})
 

@@ -148,7 +148,7 @@ class QuickWatch:
             found = attributes_of(self._owner).items()
             watched = {n: v for n, v in found if n not in self._declared and _is_watched(n, v)}
             self._names, self._values = list(watched), list(watched.values())
-            self._count = len(vars(self._owner))
+            self._count = len(self._attributes)
             self._containers = [(n, v) for n, v in watched.items() if _elements_of(v) is not None]
         self._elements = [_elements_of(value) or () for _, value in self._containers]
 
@@ -171,9 +171,13 @@ class QuickWatch:
                     names.add(name)
         return sorted(f"{self._label}.{name}" for name in names)
 
+    @property
+    def _attributes(self) -> Mapping[str, object]:
+        return getattr(self._owner, "__dict__", {})
+
     def _is_same(self) -> bool:
         """Whether all attributes are the objects of the last look."""
-        attributes = vars(self._owner)
+        attributes = self._attributes
         if len(attributes) != self._count:
             return False
         now = [attributes.get(name, _NOTHING) for name in self._names]
