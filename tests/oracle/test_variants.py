@@ -1,12 +1,19 @@
-"""Every way to configure, reset and seed an environment gives the same results as dm_control."""
+"""Every way to configure, reset and seed an environment gives the same results as dm_control.
+
+Starts, specs and actions are compared for all tasks. Options belong to the environment, not to the
+task, so they are compared for tasks that between them have every feature; the rest of the product
+is slow, and part of `make test-exactness`.
+"""
 
 import functools
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
 import pytest
+
+from tests.representatives import FEATURES
 
 from . import twins
 from .oracle import BOTH
@@ -14,8 +21,24 @@ from .same import assert_same, assert_same_outcome, assert_same_pair
 
 pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
+_Task = tuple[str, str]
+# Beside the features of `tests.representatives`: a model for each row, fields drawn for each
+# stream and no time limit, activations.
+_VARIED = {*FEATURES.values(), ("quadruped", "escape"), ("lqr", "lqr_2_1"), ("dog", "walk")}
+
+
+def _or_slow(tasks: Sequence[tuple[Any, ...]], kept: Collection[_Task]) -> list[Any]:
+    """Arguments that begin with a task, marked as slow unless it is among those that are kept."""
+    return [pytest.param(*one, marks=() if one[:2] in kept else pytest.mark.slow) for one in tasks]
+
+
+# The first task of each model, where a domain has a varied task.
+_VARIED_MODELS = {one for one in twins.MODELS if one[0] in {domain for domain, _ in _VARIED}}
+
 every_task = pytest.mark.parametrize(("domain", "task"), twins.TASKS)
 every_model = pytest.mark.parametrize(("domain", "task"), twins.MODELS)
+varied_task = pytest.mark.parametrize(("domain", "task"), _or_slow(twins.TASKS, _VARIED))
+varied_model = pytest.mark.parametrize(("domain", "task"), _or_slow(twins.MODELS, _VARIED_MODELS))
 partly_observable = pytest.mark.parametrize(
     ("domain", "task"), [task for task in twins.TASKS if task[0] in ("manipulator", "stacker")]
 )
@@ -62,7 +85,7 @@ def test_partly_observable_episodes_are_the_same(domain: str, task: str) -> None
         _play(twins.load(domain, task, seed, task_kwargs={"fully_observable": False}))
 
 
-@every_task
+@varied_task
 def test_flat_observations_are_the_same(domain: str, task: str) -> None:
     env = twins.load(domain, task, environment_kwargs={"flat_observation": True})
     _assert_same_specs(env)
@@ -78,7 +101,9 @@ def test_flat_partly_observable_observations_are_the_same(domain: str, task: str
     _play(env)
 
 
-@pytest.mark.parametrize(("domain", "task", "n_sub_steps"), _in_turn(twins.MODELS, [1, 7]))
+@pytest.mark.parametrize(
+    ("domain", "task", "n_sub_steps"), _or_slow(_in_turn(twins.MODELS, [1, 7]), _VARIED_MODELS)
+)
 def test_another_number_of_substeps_is_the_same(domain: str, task: str, n_sub_steps: int) -> None:
     # The factories fix the control step, and Environment refuses both: build it around their parts.
     loaded = twins.load(domain, task)
@@ -103,7 +128,7 @@ def _is_accepted(call: Callable[[], Any]) -> bool:
     return True
 
 
-@every_model
+@varied_model
 @pytest.mark.parametrize("name", ["control_timestep", "n_sub_steps"])
 def test_a_control_step_is_accepted_where_the_factory_sets_none(
     domain: str, task: str, name: str
@@ -122,7 +147,9 @@ def test_a_control_step_is_accepted_where_the_factory_sets_none(
     _play(env, steps=20)
 
 
-@pytest.mark.parametrize(("domain", "task", "time_limit"), _in_turn(twins.TASKS, [0.2, 0.33]))
+@pytest.mark.parametrize(
+    ("domain", "task", "time_limit"), _or_slow(_in_turn(twins.TASKS, [0.2, 0.33]), _VARIED)
+)
 def test_another_time_limit_ends_the_episode_at_the_same_step(
     domain: str, task: str, time_limit: float
 ) -> None:
@@ -140,7 +167,7 @@ def test_an_infinite_time_limit_never_ends_the_episode(domain: str, task: str) -
     assert env.step_count == 1100
 
 
-@every_task
+@varied_task
 def test_a_random_state_is_used_directly(domain: str, task: str) -> None:
     streams = [np.random.RandomState(11) for _ in BOTH]
     envs = [
@@ -156,7 +183,7 @@ def test_a_random_state_is_used_directly(domain: str, task: str) -> None:
     assert_same_pair((stream.random_sample() for stream in streams), f"{env.where}: next draw")
 
 
-@every_model
+@varied_model
 def test_a_random_state_assigned_to_the_task_is_used_at_the_next_reset(
     domain: str, task: str
 ) -> None:
@@ -170,13 +197,13 @@ def test_a_random_state_assigned_to_the_task_is_used_at_the_next_reset(
     _play(env, steps=10)
 
 
-@every_model
+@varied_model
 def test_stepping_without_up_to_date_fields_is_the_same(domain: str, task: str) -> None:
     env = twins.load(domain, task, environment_kwargs={"legacy_step": False})
     _play(env)
 
 
-@every_task
+@varied_task
 def test_reward_colours_are_the_same_after_each_step(domain: str, task: str) -> None:
     env = twins.load(domain, task, visualize_reward=True)
     for _ in range(2):
@@ -187,7 +214,7 @@ def test_reward_colours_are_the_same_after_each_step(domain: str, task: str) -> 
             env.assert_same_physics("model.mat_rgba")
 
 
-@every_model
+@varied_model
 def test_colours_of_a_full_reward_are_the_same(domain: str, task: str) -> None:
     env = twins.load(domain, task, visualize_reward=True)
     env.reset()
@@ -198,7 +225,7 @@ def test_colours_of_a_full_reward_are_the_same(domain: str, task: str) -> None:
         env.assert_same_physics("model.mat_rgba")
 
 
-@every_model
+@varied_model
 def test_a_reset_in_mid_episode_begins_the_same_episode(domain: str, task: str) -> None:
     env = twins.load(domain, task)
     for steps in (0, 1, 7, 30):
@@ -206,7 +233,7 @@ def test_a_reset_in_mid_episode_begins_the_same_episode(domain: str, task: str) 
         env.assert_same_physics(*_START_FIELDS)
 
 
-@every_model
+@varied_model
 def test_a_step_before_a_reset_and_after_the_last_step_begins_an_episode(
     domain: str, task: str
 ) -> None:
