@@ -13,6 +13,8 @@ import pytest
 
 from limberjack import suite
 from limberjack.rl import control, copies
+from limberjack.rl.batch import BatchEnvironment
+from limberjack.rl.batches import batch_of
 from limberjack.suite.wrappers import _delegating
 
 from . import odd_environments as odd
@@ -381,3 +383,14 @@ def test_a_method_that_is_replaced_later_is_noticed() -> None:
     assert copies.difference(kept) is None
     Kept.step = lambda self, action: self.reset()
     assert copies.difference(kept) == "its class Kept overrides step"
+
+
+def test_the_check_leaves_a_shared_model_shared() -> None:
+    of_suite = suite.load("cartpole", "swingup")
+    env = control.Environment(of_suite.physics, type("Own", (type(of_suite.task),), {})(random=0))
+    copies.check_copies(env)
+    copies.check_copies(env, is_vectorised=True)
+    BatchEnvironment.from_environment(env, 2, 1).close()
+    rows = batch_of(env, 2, 1, vectorised=False)
+    for one in (env, *rows.environments):  # pyright: ignore[reportAttributeAccessIssue]
+        assert one.physics.model._shared is not None

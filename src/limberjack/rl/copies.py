@@ -178,7 +178,9 @@ def check_copies(env: object, are_seeded: bool = True, is_vectorised: bool = Fal
     targets = {id(one) for one in own if one is not None and not isinstance(one, (*ATOMS, type))}
     # Copies of these are not those of the copied physics.
     parts = [getattr(physics, "model", None), getattr(physics, "data", None)]
-    views = {id(parts[0]), *(id(getattr(one, "ptr", None)) for one in parts)} - {id(None)}
+    # Not `ptr`, which would give a shared model's wrapper a copy of its own.
+    official = [getattr(parts[0], "_model", None), getattr(parts[1], "_data", None)]
+    views = {id(one) for one in (parts[0], *official) if one is not None}
     for path, value in reachable(env):
         if id(value) in views and not is_vectorised:
             raise _refused(env, path, f"is the {type(value).__name__} of its physics: keep physics")
