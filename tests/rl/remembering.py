@@ -39,7 +39,7 @@ class Calls(odd.Pole):
     An action above 0.9 makes the simulation diverge.
     """
 
-    EPISODE_ATTRIBUTES = (*COUNTERS, "ring", "slot", "episodes", "velocity", "flag")
+    EPISODE_ATTRIBUTES = (*COUNTERS, "ring", "slot", "episodes", "velocity", "flag", "place")
 
     def __init__(self, random: Any = None) -> None:
         super().__init__(random=random)
@@ -50,6 +50,7 @@ class Calls(odd.Pole):
         self.episodes = 0
         self.velocity = np.zeros(1)
         self.flag = False
+        self.place = np.zeros(3)
 
     def initialize_episode(self, physics: Any) -> None:
         super().initialize_episode(physics)
@@ -57,6 +58,7 @@ class Calls(odd.Pole):
         self.slot = np.int64(0)
         self.ring[:] = physics.data.qpos  # the row's own ring, in place
         self.velocity = physics.data.qvel  # the simulation's memory
+        self.place = physics.data.geom_xpos[0]  # which is computed again once the start is set
         self.get_reward(physics)  # a start may call hooks
 
     def before_step(self, action: Any, physics: Any) -> None:
@@ -83,6 +85,7 @@ class Calls(odd.Pole):
         self.of_get_observation += 1
         observation = super().get_observation(physics)
         observation["velocity"] = self.velocity
+        observation["place"] = self.place
         observation["ring"] = self.ring
         for name in COUNTERS:
             observation[name] = np.asarray(getattr(self, name), float)[..., None]

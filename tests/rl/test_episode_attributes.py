@@ -24,9 +24,11 @@ _FIRST, _MID, _LAST = 0, 1, 2
 _KINDS = [pytest.param(True, id="vectorised"), pytest.param(False, id="rows")]
 
 
-def _batch(task: type[odd.Pole], num_envs: int, seed: int = 3, **kwargs: Any) -> Any:
+def _batch(
+    task: type[odd.Pole], num_envs: int, seed: int = 3, steps: int = odd.STEPS, **kwargs: Any
+) -> Any:
     how = {"num_threads": 1, "seed": seed, "vectorised": True, **kwargs}
-    return batch_of(odd.environment(task, 0), num_envs, **how)
+    return batch_of(odd.environment(task, 0, time_limit=steps * 0.02), num_envs, **how)
 
 
 def _memory(task: Any, row: int | None = None) -> dict[str, bytes]:
@@ -107,6 +109,15 @@ def test_every_hook_counts_when_a_single_environment_would_have_called_it(
     if task is Calls and num_envs > 1:
         assert any(began["diverged"])
     assert all(began[name] for name in ("partial", "seeded", "restored"))
+
+
+def test_the_step_that_reaches_the_time_limit_asks_for_no_termination() -> None:
+    alone = _Alone(Calls, 3, 3, time_limit=3 * 0.02)
+    batch = _batch(Calls, 3, steps=3)
+    actions = np.random.RandomState(0).uniform(-1, 0.8, (16, 3, 1))
+    for action in actions:
+        alone.step(action, batch)
+    assert (batch.task.of_get_termination < batch.task.of_after_step).all()
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
