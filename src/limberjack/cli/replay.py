@@ -210,8 +210,11 @@ def _versions_differ(about: "Facts", environment: "Environment") -> str:
     from limberjack import report
 
     recorded = about["versions"]
-    other = [f"{n} {recorded.get(n)}, here {v}" for n, v in report.versions().items()
-             if recorded.get(n) != v]  # fmt: skip
+    other = [
+        f"{n} {recorded.get(n)}, here {v}"
+        for n, v in report.versions().items()
+        if recorded.get(n) != v
+    ]
     if about["fingerprint"] not in ("", report.fingerprint(environment.physics.model._model)):
         other.append("a model with another fingerprint")
     return f" It was recorded with {'; '.join(other)}." if other else ""

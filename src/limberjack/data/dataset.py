@@ -151,8 +151,9 @@ class _Rows:
 
     def __init__(self, shard: Shard) -> None:
         episodes = list(shard.episodes())
-        of_names = {name: [e.observations[name] for e in episodes] for name in
-                    episodes[0].observations}  # fmt: skip
+        of_names = {
+            name: [e.observations[name] for e in episodes] for name in episodes[0].observations
+        }
         self._observations = {name: np.concatenate(parts) for name, parts in of_names.items()}
         self._actions, self._rewards, self._terminated, self._truncated = (
             np.concatenate([getattr(e, name) for e in episodes])

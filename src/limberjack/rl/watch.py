@@ -8,8 +8,9 @@ An assignment counts even if the value is equal. Other changes, such as those of
 object that an attribute holds, are found by comparing values. A `functools.cached_property` does
 not count. Values that cannot be compared, such as those of a C library, go unnoticed.
 
-`QuickWatch` takes a microsecond instead of a hundred, for every hook of every step of a batch. It
-notices attributes of one object that are other objects than before, or have other elements.
+`QuickWatch` takes a microsecond or two, so that it can look on in every hook of every step of a
+batch. It notices attributes of one object that are other objects than before, or have other
+elements.
 """
 
 import collections

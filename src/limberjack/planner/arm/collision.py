@@ -20,9 +20,19 @@ from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.utils.arrays import AnyArray
 
 __all__ = [
-    "LIMITS", "NOTHING", "Obstacle", "clearance", "corners", "direction_of", "hand_gap",
-    "hand_height", "has_room", "is_clear", "is_off_ground", "within_limits",
-]  # fmt: skip
+    "LIMITS",
+    "NOTHING",
+    "Obstacle",
+    "clearance",
+    "corners",
+    "direction_of",
+    "hand_gap",
+    "hand_height",
+    "has_room",
+    "is_clear",
+    "is_off_ground",
+    "within_limits",
+]
 
 # Limits of shoulder, elbow and wrist, less a margin in which the limits' springs push back.
 LIMITS = np.array(GEOMETRY.limits) - 0.05

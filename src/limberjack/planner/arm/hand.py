@@ -13,10 +13,27 @@ from limberjack.planner.settings import Settings
 from limberjack.utils.arrays import AnyArray
 
 __all__ = [
-    "ARM", "CLOSED", "LONGEST", "OPEN", "OPEN_ANGLE", "PLANE", "PLAY", "SETTINGS", "TIPS",
-    "TIP_ASIDE", "TIP_REACH", "closing", "finger_angle", "fingers", "in_frame", "in_hand", "loose",
-    "near", "outward_speed", "sag",
-]  # fmt: skip
+    "ARM",
+    "CLOSED",
+    "LONGEST",
+    "OPEN",
+    "OPEN_ANGLE",
+    "PLANE",
+    "PLAY",
+    "SETTINGS",
+    "TIPS",
+    "TIP_ASIDE",
+    "TIP_REACH",
+    "closing",
+    "finger_angle",
+    "fingers",
+    "in_frame",
+    "in_hand",
+    "loose",
+    "near",
+    "outward_speed",
+    "sag",
+]
 
 ARM = ["arm_root", "arm_shoulder", "arm_elbow", "arm_wrist"]
 OPEN, CLOSED = -1.0, 1.0  # controls of the grasp

@@ -25,9 +25,17 @@ from limberjack.planner.arm.geometry import GEOMETRY
 from limberjack.utils.arrays import AnyArray
 
 __all__ = [
-    "GRASP", "PINCH", "angle_of", "direction", "drawn_back", "hand_places", "hand_poses",
-    "hand_poses_each", "joints_along", "nudged",
-]  # fmt: skip
+    "GRASP",
+    "PINCH",
+    "angle_of",
+    "direction",
+    "drawn_back",
+    "hand_places",
+    "hand_poses",
+    "hand_poses_each",
+    "joints_along",
+    "nudged",
+]
 
 _UPPER, _MIDDLE, _LOWER = GEOMETRY.lengths
 _BASE = GEOMETRY.base_height * 1j  # x + z i

@@ -15,9 +15,7 @@ from limberjack.planner.arm.hand import ARM, PLANE
 from limberjack.planner.arm.kinematics import GRASP, direction, hand_poses_each, nudged
 from limberjack.planner.arm.path import Path
 
-__all__ = [
-    "Proposal", "approaches", "lifts", "plans_along", "plans_of", "plans_on", "straight_to"
-]  # fmt: skip
+__all__ = ["Proposal", "approaches", "lifts", "plans_along", "plans_of", "plans_on", "straight_to"]
 
 
 class Proposal(NamedTuple):

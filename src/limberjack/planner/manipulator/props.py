@@ -32,10 +32,25 @@ from limberjack.utils import arrays
 from limberjack.utils.arrays import AnyArray
 
 __all__ = [
-    "BACK", "BLADE", "HAND", "LIES", "PRESS", "Ball", "Peg", "Pose", "across", "against_hand",
-    "downwards", "grasp_of", "grasp_place", "height_above_ground", "in_world", "is_on_arm",
-    "pose_of", "prop_of",
-]  # fmt: skip
+    "BACK",
+    "BLADE",
+    "HAND",
+    "LIES",
+    "PRESS",
+    "Ball",
+    "Peg",
+    "Pose",
+    "across",
+    "against_hand",
+    "downwards",
+    "grasp_of",
+    "grasp_place",
+    "height_above_ground",
+    "in_world",
+    "is_on_arm",
+    "pose_of",
+    "prop_of",
+]
 
 PRESS = 0.25  # control of the grasp under which an object may slip
 BACK = 0.06  # metres; how far the hand stands off before it closes in

@@ -128,13 +128,33 @@ class Receptacle:
 
 # The fingers reach beyond the ball, so that it is released above the cup's rim.
 _CUP = Receptacle(
-    body="cup", target="target_ball", sites=("ball",), prop=Ball, before=0.112, over=(0.02,),
-    held=(Ball.held,), width=0.012, side=0.09, falls=(0.16, 0.018), is_narrow=False,
-    patience=20, noise_scale=1.0,
-)  # fmt: skip
+    body="cup",
+    target="target_ball",
+    sites=("ball",),
+    prop=Ball,
+    before=0.112,
+    over=(0.02,),
+    held=(Ball.held,),
+    width=0.012,
+    side=0.09,
+    falls=(0.16, 0.018),
+    is_narrow=False,
+    patience=20,
+    noise_scale=1.0,
+)
 # The slot is 0.8 mm wider than the peg, whose tip is round.
 _SLOT = Receptacle(
-    body="slot", target="target_peg", sites=("peg_tip", "peg"), prop=Peg, before=0.08,
-    over=(0.02, -0.01), held=(Peg.held, HAND), width=0.004, side=0.08, falls=(0.02, 0.02),
-    is_narrow=True, patience=60, noise_scale=0.1,
-)  # fmt: skip
+    body="slot",
+    target="target_peg",
+    sites=("peg_tip", "peg"),
+    prop=Peg,
+    before=0.08,
+    over=(0.02, -0.01),
+    held=(Peg.held, HAND),
+    width=0.004,
+    side=0.08,
+    falls=(0.02, 0.02),
+    is_narrow=True,
+    patience=60,
+    noise_scale=0.1,
+)

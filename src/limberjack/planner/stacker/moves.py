@@ -39,9 +39,20 @@ from limberjack.planner.stacker.box_grip import HIGH, PRESS, ready
 from limberjack.planner.stacker.tower import FREE, FROM_WALL, HALF, PASSES, Tower, crest, length
 
 __all__ = [
-    "FREE_OF_TOWER", "OVER", "STACKING", "UNDER_HAND", "carrying", "later", "leaving", "plans_over",
-    "plans_to", "reaching", "refuge", "shelter", "turning_over",
-]  # fmt: skip
+    "FREE_OF_TOWER",
+    "OVER",
+    "STACKING",
+    "UNDER_HAND",
+    "carrying",
+    "later",
+    "leaving",
+    "plans_over",
+    "plans_to",
+    "reaching",
+    "refuge",
+    "shelter",
+    "turning_over",
+]
 
 STACKING = dataclasses.replace(
     SETTINGS,

@@ -13,9 +13,19 @@ from limberjack.mujoco.index import NamedFields
 from limberjack.utils.arrays import AnyArray
 
 __all__ = [
-    "ALOFT", "FLAT", "FREE", "FROM_WALL", "HALF", "PASSES", "PLACED", "Tower", "crest", "length",
-    "lies_too_low", "turned",
-]  # fmt: skip
+    "ALOFT",
+    "FLAT",
+    "FREE",
+    "FROM_WALL",
+    "HALF",
+    "PASSES",
+    "PLACED",
+    "Tower",
+    "crest",
+    "length",
+    "lies_too_low",
+    "turned",
+]
 
 HALF = 0.022  # metres; half a box
 FREE = 0.066  # metres from box to box, so that a finger fits between
