@@ -56,7 +56,7 @@ test-training: $(VENV)/installed-training  ## Run the tests of Stable-Baselines3
 		tests/examples
 
 test-minari: $(VENV)/installed-minari  ## Run the tests of datasets in Minari's format
-	$(BIN)/python -m pytest -m 'slow or not slow' tests/data/test_to_minari.py \
+	$(BIN)/python -m pytest -m 'slow or not slow' tests/episodes/test_to_minari.py \
 		tests/cli/test_convert.py tests/cli/test_collect.py
 
 test-scale: $(VENV)/installed-scale  ## Run the tests of Ray: on this machine, and a cluster of three nodes

@@ -18,7 +18,7 @@ import typer
 from report import Json, Quick, Row, at_most, finish, spread
 
 from limberjack.evaluation import evaluate
-from limberjack.evaluation.distributed import play_unit
+from limberjack.evaluation.missing import play_unit
 from limberjack.recording.solving import solve
 from limberjack.utils.cores import usable_cores
 from limberjack.workers import Unit, Workers, open_workers, prepare, units_of

@@ -23,7 +23,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from dm_env import specs
 
-from limberjack.factories import Factory, Make, factory_of
 from limberjack.gym.vector import VectorEnv
 from limberjack.mujoco import row_fields
 from limberjack.rl.action_specs import bounds_to_try
@@ -31,6 +30,7 @@ from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.guards import at_least_one
 from limberjack.suite import base
 from limberjack.utils import cores
+from limberjack.workers.factories import Factory, Make, factory_of
 
 if TYPE_CHECKING:
     from mujoco.batch import Batch
@@ -80,7 +80,7 @@ class Result:
     """The result of `measure`.
 
     Attributes:
-      facts: what identifies the task; see `factories.Factory`.
+      facts: what identifies the task; see `workers.factories.Factory`.
       speeds: of 'physics', 'batch' and 'vector' with equally many threads, relative to 'physics'.
       sweep: of 'vector' with 1, 2, 4 ... threads, relative to one thread.
       recommended_threads: the fewest threads that reach `NEARLY_BEST` of the highest speed.

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from limberjack import suite
+from limberjack.episodes.statistics import strata, summarise
 from limberjack.evaluation import Score, evaluate
-from limberjack.evaluation.statistics import strata, summarise
 from limberjack.mujoco.camera import RenderingError
 
 _REPOSITORY = Path(__file__).parents[2]

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from limberjack.data import collect, load
-from tests.data.collected import hashes
+from tests.episodes.collected import hashes
 from tests.workers.killing import children, is_alive, shared_memory, wait_for
 
 from .conftest import call, invoke
@@ -209,7 +209,7 @@ def test_without_its_extra_the_command_names_the_packages(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "minari", None)
-    monkeypatch.delitem(sys.modules, "limberjack.data.to_minari", raising=False)
+    monkeypatch.delitem(sys.modules, "limberjack.episodes.to_minari", raising=False)
     out = tmp_path / "out"
     result = invoke(*_PENDULUM, "--seeds", "0:1", "--out", str(out), "--format", "minari")
     assert result.exit_code == 1

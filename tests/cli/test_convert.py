@@ -31,7 +31,7 @@ def test_without_minari_the_packages_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "minari", None)
-    monkeypatch.delitem(sys.modules, "limberjack.data.to_minari", raising=False)
+    monkeypatch.delitem(sys.modules, "limberjack.episodes.to_minari", raising=False)
     result = invoke("convert", str(_collected(tmp_path)), "--to", "minari")
     assert result.exit_code == 1
     assert result.stderr.endswith("'minari': pip install minari pillow pyarrow\n")

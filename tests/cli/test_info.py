@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from limberjack.data import Kept, collect
-from tests.data.collected import hashes
+from tests.episodes.collected import hashes
 
 from .conftest import invoke
 

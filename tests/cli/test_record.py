@@ -14,10 +14,10 @@ import typer.testing
 
 from limberjack import data, suite
 from limberjack.cli import app
-from limberjack.factories import factory_of
+from limberjack.episodes.films import _Stage
 from limberjack.mujoco.camera import RenderingError
-from limberjack.recording.films import _Stage
 from limberjack.utils.files import Hold
+from limberjack.workers.factories import factory_of
 from tests.policies import saved_models
 
 _SIZE = ["--height", "96", "--width", "128"]

@@ -15,7 +15,7 @@ import typer.testing
 
 from limberjack import data, report, suite
 from limberjack.cli import app
-from limberjack.data.parquet import encode
+from limberjack.episodes.parquet import encode
 from limberjack.mujoco.camera import RenderingError
 from limberjack.recording.episodes import Recording, record_episode
 

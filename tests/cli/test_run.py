@@ -12,12 +12,13 @@ from typing import Any
 import pytest
 
 import limberjack
-from limberjack import policies, rollout, suite
+from limberjack import policies, suite
 from limberjack.mujoco.camera import RenderingError
 from limberjack.suite import base, humanoid
 from limberjack.utils.files import Hold
 from tests.cli.conftest import call, invoke
 from tests.policies import saved_models
+from tests.rollouts import run_episode
 
 _RUN = ["run", "humanoid", "stand", "--time-limit", "0.25"]
 
@@ -60,7 +61,7 @@ def test_run_shows_the_returns_of_the_episodes() -> None:
     for seed in (7, 8, 9):
         kwargs = {"random": seed, "time_limit": 0.25}
         environment = suite.load("humanoid", "stand", task_kwargs=kwargs)
-        total = rollout.run_episode(environment, policies.random, seed).total
+        total = run_episode(environment, policies.random, seed).total
         assert re.search(rf"^ +{seed} +\w+ +{total:.3f} +{_STEPS} *$", result.stdout, re.MULTILINE)
     assert "mean" in result.stdout
 

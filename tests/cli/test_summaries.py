@@ -2,7 +2,7 @@
 
 from limberjack.cli.output import console
 from limberjack.cli.summaries import add_summaries, summaries_table
-from limberjack.evaluation.statistics import Score, strata, summarise
+from limberjack.episodes.statistics import Score, strata, summarise
 
 
 def test_a_row_for_all_episodes_is_followed_by_one_for_each_start() -> None:

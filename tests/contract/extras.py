@@ -20,7 +20,7 @@ _ON_TENSORS = tuple(
 # their names cannot be imported.
 MADE_OF = {
     "limberjack.data": ("pyarrow", "data"),
-    "limberjack.data.to_minari": ("minari", "minari"),
+    "limberjack.episodes.to_minari": ("minari", "minari"),
     "limberjack.sb3": ("stable_baselines3", "sb3"),
     "limberjack.workers.ray_tasks": ("ray", "ray"),
     "limberjack.gpu": ("mujoco_warp", "gpu"),  # its names

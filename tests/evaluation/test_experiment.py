@@ -1,5 +1,6 @@
 """A whole evaluation: its result, its files, and continuing after a kill."""
 
+import functools
 import json
 import linecache
 import os
@@ -7,6 +8,7 @@ import re
 import subprocess
 import sys
 import types
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +16,13 @@ import evaluated
 import numpy as np
 import pytest
 
-from limberjack import policies, report, rollout, suite
+from limberjack import policies, report, suite
 from limberjack.evaluation import Evaluation, evaluate
 from limberjack.policies import PolicyError
 from limberjack.rl import control
+from limberjack.rl.control import Environment
+from tests import plain_domain
+from tests.rollouts import run_episode
 
 _SHORT = {"time_limit": 0.1, "num_threads": 1}
 _WHERE = Path(__file__).parent
@@ -43,7 +48,7 @@ def test_the_floors_are_played_on_the_same_seeds() -> None:
         environment = suite.load("humanoid", "stand", {"time_limit": 0.1})
         for seed, score in zip([4, 2], scores, strict=True):
             environment.reseed(seed)
-            episode = rollout.run_episode(environment, policies.find(policy), seed)
+            episode = run_episode(environment, policies.find(policy), seed)
             assert (score.seed, score.total) == (seed, episode.total)
 
 
@@ -347,7 +352,7 @@ def _by_hand(policy: Any, seed: int, repeat: int) -> tuple[float, int]:
     """The return and the length, in control steps, of an episode with repeated actions."""
     environment = _make(seed)
     time_step = environment.reset()
-    act = policies.begin(policies.find(policy), environment, seed)
+    act = policies.find(policy).begin_alone(environment, seed)
     rewards: list[float] = []
     while not time_step.last():
         action = act(time_step.observation)
@@ -433,3 +438,145 @@ def test_the_planner_acts_at_every_control_step(domain: Any) -> None:
 def test_an_evaluation_is_not_staggered() -> None:
     with pytest.raises(TypeError, match="stagger"):
         _evaluate("random", stagger=True)
+
+
+# Environments that a function makes, and tasks that are not built on `suite.base`.
+
+
+def _of_function(make: Callable[..., Any], **kwargs: Any) -> Evaluation:
+    return evaluate(make, **{"policy": "random", "seeds": range(3), "num_threads": 1, **kwargs})
+
+
+def _slower(seed: int) -> Environment:
+    environment = plain_domain.make(seed)
+    environment._n_sub_steps = seed + 1
+    return environment
+
+
+def test_an_episode_is_the_first_one_of_make_with_its_seed() -> None:
+    evaluation = _of_function(plain_domain.make)
+    for score in evaluation.scores["random"]:
+        episode = run_episode(plain_domain.make(score.seed), policies.random, score.seed)
+        assert (score.total, score.length) == (episode.total, 25)
+
+
+def test_a_model_that_depends_on_the_seed_is_made_again_for_each_seed() -> None:
+    evaluation = _of_function(plain_domain.ticking, seeds=range(70))
+    for score in evaluation.scores["random"][::23]:
+        episode = run_episode(plain_domain.ticking(score.seed), policies.random, score.seed)
+        assert score.total == episode.total
+
+
+def test_an_environment_of_the_suite_gives_what_its_names_give() -> None:
+    def make(seed: int) -> Environment:
+        return suite.load("stacker", "stack_2", {"random": seed, "time_limit": 0.1})
+
+    named = evaluate("stacker", "stack_2", "random", range(3), num_threads=1, time_limit=0.1)
+    assert _of_function(make).scores == named.scores
+
+
+def test_a_result_names_the_function_and_the_hash_of_its_source(tmp_path: Path) -> None:
+    evaluation = _of_function(plain_domain.make, out=tmp_path)
+    result = json.loads((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert result["environment"] == "tests.plain_domain:make"
+    assert re.fullmatch("[0-9a-f]{64}", result["environment_sha256"])
+    assert not {"domain", "task"} & result.keys()
+    assert _of_function(plain_domain.make, out=tmp_path) == evaluation
+    assert (tmp_path / "returns.png").exists()
+
+
+def test_the_folder_of_another_function_is_refused(tmp_path: Path) -> None:
+    _of_function(plain_domain.make, out=tmp_path)
+    with pytest.raises(
+        ValueError, match=r"holds an evaluation with environment 'tests\.plain_domain:make'"
+    ):
+        _of_function(plain_domain.heavier, out=tmp_path)
+    with pytest.raises(ValueError, match="holds an evaluation with domain None"):
+        evaluate("humanoid", "stand", "random", range(3), out=tmp_path)
+
+
+class _Maker:
+    def __call__(self, seed: int) -> Environment:
+        return plain_domain.make(seed)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda seed: plain_domain.make(seed), functools.partial(plain_domain.push, 0.5), _Maker()],
+    ids=["a lambda", "a partial", "an object"],
+)
+def test_a_factory_that_its_source_does_not_identify_is_evaluated_but_not_kept(
+    make: Callable[[int], Environment], tmp_path: Path
+) -> None:
+    assert _of_function(make).scores == _of_function(plain_domain.make).scores
+    with pytest.raises(ValueError, match="cannot be distinguished from other functions"):
+        _of_function(make, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def _no_seed() -> Environment:
+    return plain_domain.make(0)
+
+
+def _no_environment(seed: int) -> dict[str, int]:
+    return {"seed": seed}
+
+
+@pytest.mark.parametrize(
+    ("make", "kwargs", "message"),
+    [
+        (
+            plain_domain.make,
+            {"task": "random"},
+            "task is 'random', but tests.plain_domain:make makes the",
+        ),
+        (
+            plain_domain.make,
+            {"time_limit": 1.0},
+            "time_limit is 1.0, but tests.plain_domain:make makes",
+        ),
+        (plain_domain.endless, {}, "has no time limit, .*: give it a time_limit"),
+        (_slower, {}, r"_slower makes an environment that differs for seed 1: its episodes have"),
+        (_no_seed, {}, r"cannot be called with a seed; expected make\(seed\) -> Environment"),
+        (_no_environment, {}, "made a dict; expected a dm_env.Environment"),
+        ("humanoid", {}, "domain is 'humanoid' and task is None; expected the name of a task"),
+    ],
+)
+def test_what_cannot_be_evaluated_is_refused_before_anything_is_played(
+    make: Any, kwargs: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises((TypeError, ValueError), match=message):
+        _of_function(make, out=tmp_path / "out", **kwargs)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_seed_that_makes_no_difference_is_refused() -> None:
+    def unseeded(seed: int) -> Environment:
+        return plain_domain.push()
+
+    with pytest.raises(ValueError, match=r"differs each time it is called with seed 0"):
+        _of_function(unseeded)
+
+
+def test_a_task_that_cannot_be_vectorised_is_played_in_complete_environments() -> None:
+    class OneOnly(plain_domain.Push):
+        def get_reward(self, physics: Any) -> Any:
+            return physics.data.qpos[0]
+
+    def make(seed: int) -> Environment:
+        environment = plain_domain.make(seed)
+        environment._task = OneOnly(seed)
+        return environment
+
+    evaluation = _of_function(make, seeds=range(3))
+    for score in evaluation.scores["random"]:
+        episode = run_episode(make(score.seed), policies.random, score.seed)
+        assert score.total == episode.total
+
+
+def test_a_task_without_starts_has_no_strata_and_rewards_of_any_size() -> None:
+    evaluation = _of_function(plain_domain.make, seeds=range(10))
+    assert evaluation.strata() == {}
+    returns = [score.total for score in evaluation.scores["random"]]
+    assert min(returns) < 0 < max(returns)
+    assert evaluation.summary().mean == np.mean(returns)

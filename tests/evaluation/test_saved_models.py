@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import policies, rollout, suite
+from limberjack import policies, suite
 from limberjack.data import collect
 from limberjack.evaluation import evaluate
-from limberjack.policies import PolicyError, actors
-from limberjack.policies.actors import Found
-from tests.data.collected import hashes
+from limberjack.policies import Actor, PolicyError
+from tests.episodes.collected import hashes
+from tests.rollouts import run_episode
 
 _REASON = "needs the extra 'sb3'"
 torch: Any = pytest.importorskip("torch", reason=_REASON)
@@ -47,8 +47,8 @@ def _saved(path: Path, algorithm: str = "PPO", envs: Any = None, policy: str = "
     return made
 
 
-def _find(path: Path) -> Found:
-    return actors.find(f"sb3:{path}", suite.load("humanoid", "stand"))
+def _find(path: Path) -> Actor:
+    return policies.find(f"sb3:{path}", suite.load("humanoid", "stand"))
 
 
 def _observations() -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -60,12 +60,11 @@ def _observations() -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 
 def _act(
-    found: Found, observations: Any, domain: str = "humanoid", task: str = "stand"
+    found: Actor, observations: Any, domain: str = "humanoid", task: str = "stand"
 ) -> np.ndarray:
-    assert found.actor is not None
-    spec = suite.load(domain, task).action_spec()
-    found.actor.begin(spec, np.arange(64), range(64))
-    return found.actor.act(observations, np.arange(64))
+    batch = suite.load_batch(domain, task, 64, num_threads=1)
+    found.begin(batch, np.arange(64), range(64))
+    return found.act(observations, np.arange(64))
 
 
 @pytest.mark.parametrize("algorithm", _ALGORITHMS)
@@ -85,7 +84,7 @@ def test_a_model_of_a_dictionary_of_observations_acts_too(tmp_path: Path) -> Non
     seen = {name: values.astype(np.float32) for name, values in observations.items()}
     expected, _ = model.predict(seen, deterministic=True)
     # The name may be given as to `save`, without '.zip'.
-    found = actors.find(f"sb3:{tmp_path / 'model'}", suite.load("stacker", "stack_2"))
+    found = policies.find(f"sb3:{tmp_path / 'model'}", suite.load("stacker", "stack_2"))
     np.testing.assert_array_equal(_act(found, observations, "stacker", "stack_2"), expected)
 
 
@@ -121,7 +120,7 @@ def test_a_saved_model_plays_the_same_episodes_alone(tmp_path: Path) -> None:
     for score in evaluation.scores[name]:
         environment = suite.load("humanoid", "stand", {"random": score.seed, "time_limit": 0.1})
         policy = policies.find(name, environment)
-        assert rollout.run_episode(environment, policy, score.seed).total == score.total
+        assert run_episode(environment, policy, score.seed).total == score.total
 
 
 def test_workers_and_shards_play_a_saved_model_to_the_same_files(tmp_path: Path) -> None:

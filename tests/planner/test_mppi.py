@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import limberjack.gym  # noqa: F401 (registers the environments)
-from limberjack import policies, rollout, suite
+from limberjack import policies, suite
 from limberjack.planner import Cost, Planner, Settings, cost_for
 from limberjack.planner.rollouts import Rollouts
 from limberjack.rl import control
 from limberjack.suite import base
+from tests.rollouts import run_episode
 
 from .planned import PLANNED
 
@@ -333,7 +334,7 @@ def test_a_task_without_a_cost_is_told_what_to_write() -> None:
         Planner(_own_environment())
     env = _own_environment()
     with pytest.raises(policies.PolicyError, match="policy 'planner': the planner knows no cost"):
-        rollout.run_episode(env, policies.find("planner"), 0)
+        run_episode(env, policies.find("planner"), 0)
 
 
 def test_a_cost_of_the_wrong_shape_is_named() -> None:
@@ -370,7 +371,7 @@ def test_what_is_no_environment_of_ours_is_refused() -> None:
 
 def test_run_finds_the_planner_by_name() -> None:
     env = _load("humanoid", "stand", time_limit=0.1)
-    episode = rollout.run_episode(env, policies.find("planner"), 5)
+    episode = run_episode(env, policies.find("planner"), 5)
     again = _load("humanoid", "stand", time_limit=0.1)
     again.reset()
     planner = Planner(again, num_threads=1, seed=5)

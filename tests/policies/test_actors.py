@@ -2,18 +2,24 @@
 
 import functools
 import importlib
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from dm_env import specs
 
-from limberjack import suite
-from limberjack.evaluation.episodes import play
-from limberjack.policies import PolicyError, actors
-from limberjack.policies.batched import Batched
+from limberjack import policies, suite
+from limberjack.episodes.playing import batch_for, play
+from limberjack.policies import PolicyError
+from limberjack.policies.actors import Batched
+from tests.rollouts import run_episode
 
 evaluated: Any = importlib.import_module("evaluated")  # as policies are named: MODULE:CALLABLE
 
 _STEPS = 12
+_SPEC = specs.BoundedArray((2,), float, -1.0, 1.0)
+_ENVIRONMENT: Any = SimpleNamespace(action_spec=lambda: _SPEC)
 
 
 def _load(domain: str, task: str) -> Any:
@@ -42,10 +48,9 @@ def _load(domain: str, task: str) -> Any:
 )
 def test_what_is_no_action_is_named_with_seed_and_step(policy: str, message: str) -> None:
     environment = _load("humanoid", "stand")
-    found = actors.find(policy, environment)
-    assert found.actor is not None
+    actor = policies.find(policy, environment)
     with pytest.raises(PolicyError, match=message):
-        list(play(environment, found.actor, range(66, 76), 1))
+        list(play(batch_for(environment, actor, 10, 1), actor, range(66, 76)))
 
 
 @pytest.mark.parametrize(
@@ -61,29 +66,79 @@ def test_what_is_no_action_is_named_with_seed_and_step(policy: str, message: str
 )
 def test_a_policy_that_is_not_there_is_refused(policy: Any, message: str) -> None:
     with pytest.raises(PolicyError, match=message.replace("?", r"\?")):
-        actors.find(policy, None)
+        policies.find(policy)
 
 
 def test_a_policy_may_make_its_functions_as_it_is_made() -> None:
-    found = actors.find("evaluated:Compiled", None)
-    assert isinstance(found.actor, Batched)
+    assert isinstance(policies.find("evaluated:Compiled"), Batched)
 
 
 def test_a_policys_hash_is_that_of_its_source() -> None:
-    functions = [actors.find(name, None).sha256 for name in ("zero", "random")]
-    of_module = {actors.find(f"evaluated:{name}", None).sha256 for name in ("linear", "Linear")}
+    functions = [policies.find(name).sha256 for name in ("zero", "random")]
+    of_module = {policies.find(f"evaluated:{name}").sha256 for name in ("linear", "Linear")}
     assert len(of_module) == 1
     assert len({*functions, *of_module, None}) == 4
 
 
 def test_a_policy_at_hand_has_the_name_and_hash_that_it_would_be_found_by() -> None:
     for name in ("linear", "Linear", "Remembering"):
-        at_hand = actors.find(getattr(evaluated, name), None)
-        named = actors.find(f"evaluated:{name}", None)
+        at_hand = policies.find(getattr(evaluated, name))
+        named = policies.find(f"evaluated:{name}")
         assert (at_hand.name, at_hand.sha256) == (named.name, named.sha256)
 
 
 def test_a_partial_is_called_what_its_function_is() -> None:
-    at_hand = actors.find(functools.partial(evaluated.linear), None)
-    named = actors.find("evaluated:linear", None)
+    at_hand = policies.find(functools.partial(evaluated.linear))
+    named = policies.find("evaluated:linear")
     assert (at_hand.name, at_hand.sha256) == (named.name, named.sha256)
+
+
+@pytest.mark.parametrize("name", ["evaluated:Network", "evaluated:Linear"])
+def test_an_episode_alone_is_that_of_a_batch_bit_for_bit(name: str) -> None:
+    # A product of matrices in float32 rounds by the row.
+    actor, seeds = policies.find(name), [3, 64, 69, 130]
+    batch = batch_for(evaluated.sinking(), actor, 4, 1)
+    played = [episode for ended in play(batch, actor, seeds) for episode in ended]
+    for episode in played:
+        environment = evaluated.sinking()
+        environment.reseed(episode.seed)
+        alone = run_episode(environment, policies.find(name), episode.seed)
+        np.testing.assert_array_equal(episode.rewards, alone.rewards)
+    assert sorted(episode.seed for episode in played) == seeds
+
+
+def test_alone_the_row_is_that_of_the_seed_and_the_others_are_copies() -> None:
+    shown: list[Any] = []
+
+    def act_batch(observations: Any) -> np.ndarray:
+        shown.append(observations["x"])
+        return np.repeat(observations["x"], 2, axis=1)
+
+    begun: list[tuple[list[int], list[int]]] = []
+
+    def reset_batch(rows: np.ndarray, seeds: np.ndarray) -> None:
+        begun.append((rows.tolist(), seeds.tolist()))
+
+    act = Batched("a policy", None, act_batch, reset_batch).begin_alone(_ENVIRONMENT, 70)
+    np.testing.assert_array_equal(act({"x": np.array([7.0])}), [7.0, 7.0])
+    np.testing.assert_array_equal(shown[0], np.full((64, 1), 7.0))
+    assert begun == [([70 % 64], [70])]
+
+
+def test_an_error_before_episodes_names_the_policy_and_the_seeds() -> None:
+    def fail(*_: object) -> None:
+        raise KeyError("no weights")
+
+    policy = Batched("a policy", None, lambda observations: np.zeros((64, 2)), fail)
+    with pytest.raises(KeyError) as caught:
+        policy.begin_alone(_ENVIRONMENT, 70)
+    assert caught.value.__notes__ == ["policy 'a policy', before the episodes with seeds [70]"]
+
+
+def test_episodes_of_one_policy_alone_do_not_mix() -> None:
+    policy = Batched("a policy", None, lambda observations: np.zeros((64, 2)) + np.nan)
+    first, second = (policy.begin_alone(_ENVIRONMENT, seed) for seed in (1, 2))
+    with pytest.raises(policies.PolicyError, match="step 0 of the episode with seed 1: returned"):
+        first({"x": np.zeros(1)})
+    with pytest.raises(policies.PolicyError, match="step 0 of the episode with seed 2: returned"):
+        second({"x": np.zeros(1)})

@@ -10,12 +10,12 @@ _SPEC = specs.BoundedArray((3,), float, [-1.0, 0.5, -3.0], [1.0, 2.0, -1.0])
 
 
 def test_zero_is_the_action_nearest_to_zero() -> None:
-    act = policies.find("zero")(_SPEC, 0)
+    act = policies.zero(_SPEC, 0)
     np.testing.assert_array_equal(act({}), [0.0, 0.5, -1.0])
 
 
 def test_random_actions_fill_the_bounds() -> None:
-    act = policies.find("random")(_SPEC, 0)
+    act = policies.random(_SPEC, 0)
     actions = np.array([act({}) for _ in range(2000)])
     assert (actions >= _SPEC.minimum).all()
     assert (actions <= _SPEC.maximum).all()
@@ -26,7 +26,7 @@ def test_random_actions_fill_the_bounds() -> None:
 
 def test_random_actions_depend_on_the_seed_alone() -> None:
     def draw(seed: int) -> list[list[float]]:
-        act = policies.find("random")(_SPEC, seed)
+        act = policies.random(_SPEC, seed)
         return [act({}).tolist() for _ in range(3)]
 
     assert draw(5) == draw(5)
@@ -34,21 +34,29 @@ def test_random_actions_depend_on_the_seed_alone() -> None:
 
 
 def test_random_actions_are_not_the_stream_that_starts_are_drawn_from() -> None:
-    first = policies.find("random")(_SPEC, 5)({})
+    first = policies.random(_SPEC, 5)({})
     assert first.tolist() != np.random.RandomState(5).uniform(_SPEC.minimum, _SPEC.maximum).tolist()
 
 
-def test_the_planner_is_begun_with_the_environment_and_not_with_a_spec() -> None:
+def test_the_planner_acts_in_the_environment_that_it_is_begun_in() -> None:
     environment = suite.load("manipulator", "bring_ball", {"random": 0})
     environment.reset()
-    with pytest.raises(policies.PolicyError, match="needs the environment, not only the spec"):
-        policies.planner(environment.action_spec(), 0)
-    action = policies.begin(policies.planner_with(1), environment, 0)({})
+    planner = policies.planner(num_threads=1)
+    assert planner.plays_alone
+    action = planner.begin_alone(environment, 0)({})
     assert action.shape == environment.action_spec().shape
 
 
+def test_the_planner_is_refused_a_task_that_it_has_no_cost_for() -> None:
+    environment = suite.load("lqr", "lqr_2_1")
+    with pytest.raises(policies.PolicyError, match="policy 'planner': "):
+        policies.find("planner", environment)
+    with pytest.raises(policies.PolicyError, match="policy 'planner': "):
+        policies.find("planner").begin_alone(environment, 0)
+
+
 def test_random_actions_of_an_unlimited_actuator_lie_between_minus_1_and_1() -> None:
-    act = policies.find("random")(specs.BoundedArray((2,), float, -1e10, 1e10), 0)
+    act = policies.random(specs.BoundedArray((2,), float, -1e10, 1e10), 0)
     actions = np.array([act({}) for _ in range(200)])
     assert -1 <= actions.min() < -0.9
     assert 0.9 < actions.max() <= 1

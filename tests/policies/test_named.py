@@ -2,6 +2,8 @@
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,21 +64,30 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "policies_of_a_user"
 
 
+def _with(spec: specs.BoundedArray) -> Any:
+    """In the place of an environment with these actions."""
+    return SimpleNamespace(action_spec=lambda: spec)
+
+
+def _begun(name: str, spec: specs.BoundedArray, seed: int) -> policies.Act:
+    return policies.find(name).begin_alone(_with(spec), seed)
+
+
 def test_a_function_is_a_policy(module: str) -> None:
-    act = policies.find(f"{module}:ramp")(_SPEC, 0)
+    act = _begun(f"{module}:ramp", _SPEC, 0)
     np.testing.assert_array_equal(act({"ramp": np.arange(3)}), [0, 1, 2])
 
 
 def test_a_dotted_name_is_followed(module: str) -> None:
-    act = policies.find(f"{module}:Box.still")(_SPEC, 0)
+    act = _begun(f"{module}:Box.still", _SPEC, 0)
     np.testing.assert_array_equal(act({}), [0, 0, 0])
 
 
 @pytest.mark.parametrize("name", ["Counting", "ready"])
 def test_the_reset_of_a_class_or_object_is_called_at_each_start(module: str, name: str) -> None:
     policy = policies.find(f"{module}:{name}")
-    assert policy(_SPEC, 0)({}).tolist() == [1, 1, 1]
-    assert policy(_SPEC, 1)({}).tolist() == [2, 2, 2]
+    assert policy.begin_alone(_with(_SPEC), 0)({}).tolist() == [1, 1, 1]
+    assert policy.begin_alone(_with(_SPEC), 1)({}).tolist() == [2, 2, 2]
     assert sys.modules[module].starts == [0, 1]
 
 
@@ -134,12 +145,12 @@ def test_an_error_outside_of_a_step_names_the_policy_too(module: str) -> None:
     assert caught.value.__notes__ == [f"policy '{module}:Unmade', as its object is made"]
     policy = policies.find(f"{module}:Unready")
     with pytest.raises(KeyError, match="no weights") as lost:
-        policy(_SPEC, 8)
+        policy.begin_alone(_with(_SPEC), 8)
     assert lost.value.__notes__ == [f"policy '{module}:Unready', before the episode with seed 8"]
 
 
 def test_a_policy_that_ends_the_program_has_failed(module: str) -> None:
-    act = policies.find(f"{module}:ending")(_SPEC, 8)
+    act = _begun(f"{module}:ending", _SPEC, 8)
     message = "'policies_of_a_user:ending', step 0 of the episode with seed 8: raised SystemExit"
     with pytest.raises(policies.PolicyError, match=message):
         act({})
@@ -155,7 +166,7 @@ def test_an_action_of_any_shape_that_is_not_finite_is_refused(
     module: str, shape: tuple[int, ...]
 ) -> None:
     spec = specs.BoundedArray(shape, float, -1.0, 1.0)
-    act = policies.find(f"{module}:ramp")(spec, 8)
+    act = _begun(f"{module}:ramp", spec, 8)
     with pytest.raises(policies.PolicyError, match=r"returned nan at index \[0"):
         act({"ramp": np.full(shape, np.nan)})
 
@@ -176,7 +187,7 @@ def test_an_action_of_any_shape_that_is_not_finite_is_refused(
 def test_an_action_of_another_shape_or_kind_is_refused_with_name_and_step(
     module: str, returned: object, message: str
 ) -> None:
-    act = policies.find(f"{module}:ramp")(_SPEC, 8)
+    act = _begun(f"{module}:ramp", _SPEC, 8)
     act({"ramp": np.zeros(3)})
     with pytest.raises(policies.PolicyError) as caught:
         act({"ramp": returned})  # pyright: ignore[reportArgumentType] (on purpose)

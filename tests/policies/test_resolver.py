@@ -1,5 +1,8 @@
 """The policy that a name or a Python object stands for."""
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from dm_env import specs
@@ -8,18 +11,21 @@ from limberjack import policies
 from tests.evaluation import evaluated
 
 _SPEC = specs.BoundedArray((21,), float, -1.0, 1.0)
+_ENVIRONMENT: Any = SimpleNamespace(action_spec=lambda: _SPEC)
 _OBSERVATION = {"extremities": np.full(12, 0.1), "head_height": np.array(1.2)}
 
 
 def test_the_names_of_built_in_policies_stand_for_them() -> None:
-    found = [policies.find(name) for name in ("zero", "random", "planner")]
-    assert found == [policies.zero, policies.random, policies.planner]
+    found = [policies.find(name) for name in policies.BUILT_IN]
+    assert [actor.name for actor in found] == ["zero", "random", "planner"]
+    assert [actor.plays_alone for actor in found] == [False, False, True]
+    assert not found[0].begin_alone(_ENVIRONMENT, 0)(_OBSERVATION).any()
 
 
 @pytest.mark.parametrize("name", ["linear", "Linear", "Network"])
 def test_a_policy_may_be_given_by_name_or_as_itself(name: str) -> None:
-    by_name = policies.find(f"evaluated:{name}")(_SPEC, 3)
-    at_hand = policies.find(getattr(evaluated, name))(_SPEC, 3)
+    by_name = policies.find(f"evaluated:{name}").begin_alone(_ENVIRONMENT, 3)
+    at_hand = policies.find(getattr(evaluated, name)).begin_alone(_ENVIRONMENT, 3)
     np.testing.assert_array_equal(by_name(_OBSERVATION), at_hand(_OBSERVATION))
 
 

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import limberjack
-from limberjack import policies, rollout, suite
+from limberjack import policies, suite
 from limberjack.policies import saved
+from limberjack.report import Step
 from tests.policies import saved_models
+from tests.rollouts import run_episode
 
 
 @pytest.mark.parametrize(
@@ -28,13 +30,13 @@ def test_a_saved_model_plays_a_single_environment_in_the_row_of_its_seed(
     environment = suite.load("humanoid", "stand", {"random": 70, "time_limit": 0.1})
     actions: list[np.ndarray] = []
 
-    def on_step(step: rollout.Step) -> None:
+    def on_step(step: Step) -> None:
         if step.action is not None:
             actions.append(step.action)
 
     for given in (environment, None):  # checked now, or loaded as the episode begins
         policy = policies.find(name, given)
-        rollout.run_episode(environment, policy, 70, on_step)
+        run_episode(environment, policy, 70, on_step)
     np.testing.assert_array_equal(actions, np.full((8, 21), 0.5 * 6 / 64))
 
 
@@ -47,7 +49,7 @@ def test_a_model_that_does_not_fit_is_refused_before_or_as_an_episode_begins(
     with pytest.raises(policies.PolicyError, match=r"policy 'sb3:.*model\.zip': the model's act"):
         policies.find(name, environment)
     with pytest.raises(policies.PolicyError, match="the model's actions have shape"):
-        policies.begin(policies.find(name), environment, 0)
+        policies.find(name).begin_alone(environment, 0)
 
 
 def test_a_file_that_is_not_there_is_one_error_that_names_it(

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import policies, rollout, suite
+from limberjack import policies, suite
 from limberjack.recording.episodes import Recording, record_episode, replay
+from limberjack.report import Step
 from tests import plain_domain
 from tests.planner.planned import PLANNED
+from tests.rollouts import run_episode
 
 
 def _load(domain: str, task: str, seed: int = 3) -> Any:
@@ -218,9 +220,9 @@ def test_what_a_task_shows_of_live_memory_is_recorded_as_it_was() -> None:
 
 
 def test_recording_an_episode_is_running_it() -> None:
-    seen: list[rollout.Step] = []
+    seen: list[Step] = []
     recording = record_episode(_load("humanoid", "walk"), lambda: np.zeros(21), {}, seen.append)
-    episode = rollout.run_episode(_load("humanoid", "walk"), policies.zero, 3)
+    episode = run_episode(_load("humanoid", "walk"), policies.zero, 3)
     np.testing.assert_array_equal(recording.rewards, episode.rewards)
     assert [step.number for step in seen] == list(range(9))
 

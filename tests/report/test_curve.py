@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from limberjack import report
+from limberjack.episodes import Episode
 from limberjack.report import write_distribution_plot
-from limberjack.rollout import Episode
 
 _POLICIES = {"mine": [1.0, 5.0, 3.0], "zero": [0.0, 0.0, 2.0]}
 

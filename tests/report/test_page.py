@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import policies, report, rollout, suite
+from limberjack import policies, report, suite
+from limberjack.episodes import Episode
 from limberjack.report.labels import Labels
 from limberjack.report.result import as_result
+from tests.rollouts import run_episode
 
 _RUN = {
     "domain": "humanoid",
@@ -28,11 +30,11 @@ _RUN = {
 _COMMAND = "limberjack run humanoid walk --out 'a <folder>'"
 
 
-def _traced(domain: str, task: str, seconds: float) -> tuple[rollout.Episode, report.Trace]:
+def _traced(domain: str, task: str, seconds: float) -> tuple[Episode, report.Trace]:
     """An episode of random actions, and what was traced of it."""
     env = suite.load(domain, task, {"random": 3, "time_limit": seconds})
     trace = report.Trace(env)
-    return rollout.run_episode(env, policies.random, 3, trace.add), trace
+    return run_episode(env, policies.random, 3, trace.add), trace
 
 
 def _page(path: Path, **changes: Any) -> str:
@@ -45,7 +47,7 @@ def _page(path: Path, **changes: Any) -> str:
 
 def test_tracing_changes_nothing() -> None:
     env = suite.load("manipulator", "insert_peg", {"random": 3, "time_limit": 0.5})
-    alone = rollout.run_episode(env, policies.random, 3)
+    alone = run_episode(env, policies.random, 3)
     traced, _ = _traced("manipulator", "insert_peg", 0.5)
     np.testing.assert_array_equal(traced.rewards, alone.rewards)
 
@@ -115,7 +117,7 @@ def test_a_page_that_cannot_be_written_leaves_nothing_of_itself_or_of_an_earlier
     monkeypatch.setattr("limberjack.report.recorder.Film", _no_film)
     recorder = report.Recorder(tmp_path, _RUN)
     recorder.begin(env)
-    episode = rollout.run_episode(env, policies.zero, 3, recorder.add_step)
+    episode = run_episode(env, policies.zero, 3, recorder.add_step)
     with monkeypatch.context() as full:
         full.setattr("limberjack.report.recorder.write_result", lambda *arguments: None)
         full.setattr(Path, "write_text", fill_the_disk)
@@ -130,7 +132,7 @@ def _no_film(*arguments: object) -> None:
 
 def test_a_return_that_is_not_finite_is_named(tmp_path: Path) -> None:
     _, trace = _traced("humanoid", "walk", 0.5)
-    broken = rollout.Episode(3, None, np.array([np.nan]))
+    broken = Episode(3, None, np.array([np.nan]))
     path = tmp_path / "report.html"
     report.write_page(path, as_result(_RUN, [broken], "abc"), [broken], trace, None)
     assert "not a number" in path.read_text()
@@ -139,7 +141,7 @@ def test_a_return_that_is_not_finite_is_named(tmp_path: Path) -> None:
 def test_the_page_of_a_long_episode_is_small(tmp_path: Path) -> None:
     env = suite.load("stacker", "stack_4", {"random": 0})  # 1,000 steps of 63 numbers
     trace = report.Trace(env)
-    episode = rollout.run_episode(env, policies.random, 0, trace.add)
+    episode = run_episode(env, policies.random, 0, trace.add)
     path = tmp_path / "report.html"
     report.write_page(path, as_result(_RUN, [episode], "abc"), [episode], trace, None)
     assert episode.length == 1000
@@ -177,7 +179,7 @@ def test_the_page_shows_the_command_as_typed_and_explains_the_fingerprint(tmp_pa
 
 def test_the_page_of_several_episodes_has_curves_and_returns_of_all(tmp_path: Path) -> None:
     first, trace = _traced("humanoid", "walk", 0.5)
-    episodes = [first, rollout.Episode(4, None, np.ones(30)), rollout.Episode(5, None, np.ones(7))]
+    episodes = [first, Episode(4, None, np.ones(30)), Episode(5, None, np.ones(7))]
     path = tmp_path / "report.html"
     result = as_result(_RUN | {"episodes_asked_for": 3}, episodes, "abc")
     report.write_page(path, result, episodes, trace, None)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from limberjack import report, suite
+from limberjack.episodes import Episode
 from limberjack.mujoco.camera import RenderingError
-from limberjack.rollout import Episode, Step
+from limberjack.report import Step
 
 _EPISODES = [Episode(0, None, np.array([0.25, 0.5]))]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from limberjack import report, suite
-from limberjack.rollout import Episode
+from limberjack.episodes import Episode
 
 _EPISODES = [Episode(4, None, np.array([0.25, 0.5])), Episode(5, "in_hand", np.array([1.0]))]
 

@@ -5,17 +5,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import policies, report, rollout, suite
+from limberjack import policies, report, suite
+from limberjack.episodes import Episode
+from limberjack.report import Step
 from limberjack.report import trace as trace_module
 from limberjack.report.labels import Labels
 from tests.representatives import PAIRS
+from tests.rollouts import run_episode
 
 
-def _traced(domain: str, task: str, seconds: float) -> tuple[rollout.Episode, report.Trace]:
+def _traced(domain: str, task: str, seconds: float) -> tuple[Episode, report.Trace]:
     """An episode of random actions, and what was traced of it."""
     env = suite.load(domain, task, {"random": 3, "time_limit": seconds})
     trace = report.Trace(env)
-    return rollout.run_episode(env, policies.random, 3, trace.add), trace
+    return run_episode(env, policies.random, 3, trace.add), trace
 
 
 @pytest.mark.parametrize(("domain", "task"), PAIRS)
@@ -42,9 +45,7 @@ def test_actions_are_traced_as_the_policy_gave_them() -> None:
     env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.25})
     trace = report.Trace(env)
     given = []
-    rollout.run_episode(
-        env, policies.random, 3, lambda step: (given.append(step.action), trace.add(step))
-    )
+    run_episode(env, policies.random, 3, lambda step: (given.append(step.action), trace.add(step)))
     assert trace.actions.shape == (len(given), 21)
     assert np.isnan(trace.actions[0]).all()
     np.testing.assert_array_equal(trace.actions[1:], np.array(given[1:]))
@@ -57,9 +58,9 @@ def test_actions_that_are_no_arrays_are_not_traced() -> None:
     env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.05})
     trace = report.Trace(env)
     time_step = env.reset()
-    trace.add(rollout.Step(0, 0.0, time_step, None))
+    trace.add(Step(0, 0.0, time_step, None))
     nested: Any = {"arm": np.zeros(3), "leg": np.zeros(2)}
-    trace.add(rollout.Step(1, 0.0, env.step(np.zeros(21)), nested))
+    trace.add(Step(1, 0.0, env.step(np.zeros(21)), nested))
     assert trace.actions.shape == (2, 0)
 
 
@@ -67,7 +68,7 @@ def test_labels_are_known_when_the_episode_has_ended() -> None:
     env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.05})
     trace = report.Trace(env)
     assert trace.labels == Labels({}, ())
-    rollout.run_episode(env, policies.zero, 3, trace.add)
+    run_episode(env, policies.zero, 3, trace.add)
     assert {name: len(labels) for name, labels in trace.labels.observations.items()} == {
         name: values.shape[1] for name, values in trace.observations.items()
     }
@@ -86,11 +87,11 @@ def test_a_long_trace_is_kept_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_plans_are_traced_at_the_steps_that_they_are_for() -> None:
     env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.1})
     trace = report.Trace(env)
-    trace.add(rollout.Step(0, 0.0, env.reset(), None))
+    trace.add(Step(0, 0.0, env.reset(), None))
     plans = [("reach", {"far": 3.0}), ("reach", {"far": 2.0}), ("grasp", {"open": 1.0})]
     for number, plan in enumerate(plans, 1):
         trace.add_plan(*plan)
-        trace.add(rollout.Step(number, 0.0, env.step(np.zeros(21)), np.zeros(21)))
+        trace.add(Step(number, 0.0, env.step(np.zeros(21)), np.zeros(21)))
     nan = np.nan
     np.testing.assert_array_equal(trace.plan_terms["far"], [nan, 3.0, 2.0, nan])
     np.testing.assert_array_equal(trace.plan_terms["open"], [nan, nan, nan, 1.0])
@@ -107,7 +108,7 @@ def test_a_task_without_terms_is_traced_by_its_reward() -> None:
     env = suite.load("humanoid", "walk", {"random": 0, "time_limit": 0.05})
     env.task.get_reward = lambda physics: 0.25  # pyright: ignore[reportAttributeAccessIssue]
     trace = report.Trace(env)
-    rollout.run_episode(env, policies.zero, 0, trace.add)
+    run_episode(env, policies.zero, 0, trace.add)
     assert trace.rewards[1:].tolist() == [0.25, 0.25]
     assert trace.terms == {}
 
@@ -123,12 +124,12 @@ def test_a_task_that_draws_for_its_observation_draws_no_more_when_traced() -> No
         seen: list[list[float]] = []
         trace = report.Trace(env)
 
-        def add(step: rollout.Step) -> None:
+        def add(step: Step) -> None:
             seen.append(step.time_step.observation["noise"].tolist())
             if traced:
                 trace.add(step)
 
-        rollout.run_episode(env, policies.zero, 3, add)
+        run_episode(env, policies.zero, 3, add)
         assert not traced or trace.observations["noise"].tolist() == seen
         return seen
 

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import policies, rl, rollout, suite
-from limberjack.evaluation.episodes import play, play_alone
-from limberjack.evaluation.statistics import Score
-from limberjack.policies.batched import EachRow
+from limberjack import policies, rl, suite
+from limberjack.episodes.playing import batch_for, play
+from limberjack.episodes.statistics import Score
+from limberjack.policies.actors import Alone
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.batches import batch_of, vectorisable
 from limberjack.rl.builds import Build
 from limberjack.rl.rows import RowsEnvironment
+from tests.rollouts import run_episode
 
 from . import odd_environments as odd
 
@@ -75,8 +76,8 @@ def _alone(build: Any, policy: Any, seeds: list[int]) -> list[Score]:
     scores = []
     for seed in seeds:
         env = build(seed)
-        episode = rollout.run_episode(env, policy, seed)
-        scores.append(Score.of_rewards(seed, episode.rewards))
+        episode = run_episode(env, policy, seed)
+        scores.append(Score.of(episode))
     return scores
 
 
@@ -85,12 +86,11 @@ def test_episodes_that_are_played_are_those_of_single_environments(kind: str) ->
     build, policy = odd.KINDS[kind], policies.find("random")
     seeds = [5, 0, 3, 69, 133]  # 5, 69 and 133 are played in turn by one row
     expected = _alone(build, policy, seeds)
-    for played in (
-        play(Build.of(build), EachRow(policy), seeds, 1),
-        play_alone(Build.of(build).seeded(5), policy, seeds),
-    ):
-        scores = {score.seed: score for ended in played for score in ended}
+    for actor in (policy, Alone(policy.name, None, policy.begin_alone)):
+        batch = batch_for(Build.of(build), actor, len(seeds), 1)
+        scores = {e.seed: Score.of(e) for ended in play(batch, actor, seeds) for e in ended}
         assert [scores[seed] for seed in seeds] == expected
+        batch.close()
 
 
 def test_rows_can_be_asked_for_and_contexts_need_them() -> None:

@@ -7,9 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from limberjack import policies, rollout, suite, viewer
+from limberjack import policies, suite, viewer
 from limberjack.rl.control import PhysicsError
 from limberjack.viewer.session import Session, idle
+from tests.rollouts import run_episode
 
 _INTERVAL = 0.025  # seconds; the humanoid's control step
 _LIMIT = 0.25  # seconds; ten steps
@@ -42,7 +43,7 @@ def _advance(session: Session, clock: _Clock, seconds: float) -> bool:
 def test_what_is_viewed_is_what_run_plays() -> None:
     session = Session(_load(), viewer.begin_with("random"), seed=5)
     for seed in (5, 6, 7):
-        played = rollout.run_episode(
+        played = run_episode(
             suite.load("humanoid", "stand", task_kwargs={"random": seed, "time_limit": _LIMIT}),
             policies.random,
             seed,

@@ -5,8 +5,8 @@ import re
 import pytest
 
 from limberjack import suite
-from limberjack.factories import factory_of
 from limberjack.policies import actors
+from limberjack.workers.factories import factory_of
 from limberjack.workers.identity import (
     advice_on,
     canary_of,

@@ -14,7 +14,7 @@ import pytest
 from limberjack.data import collect
 from limberjack.evaluation import evaluate
 from limberjack.workers import State, Unit, WorkError, open_workers, prepare, units_of
-from tests.data.collected import hashes
+from tests.episodes.collected import hashes
 
 from .playing import TASK, pid
 

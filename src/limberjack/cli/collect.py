@@ -113,7 +113,9 @@ def _collect(
         from limberjack import data
 
         if format is _Format.MINARI:
-            importlib.import_module("limberjack.data.to_minari")  # raises if its extra is missing
+            importlib.import_module(
+                "limberjack.episodes.to_minari"
+            )  # raises if its extra is missing
         kept = data.Kept(states, float32, flat)
     who = {"num_threads": threads, "workers": workers, "ray": ray, "any_processor": any_processor}
     _play((*where, policy, chosen), out, part, kept=kept, time_limit=time_limit, **who)
@@ -153,7 +155,7 @@ def _finish(out: Path, format: _Format) -> None:
         dataset = data.load(out)
         information = data.inform(dataset)
         if format is _Format.MINARI:
-            from limberjack.data.to_minari import to_minari
+            from limberjack.episodes.to_minari import to_minari
 
             to_minari(dataset, out / _MINARI)
     print_information(information)

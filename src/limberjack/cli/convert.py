@@ -42,7 +42,7 @@ def _convert(
     """
     with reading_reported("convert"):
         from limberjack import data
-        from limberjack.data.to_minari import to_minari
+        from limberjack.episodes.to_minari import to_minari
 
         dataset = data.load(directory)
         root = directory / to if out is None else out

@@ -71,18 +71,18 @@ def core() -> dict[str, int]:
     """
     import numpy as np
 
-    from limberjack import rollout, suite
-
-    def check(step: rollout.Step) -> None:
-        observed = step.time_step.observation.values()
-        if not all(math.isfinite(n) for n in [step.reward, *map(np.sum, observed)]):
-            name = ":".join(_TASK)
-            raise RuntimeError(f"{name}: step {step.number} returned a number that is not finite")
+    from limberjack import suite
 
     env = suite.load(*_TASK, task_kwargs={"random": 0, "time_limit": _EPISODE})
     action = np.full(env.action_spec().shape, 0.1)
-    episode = rollout.run_episode(env, lambda spec, seed: lambda observation: action, 0, check)
-    return {"steps": episode.length}
+    time_step, steps = env.reset(), 0
+    while not time_step.last():
+        time_step, steps = env.step(action), steps + 1
+        observed = time_step.observation.values()
+        if not all(math.isfinite(n) for n in [time_step.reward, *map(np.sum, observed)]):
+            name = ":".join(_TASK)
+            raise RuntimeError(f"{name}: step {steps} returned a number that is not finite")
+    return {"steps": steps}
 
 
 def threads() -> dict[str, object]:

@@ -12,8 +12,8 @@ cores and are saved as they end, so that the same call continues where an earlie
 trains nothing, and it compares only policies that played the same seeds.
 """
 
+from limberjack.episodes.statistics import Score, Summary
 from limberjack.evaluation.experiment import FLOORS, evaluate
 from limberjack.evaluation.results import Evaluation
-from limberjack.evaluation.statistics import Score, Summary
 
 __all__ = ["FLOORS", "Evaluation", "Score", "Summary", "evaluate"]

@@ -6,18 +6,19 @@ print(evaluation.summary().mean, evaluation.summary("zero").mean)
 
 import concurrent.futures
 import contextlib
+import math
 from collections.abc import Iterable
 from pathlib import Path
 
 import dm_env
 
-from limberjack.evaluation import results, statistics
-from limberjack.evaluation.distributed import play_with
+from limberjack import policies
+from limberjack.episodes import statistics
+from limberjack.episodes.starts import Starts
+from limberjack.evaluation import results
+from limberjack.evaluation.missing import Here, play_with
 from limberjack.evaluation.results import Evaluation
-from limberjack.evaluation.runner import OnProgress, Runner
 from limberjack.evaluation.store import Store
-from limberjack.factories import Factory, Make, factory_of
-from limberjack.policies import actors
 from limberjack.report import Facts
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.builds import is_reproducible
@@ -26,7 +27,8 @@ from limberjack.rl.copies import control_of
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.row_trial import draws_globally
 from limberjack.utils.seeds import checked_seed
-from limberjack.workers import OnState, Scale, Setup, shard_of
+from limberjack.workers import OnProgress, OnState, Scale, Setup, shard_of
+from limberjack.workers.factories import Factory, Make, factory_of
 from limberjack.workers.identity import canary_of, identity_of
 
 __all__ = ["FLOORS", "evaluate"]
@@ -60,7 +62,7 @@ def evaluate(
 
     Args:
       domain: such as 'humanoid', or a function `make(seed) -> dm_env.Environment`, or an
-        environment to copy; see `limberjack.factories`. A task that cannot be vectorised plays in
+        environment to copy; see `workers.factories`. A task that cannot be vectorised plays in
         complete environments, and an environment of another class than `control.Environment` is
         made again for each seed.
       task: such as 'walk'; None with a function.
@@ -105,43 +107,36 @@ def evaluate(
     factory = factory_of(domain, task, time_limit)
     environment = _checked_environment(factory, asked, directory)
     repeat = _checked_repeat(action_repeat, environment, policy)
-    found = actors.find(policy, environment, num_threads)
+    actor = policies.find(policy, environment, num_threads=num_threads)
     setup = scale.setup(domain, task, policy, time_limit, len(mine), repeat)
-    identity = identity_of(factory, found, environment, repeat)
+    identity = identity_of(factory, actor, environment, repeat)
     canary = setup.canary if setup is not None else canary_of(factory) if directory else None
     store = Store(directory, identity, canary=canary, shard=shard, any_processor=any_processor)
     with contextlib.closing(store), contextlib.closing(environment):
-        store.check_source(found)
+        store.check_source(actor)
         if setup is None:
             full_length = factory_of(domain, task) if isinstance(domain, str) else factory
-            runner = Runner(
-                factory.build(environment),
-                repeat,
-                _step_limit(environment),
-                full_length.build(full_length.make(0)).seeded(0),
+            starts = Starts(full_length.build(full_length.make(0)))
+            here = Here(
                 store,
+                factory.build(environment),
+                starts,
                 mine,
-                num_threads,
+                step_limit=_step_limit(environment) or math.inf,
+                num_threads=num_threads,
+                action_repeat=repeat,
+                on_progress=on_progress,
             )
-            _play_here(runner, found, environment, on_progress)
+            with contextlib.closing(starts):
+                here.play(actor)
+                for name in FLOORS:
+                    if name != actor.name:
+                        here.play(policies.find(name))
         else:
             with scale.open(len(mine)) as opened:
                 play_with(opened, store, _setups(setup), mine, on_progress)
-    played = _evaluation(identity, found.name, store, mine)
+    played = _evaluation(identity, actor.name, store, mine)
     return played if directory is None or shard else results.write(played, directory, command)
-
-
-def _play_here(
-    runner: Runner,
-    found: actors.Found,
-    environment: dm_env.Environment,
-    on_progress: OnProgress | None,
-) -> None:
-    """Plays the episodes of the policy and of the baselines in this process."""
-    with contextlib.closing(runner):
-        names = [name for name in FLOORS if name != found.name]
-        for one in (found, *(actors.find(name, environment) for name in names)):
-            runner.run(one, on_progress)
 
 
 def _evaluation(identity: Facts, policy: str, store: Store, seeds: list[int]) -> Evaluation:

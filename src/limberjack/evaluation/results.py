@@ -10,8 +10,8 @@ import re
 from pathlib import Path
 
 from limberjack import report
-from limberjack.evaluation import statistics
-from limberjack.evaluation.statistics import Score, Summary
+from limberjack.episodes import statistics
+from limberjack.episodes.statistics import Score, Summary
 from limberjack.evaluation.store import PAGE, PICTURE, RESULT
 from limberjack.report import Facts
 from limberjack.utils.files import replacing

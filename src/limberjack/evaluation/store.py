@@ -30,8 +30,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import BinaryIO, TypeGuard
 
-from limberjack.evaluation.statistics import Score
-from limberjack.policies.actors import Found
+from limberjack.episodes.statistics import Score
+from limberjack.policies import Actor
 from limberjack.report import Facts
 from limberjack.report.folder import RECORDINGS
 from limberjack.utils.files import Hold, appending, flush_folder
@@ -124,12 +124,12 @@ class Store:
             self.close()
             raise
 
-    def check_source(self, found: Found) -> None:
+    def check_source(self, actor: Actor) -> None:
         """Raises ValueError if there are episodes that may be those of another policy."""
-        if found.sha256 is None and self.scores[found.name]:
+        if actor.sha256 is None and self.scores[actor.name]:
             assert self.path is not None
             raise ValueError(
-                f"{self.path.parent} holds episodes of {found.name!r}, whose source is unknown "
+                f"{self.path.parent} holds episodes of {actor.name!r}, whose source is unknown "
                 "here, so another policy of that name may have played them: choose another "
                 "folder, or define the policy in a file"
             )

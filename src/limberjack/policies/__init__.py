@@ -1,7 +1,7 @@
 """Policies by name: zero, random, the planner, a callable of your own, or a saved model.
 
-    policy = policies.find("random")
-    act = policies.begin(policy, environment, seed)  # at the start of each episode
+    actor = policies.find("random")
+    act = actor.begin_alone(environment, seed)       # after the reset of an episode
     action = act(time_step.observation)
 
 | name | policy |
@@ -15,32 +15,32 @@ MODULE:CALLABLE names one of
 
 - a function from an observation (an `OrderedDict` of arrays) to an action;
 - an object with `act(observation)` and, optionally, `reset()`, called at the start of each episode;
-- an object with `act_batch(observations)`, which acts on 64 rows at once; see `policies.batched`;
+- an object with `act_batch(observations)`, which acts on 64 rows at once; see `policies.actors`;
 - a class whose objects are one of these. It is called once, without arguments.
 
-A policy receives the observation only. The planner is the exception: it needs the environment, and
-is an `EnvironmentPolicy`.
+A policy receives the observation only. The planner is the exception: it reads the environment.
 
-Every command and function that takes the name of a policy resolves it here. Nothing here trains.
+`find` resolves the name for every command and function that takes one, and returns an `Actor`,
+which plays the rows of a batch or, alone, one environment. Nothing here trains.
 """
 
-from limberjack.policies.built_in import begin, planner, planner_with, random, zero
-from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
+from limberjack.policies.built_in import BUILT_IN, planner, random, zero
+from limberjack.policies.kinds import ROWS, Act, Actor, Policy, PolicyError
 from limberjack.policies.named import name_of
 from limberjack.policies.resolver import find
 from limberjack.policies.saved import is_saved_model
 
 __all__ = [
+    "BUILT_IN",
+    "ROWS",
     "Act",
-    "EnvironmentPolicy",
+    "Actor",
     "Policy",
     "PolicyError",
-    "begin",
     "find",
     "is_saved_model",
     "name_of",
     "planner",
-    "planner_with",
     "random",
     "zero",
 ]

@@ -1,135 +1,225 @@
-"""Policies that act in all rows of a batch, and what identifies them in results.
+"""The kinds of actors: a policy for each row, one for 64 rows at once, one that plays alone.
 
-    found = find("random")                  # or "MODULE:CALLABLE", "sb3:model.zip", "planner"
-    if found.actor is not None:
-        found.actor.begin(spec, rows, seeds)             # episodes begin in these rows
-        actions = found.actor.act(observation, rows)     # (num_envs, nu); zeros in other rows
+    actor = Batched("my_package:Damped", sha256, act_batch)
+    actor.begin(batch, rows, seeds)            # episodes begin in these rows
+    actions = actor.act(observation, rows)     # (num_envs, nu); zeros in other rows
 
-`limberjack.policies` resolves the names, and its module `batched` acts on rows. A function of one
-observation is called for row after row; an object with `reset` keeps the state of one episode, and
-plays one at a time.
+A policy that acts on batches is an object, or a class without arguments, with
+
+    act_batch(observations)       a dictionary of arrays of (64, ...) -> actions of (64, nu)
+    reset_batch(rows, seeds)      optional: episodes with these seeds begin in these rows
+
+It always receives 64 rows, and an episode is always in row `seed % 64`: rounding in a matrix
+product depends on the number of rows and, in float32, on the row. An episode is therefore the same
+whichever others are played beside it, and the same alone. Rows that are not in use, or whose
+episode is over, are ignored.
+
+A policy that acts on one observation is called for row after row (`EachRow`). An object that keeps
+the state of an episode, and the planner, which needs the environment, play one episode at a time
+(`Alone`).
 """
 
-import copy
-import dataclasses
-import hashlib
-import inspect
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 
 import dm_env
+import numpy as np
+from dm_env import specs
 
-from limberjack import policies
-from limberjack.policies import Policy, PolicyError
-from limberjack.policies.batched import Actor, Batched, EachRow
-from limberjack.policies.named import (
-    batch_functions,
-    instance_of,
-    is_stateful_object,
-    policy_of,
-    target_named,
-)
-from limberjack.policies.saved import load_model
-from limberjack.rl.batches import vectorisable
-from limberjack.utils.sources import hash_of_files, hash_of_module, hash_of_source
+from limberjack.policies.kinds import ROWS, Act, BeginAlone, Locating, Policy, PolicyError
+from limberjack.rl.action_specs import spec_of
+from limberjack.rl.batch_contract import Batch
+from limberjack.rl.rows import RowsEnvironment
 
-__all__ = ["Found", "find"]
+__all__ = ["ActBatch", "Alone", "Batched", "EachRow", "ResetBatch"]
 
-_PLANNER = "planner"
+ActBatch = Callable[[Mapping[str, np.ndarray]], object]
+ResetBatch = Callable[[np.ndarray, np.ndarray], object]
 
 
-@dataclasses.dataclass(frozen=True)
-class Found:
-    """A policy, as a batch plays it."""
+class EachRow:
+    """A policy for one episode, begun separately in every row."""
 
-    name: str
-    sha256: str | None  # of its source or its file; None if that is not known
-    actor: Actor | None  # None: it plays one episode at a time,
-    alone: Policy | None  # as this
+    plays_alone = False
+
+    def __init__(self, name: str, sha256: str | None, policy: Policy) -> None:
+        """Takes a policy whose episodes are independent of each other."""
+        self.name = name
+        self.sha256 = sha256
+        self._policy = policy
+        self._acts: dict[int, Act] = {}
+        self._shape: tuple[int, ...] = ()
+
+    def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
+        """See `Actor`."""
+        spec = batch.single_action_spec()
+        self._shape = spec.shape
+        for row, seed in zip(rows.tolist(), seeds, strict=True):
+            self._acts[row] = self._policy(spec, seed)
+
+    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """See `Actor`."""
+        num_envs = len(next(iter(observation.values())))
+        actions = np.zeros((num_envs, *self._shape))
+        for row in rows.tolist():
+            actions[row] = self._acts[row](_of_row(observation, row))
+        return actions
+
+    def begin_alone(self, environment: dm_env.Environment, seed: int) -> Act:
+        """See `Actor`."""
+        return self._policy(_spec_of(environment, self.name), seed)
 
 
-def find(
-    policy: object,
-    environment: dm_env.Environment | None,
-    num_threads: int | None = None,
-    files: Mapping[Path, bytes] | None = None,
-    *,
-    is_shared: bool = False,
-) -> Found:
-    """The policy of a name; see `limberjack.policies` for the names.
+class Alone:
+    """A policy that plays one episode at a time.
 
-    Args:
-      policy: 'zero', 'random', 'planner', 'MODULE:CALLABLE', 'sb3:PATH'; or the function, object
-        or class itself.
-      environment: that it is to act in; None where neither the planner nor a model is asked for.
-      num_threads: that the planner simulates with; by default the cores that it may use.
-      files: of a saved model, as `policies.saved.read_model` returns them; None to read them.
-      is_shared: other threads use the policy too, so an object with the state of episodes is
-        copied.
-
-    Raises:
-      PolicyError: there is none, or it cannot be used here.
+    It acts in the environment itself, a batch's only row.
     """
-    if not isinstance(policy, str):
-        return _of_object(policies.name_of(policy), policy)
-    if policies.is_saved_model(policy):
-        return _of_saved_model(policy, environment, files)
-    if policy == _PLANNER:
-        return _of_planner(environment, num_threads)
-    if ":" not in policy:
-        found = policies.find(policy)
-        return Found(policy, _hash(inspect.getsource(found).encode()), EachRow(found), None)
-    target = target_named(policy)
-    if is_shared and is_stateful_object(policy):
-        target = _copied(policy, target)
-    found = _of_object(policy, target)
-    return dataclasses.replace(found, sha256=hash_of_module(policy.partition(":")[0]))
+
+    plays_alone = True
+
+    def __init__(self, name: str, sha256: str | None, begin_alone: BeginAlone) -> None:
+        """Takes the function that begins an episode in an environment."""
+        self.name = name
+        self.sha256 = sha256
+        self._begin_alone = begin_alone
+        self._act: Act | None = None
+
+    def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
+        """See `Actor`.
+
+        Raises:
+          PolicyError: the batch has more than one row, or is vectorised.
+        """
+        if not isinstance(batch, RowsEnvironment) or batch.num_envs != 1:
+            raise PolicyError(
+                f"policy {self.name!r} plays one episode at a time; expected a batch of one row "
+                "that is not vectorised"
+            )
+        self._act = self.begin_alone(batch.environments[0], seeds[0])
+
+    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """See `Actor`."""
+        assert self._act is not None  # `begin` comes first
+        return np.asarray(self._act(_of_row(observation, 0)))[None]
+
+    def begin_alone(self, environment: dm_env.Environment, seed: int) -> Act:
+        """See `Actor`."""
+        return self._begin_alone(environment, seed)
 
 
-def _of_object(name: str, target: object) -> Found:
-    """A policy given as an object, a function or a class."""
-    sha256 = hash_of_source(target)
-    if inspect.isclass(target):
-        target = instance_of(name, target)
-    functions = batch_functions(name, target)
-    if functions is not None:
-        return Found(name, sha256, Batched(name, *functions), None)
-    policy = policy_of(name, target)
-    if getattr(target, "reset", None) is not None:
-        return Found(name, sha256, None, policy)
-    return Found(name, sha256, EachRow(policy), None)
+class Batched:
+    """A policy that acts on 64 rows at once."""
+
+    plays_alone = False
+
+    def __init__(
+        self,
+        name: str,
+        sha256: str | None,
+        act_batch: ActBatch,
+        reset_batch: ResetBatch | None = None,
+    ) -> None:
+        """Takes the policy's functions; see the module's docstring."""
+        self.name = name
+        self.sha256 = sha256
+        self._act_batch = act_batch
+        self._reset_batch = reset_batch
+        # Indexed by the environment's rows, which are not those that the policy receives.
+        self._shown_in = np.zeros(ROWS, int)
+        self._seeds = np.zeros(ROWS, np.int64)
+        self._steps = np.zeros(ROWS, int)
+        self._shape: tuple[int, ...] = ()
+
+    def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
+        """See `Actor`."""
+        self._begin(batch.single_action_spec(), rows, seeds)
+
+    def _begin(self, spec: specs.BoundedArray, rows: np.ndarray, seeds: Sequence[int]) -> None:
+        self._shape = spec.shape
+        self._seeds[rows] = seeds
+        self._steps[rows] = 0
+        self._shown_in[rows] = self._seeds[rows] % ROWS
+        if self._reset_batch is not None:
+            with Locating(f"policy {self.name!r}, before the episodes with seeds {list(seeds)}"):
+                self._reset_batch(self._shown_in[rows], self._seeds[rows])
+
+    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """See `Actor`."""
+        places = self._shown_in[rows]
+        shown = {n: _spread(values[rows], places) for n, values in observation.items()}
+        with Locating(self._where(rows[0])):
+            returned = self._act_batch(_like(observation, shown))
+        returned = self._checked(returned, rows)
+        self._steps[rows] += 1
+        num_envs = len(next(iter(observation.values())))
+        actions = np.zeros((num_envs, *self._shape))
+        actions[rows] = returned
+        return actions
+
+    def begin_alone(self, environment: dm_env.Environment, seed: int) -> Act:
+        """See `Actor`."""
+        own = Batched(self.name, self.sha256, self._act_batch, self._reset_batch)
+        row = np.zeros(1, int)
+        own._begin(_spec_of(environment, self.name), row, [seed])
+
+        def act(observation: Mapping[str, np.ndarray]) -> np.ndarray:
+            of_batch = {name: np.asarray(value)[None] for name, value in observation.items()}
+            return own.act(_like(observation, of_batch), row)[0]
+
+        return act
+
+    def _checked(self, returned: object, rows: np.ndarray) -> np.ndarray:
+        """The policy's actions for these rows; raises PolicyError if they are invalid."""
+        expected = (ROWS, *self._shape)
+        try:
+            actions = np.asarray(returned)
+        except (TypeError, ValueError, RuntimeError) as error:  # ragged lists, tensors elsewhere
+            raise PolicyError(
+                f"{self._where(rows[0])}: returned something other than an array of numbers: "
+                f"{error}"
+            ) from error
+        if actions.dtype.kind not in "iuf" or actions.shape != expected:
+            raise PolicyError(
+                f"{self._where(rows[0])}: returned {type(returned).__name__} of dtype "
+                f"{actions.dtype} and shape {actions.shape}; expected numbers of shape {expected}, "
+                f"for all {ROWS} rows"
+            )
+        actions = actions[self._shown_in[rows]]
+        finite = np.isfinite(actions).reshape(len(rows), -1)
+        if not finite.all():
+            first = int(np.flatnonzero(~finite.all(axis=-1))[0])
+            action, is_bad = actions[first].ravel(), ~finite[first]
+            raise PolicyError(
+                f"{self._where(rows[first])}: returned {action[is_bad][0]} at index "
+                f"{np.flatnonzero(is_bad).tolist()}; expected finite numbers"
+            )
+        return actions
+
+    def _where(self, row: int) -> str:
+        step, seed = self._steps[row], self._seeds[row]
+        return f"policy {self.name!r}, step {step} of the episode with seed {seed}"
 
 
-def _copied(name: str, target: object) -> object:
+def _spec_of(environment: dm_env.Environment, policy: str) -> specs.BoundedArray:
     try:
-        return copy.deepcopy(target)
-    except Exception as error:  # of any class: it is the user's object
-        raise PolicyError(
-            f"policy {name!r} is an object that cannot be copied ({error}), and threads would "
-            "share its state: name its class, or give each worker one thread in its own process"
-        ) from error
+        return spec_of(environment)
+    except (TypeError, ValueError) as error:
+        raise PolicyError(f"policy {policy!r}: {error}") from error
 
 
-def _of_planner(environment: dm_env.Environment | None, num_threads: int | None) -> Found:
-    from limberjack.planner.cost import sources_for
-
-    assert environment is not None
-    try:
-        sources = sources_for(vectorisable(environment).task)
-    except ValueError as error:
-        raise PolicyError(f"policy {_PLANNER!r}: {error}") from error
-    return Found(_PLANNER, hash_of_files(sources), None, policies.planner_with(num_threads))
+def _of_row(observation: Mapping[str, np.ndarray], row: int) -> Mapping[str, np.ndarray]:
+    return _like(observation, {name: values[row] for name, values in observation.items()})
 
 
-def _of_saved_model(
-    name: str, environment: dm_env.Environment | None, files: Mapping[Path, bytes] | None
-) -> Found:
-    """The policy of a model that Stable-Baselines3 has saved."""
-    assert environment is not None
-    model = load_model(name, environment, files)
-    sha256 = _hash(b"".join(model.files.values()))
-    return Found(name, sha256, Batched(name, model.act_batch), None)
+def _like(
+    observation: Mapping[str, np.ndarray], values: dict[str, np.ndarray]
+) -> Mapping[str, np.ndarray]:
+    """The values in a mapping of the observation's type, an OrderedDict in the suite."""
+    return type(observation)(values)  # pyright: ignore[reportCallIssue] (mappings take mappings)
 
 
-def _hash(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+def _spread(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """64 rows with the values at their places, and copies of the first one in all others."""
+    shown = np.repeat(values[:1], ROWS, axis=0)
+    shown[places] = values
+    return shown

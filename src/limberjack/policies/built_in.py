@@ -1,22 +1,24 @@
 """The policies that need no code of your own: zero, random and the planner.
 
-    act = begin(random, environment, seed)
-
-`begin` begins an episode of any policy, built in or not.
+actor = policies.find("random")
 """
 
-from typing import cast
+import hashlib
+import inspect
 
 import dm_env
 import numpy as np
 from dm_env import specs
 
-from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
-from limberjack.rl.action_specs import bounds_to_try, spec_of
+from limberjack.policies.actors import Alone, EachRow
+from limberjack.policies.kinds import Act, Actor, Policy, PolicyError
+from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batches import vectorisable
-from limberjack.rl.control import Environment
+from limberjack.utils.sources import hash_of_files
 
-__all__ = ["BUILT_IN", "begin", "planner", "planner_with", "random", "zero"]
+__all__ = ["BUILT_IN", "PLANNER", "built_in", "planner", "random", "zero"]
+
+PLANNER = "planner"
 
 # Keeps the actions' stream apart from the start's, which RandomState(seed) draws.
 _ACTION_STREAM = 1
@@ -36,14 +38,42 @@ def random(spec: specs.BoundedArray, seed: int) -> Act:
     return lambda observation: stream.uniform(low, high, spec.shape)
 
 
-def planner_with(num_threads: int | None) -> EnvironmentPolicy:
+_OF_ACTIONS: dict[str, Policy] = {"zero": zero, "random": random}
+BUILT_IN = (*_OF_ACTIONS, PLANNER)
+
+
+def built_in(
+    name: str, environment: dm_env.Environment | None, num_threads: int | None = None
+) -> Actor:
+    """The actor of one of the names in BUILT_IN; arguments and errors are those of `find`."""
+    if name == PLANNER:
+        return planner(environment, num_threads)
+    policy = _OF_ACTIONS[name]
+    sha256 = hashlib.sha256(inspect.getsource(policy).encode()).hexdigest()
+    return EachRow(name, sha256, policy)
+
+
+def planner(environment: dm_env.Environment | None = None, num_threads: int | None = None) -> Actor:
     """The planner, which plans from the environment's full state; see `limberjack.planner`.
 
     Args:
+      environment: the one to act in, whose task's sources identify the planner in results; None
+        if they are not needed.
       num_threads: number of threads that simulate; None for all usable cores.
-    """
 
-    def begin_in(environment: dm_env.Environment, seed: int) -> Act:
+    Raises:
+      PolicyError: there is no cost for the environment's task.
+    """
+    sha256 = None
+    if environment is not None:
+        from limberjack.planner.cost import sources_for
+
+        try:
+            sha256 = hash_of_files(sources_for(vectorisable(environment).task))
+        except ValueError as error:
+            raise PolicyError(f"policy {PLANNER!r}: {error}") from error
+
+    def begin_alone(environment: dm_env.Environment, seed: int) -> Act:
         # Imported here, as only this policy needs it.
         from limberjack.planner import Planner
 
@@ -56,29 +86,7 @@ def planner_with(num_threads: int | None) -> EnvironmentPolicy:
                 )
             chosen = Planner(plain, num_threads, seed)
         except (TypeError, ValueError) as error:
-            raise PolicyError(f"policy 'planner': {error}") from error
+            raise PolicyError(f"policy {PLANNER!r}: {error}") from error
         return lambda observation: chosen.act()
 
-    return EnvironmentPolicy(begin_in)
-
-
-planner = planner_with(None)
-
-BUILT_IN: dict[str, Policy] = {"zero": zero, "random": random, "planner": planner}
-
-
-def begin(policy: Policy, environment: dm_env.Environment, seed: int) -> Act:
-    """Begins an episode of a policy of either kind, in an environment that has been reset.
-
-    Raises:
-      PolicyError: the policy cannot act in this environment.
-    """
-    if isinstance(policy, EnvironmentPolicy):
-        # One that needs a `control.Environment` checks that it is one.
-        return policy.begin_in(cast(Environment, environment), seed)
-    if policy in (zero, random):  # others know the task's actions themselves
-        try:
-            spec_of(environment)
-        except (TypeError, ValueError) as error:
-            raise PolicyError(f"policy {policy.__name__!r}: {error}") from error
-    return policy(cast(specs.BoundedArray, environment.action_spec()), seed)
+    return Alone(PLANNER, sha256, begin_alone)

@@ -1,27 +1,70 @@
 """The types of policies, and the error that they raise.
 
-    policy: Policy = policies.random
-    act: Act = policy(environment.action_spec(), seed)  # begins an episode
+    actor: Actor = policies.find("random")
+    actor.begin(batch, rows, seeds)                     # episodes begin in these rows
+    actions = actor.act(observation, rows)              # (num_envs, ...); zeros in other rows
+
+    act: Act = actor.begin_alone(environment, seed)     # the same episode in one environment
     action = act(time_step.observation)
 
-An `EnvironmentPolicy` is a policy too, but begins with the environment; `policies.begin` begins
-either kind.
+`policies.find` returns an `Actor`, which every command and function plays.
 """
 
-import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from typing import Protocol
 
+import dm_env
 import numpy as np
 from dm_env import specs
 
-from limberjack.rl.control import Environment
+from limberjack.rl.batch_contract import Batch
 from limberjack.utils.described import place_of
 
-__all__ = ["Act", "EnvironmentPolicy", "Locating", "Policy", "PolicyError"]
+__all__ = ["ROWS", "Act", "Actor", "BeginAlone", "Locating", "Policy", "PolicyError"]
+
+ROWS = 64  # rows of a batch: enough for all cores, and few enough that a kill loses little
 
 Act = Callable[[Mapping[str, np.ndarray]], np.ndarray]
 # Begins an episode: takes the spec of actions and the episode's seed.
 Policy = Callable[[specs.BoundedArray, int], Act]
+# The same with the environment, which has been reset and must only be read.
+BeginAlone = Callable[[dm_env.Environment, int], Act]
+
+
+class Actor(Protocol):
+    """A policy, as batches and single environments play it.
+
+    Attributes:
+      name: as results call it.
+      sha256: of its source or its file; None if that is not known.
+    """
+
+    name: str
+    sha256: str | None
+
+    @property
+    def plays_alone(self) -> bool:
+        """Whether it plays one episode at a time, in a batch of one complete environment."""
+        ...
+
+    def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
+        """Begins the first episodes of these seeds in these rows, which have been reset."""
+
+    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """Actions, (num_envs, ...), of which only those of `rows` are used.
+
+        Raises:
+          PolicyError: one of them is not an action; the message has its seed and step.
+        """
+        ...
+
+    def begin_alone(self, environment: dm_env.Environment, seed: int) -> Act:
+        """Begins the episode of an environment that has been reset; equal to that in a batch.
+
+        Raises:
+          PolicyError: it cannot act in this environment.
+        """
+        ...
 
 
 # Errors that programs and loops take for an end.
@@ -56,26 +99,3 @@ class Locating:
             line = f"{self._where}: raised {error!r}"
             raise PolicyError(line if place is None else f"{line} ({place})") from error
         error.add_note(self._where)
-
-
-@dataclasses.dataclass(frozen=True)
-class EnvironmentPolicy:
-    """A policy that needs the environment it acts in, not only its observations.
-
-    Attributes:
-      begin_in: begins an episode: takes the environment, which has been reset and must only be
-        read, and the episode's seed.
-    """
-
-    begin_in: Callable[[Environment, int], Act]
-
-    def __call__(self, spec: specs.BoundedArray, seed: int) -> Act:
-        """Refuses, because a spec of actions is not enough.
-
-        Raises:
-          PolicyError: always.
-        """
-        raise PolicyError(
-            "this policy needs the environment, not only the spec of its actions: begin it with "
-            "policies.begin(policy, environment, seed)"
-        )

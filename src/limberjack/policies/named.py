@@ -1,11 +1,12 @@
 """MODULE:CALLABLE: functions, objects and classes of your own as policies.
 
     target = target_named("my_policies:Still")  # an object of the class
-    policy = policy_of("my_policies:Still", target)
+    actor = actor_of("my_policies:Still", sha256, target)
 
 What they return is checked at every step; an error names the policy, the step and the seed.
 """
 
+import copy
 import importlib
 import inspect
 import itertools
@@ -15,23 +16,14 @@ from types import ModuleType
 import numpy as np
 from dm_env import specs
 
-from limberjack.policies.batched import alone
+from limberjack.policies.actors import ActBatch, Alone, Batched, EachRow, ResetBatch
 from limberjack.policies.built_in import BUILT_IN
-from limberjack.policies.kinds import Act, Locating, Policy, PolicyError
+from limberjack.policies.kinds import Act, Actor, Locating, Policy, PolicyError
+from limberjack.rl.action_specs import spec_of
 from limberjack.utils.sources import defined_in
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = [
-    "batch_functions",
-    "instance_of",
-    "is_stateful_object",
-    "name_of",
-    "policy_of",
-    "target_named",
-]
-
-_ActBatch = Callable[[Mapping[str, np.ndarray]], object]
-_ResetBatch = Callable[[np.ndarray, np.ndarray], object]
+__all__ = ["actor_of", "copied", "instance_of", "is_stateful_object", "name_of", "target_named"]
 
 
 def name_of(target: object) -> str:
@@ -83,29 +75,51 @@ def instance_of(name: str, kind: type) -> object:
         return kind()
 
 
-def policy_of(name: str, target: object) -> Policy:
-    """The policy that a function or an object is.
+def actor_of(name: str, sha256: str | None, target: object) -> Actor:
+    """The actor that a function or an object is.
 
     Args:
-      name: for messages.
+      name: of the policy.
+      sha256: of its source; None if that is not known.
       target: a function of an observation, or an object with `act` or `act_batch`.
 
     Raises:
       PolicyError: it is something else.
     """
-    functions = batch_functions(name, target)
+    functions = _batch_functions(name, target)
     if functions is not None:
-        return alone(name, *functions)
+        return Batched(name, sha256, *functions)
     act = getattr(target, "act", target)
     if not callable(act):
         raise PolicyError(
             f"policy {name!r} is of type {type(target).__name__}; expected a function of an "
             "observation, or an object with act(observation) or act_batch(observations)"
         )
-    return _checking_policy(name, act, getattr(target, "reset", None))
+    reset = getattr(target, "reset", None)
+    begin = _checking_policy(name, act, reset)
+    if reset is None:
+        return EachRow(name, sha256, begin)
+    return Alone(name, sha256, lambda environment, seed: begin(spec_of(environment), seed))
 
 
-def batch_functions(name: str, target: object) -> tuple[_ActBatch, _ResetBatch | None] | None:
+def copied(name: str, target: object) -> object:
+    """A copy of an object with the state of episodes; any other target itself.
+
+    Raises:
+      PolicyError: it cannot be copied.
+    """
+    if not is_stateful_object(name):
+        return target
+    try:
+        return copy.deepcopy(target)
+    except Exception as error:  # of any class: it is the user's object
+        raise PolicyError(
+            f"policy {name!r} is an object that cannot be copied ({error}), and threads would "
+            "share its state: name its class, or give each worker one thread in its own process"
+        ) from error
+
+
+def _batch_functions(name: str, target: object) -> tuple[ActBatch, ResetBatch | None] | None:
     """The functions `act_batch` and `reset_batch` of an object; None if it acts on one row.
 
     Raises:

@@ -1,34 +1,53 @@
 """`find`: the policy that a name, or a Python object, stands for."""
 
 import inspect
+from collections.abc import Mapping
+from pathlib import Path
 
 import dm_env
 
-from limberjack.policies.built_in import BUILT_IN
-from limberjack.policies.kinds import Policy
-from limberjack.policies.named import instance_of, name_of, policy_of, target_named
+from limberjack.policies.built_in import BUILT_IN, built_in
+from limberjack.policies.kinds import Actor
+from limberjack.policies.named import actor_of, copied, instance_of, name_of, target_named
 from limberjack.policies.saved import is_saved_model, saved_policy
+from limberjack.utils.sources import hash_of_module, hash_of_source
 
 __all__ = ["find"]
 
 
-def find(policy: object, environment: dm_env.Environment | None = None) -> Policy:
+def find(
+    policy: object,
+    environment: dm_env.Environment | None = None,
+    *,
+    num_threads: int | None = None,
+    files: Mapping[Path, bytes] | None = None,
+    is_shared: bool = False,
+) -> Actor:
     """The policy of a name; see `limberjack.policies` for the names.
 
     Args:
       policy: 'zero', 'random', 'planner', 'MODULE:CALLABLE' or 'sb3:PATH'; or the function, object
         or class that MODULE:CALLABLE would name.
-      environment: the one to act in, if it is known. A saved model that does not fit it is then
-        refused here; with None it is refused as its first episode begins.
+      environment: the one to act in, if it is known. A saved model that does not fit it, or a task
+        that the planner has no cost for, is then refused here; with None as the first episode
+        begins.
+      num_threads: that the planner simulates with; by default all usable cores.
+      files: of a saved model, as `policies.saved.read_model` returns them; None to read them.
+      is_shared: other threads use the policy too, so an object with the state of episodes is
+        copied.
 
     Raises:
       PolicyError: there is no policy of that name, it cannot be called, or it does not fit.
     """
     if not isinstance(policy, str):
         name = name_of(policy)
-        return policy_of(name, instance_of(name, policy) if inspect.isclass(policy) else policy)
+        target = instance_of(name, policy) if inspect.isclass(policy) else policy
+        return actor_of(name, hash_of_source(policy), target)
     if policy in BUILT_IN:
-        return BUILT_IN[policy]
+        return built_in(policy, environment, num_threads)
     if is_saved_model(policy):
-        return saved_policy(policy, environment)
-    return policy_of(policy, target_named(policy))
+        return saved_policy(policy, environment, files)
+    target = target_named(policy)
+    if is_shared:
+        target = copied(policy, target)
+    return actor_of(policy, hash_of_module(policy.partition(":")[0]), target)

@@ -1,21 +1,21 @@
 """`sb3:PATH`: models that Stable-Baselines3 has saved, as policies.
 
-    policy = saved_policy("sb3:walk.zip", environment)
-    act = policy(environment.action_spec(), seed)
+    actor = saved_policy("sb3:walk.zip", environment)
+    act = actor.begin_alone(environment, seed)
 
 A model is shown 64 rows, as in `limberjack.evaluation`, so that an episode is the same, bit for
 bit, whichever command plays it. `limberjack.sb3` reads the file.
 """
 
+import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import dm_env
 
-from limberjack.policies.batched import alone
-from limberjack.policies.kinds import Act, EnvironmentPolicy, Policy, PolicyError
-from limberjack.rl.action_specs import spec_of
+from limberjack.policies.actors import Alone, Batched
+from limberjack.policies.kinds import Act, Actor, PolicyError
 from limberjack.utils.log import log
 from limberjack.utils.regular import read_regular
 
@@ -80,24 +80,29 @@ def load_model(
         raise PolicyError(f"policy {name!r}: {error}") from error
 
 
-def saved_policy(name: str, environment: dm_env.Environment | None) -> Policy:
+def saved_policy(
+    name: str, environment: dm_env.Environment | None, files: Mapping[Path, bytes] | None = None
+) -> Actor:
     """The policy of a saved model; its episodes are independent of each other.
 
     Args:
       name: `sb3:PATH`.
       environment: the one to act in. With None the model is loaded, and checked, as its first
         episode begins.
+      files: as for `load_model`.
 
     Raises:
       PolicyError: as `load_model`.
     """
     if environment is not None:
-        return alone(name, load_model(name, environment).act_batch)
-    loaded: list[Policy] = []
+        model = load_model(name, environment, files)
+        sha256 = hashlib.sha256(b"".join(model.files.values())).hexdigest()
+        return Batched(name, sha256, model.act_batch)
+    loaded: list[Actor] = []
 
-    def begin_in(environment: dm_env.Environment, seed: int) -> Act:
+    def begin_alone(environment: dm_env.Environment, seed: int) -> Act:
         if not loaded:
-            loaded.append(saved_policy(name, environment))
-        return loaded[0](spec_of(environment), seed)
+            loaded.append(saved_policy(name, environment, files))
+        return loaded[0].begin_alone(environment, seed)
 
-    return EnvironmentPolicy(begin_in)
+    return Alone(name, None, begin_alone)

@@ -10,14 +10,16 @@ from limberjack.report.evaluation_page import write_evaluation_page
 from limberjack.report.labels import Label, Labels, labels_of
 from limberjack.report.page import write_page
 from limberjack.report.recorder import Recorder
-from limberjack.report.result import Facts, fingerprint, versions, write_result
-from limberjack.report.trace import Trace
+from limberjack.report.result import Facts, Played, fingerprint, versions, write_result
+from limberjack.report.trace import Step, Trace
 
 __all__ = [
     "Facts",
     "Label",
     "Labels",
+    "Played",
     "Recorder",
+    "Step",
     "Trace",
     "fingerprint",
     "labels_of",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limberjack.rollout import Episode
+from limberjack.report.result import Played
 from limberjack.utils.files import replacing
 from limberjack.utils.requirements import missing_extra
 
@@ -26,7 +26,7 @@ _MARGIN = 0.03  # of the range, above and below the lines
 
 
 def write_return_plot(
-    path: Path, title: str, episodes: Sequence[Episode], control_timestep: float
+    path: Path, title: str, episodes: Sequence[Played], control_timestep: float
 ) -> None:
     """Draw each episode's reward per step, and below it the return so far, over seconds.
 

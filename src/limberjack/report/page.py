@@ -17,10 +17,9 @@ import numpy as np
 
 from limberjack.report import parts
 from limberjack.report.chart import Line, line_chart, steps_of
-from limberjack.report.result import Facts
+from limberjack.report.result import Facts, Played
 from limberjack.report.trace import Trace
 from limberjack.report.units import Label
-from limberjack.rollout import Episode
 
 __all__ = ["write_page"]
 
@@ -30,7 +29,7 @@ _ABOUT_CONTROLS = "in brackets the force or torque of 1"
 def write_page(
     path: Path,
     result: Facts,
-    episodes: Sequence[Episode],
+    episodes: Sequence[Played],
     trace: Trace,
     film: Path | None,
     no_film: str = "",
@@ -179,7 +178,7 @@ def _labelled_chart(
     return parts.card(line_chart(title, seconds, lines))
 
 
-def _charts_of_all(episodes: Sequence[Episode], control_timestep: float) -> Iterator[str]:
+def _charts_of_all(episodes: Sequence[Played], control_timestep: float) -> Iterator[str]:
     """Rewards, returns so far, and returns in order of size, of all episodes."""
     steps = max(episode.length for episode in episodes)
     seconds = control_timestep * np.arange(steps + 1)

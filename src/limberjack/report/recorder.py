@@ -23,10 +23,9 @@ from limberjack.report.folder import PLOT as _PLOT
 from limberjack.report.folder import RESULT as _RESULT
 from limberjack.report.folder import check_folder
 from limberjack.report.page import write_page
-from limberjack.report.result import Facts, as_result, write_result
-from limberjack.report.trace import Trace
+from limberjack.report.result import Facts, Played, as_result, write_result
+from limberjack.report.trace import Step, Trace
 from limberjack.rl.control import Environment
-from limberjack.rollout import Episode, Step
 from limberjack.utils.files import Hold, Partial
 from limberjack.video import Film, Rendered
 
@@ -125,7 +124,7 @@ class Recorder:
         if film is not None:
             film.discard()
 
-    def write(self, run: Facts, episodes: Sequence[Episode], model_fingerprint: str) -> None:
+    def write(self, run: Facts, episodes: Sequence[Played], model_fingerprint: str) -> None:
         """Write result.json, return.png, video.mp4 and report.html, and no files of earlier runs.
 
         Args:
@@ -146,7 +145,7 @@ class Recorder:
         if episodes:
             self._write_page(as_result(run, episodes, model_fingerprint), episodes)
 
-    def _write_plot(self, run: Facts, episodes: Sequence[Episode]) -> None:
+    def _write_plot(self, run: Facts, episodes: Sequence[Played]) -> None:
         title = f"{run['domain']} {run['task']}, policy {run['policy']}"
         path = self._directory / _PLOT
         try:
@@ -166,7 +165,7 @@ class Recorder:
                 self._leave_out(_FILM, error)
         self.drop_film()
 
-    def _write_page(self, result: Facts, episodes: Sequence[Episode]) -> None:
+    def _write_page(self, result: Facts, episodes: Sequence[Played]) -> None:
         if self._trace is None:
             return
         film, path = self._directory / _FILM, self._directory / _PAGE

@@ -11,13 +11,12 @@ import math
 import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 import limberjack
 from limberjack.mujoco.official import mujoco
-from limberjack.rollout import Episode
 from limberjack.utils.files import replacing
 
 if TYPE_CHECKING:
@@ -25,16 +24,51 @@ if TYPE_CHECKING:
 
     from mujoco import MjModel
 
-__all__ = ["Facts", "as_result", "fingerprint", "versions", "write_result"]
+__all__ = ["Facts", "Played", "as_result", "fingerprint", "versions", "write_result"]
 
 Facts = dict[str, Any]  # Any: values of JSON, whose types are not known before it is read
+
+
+class Played(Protocol):
+    """An episode that has ended, as results and pages show it; `episodes.Episode` is one."""
+
+    @property
+    def seed(self) -> int:
+        """Of the environment."""
+        ...
+
+    @property
+    def start(self) -> str | None:
+        """The kind of start; None if the task has no kinds."""
+        ...
+
+    @property
+    def rewards(self) -> np.ndarray:
+        """(T,), one per step."""
+        ...
+
+    @property
+    def returns(self) -> np.ndarray:
+        """The rewards summed up to each step, (T,)."""
+        ...
+
+    @property
+    def total(self) -> float:
+        """The return."""
+        ...
+
+    @property
+    def length(self) -> int:
+        """The number of steps."""
+        ...
+
 
 # Fields that depend on the files of a model and on its compiler, not on the model itself.
 _NOT_OF_THE_MODEL = ("paths", "signature")
 
 
 def write_result(
-    path: Path, run: Mapping[str, object], episodes: Sequence[Episode], model_fingerprint: str
+    path: Path, run: Mapping[str, object], episodes: Sequence[Played], model_fingerprint: str
 ) -> None:
     """Write result.json whole, or leave the one that is there.
 
@@ -51,7 +85,7 @@ def write_result(
 
 
 def as_result(
-    run: Mapping[str, object], episodes: Sequence[Episode], model_fingerprint: str
+    run: Mapping[str, object], episodes: Sequence[Played], model_fingerprint: str
 ) -> Facts:
     """The contents of result.json; arguments are those of `write_result`."""
     return {
@@ -101,7 +135,7 @@ def _add_fields(digest: "_Hash", prefix: str, struct: object) -> None:
             _add_fields(digest, f"{full}.", value)
 
 
-def _episode_entry(episode: Episode) -> Facts:
+def _episode_entry(episode: Played) -> Facts:
     entry: Facts = {
         "seed": episode.seed,
         "return": episode.total if math.isfinite(episode.total) else None,

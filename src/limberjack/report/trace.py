@@ -1,7 +1,7 @@
 """`Trace`: rewards, their terms, observations, actions and plans of an episode, step by step.
 
     trace = Trace(environment)
-    run_episode(environment, policies.random, seed, on_step=trace.add)
+    trace.add(Step(0, 0.0, environment.reset(), None))      # and each step
     trace.seconds, trace.rewards, trace.terms["upright"], trace.observations["velocity"]
     trace.labels.observations["velocity"][0]      # Label('root x', 'm/s')
 
@@ -10,18 +10,34 @@ same without it. Of a long episode it records every second step, then every four
 hour takes no more memory than a minute.
 """
 
+import dataclasses
 from collections.abc import Iterable, Mapping
 
+import dm_env
 import numpy as np
 
 from limberjack.report.labels import Labels, labels_of
 from limberjack.rl.actions import as_numbers
 from limberjack.rl.control import Environment
-from limberjack.rollout import Step
 
-__all__ = ["Trace"]
+__all__ = ["Step", "Trace"]
 
 _MOST_SAMPLES = 4000  # four times as many as an episode of the suite has steps
+
+
+@dataclasses.dataclass(frozen=True)
+class Step:
+    """The reset of an episode or one of its steps, as films and pages show it."""
+
+    number: int  # steps so far; 0 for the reset
+    total: float  # return so far
+    time_step: dm_env.TimeStep
+    action: np.ndarray | None  # the action of this step; None for the reset
+
+    @property
+    def reward(self) -> float:
+        """The reward of this step; 0 for the reset."""
+        return 0.0 if self.time_step.reward is None else float(self.time_step.reward)
 
 
 class Trace:

@@ -27,6 +27,7 @@ import numpy.typing as npt
 from dm_env import specs
 
 from limberjack.mujoco.replicas import Replicas
+from limberjack.mujoco.simulation import STATE
 from limberjack.rl import control, guards, observations
 from limberjack.rl.action_specs import bounded_spec
 from limberjack.rl.batch_errors import NotVectorised
@@ -415,6 +416,15 @@ class BatchEnvironment:
                 self._memory.load(rows, [one.get("task", {}) for one in snapshot.memory])
             self._has_observed[rows] = False
             self._begins[rows], self.diverged[rows] = snapshot.begins, False
+
+    def integration_states(self) -> np.ndarray:
+        """MuJoCo's integration state of each row, (num_envs, nstate)."""
+        return self._replicas.simulation.get_state(STATE)
+
+    def episode_fields(self) -> dict[str, np.ndarray]:
+        """The model fields that were set for the rows' episodes, (num_envs, ...) by name."""
+        saved = self._replicas.simulation.save(None, self._saved_fields)
+        return {name: saved[name] for name in self._saved_fields}
 
     def set_states(
         self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None

@@ -125,6 +125,14 @@ class Batch(Protocol):
         """Numbers in each field of a row's state, such as 'qpos', without empty fields."""
         ...
 
+    def integration_states(self) -> np.ndarray:
+        """MuJoCo's integration state of each row, (num_envs, nstate)."""
+        ...
+
+    def episode_fields(self) -> dict[str, np.ndarray]:
+        """The model fields that were set for the rows' episodes, (num_envs, ...) by name."""
+        ...
+
     def set_states(
         self,
         states: Mapping[str, npt.ArrayLike] | Snapshot,

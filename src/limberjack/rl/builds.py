@@ -12,6 +12,7 @@ belong to it are drawn again, and what its task remembers is put back. Any other
 """
 
 import copy
+import inspect
 from collections.abc import Callable, Mapping
 from typing import cast
 
@@ -33,6 +34,7 @@ __all__ = [
     "is_stable",
     "numbers_of",
     "parts_of",
+    "takes_a_seed",
 ]
 
 # Makes an environment whose first episode is that of its seed.
@@ -331,3 +333,14 @@ def _start(env: dm_env.Environment) -> object:
     get_state = getattr(getattr(control_of(env), "physics", None), "get_state", None)
     state = b"" if get_state is None else get_state().tobytes()
     return state, {name: np.asarray(value).tobytes() for name, value in named.items()}
+
+
+def takes_a_seed(make: Callable[..., object]) -> bool:
+    """Whether a function can be called with one argument."""
+    try:
+        inspect.signature(make).bind(0)
+    except TypeError:
+        return False
+    except ValueError:  # a built-in function without a readable signature: a call may still work
+        return True
+    return True

@@ -35,6 +35,7 @@ import numpy as np
 import numpy.typing as npt
 from dm_env import specs
 
+from limberjack.mujoco.simulation import STATE
 from limberjack.rl import guards
 from limberjack.rl.builds import Build, Make, Seeded, holder_of, is_stable
 from limberjack.rl.contract import Nested, PhysicsError
@@ -402,6 +403,29 @@ class RowsEnvironment:
             for index, row in enumerate(numbers.tolist()):
                 self._begins[row], self._has_ended[row] = True, False  # until it is complete
                 self._restore(row, snapshot.part(index))
+
+    def integration_states(self) -> np.ndarray:
+        """MuJoCo's integration state of each row, (num_envs, nstate).
+
+        Raises:
+          TypeError: a row has no `control.Environment` inside.
+        """
+        return np.stack([_inside(env).physics.get_state(STATE) for env in self.environments])
+
+    def episode_fields(self) -> dict[str, np.ndarray]:
+        """The model fields that were set for the rows' episodes, (num_envs, ...) by name.
+
+        Raises:
+          TypeError: as `integration_states`.
+        """
+        found: dict[str, list[np.ndarray]] = {}
+        for env in self.environments:
+            inner = _inside(env)
+            names = inner._saved_fields()
+            saved = inner._simulated.simulation.save(None, names)
+            for name in names:
+                found.setdefault(name, []).append(saved[name][0])
+        return {name: np.stack(values) for name, values in found.items()}
 
     def set_states(
         self, states: Mapping[str, npt.ArrayLike] | Snapshot, rows: _Rows = None
@@ -840,6 +864,17 @@ def _settable(env: dm_env.Environment) -> Environment:
     raise TypeError(
         f"a {type(env).__name__} cannot begin in a given state; expected a "
         "limberjack.rl.control.Environment or a subclass in every row; nothing was reset"
+    )
+
+
+def _inside(env: dm_env.Environment) -> Environment:
+    """The `control.Environment` within an environment of any class."""
+    inner = control_of(env)
+    if isinstance(inner, Environment):
+        return inner
+    raise TypeError(
+        f"a {type(env).__name__} has no limberjack.rl.control.Environment inside, whose state "
+        "could be kept"
     )
 
 

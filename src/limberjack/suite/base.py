@@ -10,16 +10,18 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
+import dm_env
 import numpy as np
 
 from limberjack import mujoco
 from limberjack.rl import control
 from limberjack.rl.contract import Nested
+from limberjack.rl.copies import control_of
 from limberjack.rl.memory import stand_in
 from limberjack.rl.reward_terms import reward_of_terms
 from limberjack.utils.arrays import Quantity
 
-__all__ = ["Kwargs", "Observed", "Picture", "Seed", "Task"]
+__all__ = ["Kwargs", "Observed", "Picture", "Seed", "Task", "kind_of_start"]
 
 # Any: keyword arguments of `control.Environment`, which checks them.
 Kwargs = Mapping[str, Any] | None
@@ -188,3 +190,11 @@ def _show_reward(physics: mujoco.Physics, reward: Quantity) -> None:
     # The power makes differences between high rewards visible.
     blend = np.clip(reward, 0.0, 1.0) ** 4
     colours[_COLOURED] = blend * colours[_HIGHLIGHTS] + (1.0 - blend) * colours[_DEFAULTS]
+
+
+def kind_of_start(environment: dm_env.Environment) -> str | None:
+    """The kind of start of an episode that has just begun; None for a task without kinds."""
+    inner = control_of(environment)
+    # Only `Task` promises the attribute.
+    start = getattr(getattr(inner, "task", None), "start", None)
+    return None if start is None else start(getattr(inner, "physics", None))

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from limberjack import policies
-from limberjack.factories import takes_a_seed
+from limberjack.rl.builds import takes_a_seed
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
 from limberjack.viewer.access import Access
@@ -153,11 +153,11 @@ def begin_with(policy: Act | str | None) -> Begin:
     return begin
 
 
-def begin_policy(policy: policies.Policy) -> Begin:
+def begin_policy(actor: policies.Actor) -> Begin:
     """A function that begins the episodes of a policy from `policies.find`."""
 
     def begin(environment: Environment, seed: int) -> Act:
-        act = policies.begin(policy, environment, seed)
+        act = actor.begin_alone(environment, seed)
         return lambda time_step: act(time_step.observation)
 
     return begin

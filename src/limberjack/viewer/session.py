@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 
 from limberjack.rl.control import Environment, PhysicsError
-from limberjack.rollout import kind_of_start
+from limberjack.suite.base import kind_of_start
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS, checked_seed
 

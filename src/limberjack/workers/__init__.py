@@ -15,10 +15,11 @@ from limberjack.workers.attempt import WorkError
 from limberjack.workers.opening import Workers, open_workers
 from limberjack.workers.scale import Scale
 from limberjack.workers.setup import Opened, Setup, prepare
-from limberjack.workers.state import OnState, State
+from limberjack.workers.state import OnProgress, OnState, State
 from limberjack.workers.units import Unit, shard_of, units_of
 
 __all__ = [
+    "OnProgress",
     "OnState",
     "Opened",
     "Scale",

@@ -19,11 +19,11 @@ import dm_env
 import numpy as np
 
 from limberjack import policies, report
-from limberjack.factories import Factory
-from limberjack.policies.actors import Found
+from limberjack.policies import Actor
 from limberjack.report import Facts
 from limberjack.rl.control import Environment, PhysicsError
 from limberjack.rl.copies import control_of
+from limberjack.workers.factories import Factory
 
 __all__ = [
     "advice_on",
@@ -43,7 +43,7 @@ _CPU_INFO = Path("/proc/cpuinfo")
 
 def identity_of(
     factory: Factory,
-    found: Found,
+    actor: Actor,
     environment: dm_env.Environment,
     action_repeat: int | None = None,
 ) -> Facts:
@@ -51,7 +51,7 @@ def identity_of(
 
     Args:
       factory: made the environment.
-      found: the policy.
+      actor: the policy.
       environment: one that the factory made.
       action_repeat: control steps per action; None for the environment's own.
     """
@@ -60,8 +60,8 @@ def identity_of(
     limit, control_timestep = inner.step_limit, inner.control_timestep()
     return {
         **factory.facts,
-        "policy": found.name,
-        "policy_sha256": found.sha256,
+        "policy": actor.name,
+        "policy_sha256": actor.sha256,
         "time_limit": None if limit is None else limit * control_timestep,
         "control_timestep": control_timestep,
         "action_repeat": inner.action_repeat if action_repeat is None else action_repeat,
@@ -81,7 +81,7 @@ def canary_of(factory: Factory) -> str:
     digest = hashlib.sha256()
     with contextlib.closing(factory.make(_CANARY_SEED)) as environment:
         time_step = environment.reset()
-        act = policies.begin(policies.random, environment, _CANARY_SEED)
+        act = policies.find("random").begin_alone(environment, _CANARY_SEED)
         _add(digest, 0.0, time_step.observation)
         for _ in range(_CANARY_STEPS):
             if time_step.last():

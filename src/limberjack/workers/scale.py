@@ -15,9 +15,9 @@ import dataclasses
 
 import dm_env
 
-from limberjack.factories import Make
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.cores import usable_cores
+from limberjack.workers.factories import Make
 from limberjack.workers.opening import Workers, open_workers
 from limberjack.workers.setup import Setup, prepare
 from limberjack.workers.state import OnState

@@ -20,11 +20,11 @@ from collections.abc import Callable
 
 import dm_env
 
-from limberjack.factories import Factory, Make, factory_of
-from limberjack.policies import PolicyError, actors
-from limberjack.policies.batched import ROWS
+from limberjack import policies
+from limberjack.policies import ROWS, Actor, PolicyError
 from limberjack.report import Facts
 from limberjack.rl.builds import Build
+from limberjack.workers.factories import Factory, Make, factory_of
 from limberjack.workers.identity import (
     advice_on,
     canary_of,
@@ -67,7 +67,7 @@ class Opened:
       full_length: the same with the task's own time limit, which determines kinds of starts.
       build: makes environments like `environment`, for any seed.
       full_build: makes environments like `full_length`.
-      found: the policy, which is no one else's.
+      actor: the policy, which is no one else's.
       num_threads: that step a batch; None for as many as its work can occupy.
       processor: the processor and the C library, in words.
     """
@@ -76,7 +76,7 @@ class Opened:
     full_length: dm_env.Environment
     build: Build
     full_build: Build
-    found: actors.Found
+    actor: Actor
     num_threads: int | None
     processor: str
 
@@ -150,8 +150,8 @@ class Setup:
     def _open(self) -> Opened:
         factory = self.made.factory()
         environment = factory.make(0)
-        found = unpack(self.policy, environment, self.num_threads)
-        identity = identity_of(factory, found, environment, self.action_repeat)
+        actor = unpack(self.policy, environment, self.num_threads)
+        identity = identity_of(factory, actor, environment, self.action_repeat)
         here = {**identity, "canary": canary_of(factory)}
         expected = {**self.identity, "canary": self.canary}
         difference = first_difference(expected, here, self.any_processor)
@@ -164,7 +164,7 @@ class Setup:
         of_full_length = self.made.factory(with_time_limit=False)
         full_length = of_full_length.make(0)
         builds = factory.build(environment), of_full_length.build(full_length)
-        return Opened(environment, full_length, *builds, found, self.num_threads, processor())
+        return Opened(environment, full_length, *builds, actor, self.num_threads, processor())
 
 
 def prepare(
@@ -219,14 +219,14 @@ def _of_policy(
     policy: object, factory: Factory, environment: dm_env.Environment, action_repeat: int
 ) -> Facts:
     """The fields of a setup that depend on the policy."""
-    found = actors.find(policy, environment)
-    if found.sha256 is None:
+    actor = policies.find(policy, environment)
+    if actor.sha256 is None:
         raise PolicyError(
-            f"policy {found.name!r} has no source file, so other processes cannot prove that "
+            f"policy {actor.name!r} has no source file, so other processes cannot prove that "
             "theirs is the same: define it in a file"
         )
-    identity = identity_of(factory, found, environment, action_repeat)
-    return {"identity": identity, "unit_size": 1 if found.actor is None else ROWS}
+    identity = identity_of(factory, actor, environment, action_repeat)
+    return {"identity": identity, "unit_size": 1 if actor.plays_alone else ROWS}
 
 
 def _made(

@@ -1,7 +1,7 @@
 """Policies on their way to a worker: built-in ones by name, modules by source, models as bytes.
 
     shipped = ship("my_policies:still")       # in the driver
-    found = unpack(shipped, environment, 1)   # in a worker
+    actor = unpack(shipped, environment, 1)   # in a worker
 
 A worker imports MODULE:CALLABLE from its own files if it has that module, so that weights beside it
 are found; a worker without it imports the source that was shipped. Whether the module is the same
@@ -19,7 +19,7 @@ from pathlib import Path
 import dm_env
 
 from limberjack import policies
-from limberjack.policies import PolicyError, actors
+from limberjack.policies import Actor, PolicyError
 from limberjack.policies.saved import read_model
 from limberjack.utils.sources import Source, source_of_module
 from limberjack.workers.shipped_modules import import_shipped
@@ -63,9 +63,7 @@ def ship(policy: object) -> Shipped:
     return Shipped(name, source_of_module(module))
 
 
-def unpack(
-    shipped: Shipped, environment: dm_env.Environment, num_threads: int | None
-) -> actors.Found:
+def unpack(shipped: Shipped, environment: dm_env.Environment, num_threads: int | None) -> Actor:
     """The policy, in a worker.
 
     Args:
@@ -77,16 +75,18 @@ def unpack(
       PolicyError: it cannot be used here.
     """
     if shipped.source is None:
-        return actors.find(shipped.name, environment, num_threads, shipped.files)
+        return policies.find(
+            shipped.name, environment, num_threads=num_threads, files=shipped.files
+        )
     module = shipped.name.partition(":")[0]
     if module not in sys.modules and not _has(module):
         import_shipped(module, shipped.source)
     # Threads of an executor, such as those of a worker of Dask, are not the main one.
     is_shared = threading.current_thread() is not threading.main_thread()
-    found = actors.find(shipped.name, environment, num_threads, is_shared=is_shared)
+    actor = policies.find(shipped.name, environment, num_threads=num_threads, is_shared=is_shared)
     if source_of_module(module) is None:  # imported from what was shipped
-        return dataclasses.replace(found, sha256=shipped.source.sha256)
-    return found
+        actor.sha256 = shipped.source.sha256
+    return actor
 
 
 def _name_of(policy: object) -> str:

@@ -1,9 +1,13 @@
-"""`State`: the number of workers that play, start and were lost, for a progress bar."""
+"""Reports on running work, for progress bars: `State` counts workers, `OnProgress` episodes."""
 
 import dataclasses
 from collections.abc import Callable
 
-__all__ = ["OnState", "State"]
+__all__ = ["OnProgress", "OnState", "State"]
+
+# Called with the name of what is played, such as the policy, the number of finished episodes, and
+# how many episodes' worth of steps the running ones have played.
+OnProgress = Callable[[str, int, float], object]
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,7 +12,7 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from limberjack.policies.batched import ROWS
+from limberjack.policies import ROWS
 
 if TYPE_CHECKING:
     from limberjack.workers.setup import Setup

@@ -1,0 +1,35 @@
+"""Datasets: episodes of a policy in Parquet files that anyone can make again, byte for byte.
+
+    from limberjack import data
+
+    data.collect("humanoid", "walk", "random", range(640), out="walk")
+    dataset = data.load("walk")
+    for batch in dataset.batches(256, seed=0):
+        learn(batch)
+    data.replay(dataset)        # None: every bit is the same
+
+A file has the episodes of up to 64 seeds, and in its footer the recipe: task, policy, versions. It
+needs the extra `data`. Nothing in a dataset is executed when it is loaded.
+"""
+
+from limberjack.episodes.collecting import collect
+from limberjack.episodes.dataset import Batch, Dataset, load
+from limberjack.episodes.episode import Episode, Kept
+from limberjack.episodes.films import film
+from limberjack.episodes.information import Information, inform
+from limberjack.episodes.recipe import Recipe
+from limberjack.episodes.replaying import replay
+
+__all__ = [
+    "Batch",
+    "Dataset",
+    "Episode",
+    "Information",
+    "Kept",
+    "Recipe",
+    "collect",
+    "film",
+    "inform",
+    "load",
+    "replay",
+]

@@ -1,0 +1,18 @@
+"""The one journey: an episode is played, kept, resumed, read and replayed here.
+
+    from limberjack import episodes, policies
+
+    actor = policies.find("random", environment)
+    batch = episodes.batch_for(environment, actor, episodes=100)
+    for ended in episodes.play(batch, actor, range(100)):
+        print([episode.total for episode in ended])
+
+`episode.Episode` is the record of an episode, and `playing.play` the loop that plays them. Datasets
+are `limberjack.data`.
+"""
+
+from limberjack.episodes.episode import Episode, Kept
+from limberjack.episodes.playing import Recorded, Step, batch_for, play
+from limberjack.episodes.starts import Starts
+
+__all__ = ["Episode", "Kept", "Recorded", "Starts", "Step", "batch_for", "play"]

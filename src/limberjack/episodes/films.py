@@ -1,0 +1,413 @@
+"""`record` and `film`: films of episodes, alone or side by side, as MP4 or GIF.
+
+    record("humanoid", "walk", out="walk.mp4", policy="random")
+    record(my_package.make, out="mine.gif", seconds=5.0, rows=4)     # make(seed) -> Environment
+    film(data.load("walk"), 3, out="walk-3.mp4", overlay=True)       # an episode of a dataset
+
+The command is `limberjack record`. Films play in real time, and are written completely or not at
+all. They need the extra `video` and OpenGL. `limberjack.video` films other simulations.
+"""
+
+import contextlib
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NotRequired, TypedDict, Unpack
+
+import dm_env
+import numpy as np
+
+from limberjack import policies
+from limberjack.episodes.episode import Episode
+from limberjack.episodes.playing import Recorded, Step, play
+from limberjack.episodes.recipe import Recipe, environment_of, other_versions
+from limberjack.mujoco import TextOverlay
+from limberjack.mujoco.simulation import STATE
+from limberjack.policies import ROWS, Act, Actor
+from limberjack.policies.named import is_stateful_object
+from limberjack.report.folder import FILM, RESULT
+from limberjack.rl.batch_contract import Batch
+from limberjack.rl.control import Environment
+from limberjack.rl.copies import control_of
+from limberjack.rl.guards import at_least_one
+from limberjack.rl.rows import RowsEnvironment
+from limberjack.utils.files import Hold
+from limberjack.utils.regular import open_regular
+from limberjack.utils.seeds import SEEDS, checked_seed
+from limberjack.video import Film, mosaic
+from limberjack.workers.factories import Factory, Make, factory_of
+
+if TYPE_CHECKING:
+    from limberjack.episodes.dataset import Dataset  # which needs the extra 'data'
+
+__all__ = ["View", "film", "record"]
+
+_LARGEST = 2160, 3840  # height and width of a picture, pixels; beyond it memory may run out
+_TABLE_WIDTH = 320  # pixels; on narrower pictures a table of three lines would cover too much
+
+_FTYP = slice(4, 8)  # bytes of an MP4 that name its first part
+
+# Called with steps so far, steps in all and the return so far, of several episodes the mean.
+_OnProgress = Callable[[int, int, float], object]
+
+
+class View(TypedDict):
+    """How a film shows its episodes; the attributes are arguments of `record`."""
+
+    camera: NotRequired[int | str]
+    height: NotRequired[int]
+    width: NotRequired[int]
+    overlay: NotRequired[bool]
+    visualize_reward: NotRequired[bool]
+
+
+def record(
+    domain: str | Make,
+    task: str | None = None,
+    *,
+    out: Path | str,
+    policy: object = "zero",
+    seed: int = 0,
+    seconds: float | None = None,
+    rows: int = 1,
+    action_repeat: int = 1,
+    on_progress: _OnProgress | None = None,
+    **view: Unpack[View],
+) -> Path:
+    """Films an episode of a task, or several side by side.
+
+    Args:
+      domain: a name such as 'humanoid', or a function `make(seed) -> dm_env.Environment`.
+      task: such as 'walk'; None with a function.
+      out: the file, which ends in .mp4 or .gif; an earlier one is replaced.
+      policy: its name, or the function, object or class itself; see `limberjack.policies`.
+      seed: of the episode; row i has seed + i.
+      seconds: of simulated time; by default the task's time limit.
+      rows: number of episodes side by side, at most 64. One that ends early keeps its last picture.
+      action_repeat: control steps per action.
+      on_progress: called before the episode begins and after each step, with the steps so far,
+        those in all, and the return so far (of several episodes the mean).
+      view: camera (its number or name; -1 is the free camera), height and width (of the film, all
+        rows together, pixels; 480 and 640 by default), overlay (draw time, reward and return in a
+        corner), visualize_reward (colour the bodies by the reward).
+
+    Returns:
+      The file.
+
+    Raises:
+      ValueError, TypeError: an argument is wrong, another process writes to `out`, or `out` is the
+        film of a run or an existing file that is no film; nothing was filmed.
+      PolicyError, PhysicsError: the policy or the simulation failed; there is no film.
+      ImportError: the extra `video` is missing.
+      RenderingError: OpenGL is not available.
+      OSError: the film cannot be written.
+    """
+    path = _checked_path(Path(out))
+    first = checked_seed(seed)
+    rows = at_least_one("rows", rows)
+    if rows > ROWS:
+        raise ValueError(f"rows is {rows}; expected at most {ROWS} episodes side by side")
+    if first + rows > SEEDS:
+        raise ValueError(f"the last row's seed is {first + rows - 1}; expected below {SEEDS}")
+    if seconds is not None and not (math.isfinite(seconds) and seconds > 0):
+        raise ValueError(f"seconds is {seconds}; expected a positive number of seconds")
+    # Episodes of the suite may be longer than the task's own time limit.
+    factory = factory_of(domain, task, None if callable(domain) else seconds)
+    repeat = at_least_one("action_repeat", action_repeat)
+    with _Stage.of(factory, first, rows, seconds, view) as stage, _held(path):
+        actor = _actor_of_rows(policy, stage.batch)
+        stage.film(path, actor, range(first, first + rows), on_progress, repeat)
+    return path
+
+
+def film(
+    dataset: "Dataset",
+    seed: int,
+    *,
+    out: Path | str,
+    on_progress: _OnProgress | None = None,
+    **view: Unpack[View],
+) -> Path:
+    """Films an episode of a dataset, from its states, or from its seed and actions.
+
+    States are shown as they were recorded, with any version of MuJoCo. Without them the episode is
+    simulated again, and a film of other rewards than the recorded ones is refused.
+
+    Args:
+      dataset: of a domain that is known here.
+      seed: of the episode.
+      out: the file, which ends in .mp4 or .gif.
+      on_progress: called before the episode begins and after each step.
+      view: as for `record`.
+
+    Raises:
+      ValueError: there is no such episode, it is another one here, or see `record`.
+      ImportError, OSError, PhysicsError, RenderingError: see `record`.
+    """
+    if seed not in dataset.seeds:
+        raise ValueError(f"there is no episode of seed {seed}; the first is {dataset.seeds[0]}")
+    path = _checked_path(Path(out))
+    episode, recipe = dataset.episode(seed), dataset.recipe
+    factory = Factory("the recorded episode", {}, lambda seed: _seeded(recipe, seed))
+    with _Stage.of(factory, seed, 1, None, view) as stage, _held(path):
+        stage.step_limit = episode.length
+        if episode.states is not None:
+            stage.show(path, episode.states, episode.rewards, on_progress)
+            return path
+        checked = _checking(episode, recipe, on_progress)
+        stage.film(path, Recorded({seed: episode.actions}), [seed], checked)
+    return path
+
+
+def _seeded(recipe: Recipe, seed: int) -> Environment:
+    environment = environment_of(recipe)
+    environment.reseed(seed)
+    return environment
+
+
+def _checking(episode: Episode, recipe: Recipe, on_progress: _OnProgress | None) -> _OnProgress:
+    """A function that raises ValueError if the last step has another return than the episode."""
+
+    def checked(step: int, steps: int, total: float) -> None:
+        if step == episode.length and total != episode.total:
+            raise ValueError(
+                f"the episode of seed {episode.seed} has return {total} here, and {episode.total} "
+                "in the dataset: with --states it could be filmed with other versions."
+                f"{other_versions(recipe, None)}"
+            )
+        if on_progress is not None:
+            on_progress(step, steps, total)
+
+    return checked
+
+
+def _held(path: Path) -> Hold:
+    return Hold(path.parent if path.name == FILM else path)
+
+
+def _checked_path(path: Path) -> Path:
+    if not path.parent.is_dir():
+        raise ValueError(f"the film is {path}; there is no directory {path.parent}")
+    if path.is_dir():
+        raise ValueError(f"the film is {path}, a directory; expected a file's name")
+    if path.name == FILM and (path.parent / RESULT).exists():
+        raise ValueError(
+            f"the film is {path}, and that folder's {RESULT} belongs to its present {FILM}: choose "
+            "another name or folder"
+        )
+    if os.path.lexists(path):
+        _check_is_film(path)
+    return path.absolute()  # a policy may change the working directory
+
+
+def _check_is_film(path: Path) -> None:
+    """Raises ValueError if a file that a film is to replace is no film; OSError if unreadable."""
+    with open_regular(path) as file:
+        beginning = file.read(_FTYP.stop)
+    if beginning and beginning[_FTYP] != b"ftyp" and not beginning.startswith(b"GIF8"):
+        raise ValueError(
+            f"the film is {path}, and the file of that name is no film: choose another name, or "
+            "remove that file"
+        )
+
+
+class _EachItsOwn:
+    """A policy that plays alone, of which every row has an object of its own."""
+
+    plays_alone = False
+
+    def __init__(self, actors: Sequence[Actor]) -> None:
+        self._actors = actors
+        self.name, self.sha256 = actors[0].name, actors[0].sha256
+        self._acts: dict[int, Act] = {}
+        self._shape: tuple[int, ...] = ()
+
+    def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
+        """See `Actor`."""
+        assert isinstance(batch, RowsEnvironment)
+        self._shape = batch.single_action_spec().shape
+        for row, seed in zip(rows.tolist(), seeds, strict=True):
+            self._acts[row] = self._actors[row].begin_alone(batch.environments[row], seed)
+
+    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
+        """See `Actor`."""
+        actions = np.zeros((len(next(iter(observation.values()))), *self._shape))
+        for row in rows.tolist():
+            of_row = {name: values[row] for name, values in observation.items()}
+            actions[row] = self._acts[row](of_row)
+        return actions
+
+    def begin_alone(self, environment: dm_env.Environment, seed: int) -> Act:
+        """See `Actor`."""
+        return self._actors[0].begin_alone(environment, seed)
+
+
+def _actor_of_rows(policy: object, batch: RowsEnvironment) -> Actor:
+    """The actor for all rows of a batch.
+
+    Raises:
+      ValueError: there is no such policy, or it cannot act in several rows.
+    """
+    first = policies.find(policy, batch.environments[0])
+    if batch.num_envs == 1:
+        return first
+    if policy not in policies.BUILT_IN and is_stateful_object(policy):
+        raise ValueError(
+            f"policy {first.name!r} is an object with the state of one episode: give its class, so "
+            "that each row has an object of its own"
+        )
+    if not first.plays_alone:
+        return first
+    others = [policies.find(policy, one) for one in batch.environments[1:]]
+    return _EachItsOwn([first, *others])
+
+
+class _Stage:
+    """Environments that are drawn, one or several side by side.
+
+    Attributes:
+      batch: complete environments, one for each picture.
+      step_limit: steps of the film.
+    """
+
+    def __init__(self, batch: RowsEnvironment, step_limit: int, view: View) -> None:
+        """Draws a picture, so that what cannot be drawn is refused before an episode begins.
+
+        Raises:
+          ValueError: there is no such camera, or the size is too large, or too small for the rows.
+          RenderingError: OpenGL is not available.
+        """
+        self.batch = batch
+        self.step_limit = step_limit
+        self._camera = view.get("camera", 0)
+        self._overlay = view.get("overlay", False)
+        height, width = view.get("height", 480), view.get("width", 640)
+        rows = batch.num_envs
+        across = math.ceil(math.sqrt(rows))
+        down = math.ceil(rows / across)
+        # Even numbers, which H.264 needs.
+        picture = height // down // 2 * 2, width // across // 2 * 2
+        if 0 in picture:
+            raise ValueError(f"a film of {height}x{width} pixels is too small for {rows} rows")
+        if rows > 1:
+            height, width = picture[0] * down, picture[1] * across
+        self._size = height, width
+        self._picture_size = height // down, width // across
+        for environment in batch.environments:
+            self._make_room(environment)
+            if view.get("visualize_reward", False):
+                _inner(environment).task.visualize_reward = True
+        self._render(0)
+        self._last = [np.zeros(0, np.uint8)] * rows  # pictures of the rows
+
+    @classmethod
+    @contextlib.contextmanager
+    def of(
+        cls, factory: Factory, seed: int, rows: int, seconds: float | None, view: View
+    ) -> "Iterator[_Stage]":
+        """A stage for so many episodes; raises ValueError if the film would never end."""
+        how = {"seed": seed, "on_divergence": "raise", "action_repeat": 1}
+        batch = RowsEnvironment(factory.make, rows, **how)
+        with contextlib.closing(batch):
+            limit = batch.step_limit
+            if seconds is not None:
+                limit = min(limit, max(1, math.ceil(seconds / batch.control_timestep() - 1e-9)))
+            if math.isinf(limit):
+                raise ValueError(
+                    f"{factory.title} has no time limit, so the film would never end: give its "
+                    "seconds (--seconds SECONDS)"
+                )
+            yield cls(batch, int(limit), view)
+
+    def film(
+        self,
+        path: Path,
+        actor: Actor,
+        seeds: Sequence[int],
+        on_progress: _OnProgress | None,
+        action_repeat: int = 1,
+    ) -> None:
+        """Films an episode of each row."""
+        with self._begun(path) as film:
+
+            def on_step(step: Step) -> None:
+                if on_progress is not None:
+                    number, mean = int(step.numbers.max()), float(step.totals.mean())
+                    on_progress(number, self.step_limit, mean)
+                film.add_picture(lambda: self._pictures(step))
+
+            how = {"most_steps": self.step_limit, "on_step": on_step}
+            for _ in play(self.batch, actor, seeds, action_repeat=action_repeat, **how):
+                pass
+
+    def show(
+        self,
+        path: Path,
+        states: np.ndarray,
+        rewards: np.ndarray,
+        on_progress: _OnProgress | None,
+    ) -> None:
+        """Films states that were recorded, without simulating."""
+        environment = _inner(self.batch.environments[0])
+        environment.reset()  # draws the model fields
+        with self._begun(path) as film:
+            total = 0.0
+            for step, (state, reward) in enumerate(zip(states, [0.0, *rewards], strict=True)):
+                total += float(reward)
+                if on_progress is not None:
+                    on_progress(step, len(rewards), total)
+                environment.physics.set_state(state, STATE)
+                environment.physics.forward()
+                environment.task.after_step(environment.physics)  # sets the colours, if wanted
+                film.add_picture(lambda r=reward, s=step, t=total: self._picture(0, s, float(r), t))
+
+    @contextlib.contextmanager
+    def _begun(self, path: Path) -> Iterator[Film]:
+        """A film, which is finished with the context; raises what `Film` does."""
+        height, width = self._size
+        film = Film(path, self.batch.control_timestep(), height=height, width=width)
+        try:
+            yield film
+            film.finish()
+        finally:
+            film.discard()
+
+    def _make_room(self, environment: dm_env.Environment) -> None:
+        """Enlarges the buffer of a model to the size of a picture; the suite's have 480 by 640."""
+        buffer, (most_height, most_width) = _inner(environment).physics.model.vis.global_, _LARGEST
+        buffer.offheight = max(buffer.offheight, min(self._picture_size[0], most_height))
+        buffer.offwidth = max(buffer.offwidth, min(self._picture_size[1], most_width))
+
+    def _pictures(self, step: Step) -> np.ndarray:
+        """The pictures of all rows; those whose episodes have ended keep their last one."""
+        for row in step.rows.tolist():
+            reward = 0.0 if step.actions is None else float(step.time_step.reward[row])
+            number, total = int(step.numbers[row]), float(step.totals[row])
+            self._last[row] = self._picture(row, number, reward, total)
+        return self._last[0] if len(self._last) == 1 else mosaic(self._last)
+
+    def _picture(self, row: int, steps: int, reward: float, total: float) -> np.ndarray:
+        overlays = []
+        if self._overlay:
+            time = f"{steps * self.batch.control_timestep():.2f} s"
+            names, values = "time\nreward\nreturn", f"{time}\n{reward:.3f}\n{total:.1f}"
+            if self._picture_size[1] < _TABLE_WIDTH:
+                names, values = time, f"{reward:.3f}"
+            overlays = [TextOverlay(names, values, position="bottom left")]
+        return self._render(row, overlays)
+
+    def _render(self, row: int, overlays: Sequence[TextOverlay] = ()) -> np.ndarray:
+        physics = _inner(self.batch.environments[row]).physics
+        return physics.render(*self._picture_size, camera_id=self._camera, overlays=list(overlays))
+
+
+def _inner(environment: dm_env.Environment) -> Environment:
+    """The `control.Environment` inside; raises ValueError if there is none."""
+    inner = control_of(environment)
+    if not isinstance(inner, Environment):
+        raise ValueError(
+            f"a {type(environment).__name__} has no limberjack.rl.control.Environment inside, "
+            "whose simulation could be drawn"
+        )
+    return inner

@@ -1,0 +1,144 @@
+"""`factory_of`: makes an environment by its names in the suite, or with a function of your own.
+
+    factory = factory_of("humanoid", "walk", time_limit=2.0)
+    factory = factory_of(my_package.make)       # make(seed) -> dm_env.Environment
+    environment = factory.make(seed=0)
+    factory.facts       # {"environment": "my_package:make", "environment_sha256": "..."}
+
+`evaluate`, `record` and `bench.measure` take either. A function is identified by its module and
+name and by the hash of its package. A lambda, a function within a function, a partial or an object
+with `__call__` depends on more than that: it has no hash, so its results cannot be kept.
+"""
+
+import dataclasses
+import sys
+from collections.abc import Callable
+
+import dm_env
+
+from limberjack import suite
+from limberjack.policies import name_of
+from limberjack.rl.batches import vectorisable
+from limberjack.rl.builds import Build, takes_a_seed
+from limberjack.rl.control import Environment
+from limberjack.utils.seeds import checked_seed
+from limberjack.utils.sources import defined_in, hash_of_source
+
+__all__ = ["Factory", "Make", "factory_of"]
+
+# An environment whose first episode is that of its seed.
+Make = Callable[[int], dm_env.Environment]
+
+
+@dataclasses.dataclass(frozen=True)
+class Factory:
+    """Makes environments of one task.
+
+    Attributes:
+      title: its name in pictures and messages.
+      facts: what identifies it in results: `domain` and `task`, or `environment` and
+        `environment_sha256`.
+      make: an environment whose first episode is that of the seed; raises ValueError if there is no
+        such domain, task or time limit, and TypeError if the function makes something other than
+        an environment.
+    """
+
+    title: str
+    facts: dict[str, str | None]
+    make: Make
+
+    def build(self, environment: dm_env.Environment) -> Build:
+        """The build of the rows of a batch.
+
+        Args:
+          environment: one that the factory made; a task of the suite is vectorised with it.
+        """
+        is_named = "domain" in self.facts
+        return Build(self.make, self.title, environment if is_named else None)
+
+    def make_plain(self, seed: int) -> Environment:
+        """An environment for code that knows the suite's kind only, as recordings and films do.
+
+        Raises:
+          ValueError: it has methods or attributes of its own, or its task remembers something.
+        """
+        made = self.make(seed)
+        try:
+            return vectorisable(made)
+        except ValueError:
+            made.close()
+            raise
+
+    @property
+    def is_known(self) -> bool:
+        """Whether its facts distinguish it from every other factory."""
+        return None not in self.facts.values()
+
+
+def factory_of(
+    domain: str | Make | dm_env.Environment,
+    task: str | None = None,
+    time_limit: float | None = None,
+) -> Factory:
+    """The factory of a task of the suite, or of a function `make(seed) -> dm_env.Environment`.
+
+    Args:
+      domain: a name such as 'humanoid', the function, or an environment to copy.
+      task: such as 'walk'; None with a function or an environment.
+      time_limit: seconds per episode; None for the task's own, as it must be with a function.
+
+    Raises:
+      TypeError: arguments are missing or too many, or the function takes no seed.
+    """
+    if isinstance(domain, dm_env.Environment):
+        _refuse_beside(type(domain).__name__, task, time_limit)
+        name = type(domain).__name__
+        facts: dict[str, str | None] = {"environment": name, "environment_sha256": None}
+        return Factory(name, facts, Build.of(domain).make)
+    if not callable(domain):
+        if task is None:
+            raise TypeError(f"domain is {domain!r} and task is None; expected the name of a task")
+        return _of_the_suite(domain, task, time_limit)
+    name = name_of(domain)
+    _refuse_beside(name, task, time_limit)
+    if not takes_a_seed(domain):
+        raise TypeError(f"{name} cannot be called with a seed; expected make(seed) -> Environment")
+    is_named = defined_in(domain) is domain and "<" not in name and _found_by_name(domain)
+    sha256 = hash_of_source(domain) if is_named else None
+    facts = {"environment": name, "environment_sha256": sha256}
+    return Factory(name, facts, lambda seed: _checked(name, domain(checked_seed(seed))))
+
+
+def _refuse_beside(name: str, task: str | None, time_limit: float | None) -> None:
+    for argument, value in (("task", task), ("time_limit", time_limit)):
+        if value is not None:
+            raise TypeError(
+                f"{argument} is {value!r}, but {name} makes the environment: leave it out, and set "
+                "it there"
+            )
+
+
+def _of_the_suite(domain: str, task: str, time_limit: float | None) -> Factory:
+    more = {} if time_limit is None else {"time_limit": time_limit}
+
+    def make(seed: int) -> dm_env.Environment:
+        return suite.load(domain, task, {"random": checked_seed(seed), **more})
+
+    return Factory(f"{domain} {task}", {"domain": domain, "task": task}, make)
+
+
+def _found_by_name(make: Make) -> bool:
+    """Whether the function's module has it under its name, so that it was not replaced."""
+    target: object = sys.modules.get(make.__module__)
+    for part in make.__qualname__.split("."):
+        target = getattr(target, part, None)
+    return target is make
+
+
+def _checked(name: str, made: object) -> dm_env.Environment:
+    if not isinstance(made, dm_env.Environment):
+        raise TypeError(
+            f"{name} made a {type(made).__name__}; expected a dm_env.Environment, such as a "
+            "limberjack.rl.control.Environment"
+        )
+    return made

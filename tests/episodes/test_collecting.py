@@ -1,0 +1,411 @@
+"""Collecting: the same bytes however often it is interrupted and whoever plays."""
+
+import concurrent.futures
+import dataclasses
+import errno
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from limberjack import report
+from limberjack.data import Kept, collect, load
+from limberjack.episodes.collecting import _episodes
+from limberjack.policies import PolicyError
+from limberjack.utils import files
+from limberjack.workers import WorkError, prepare
+from tests.policies import saved_models
+from tests.workers.killing import kill_workers_of
+
+from .collected import ARM, PENDULUM, assert_equal, hashes, made
+
+_SAVED = "a saved model"
+_STATM = Path("/proc/self/statm")
+
+
+def _collect(out: Path, seeds: range, policy: object = "random", **kwargs: Any) -> dict[str, str]:
+    """The hashes of a collection of pendulums."""
+    domain, task, seconds = PENDULUM
+    arguments = {"num_threads": 1, "time_limit": seconds, **kwargs}
+    collect(domain, task, policy, seeds, out=out, **arguments)
+    return hashes(out)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The hashes of 130 episodes, collected in one go."""
+    found = _collect(tmp_path_factory.mktemp("whole"), range(130))
+    assert list(found) == [
+        "seeds-0000000000-0000000064.parquet",
+        "seeds-0000000064-0000000128.parquet",
+        "seeds-0000000128-0000000130.parquet",
+    ]
+    return found
+
+
+def test_files_are_written_where_they_were_asked_for_though_the_policy_moves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    _collect(Path("out"), range(65), "tests.episodes.policies:moving")
+    assert Path.cwd() != tmp_path
+    assert len(load(tmp_path / "out")) == 65
+
+
+def test_episodes_are_those_of_their_seeds_with_everything_that_was_asked_for(
+    tmp_path: Path,
+) -> None:
+    kept = Kept(states=True)
+    domain, task, seconds = ARM
+    collect(domain, task, "random", range(62, 66), out=tmp_path, kept=kept, time_limit=seconds)
+    dataset = load(tmp_path)
+    recipe, first = made(ARM, range(62, 64), kept)
+    assert dataset.recipe == recipe
+    for one, other in zip([*first, *made(ARM, range(64, 66), kept)[1]], dataset, strict=True):
+        assert_equal(one, other)
+
+
+def test_a_rerun_gives_equal_bytes(whole: dict[str, str], tmp_path: Path) -> None:
+    assert _collect(tmp_path, range(130)) == whole
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert _collect(tmp_path, range(130)) == whole
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
+
+
+def test_two_workers_and_two_shards_give_equal_bytes(whole: dict[str, str], tmp_path: Path) -> None:
+    _collect(tmp_path, range(130), workers=2, shard=(1, 2))
+    _collect(tmp_path, range(130), shard=(2, 2))
+    assert hashes(tmp_path) == whole
+    assert _collect(tmp_path, range(130)) == whole
+
+
+def test_seeds_may_follow_others(whole: dict[str, str], tmp_path: Path) -> None:
+    first = _collect(tmp_path, range(64))
+    assert _collect(tmp_path, range(64, 130)) == whole
+    assert first.items() <= whole.items()
+    assert len(load(tmp_path)) == 130
+
+
+def test_a_policy_that_plays_one_episode_at_a_time_gives_equal_bytes(tmp_path: Path) -> None:
+    alone = _collect(tmp_path / "alone", range(3), "tests.episodes.policies:Remembering")
+    assert list(alone) == ["seeds-0000000000-0000000003.parquet"]
+    assert not (tmp_path / "alone" / "parts").exists()
+    by_workers = _collect(
+        tmp_path / "workers", range(3), "tests.episodes.policies:Remembering", workers=2
+    )
+    assert by_workers == alone
+
+
+# Policies of all kinds by their names, each with a task and seeds in three files.
+_KINDS = {
+    "zero": (PENDULUM, range(60, 130)),
+    "random": (PENDULUM, range(60, 130)),
+    "tests.workers.playing:Memory": (PENDULUM, [63, 64, 128]),  # with a reset
+    "tests.workers.playing:BatchedMemory": (PENDULUM, range(60, 130)),  # with act_batch
+    "tests.workers.playing:damped": (PENDULUM, range(60, 130)),  # a function
+    "planner": (ARM, [63, 64, 128]),
+    _SAVED: (("humanoid", "stand", 0.05), range(60, 130)),
+}
+
+
+@pytest.fixture(params=_KINDS)
+def of_kind(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> tuple[Callable[..., dict[str, str]], dict[str, str]]:
+    """A function that collects the episodes of a policy, and their hashes in one process."""
+    name, ((domain, task, seconds), seeds) = request.param, _KINDS[request.param]
+    if name == _SAVED:
+        name = saved_models.install(monkeypatch, tmp_path)
+
+    def gather(folder: str, **how: Any) -> dict[str, str]:
+        out = tmp_path / folder
+        collect(domain, task, name, seeds, out=out, time_limit=seconds, **how)
+        return hashes(out)
+
+    expected = gather("one", num_threads=2)
+    assert len(expected) == 3
+    return gather, expected
+
+
+def test_bytes_are_equal_for_each_kind_of_policy_in_shards_and_in_an_executor(
+    of_kind: tuple[Callable[..., dict[str, str]], dict[str, str]],
+) -> None:
+    gather, expected = of_kind
+    for number in (3, 1, 2):
+        found = gather("shards", shard=(number, 3), num_threads=1)
+    assert found == expected
+    assert gather("shards", num_threads=1) == expected
+    with concurrent.futures.ThreadPoolExecutor(4) as executor:
+        assert gather("executor", executor=executor) == expected
+
+
+@pytest.mark.slow
+# In other processes Stable-Baselines3 reads saved models: see evaluation/test_saved_models.py.
+@pytest.mark.parametrize("of_kind", [kind for kind in _KINDS if kind != _SAVED], indirect=True)
+def test_bytes_are_equal_for_each_kind_of_policy_on_two_and_four_workers(
+    of_kind: tuple[Callable[..., dict[str, str]], dict[str, str]],
+) -> None:
+    gather, expected = of_kind
+    for workers in (2, 4):
+        assert gather(f"workers-{workers}", workers=workers) == expected
+    for number in (1, 2, 3):
+        gather("shards", shard=(number, 3), workers=2)
+    assert gather("shards", workers=2) == expected
+
+
+def test_a_planners_episodes_have_equal_bytes_on_four_workers(tmp_path: Path) -> None:
+    domain, task, seconds = ARM
+    ways: dict[str, dict[str, Any]] = {"one": {"num_threads": 2}, "four": {"workers": 4}}
+    for name, how in ways.items():
+        out = tmp_path / name
+        collect(domain, task, "planner", range(62, 66), out=out, time_limit=seconds, **how)
+    assert hashes(tmp_path / "four") == hashes(tmp_path / "one")
+
+
+@pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.slow)])
+def test_bytes_are_equal_after_workers_were_killed_at_random_moments(
+    kills: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    policy, seeds = "tests.workers.playing:Deadly", range(60, 60 + 64 * (4 + kills))
+    expected = _collect(tmp_path / "one", seeds, policy)
+    monkeypatch.setenv("SLOW", "0.03")  # seconds for each of the 10 steps of a unit
+    killed = kill_workers_of(monkeypatch, most=kills)
+    assert _collect(tmp_path / "killed", seeds, policy, workers=2) == expected
+    assert killed == [kills]
+    assert not list((tmp_path / "killed").glob(".*"))
+
+
+def test_a_worker_out_of_memory_is_replaced_twice_and_named_the_third_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    policy, seeds = "tests.workers.playing:Hungry", range(60, 130)
+    expected = _collect(tmp_path / "one", seeds, policy)
+    left = tmp_path / "left"
+    left.write_text("xxxxx")
+    monkeypatch.setenv("DEADLY", str(left))
+    with pytest.raises(WorkError) as caught:
+        _collect(tmp_path / "out", seeds, policy, workers=1)
+    assert str(caught.value) == (
+        f"policy '{policy}', seeds 64 to 127 lost 3 workers on node {socket.gethostname()}, the "
+        "last one by out of memory"
+    )
+    assert left.read_text() == "xx"
+    assert list(hashes(tmp_path / "out")) == ["seeds-0000000060-0000000064.parquet"]
+    assert _collect(tmp_path / "out", seeds, policy, workers=1) == expected
+    assert left.read_text() == ""
+
+
+def test_workers_of_another_identity_write_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for field in ("canary", "versions"):
+
+        def other(*given: Any, field: str = field, **how: Any) -> Any:
+            setup = prepare(*given, **how)
+            if field == "canary":
+                return dataclasses.replace(setup, canary="0")
+            versions = {**setup.identity["versions"], "mujoco": "4.7.0"}
+            return dataclasses.replace(setup, identity={**setup.identity, "versions": versions})
+
+        monkeypatch.setattr("limberjack.workers.scale.prepare", other)
+        with pytest.raises(ValueError, match=rf"is refused: its {field}.* is '"):
+            _collect(tmp_path, range(3), workers=1)
+        assert hashes(tmp_path) == {}
+
+
+# Kills the process in the reset of the 100th episode, if it has never done so before.
+_PROGRAM = """
+import sys
+from pathlib import Path
+from tests.episodes.policies import Killing
+from limberjack.data import collect
+collect("pendulum", "swingup", "tests.episodes.policies:Killing", range(200), out=Path(sys.argv[1]),
+        time_limit=0.2, num_threads=1)
+"""
+
+
+def test_a_collection_that_was_killed_continues_to_equal_bytes(tmp_path: Path) -> None:
+    root = str(Path(__file__).parents[2])
+    path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
+
+    def run(out: Path, **variables: str) -> int:
+        return subprocess.run(
+            [sys.executable, "-c", _PROGRAM, str(out)],
+            env={**os.environ, "PYTHONPATH": path, **variables},
+            timeout=120,
+        ).returncode
+
+    assert run(tmp_path / "whole") == 0
+    for seed in ("70", "130"):
+        assert run(tmp_path / "killed", KILL_AT_SEED=seed) == -signal.SIGKILL
+    assert len(hashes(tmp_path / "killed")) < len(hashes(tmp_path / "whole")) == 4
+    assert run(tmp_path / "killed") == 0
+    assert hashes(tmp_path / "killed") == hashes(tmp_path / "whole")
+    calls = json.loads((tmp_path / "killed" / "run.json").read_text())["calls"]
+    assert [call["ended"] is None for call in calls] == [True, True, False]
+
+
+def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, whole: dict[str, str]) -> None:
+    resource = pytest.importorskip("resource", reason="no limits of files on this system")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"seeds-0000000000-0000000064.parquet") as caught:
+            _collect(tmp_path, range(130))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert caught.value.errno == errno.EFBIG
+    assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
+    assert _collect(tmp_path, range(130)) == whole
+
+
+def test_two_drivers_without_locks_end_in_a_line_or_in_equal_bytes(
+    whole: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "fcntl", None)
+
+    def second(policy: str, finished: int, part: float) -> None:
+        if finished == 64:
+            assert _collect(tmp_path, range(130)) == whole
+
+    with pytest.raises(OSError, match=f"another process writes to {tmp_path}: end one of the two"):
+        _collect(tmp_path, range(130), on_progress=second)
+    assert hashes(tmp_path) == whole
+    assert _collect(tmp_path, range(130)) == whole
+
+
+def test_a_driver_whose_unfinished_file_is_removed_by_another_one_says_so(
+    whole: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "fcntl", None)
+    finish, ran = files.Partial.finish, []
+
+    def late(partial: files.Partial) -> None:
+        if partial.path.suffix == ".parquet" and not ran:
+            ran.append(partial)
+            assert _collect(tmp_path, range(130)) == whole
+        finish(partial)
+
+    monkeypatch.setattr(files.Partial, "finish", late)
+    with pytest.raises(OSError, match=f"another process writes to {tmp_path}: end one of the two"):
+        _collect(tmp_path, range(130))
+    assert hashes(tmp_path) == whole
+
+
+def test_episodes_of_other_versions_are_not_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _collect(tmp_path, range(2))
+    before, actual = hashes(tmp_path), report.versions()
+    monkeypatch.setattr(report, "versions", lambda: {**actual, "mujoco": "4.7.0"})
+    here = actual["mujoco"]
+    message = rf"another dataset .*, whose versions.mujoco is '{here}' and '4.7.0': choose another"
+    with pytest.raises(ValueError, match=message):
+        _collect(tmp_path, range(4))
+    assert hashes(tmp_path) == before
+
+
+@pytest.mark.parametrize("log", ["run.json", "run-1-of-2.json"])
+def test_episodes_of_a_processor_that_rounds_differently_are_not_continued(
+    log: str, whole: dict[str, str], tmp_path: Path
+) -> None:
+    _collect(tmp_path, range(130), shard=None if log == "run.json" else (1, 2))
+    content = json.loads((tmp_path / log).read_text())
+    content["calls"][0]["canary"] = "0"
+    (tmp_path / log).write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"with canary '0', and this call has '.*--any-processor"):
+        _collect(tmp_path, range(128, 192))
+    for path in tmp_path.glob("seeds-0000000064-*"):
+        path.unlink()
+    assert _collect(tmp_path, range(130), any_processor=True) == whole
+
+
+def test_what_a_failing_policy_has_finished_is_kept(tmp_path: Path) -> None:
+    with pytest.raises(PolicyError, match="episode with seed 70: returned an action of shape"):
+        _collect(tmp_path, range(128), "tests.episodes.policies:Failing")
+    assert list(hashes(tmp_path)) == ["seeds-0000000000-0000000064.parquet"]
+
+
+@pytest.mark.skipif(not _STATM.exists(), reason="needs Linux's /proc")
+def test_memory_does_not_grow_with_the_number_of_episodes(tmp_path: Path) -> None:
+    resident: dict[int, int] = {}  # bytes, by the number of finished episodes
+
+    def measure(policy: str, finished: int, part: float) -> None:
+        resident[finished] = int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    kept = Kept(states=True)
+    policy = "tests.episodes.policies:Killing"  # acts on batches
+    _collect(tmp_path, range(320), policy, time_limit=8.0, kept=kept, on_progress=measure)
+    unit = 64 * load(tmp_path).recipe.episode_nbytes
+    assert unit > 4e6
+    assert resident[320] - resident[128] < 1.5 * unit  # three units more
+
+
+def test_compressing_runs_beside_the_simulation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from limberjack.data import collecting, parquet
+
+    events: list[str] = []
+    encode = parquet.encode
+
+    def slow(*arguments: Any) -> bytes:
+        events.append("compress")
+        time.sleep(0.5)
+        events.append("compressed")
+        return encode(*arguments)
+
+    def episodes(recipe: Any, setup: Any, seeds: Any, on_steps: Any = None) -> Any:
+        events.append("simulate")
+        return _episodes(recipe, setup, seeds, on_steps)
+
+    monkeypatch.setattr(collecting, "encode", slow)
+    monkeypatch.setattr(collecting, "_episodes", episodes)
+    _collect(tmp_path, range(128))
+    assert events.index("compressed") > [i for i, e in enumerate(events) if e == "simulate"][1]
+
+
+def test_progress_counts_the_episodes_that_are_there(tmp_path: Path) -> None:
+    _collect(tmp_path, range(64))
+    shown: list[tuple[str, int, float]] = []
+    _collect(tmp_path, range(70), on_progress=lambda *what: shown.append(what))
+    assert shown[0] == ("random", 64, 0.0)
+    assert shown[-1] == ("random", 70, 0.0)
+    assert max(part for _, _, part in shown) == 6.0
+
+
+@pytest.mark.parametrize(
+    ("seeds", "message"),
+    [([], "there are no seeds"), ([3, 3], "seed 3 follows 3"), ([5, 4], "seed 4 follows 5")],
+)
+def test_seeds_must_increase(seeds: list[int], message: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=message):
+        collect(*PENDULUM[:2], seeds=seeds, out=tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_another_policy_file_of_the_same_name_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    for number in (1, 2):
+        (tmp_path / "changing.py").write_text(
+            f"import numpy as np\ndef act(observation):\n    return np.full(1, 0.{number})\n"
+        )
+        sys.modules.pop("changing", None)
+        if number == 1:
+            _collect(tmp_path / "out", range(2), "changing:act")
+            continue
+        with pytest.raises(ValueError, match="whose policy_sha256 is"):
+            _collect(tmp_path / "out", range(4), "changing:act")
+    sys.modules.pop("changing", None)

@@ -1,0 +1,194 @@
+"""Files of episodes: their bytes, and what is refused of those that anyone may have changed."""
+
+import dataclasses
+import json
+import random
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack.episodes.episode import Kept
+from limberjack.episodes.parquet import Shard, encode, join
+
+from .collected import ARM, EVERYTHING, PENDULUM, assert_equal, made
+
+pa = pytest.importorskip("pyarrow", reason="needs the extra 'data'")
+pq = pytest.importorskip("pyarrow.parquet", reason="needs the extra 'data'")
+
+
+def _written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file of three episodes."""
+    recipe, episodes = made(PENDULUM, range(3, 6), Kept(states=True))
+    return _written(tmp_path_factory.mktemp("file") / "file.parquet", encode(recipe, episodes))
+
+
+@pytest.mark.parametrize("where", [PENDULUM, ARM])
+@pytest.mark.parametrize("kept", [Kept(), EVERYTHING])
+def test_episodes_are_read_as_they_were_written(
+    where: tuple[str, str, float], kept: Kept, tmp_path: Path
+) -> None:
+    recipe, episodes = made(where, range(64, 67), kept)
+    shard = Shard(_written(tmp_path / "file.parquet", encode(recipe, episodes)))
+    assert (shard.recipe, shard.seeds) == (recipe, range(64, 67))
+    assert shard.lengths == [episode.length for episode in episodes]
+    for one, other in zip(episodes, shard.episodes(), strict=True):
+        assert_equal(one, other)
+
+
+def test_equal_episodes_give_equal_bytes_also_in_parts(tmp_path: Path) -> None:
+    recipe, episodes = made(ARM, range(4))
+    whole = encode(recipe, episodes)
+    assert encode(*made(ARM, range(4))) == whole
+    first = Shard(_written(tmp_path / "first", encode(recipe, episodes[:1])))
+    rest = Shard(_written(tmp_path / "rest", encode(recipe, episodes[1:])))
+    assert join([first, rest]) == whole
+
+
+@pytest.mark.parametrize("kept", [Kept(), EVERYTHING])
+@pytest.mark.parametrize("where", [PENDULUM, ARM, ("humanoid", "walk", 0.25)])
+def test_a_file_takes_no_more_bytes_than_its_recipe_says(
+    where: tuple[str, str, float], kept: Kept
+) -> None:
+    recipe, episodes = made(where, range(64), kept)
+    for count in (1, 2, 64):
+        assert len(encode(recipe, episodes[:count])) <= recipe.most_nbytes(count, files=1)
+    assert recipe.most_nbytes(64, files=1) < 4 * len(encode(recipe, episodes))
+
+
+def test_other_programs_find_a_row_per_step(pendulum: Path) -> None:
+    table = pq.read_table(pendulum)
+    assert table.num_rows == 3 * 11
+    assert table.column("seed").to_pylist() == [3] * 11 + [4] * 11 + [5] * 11
+    assert not any(column.null_count for column in table.columns)
+    assert b"limberjack" in table.schema.metadata
+
+
+def test_the_footer_names_no_path_host_or_date(pendulum: Path) -> None:
+    content = json.loads(pq.read_schema(pendulum).metadata[b"limberjack"])
+    assert set(content) == {
+        "action_repeat", "columns", "control_timestep", "domain", "fingerprint", "flat",
+        "float32", "format", "policy", "policy_sha256", "seeds", "states", "task", "time_limit",
+        "versions",
+    }  # fmt: skip
+    assert set(content["versions"]) == {"limberjack", "mujoco", "numpy", "pyarrow", "python"}
+
+
+def test_a_file_that_is_cut_short_anywhere_is_refused(pendulum: Path, tmp_path: Path) -> None:
+    content = pendulum.read_bytes()
+    for length in range(0, len(content), 97):
+        path = _written(tmp_path / "cut.parquet", content[:length])
+        with pytest.raises(ValueError, match=r"cut.parquet is damaged or no file of a dataset"):
+            Shard(path)
+
+
+def test_a_changed_byte_is_refused_or_changes_nothing(pendulum: Path, tmp_path: Path) -> None:
+    content, draws = pendulum.read_bytes(), random.Random(0)
+    expected = list(Shard(pendulum).episodes())
+    refused = 0
+    for _ in range(300):
+        changed = bytearray(content)
+        changed[draws.randrange(len(content))] ^= 1 << draws.randrange(8)
+        path = _written(tmp_path / "changed.parquet", bytes(changed))
+        try:
+            found = list(Shard(path).episodes())
+        except ValueError:
+            refused += 1
+            continue
+        for one, other in zip(expected, found, strict=True):
+            assert_equal(one, dataclasses.replace(other, seed=one.seed))
+    assert refused > 200
+
+
+def _rewritten(source: Path, path: Path, **changes: Any) -> Path:
+    """A file with other columns, or another recipe, that is a valid Parquet file."""
+    table = pq.read_table(source)
+    metadata = {b"limberjack": changes.pop("recipe", table.schema.metadata[b"limberjack"])}
+    groups = changes.pop("groups", [11, 11, 11])
+    for name, values in changes.items():
+        field = table.schema.field(name)
+        table = table.set_column(table.schema.get_field_index(name), field, values)
+    table = table.replace_schema_metadata(metadata)
+    with pq.ParquetWriter(path, table.schema) as writer:
+        begin = 0
+        for size in groups:
+            writer.write_table(table.slice(begin, size), row_group_size=size)
+            begin += size
+    return path
+
+
+def test_a_rewritten_file_is_read_if_nothing_is_forged(pendulum: Path, tmp_path: Path) -> None:
+    shard = Shard(_rewritten(pendulum, tmp_path / "copy.parquet"))
+    for one, other in zip(Shard(pendulum).episodes(), shard.episodes(), strict=True):
+        assert_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"recipe": b"{}"}, "not of format 1"),
+        ({"recipe": b"\x80\x04."}, "damaged or no file"),
+        ({"groups": [22, 11]}, "it has 2 episodes"),
+        ({"groups": [11, 21, 1]}, "steps"),
+        ({"groups": [10, 12, 11]}, "does not end with its last step"),
+        ({"seed": pa.array(np.zeros(33, int))}, "has rows of seed"),
+    ],
+)
+def test_a_forged_file_is_refused(
+    changes: dict[str, Any], message: str, pendulum: Path, tmp_path: Path
+) -> None:
+    path = _rewritten(pendulum, tmp_path / "forged.parquet", **changes)
+    with pytest.raises(ValueError, match=message) as caught:
+        list(Shard(path).episodes())
+    assert str(path) in str(caught.value)
+
+
+def test_columns_of_another_recipe_are_refused(pendulum: Path, tmp_path: Path) -> None:
+    recipe, _ = made(ARM, range(3, 6))
+    text = recipe.text(range(3, 6)).encode()
+    with pytest.raises(ValueError, match="its columns are not those of its recipe"):
+        Shard(_rewritten(pendulum, tmp_path / "forged.parquet", recipe=text))
+
+
+def test_a_model_field_of_another_size_is_refused(tmp_path: Path) -> None:
+    recipe, episodes = made(ARM, range(1))
+    content = encode(recipe, episodes)
+    source = _written(tmp_path / "arm.parquet", content)
+    rows = [[0.0] * 36, [], [0.0], [], [], []]
+    kind = pq.read_schema(source).field("field/body_pos").type
+    forged = _rewritten(
+        source, tmp_path / "forged.parquet", groups=[6], **{"field/body_pos": pa.array(rows, kind)}
+    )
+    with pytest.raises(ValueError, match=r"'field/body_pos' has no 36 numbers in a row"):
+        list(Shard(forged).episodes())
+
+
+def test_an_episode_that_would_fill_the_memory_is_refused_before_it_is_read(
+    pendulum: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("limberjack.episodes.parquet._MOST_BYTES", 1000)
+    with pytest.raises(ValueError, match="an episode takes more than 1,000 bytes"):
+        Shard(pendulum)
+
+
+def test_a_pickle_and_a_missing_file_are_told_apart(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        Shard(tmp_path / "missing.parquet")
+    with pytest.raises(ValueError, match="damaged or no file of a dataset"):
+        Shard(_written(tmp_path / "pickle.parquet", b"\x80\x04cos\nsystem\n."))
+
+
+def test_an_open_file_reads_single_episodes(pendulum: Path, tmp_path: Path) -> None:
+    expected = list(Shard(pendulum).episodes())
+    copy = Path(shutil.copy(pendulum, tmp_path / "copy.parquet"))
+    with Shard(copy).opened() as read:
+        assert_equal(read(5), expected[2])
+        assert_equal(read(3), expected[0])

@@ -1,0 +1,129 @@
+"""Recipes as texts in footers, some of them forged."""
+
+import dataclasses
+import json
+from typing import Any
+
+import pytest
+
+from limberjack import suite
+from limberjack.episodes.recipe import Column, Kept, Recipe, recipe_of
+from limberjack.suite import ALL_TASKS
+
+from .collected import ARM, EVERYTHING, PENDULUM, made
+
+_RECIPE, _ = made(PENDULUM, range(1))
+
+
+@pytest.mark.parametrize("kept", [Kept(), EVERYTHING])
+def test_a_recipe_is_read_as_it_was_written(kept: Kept) -> None:
+    recipe, _ = made(ARM, range(1), kept)
+    assert Recipe.parse(recipe.text(range(64, 70))) == (recipe, range(64, 70))
+
+
+def test_a_task_of_every_domain_has_columns_that_can_be_read_again() -> None:
+    first = dict(reversed(ALL_TASKS))
+    for domain, task in first.items():
+        environment = suite.load(domain, task, {"random": 0, "time_limit": 0.1})
+        for kept in (Kept(), EVERYTHING):
+            recipe = recipe_of(_RECIPE.facts, environment, kept)
+            assert Recipe.parse(recipe.text(range(1)))[0] == recipe, (domain, task)
+            assert all(column.size for column in recipe.columns), (domain, task)
+        environment.close()
+
+
+def test_of_a_saved_model_only_the_files_name_is_kept() -> None:
+    environment = suite.load(*PENDULUM[:2])
+    facts = {**_RECIPE.facts, "policy": "sb3:/home/me/models/walk.zip"}
+    assert recipe_of(facts, environment, Kept()).facts["policy"] == "sb3:walk.zip"
+
+
+def test_float32_is_for_observations_only() -> None:
+    recipe, _ = made(ARM, range(1), Kept(states=True, float32=True))
+    types = {column.name: column.dtype for column in recipe.columns}
+    assert types["observation/arm_pos"] == "float32"
+    assert [types[n] for n in ("action", "reward", "state", "field/body_pos")] == ["float64"] * 4
+
+
+def test_the_size_of_an_episode_counts_every_row_and_each_field_once() -> None:
+    recipe, (episode,) = made(ARM, range(1), Kept(states=True))
+    assert episode.states is not None
+    arrays = [*episode.observations.values(), episode.states]
+    rows = sum(array.nbytes for array in arrays)
+    of_actions = episode.actions.nbytes // 5 * 6
+    fields = sum(array.nbytes for array in episode.fields.values())
+    rest = 6 * (8 + 8 + 4)  # seed and reward; four flags
+    assert recipe.episode_nbytes == rows + of_actions + fields + rest
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"format": 2}, "not of format 1"),
+        ({"seeds": [0, 65]}, "expected some within one block of 64"),
+        ({"seeds": [60, 70]}, "expected some within one block of 64"),
+        ({"seeds": [2, 2]}, "expected some within one block of 64"),
+        ({"seeds": [-1, 2]}, "expected some within one block of 64"),
+        ({"seeds": "all"}, "its seeds are 'all'"),
+        ({"seeds": [False, True]}, "its seeds are"),
+        ({"columns": 3}, "damaged"),
+        ({"columns": [["seed", "int64", []]]}, "'action' is missing"),
+        ({"columns": [["seed", "object", []]]}, "has type 'object'"),
+        ({"columns": [["seed", "int64", [-1]]]}, "has shape"),
+        ({"columns": [["seed", "int64", [2**30]]]}, "has shape"),
+        ({"columns": ["seed"]}, "expected a name, a type and a shape"),
+        ({"flat": 1}, "neither true nor false"),
+        ({"states": True}, "'state' is there exactly if"),
+        ({"time_limit": -1.0}, "its time_limit is -1.0"),
+        ({"time_limit": float("nan")}, "its time_limit is nan"),
+        ({"time_limit": 1e300}, "its time_limit is"),
+        ({"control_timestep": 0}, "its control_timestep|its time_limit"),
+        ({"versions": {"mujoco": 4}}, "its versions are"),
+        ({"domain": ["pendulum"]}, "its domain is"),
+        ({"more": 1}, "its facts are"),
+    ],
+)
+def test_a_forged_recipe_is_refused(changes: dict[str, Any], message: str) -> None:
+    content = json.loads(_RECIPE.text(range(3)))
+    with pytest.raises(ValueError, match=message):
+        Recipe.parse(json.dumps({**content, **changes}))
+
+
+@pytest.mark.parametrize("column", [
+    ["seed", "int64", []],
+    ["unknown", "int64", []],
+    ["observation/x", "str", []],
+    ["start", "int64", []],
+    ["success", "bool", [2]],
+])  # fmt: skip
+def test_a_further_column_must_be_one_of_those_that_exist(column: list[Any]) -> None:
+    content = json.loads(_RECIPE.text(range(3)))
+    content["columns"] = [c for c in content["columns"] if c[0] != "success"] + [column]
+    with pytest.raises(ValueError, match="column"):
+        Recipe.parse(json.dumps(content))
+
+
+@pytest.mark.parametrize("text", [b"", b"{", b"[]", b"3", b"\xff\xfe", b"[" * 100_000])
+def test_what_is_no_json_object_is_refused(text: bytes) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        Recipe.parse(text)
+
+
+def test_a_difference_names_the_entry_and_both_values() -> None:
+    other, _ = made(PENDULUM, range(1), policy="zero")
+    assert _RECIPE.difference(_RECIPE) is None
+    assert _RECIPE.difference(other) == "policy is 'random' and 'zero'"
+    flat = Recipe(_RECIPE.facts, Kept(flat=True), _RECIPE.columns)
+    assert _RECIPE.difference(flat) == "flat is False and True"
+
+
+def test_of_versions_only_the_one_that_differs_is_named() -> None:
+    versions = {**_RECIPE.facts["versions"], "mujoco": "4.7.0"}
+    other = dataclasses.replace(_RECIPE, facts={**_RECIPE.facts, "versions": versions})
+    here = _RECIPE.facts["versions"]["mujoco"]
+    assert _RECIPE.difference(other) == f"versions.mujoco is {here!r} and '4.7.0'"
+
+
+def test_a_columns_bytes_are_those_of_its_numbers() -> None:
+    assert Column("observation/x", "float32", (2, 3)).nbytes == 24
+    assert Column("start", "str").nbytes == 0

@@ -1,0 +1,81 @@
+"""Factories of environments: by name, and by a function of the user's own."""
+
+import functools
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from limberjack import suite
+from limberjack.rl.control import Environment
+from limberjack.workers.factories import factory_of, takes_a_seed
+from tests import plain_domain
+
+
+def test_names_make_the_environment_that_the_suite_loads() -> None:
+    factory = factory_of("stacker", "stack_2", time_limit=0.2)
+    assert (factory.title, factory.facts) == (
+        "stacker stack_2",
+        {"domain": "stacker", "task": "stack_2"},
+    )
+    made, loaded = factory.make_plain(3), suite.load("stacker", "stack_2", {"random": 3})
+    assert made.step_limit == 20
+    assert (
+        made.reset().observation["box_pos"].tolist()
+        == loaded.reset().observation["box_pos"].tolist()
+    )
+    assert factory.is_known
+
+
+def test_a_function_is_known_by_its_module_its_name_and_its_source() -> None:
+    factory = factory_of(plain_domain.make)
+    assert factory.title == factory.facts["environment"] == "tests.plain_domain:make"
+    assert re.fullmatch("[0-9a-f]{64}", factory.facts["environment_sha256"] or "")
+    assert factory.is_known
+    assert factory.make_plain(3).step_limit == 25
+
+
+class _Maker:
+    def __call__(self, seed: int) -> Environment:
+        return plain_domain.make(seed)
+
+
+def _hidden() -> Callable[[int], Environment]:
+    def make(seed: int) -> Environment:
+        return plain_domain.make(seed)
+
+    return make
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda seed: plain_domain.make(seed),
+        functools.partial(plain_domain.push, 0.5),
+        _hidden(),
+        _Maker(),
+    ],
+    ids=["a lambda", "a partial", "a function within a function", "an object"],
+)
+def test_a_function_that_depends_on_more_than_its_source_has_no_hash(
+    make: Callable[[int], Environment],
+) -> None:
+    factory = factory_of(make)
+    assert factory.facts["environment_sha256"] is None
+    assert not factory.is_known
+    assert factory.make_plain(3).step_limit == 25
+
+
+@pytest.mark.parametrize("seed", [True, 1.5, -1])
+def test_an_invalid_seed_is_refused(seed: Any) -> None:
+    for factory in (factory_of(plain_domain.make), factory_of("humanoid", "stand")):
+        with pytest.raises((TypeError, ValueError), match=f"seed is {seed}; expected a whole"):
+            factory.make(seed)
+
+
+def test_whether_a_function_takes_a_seed_is_read_from_its_signature() -> None:
+    assert takes_a_seed(plain_domain.make)
+    assert takes_a_seed(lambda *arguments: None)
+    assert not takes_a_seed(lambda: None)
+    assert not takes_a_seed(lambda domain, task: None)
