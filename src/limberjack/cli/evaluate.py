@@ -1,9 +1,7 @@
 """`limberjack evaluate`: scores of a policy, beside zero and random actions on the same seeds."""
 
-import contextlib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,29 +9,29 @@ from limberjack.cli.app import command
 from limberjack.cli.options import (
     ActionRepeat,
     AnyProcessor,
-    Domain,
+    EnvironmentName,
+    Episodes,
+    OptionalDomain,
+    Out,
     PolicyName,
     Ray,
+    Seeds,
     Shard,
     TaskName,
+    Threads,
     TimeLimit,
     Workers,
-    named_task,
-    seeds_of,
+    chosen_seeds,
+    named_environment,
     shard_named,
 )
 from limberjack.cli.output import (
-    FAILED,
-    INTERRUPTED,
-    MISUSED,
-    SEEDS,
     complain,
     console,
+    failures_reported,
     misuse_reported,
     rows_reported,
     search_working_directory,
-    users_failure,
-    worded,
 )
 from limberjack.cli.progress import Units, show_units
 from limberjack.cli.summaries import add_summaries, summaries_table
@@ -46,25 +44,6 @@ __all__: list[str] = []
 
 _EPISODES = 100  # by default
 
-_Seeds = Annotated[
-    str | None,
-    typer.Option(metavar="A:B", help="One episode for each seed from A to B-1; 0:100 by default."),
-]
-_Episodes = Annotated[
-    int | None,
-    typer.Option(min=1, max=SEEDS, help="The first seeds only; without --seeds, those from 0 on."),
-]
-_Out = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Keep results here, and continue those that are there."),
-]
-_Threads = Annotated[
-    int | None,
-    typer.Option(
-        min=1, help="Threads that step the batch, or of each worker; by default all cores."
-    ),
-]
-
 
 @command(
     "evaluate",
@@ -72,13 +51,14 @@ _Threads = Annotated[
     "limberjack evaluate humanoid/walk --policy sb3:walk.zip --out scores",
 )
 def _evaluate(
-    domain: Domain,
+    domain: OptionalDomain = None,
     task: TaskName = None,
+    env: EnvironmentName = None,
     policy: PolicyName = "zero",
-    seeds: _Seeds = None,
-    episodes: _Episodes = None,
-    out: _Out = None,
-    threads: _Threads = None,
+    seeds: Seeds = None,
+    episodes: Episodes = None,
+    out: Out = None,
+    threads: Threads = None,
     time_limit: TimeLimit = None,
     action_repeat: ActionRepeat = None,
     workers: Workers = None,
@@ -95,17 +75,20 @@ def _evaluate(
     that was killed. The planner plays one episode per core, unless --threads is given.
     """
     with misuse_reported():
-        domain, task = named_task(domain, task)
-        chosen = _chosen_seeds(seeds, episodes)
+        where = named_environment(domain, task, env)
+        chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part = shard_named(shard, out)
     search_working_directory(policy)
-    with rows_reported(), show_units() as progress, _failures_reported(progress, out):
+    with (
+        rows_reported(),
+        show_units() as progress,
+        failures_reported(progress, lambda: _done(progress, out)),
+    ):
         from limberjack.evaluation import evaluate
 
         progress.begin(_count(chosen, part, policy))
         evaluation = evaluate(
-            domain,
-            task,
+            *where,
             policy,
             chosen,
             out=out,
@@ -130,56 +113,6 @@ def _count(seeds: range, shard: tuple[int, int] | None, policy: str) -> int:
 
     mine = seeds if shard is None else shard_of(seeds, *shard)
     return len(mine) * len({policy, *FLOORS})
-
-
-def _chosen_seeds(seeds: str | None, episodes: int | None) -> range:
-    """The seeds given by their range, their number, or both.
-
-    Raises:
-      ValueError: they are not a range, an empty one, or fewer than the episodes.
-    """
-    if seeds is None:
-        return range(_EPISODES if episodes is None else episodes)
-    chosen = seeds_of(seeds)
-    if episodes is not None and episodes > len(chosen):
-        raise ValueError(
-            f"--episodes is {episodes}, but --seeds {seeds} holds {len(chosen)}: give more seeds"
-        )
-    return chosen[:episodes]
-
-
-@contextlib.contextmanager
-def _failures_reported(progress: Units, out: Path | None) -> Iterator[None]:
-    """Turns an error or interrupt into one line and an exit status."""
-    from limberjack.policies import PolicyError
-    from limberjack.rl.control import PhysicsError
-    from limberjack.workers import WorkError
-
-    try:
-        yield
-    except KeyboardInterrupt:
-        complain(f"interrupted: {_done(progress, out)}")
-        raise typer.Exit(INTERRUPTED) from None
-    except (PolicyError, PhysicsError, WorkError, OSError) as error:
-        if progress.finished is None:
-            complain(error)
-            raise typer.Exit(MISUSED) from None
-        complain(f"{worded(error)}; {_done(progress, out)}")
-        raise typer.Exit(FAILED) from None
-    except Exception as error:
-        if progress.finished is None and isinstance(error, ValueError):
-            complain(error)
-            raise typer.Exit(MISUSED) from None
-        failure = users_failure(error)
-        if failure is not None and progress.finished is None:
-            complain(failure)
-            raise typer.Exit(MISUSED) from None
-        if failure is not None:
-            complain(f"{failure}; {_done(progress, out)}")
-            raise typer.Exit(FAILED) from None
-        if progress.finished is not None:
-            error.add_note(f"limberjack: {_done(progress, out)}")
-        raise
 
 
 def _done(progress: Units, out: Path | None) -> str:

@@ -1,29 +1,41 @@
 """Arguments and options that several commands have, described in the same words."""
 
+import math
 import re
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from limberjack import registry
+from limberjack.cli.output import append_working_directory
 from limberjack.utils.seeds import SEEDS
 from limberjack.utils.suggest import did_you_mean
+
+if TYPE_CHECKING:
+    from limberjack.workers.factories import Make
 
 __all__ = [
     "ActionRepeat",
     "AnyProcessor",
     "Domain",
-    "FirstSeed",
+    "EnvironmentName",
+    "Episodes",
     "OptionalDomain",
+    "Out",
     "PolicyName",
     "Ray",
+    "Seed",
+    "Seeds",
     "Shard",
     "TaskName",
+    "Threads",
     "TimeLimit",
     "Workers",
+    "chosen_seeds",
+    "finite",
+    "named_environment",
     "named_task",
-    "seeds_from",
-    "seeds_of",
     "shard_named",
 ]
 
@@ -46,8 +58,35 @@ PolicyName = Annotated[
         help="What acts: zero, random, planner, MODULE:CALLABLE, or sb3:PATH of a saved model.",
     ),
 ]
-FirstSeed = Annotated[
-    int, typer.Option(min=0, max=SEEDS - 1, help="Of the first episode; the next has seed+1.")
+EnvironmentName = Annotated[
+    str | None,
+    typer.Option(
+        "--env",
+        metavar="MODULE:FUNCTION",
+        help="In the place of DOMAIN TASK: a function make(seed) that makes an environment. Its "
+        "module may be in the working directory.",
+    ),
+]
+Seed = Annotated[int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode.")]
+Seeds = Annotated[
+    str | None,
+    typer.Option(
+        metavar="A:B", help="One episode for each seed from A to B-1, or A for one episode."
+    ),
+]
+Episodes = Annotated[
+    int | None,
+    typer.Option(min=1, max=SEEDS, help="The first seeds only; without --seeds, those from 0 on."),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Write the results into this folder."),
+]
+Threads = Annotated[
+    int | None,
+    typer.Option(
+        min=1, help="Threads that step the batch, or of each worker; by default all cores."
+    ),
 ]
 TimeLimit = Annotated[
     float | None, typer.Option(help="Seconds per episode; the task's own by default.")
@@ -136,30 +175,60 @@ def named_task(domain: str, task: str | None) -> tuple[str, str]:
     raise ValueError(f"got {domain} without a task; choose one of: {tasks}")
 
 
-def seeds_from(first: int, episodes: int) -> range:
-    """The seeds of so many episodes, each one more than the one before.
+def named_environment(
+    domain: str | None, task: str | None, env: str | None
+) -> "tuple[str | Make, str | None]":
+    """The domain and the task, or the function of --env and None.
 
     Raises:
-      ValueError: the last one is too large.
+      ValueError: neither or both are given, or there is no such function.
     """
-    seeds = range(first, first + episodes)
-    if seeds[-1] >= SEEDS:
-        raise ValueError(f"the last episode's seed is {seeds[-1]}; expected below {SEEDS}")
-    return seeds
+    if env is None:
+        if domain is None:
+            raise ValueError(
+                "got no task; expected DOMAIN TASK, or --env MODULE:FUNCTION. `limberjack list` "
+                "shows all tasks"
+            )
+        return named_task(domain, task)
+    if domain is not None:
+        raise ValueError(f"got {domain} and --env {env}; expected one of them")
+    from limberjack.policies.named import found_named
+
+    append_working_directory()
+    return found_named("--env", env), None
 
 
-def seeds_of(given: str) -> range:
-    """The seeds that A:B names.
+def chosen_seeds(seeds: str | None, episodes: int | None, default: int) -> range:
+    """The seeds given by their range, their number, or both.
+
+    Args:
+      seeds: A:B, or A.
+      episodes: the first ones only.
+      default: their number, from 0 on, if neither is given.
 
     Raises:
-      ValueError: it is no range, an empty one, or one of numbers that are too large.
+      ValueError: they are not a range, an empty one, or fewer than the episodes.
     """
-    found = re.fullmatch(r"(\d+):(\d+)", given)
+    if seeds is None:
+        return range(default if episodes is None else episodes)
+    found = re.fullmatch(r"(\d+)(?::(\d+))?", seeds)
     if found is None:
-        raise ValueError(f"--seeds is {given!r}; expected A:B, such as 0:100 for the first hundred")
-    seeds = range(int(found[1]), int(found[2]))
-    if not seeds:
-        raise ValueError(f"--seeds is {given}, which holds no seed; expected A:B with A below B")
-    if seeds[-1] >= SEEDS:
-        raise ValueError(f"--seeds is {given}; expected numbers up to {SEEDS}")
-    return seeds
+        raise ValueError(f"--seeds is {seeds!r}; expected A:B, such as 0:100 for the first hundred")
+    first = int(found[1])
+    chosen = range(first, first + 1 if found[2] is None else int(found[2]))
+    if not chosen:
+        raise ValueError(f"--seeds is {seeds}, which holds no seed; expected A:B with A below B")
+    if chosen[-1] >= SEEDS:
+        raise ValueError(f"--seeds is {seeds}; expected numbers up to {SEEDS}")
+    if episodes is not None and episodes > len(chosen):
+        raise ValueError(
+            f"--episodes is {episodes}, but --seeds {seeds} holds {len(chosen)}: give more seeds"
+        )
+    return chosen[:episodes]
+
+
+def finite(time_limit: float | None) -> float | None:
+    """A time limit; raises ValueError for an infinite one, with which nothing would end."""
+    if time_limit is not None and math.isinf(time_limit):
+        raise ValueError(f"--time-limit is {time_limit}; expected a number of seconds")
+    return time_limit

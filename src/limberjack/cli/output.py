@@ -4,9 +4,9 @@ import contextlib
 import logging
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import Protocol, TextIO
 
 import rich.box
 import rich.console
@@ -19,20 +19,17 @@ from limberjack.utils.described import described, is_of_user
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS
 
-if TYPE_CHECKING:
-    from limberjack.policies import Policy
-    from limberjack.rl.control import Environment
-
 __all__ = [
     "FAILED",
     "INTERRUPTED",
     "MISUSED",
     "SEEDS",
     "TERMINATED",
+    "Progress",
     "append_working_directory",
     "complain",
     "console",
-    "find_policy",
+    "failures_reported",
     "is_terminal",
     "misuse_reported",
     "rows_reported",
@@ -48,14 +45,6 @@ FAILED = 1
 MISUSED = 2
 
 _PIPE_WIDTH = 200  # columns without a terminal, so that no row is broken
-
-
-def find_policy(name: str, environment: "Environment") -> "Policy":
-    """The policy of that name for an environment; its module may be in the working directory."""
-    from limberjack import policies
-
-    search_working_directory(name)
-    return policies.find(name, environment)
 
 
 def search_working_directory(policy: str) -> None:
@@ -131,6 +120,44 @@ def misuse_reported() -> Iterator[None]:
             raise
         complain(worded(error))
         raise typer.Exit(MISUSED) from None
+
+
+class Progress(Protocol):
+    """Shows the progress of episodes; `limberjack.cli.progress.Units` is one."""
+
+    finished: int | None  # episodes; None before the first one has begun
+
+
+@contextlib.contextmanager
+def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[None]:
+    """Turns an error or interrupt while episodes are played into one line and an exit status.
+
+    Args:
+      progress: an error before the first episode has begun is a mistake on the command line.
+      done: the number of episodes that are complete, and how to continue, in words.
+    """
+    from limberjack.policies import PolicyError
+    from limberjack.rl.control import PhysicsError
+    from limberjack.workers import WorkError
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        complain(f"interrupted: {done()}")
+        raise typer.Exit(INTERRUPTED) from None
+    except Exception as error:
+        begun = progress.finished is not None
+        expected = (PolicyError, PhysicsError, WorkError, OSError)
+        if isinstance(error, expected if begun else (*expected, ValueError)):
+            sentence = worded(error)
+        else:
+            sentence = users_failure(error)
+        if sentence is None:
+            if begun:
+                error.add_note(f"limberjack: {done()}")
+            raise
+        complain(f"{sentence}; {done()}" if begun else sentence)
+        raise typer.Exit(FAILED if begun else MISUSED) from None
 
 
 @contextlib.contextmanager

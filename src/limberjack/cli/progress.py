@@ -169,6 +169,10 @@ class Units:
         speed = _speed(played / seconds) if played > 0 and seconds > 0 else ""
         self._bar.update(self._task, completed=done, description=what, speed=speed)
 
+    def close(self) -> None:
+        """Removes the bar, before something else is shown."""
+        self._bar.stop()
+
     def show_state(self, state: "State") -> None:
         """Shows the workers' state; an event such as a lost node is printed as a line."""
         if state.note:  # above the bar, or by itself where there is none

@@ -3,12 +3,19 @@
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from limberjack.cli.app import command
-from limberjack.cli.options import OptionalDomain, PolicyName, TaskName, named_task
+from limberjack.cli.options import (
+    ActionRepeat,
+    EnvironmentName,
+    OptionalDomain,
+    PolicyName,
+    TaskName,
+    named_environment,
+)
 from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
@@ -23,8 +30,6 @@ from limberjack.cli.progress import show_episodes
 
 __all__: list[str] = []
 
-_Argument = Any  # of `recording.record`, which checks it
-_Arguments = dict[str, _Argument]
 _Seed = Annotated[int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode; row i has seed+i.")]
 _Pixels = Annotated[int, typer.Option(min=2, help="Of the film, pixels.")]
 _Overlay = Annotated[
@@ -60,9 +65,11 @@ def _record(
     task: TaskName = None,
     *,
     out: _Out,
+    env: EnvironmentName = None,
     dataset: _From = None,
     policy: PolicyName = "zero",
     seed: _Seed = 0,
+    action_repeat: ActionRepeat = None,
     camera: _Camera = "0",
     height: _Pixels = 480,
     width: _Pixels = 640,
@@ -76,46 +83,41 @@ def _record(
     With --rows it films a batch; --height and --width are then those of all pictures together. The
     file is written completely or not at all.
     """
-    view: _Arguments = {
-        "camera": int(camera) if camera.removeprefix("-").isdecimal() else camera,
-        "height": height,
-        "width": width,
-        "overlay": overlay,
-        "visualize_reward": visualize_reward,
-    }
-    if dataset is None:
-        played = {"policy": policy, "seconds": seconds, "rows": rows}
-        _film_policy(domain, task, out, seed=seed, **played, **view)
-        return
-    is_more_given = domain is not None or policy != "zero" or seconds is not None or rows > 1
-    _film_recorded(dataset, out, seed, view, is_more_given)
+    from limberjack.episodes.films import View
 
-
-def _film_policy(domain: str | None, task: str | None, out: Path, **how: _Argument) -> None:
-    """Films episodes of a policy."""
-    search_working_directory(how["policy"])
+    view = View(
+        camera=int(camera) if camera.removeprefix("-").isdecimal() else camera,
+        height=height,
+        width=width,
+        overlay=overlay,
+        visualize_reward=visualize_reward,
+    )
+    search_working_directory(policy)
     with _failures_reported(out) as show:
-        from limberjack.recording import record
+        if dataset is not None:
+            given = (domain, task, env, seconds, action_repeat)
+            if any(one is not None for one in given) or policy != "zero" or rows > 1:
+                raise ValueError(
+                    f"--from {dataset} has the task, the policy and the length of the episode: "
+                    "leave out DOMAIN TASK, --env, --policy, --action-repeat, --seconds and --rows"
+                )
+            from limberjack import data
 
-        if domain is None:
-            raise ValueError("got no task; expected DOMAIN TASK, or --from DIR of a dataset")
-        path = record(*named_task(domain, task), out=out, on_progress=show, **how)
-    typer.echo(path)
+            path = data.film(data.load(dataset), seed, out=out, on_progress=show, **view)
+        else:
+            from limberjack.episodes.films import record
 
-
-def _film_recorded(
-    directory: Path, out: Path, seed: int, view: _Arguments, is_more_given: bool
-) -> None:
-    """Films an episode of a dataset."""
-    with _failures_reported(out) as show:
-        from limberjack import data
-
-        if is_more_given:
-            raise ValueError(
-                f"--from {directory} has the task, the policy and the length of the episode: leave "
-                "out DOMAIN TASK, --policy, --seconds and --rows"
+            path = record(
+                *named_environment(domain, task, env),
+                out=out,
+                policy=policy,
+                seed=seed,
+                seconds=seconds,
+                rows=rows,
+                action_repeat=action_repeat or 1,
+                on_progress=show,
+                **view,
             )
-        path = data.film(data.load(directory), seed, out=out, on_progress=show, **view)
     typer.echo(path)
 
 

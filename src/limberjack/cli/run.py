@@ -1,26 +1,27 @@
 """`limberjack run`: episodes of a task, their returns and, with --out, a report on them."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
 import typer
 
 from limberjack.cli.app import command
 from limberjack.cli.options import (
-    Domain,
-    FirstSeed,
+    ActionRepeat,
+    EnvironmentName,
+    Episodes,
+    OptionalDomain,
+    Out,
     PolicyName,
+    Seeds,
     TaskName,
+    Threads,
     TimeLimit,
-    named_task,
-    seeds_from,
+    chosen_seeds,
+    finite,
+    named_environment,
 )
-from limberjack.cli.output import find_policy, misuse_reported
-from limberjack.cli.playing import Playing
-
-if TYPE_CHECKING:
-    from limberjack.rl.control import Environment
-    from limberjack.rollout import Episode, OnStep
+from limberjack.cli.output import misuse_reported, rows_reported, search_working_directory
+from limberjack.cli.progress import show_units
+from limberjack.cli.running import finish, scale_of
+from limberjack.cli.typed import command_line
 
 __all__: list[str] = []
 
@@ -29,45 +30,47 @@ __all__: list[str] = []
     "run",
     "limberjack run humanoid walk --policy random --episodes 3",
     "limberjack run humanoid/walk --policy sb3:walk.zip --out demo",
+    "limberjack run --env my_package:make --policy my_policies:Still",
 )
 def _run(
-    domain: Domain,
+    domain: OptionalDomain = None,
     task: TaskName = None,
-    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 1,
-    seed: FirstSeed = 0,
+    env: EnvironmentName = None,
     policy: PolicyName = "zero",
+    seeds: Seeds = None,
+    episodes: Episodes = None,
+    out: Out = None,
     time_limit: TimeLimit = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Write report.html, result.json, return.png and video.mp4 here, in the place of "
-            "those of an earlier run of the same task and policy.",
-        ),
-    ] = None,
+    action_repeat: ActionRepeat = None,
+    threads: Threads = None,
 ) -> None:
     """Run episodes of a task and show their returns.
 
     Each episode is the first one of an environment with its own seed, so any of them can be run
-    again alone. The video shows the first episode.
+    again alone. With --out it writes report.html, result.json, return.png, a video of the first
+    episode and the steps of all, in the place of those of an earlier run of the same task and
+    policy.
 
     A policy of your own, MODULE:CALLABLE, is a function from an observation (a dictionary of
     arrays) to an action, or a class with act(observation) and, if it needs it, reset(). Its module
     may be in the working directory.
     """
-    with misuse_reported():
-        seeds = seeds_from(seed, episodes)
-        run = _Run(*named_task(domain, task), seeds, policy, time_limit, out)
-    raise typer.Exit(run.finish())
+    with rows_reported(), show_units() as progress:
+        with misuse_reported():
+            where = named_environment(domain, task, env)
+            search_working_directory(policy)
+            from limberjack.episodes.running import Run
 
-
-class _Run(Playing):
-    """One call of `limberjack run`."""
-
-    def _prepare(self, environment: "Environment") -> None:
-        self._policy = find_policy(self._policy_name, environment)
-
-    def _play_in(self, environment: "Environment", seed: int, on_step: "OnStep") -> "Episode":
-        from limberjack import rollout
-
-        return rollout.run_episode(environment, self._policy, seed, on_step)
+            run = Run(
+                *where,
+                policy,
+                chosen_seeds(seeds, episodes, 1),
+                out=out,
+                time_limit=finite(time_limit),
+                action_repeat=action_repeat or 1,
+                scale=scale_of(progress, threads=threads),
+                replaces=True,
+                command=command_line(),
+            )
+        status = finish(run, progress, out)
+    raise typer.Exit(status)

@@ -1,6 +1,6 @@
-"""`limberjack solve`: episodes of a task, played by the planner and recorded."""
+"""`limberjack solve`: episodes of a task, played by the planner and kept."""
 
-from pathlib import Path
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -8,34 +8,33 @@ import typer
 from limberjack.cli.app import command
 from limberjack.cli.options import (
     AnyProcessor,
-    Domain,
-    FirstSeed,
+    EnvironmentName,
+    Episodes,
+    OptionalDomain,
+    Out,
     Ray,
+    Seeds,
     Shard,
     TaskName,
+    Threads,
     TimeLimit,
     Workers,
-    named_task,
-    seeds_from,
+    chosen_seeds,
+    finite,
+    named_environment,
     shard_named,
 )
 from limberjack.cli.output import misuse_reported
-from limberjack.cli.solving import Solving
+from limberjack.cli.progress import show_units
+from limberjack.cli.running import finish, scale_of
+from limberjack.cli.typed import command_line
 
 if TYPE_CHECKING:
-    from limberjack.workers import Scale
+    from limberjack.policies import Actor
 
 __all__: list[str] = []
 
-_Threads = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        help="Threads that simulate one episode, in each worker. By default one episode is played "
-        "per core, with one thread each.",
-    ),
-]
-
+_PLANNER = "planner"
 
 _Explain = Annotated[
     bool,
@@ -48,24 +47,18 @@ _Explain = Annotated[
 
 @command(
     "solve",
-    "limberjack solve manipulator bring_ball --seed 3 --out solved",
-    "limberjack solve humanoid/walk --episodes 100 --workers 8 --out solved",
+    "limberjack solve manipulator bring_ball --seeds 3 --out solved",
+    "limberjack solve humanoid/walk --seeds 0:100 --workers 8 --out solved",
 )
 def _solve(
-    domain: Domain,
+    domain: OptionalDomain = None,
     task: TaskName = None,
-    episodes: Annotated[int, typer.Option(min=1, help="Number of episodes.")] = 1,
-    seed: FirstSeed = 0,
+    env: EnvironmentName = None,
+    seeds: Seeds = None,
+    episodes: Episodes = None,
+    out: Out = None,
     time_limit: TimeLimit = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="Write a recording of each episode, report.html, result.json, return.png and "
-            "video.mp4 here; recordings that are there are not played again.",
-        ),
-    ] = None,
-    threads: _Threads = None,
+    threads: Threads = None,
     workers: Workers = None,
     ray: Ray = None,
     shard: Shard = None,
@@ -75,35 +68,68 @@ def _solve(
     """Play episodes of a task with the planner, which simulates the outcomes of its actions.
 
     It plans from the simulator's full state, not from observations. The same seed gives the same
-    episode at any number of threads and workers. With --out each episode is recorded as it ends,
-    for `limberjack replay`, and the same command continues where an earlier one was killed.
+    episode at any number of threads and workers; by default one episode is played per core. With
+    --out it writes what `limberjack run` writes; each episode is kept as it ends, and the same
+    command continues where an earlier one was killed.
     """
-    with misuse_reported():
-        part, seeds = shard_named(shard, out), seeds_from(seed, episodes)
-        if part is not None and not _seeds_of(part, seeds):
-            typer.echo(f"shard {shard} has no episode: there are fewer blocks of 64 than shards")
-            raise typer.Exit
-        solving = Solving(
-            *named_task(domain, task),
-            seeds,
-            _scale(workers, ray, threads, any_processor),
-            out,
-            time_limit=time_limit,
-            shard=part,
-            explain=explain,
+    with show_units() as progress:
+        with misuse_reported():
+            where = named_environment(domain, task, env)
+            part, chosen = shard_named(shard, out), chosen_seeds(seeds, episodes, 1)
+            from limberjack.episodes.running import Run
+            from limberjack.workers import shard_of
+
+            if part is not None and not shard_of(chosen, *part):
+                typer.echo(f"shard {shard} has no episode: there are fewer blocks than shards")
+                raise typer.Exit
+            explaining = _Explaining()
+            run = Run(
+                *where,
+                _PLANNER,
+                chosen,
+                out=out,
+                time_limit=finite(time_limit),
+                scale=scale_of(progress, workers, ray, threads, any_processor),
+                shard=part,
+                actor=explaining.actor(where, time_limit, threads) if explain else None,
+                command=command_line(),
+            )
+            explaining.run = run
+        status = finish(run, progress, out)
+    if part is not None and status == 0:
+        typer.echo(
+            f"shard {shard}: {run.count} episodes are in {out}; the same command without --shard "
+            "joins all shards"
         )
-    raise typer.Exit(solving.finish())
+    raise typer.Exit(status)
 
 
-def _seeds_of(shard: tuple[int, int], seeds: range) -> list[int]:
-    from limberjack.workers import shard_of
+class _Explaining:
+    """Prints a plan's cost each simulated second and in each new stage, and charts it."""
 
-    return shard_of(seeds, *shard)
+    def __init__(self) -> None:
+        from limberjack.episodes.running import Run
 
+        self.run: Run | None = None
+        self._last: tuple[int, str] = (-1, "")
 
-def _scale(
-    workers: int | None, ray: str | None, threads: int | None, any_processor: bool
-) -> "Scale":
-    from limberjack.workers import Scale
+    def actor(
+        self, where: tuple[object, str | None], time_limit: float | None, threads: int | None
+    ) -> "Actor":
+        """The planner, which reports its plans here."""
+        import contextlib
 
-    return Scale(workers, None, ray, threads, any_processor)
+        from limberjack import policies
+        from limberjack.workers.factories import factory_of
+
+        factory = factory_of(*where, time_limit)  # pyright: ignore[reportArgumentType]
+        with contextlib.closing(factory.make(0)) as environment:
+            return policies.planner(environment, threads, self._on_plan)
+
+    def _on_plan(self, time: float, stage: str, terms: Mapping[str, float]) -> None:
+        if self.run is not None:
+            self.run.add_plan(time, stage, terms)
+        if (int(time), stage) != self._last:
+            self._last = int(time), stage
+            listed = ", ".join(f"{name} {value:.3g}" for name, value in terms.items())
+            typer.echo(f"{time:6.2f} s  {stage or 'plan'}: {listed}")

@@ -1,24 +1,33 @@
 """`limberjack view`: a task, live, in a browser or a window."""
 
 import contextlib
-import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
 from limberjack.cli.app import command
-from limberjack.cli.options import Domain, FirstSeed, TaskName, TimeLimit, named_task
+from limberjack.cli.options import (
+    EnvironmentName,
+    OptionalDomain,
+    Seed,
+    TaskName,
+    TimeLimit,
+    finite,
+    named_environment,
+)
 from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
     complain,
-    find_policy,
     misuse_reported,
+    search_working_directory,
     users_failure,
 )
 
 if TYPE_CHECKING:
+    import dm_env
+
     from limberjack.rl.control import Environment
     from limberjack.viewer.session import Begin, Session
 
@@ -35,8 +44,9 @@ _NO_POLICY = "none"
     "limberjack view humanoid/walk --policy sb3:walk.zip --speed 0.5",
 )
 def _view(
-    domain: Domain,
+    domain: OptionalDomain = None,
     task: TaskName = None,
+    env: EnvironmentName = None,
     policy: Annotated[
         str,
         typer.Option(
@@ -45,7 +55,7 @@ def _view(
             "model.",
         ),
     ] = _NO_POLICY,
-    seed: FirstSeed = 0,
+    seed: Seed = 0,
     time_limit: TimeLimit = None,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
     native: Annotated[
@@ -72,9 +82,11 @@ def _view(
     twists it. Ctrl-C here ends the viewer.
     """
     with misuse_reported():
-        domain, task = named_task(domain, task)
-        show = _find_viewer(native, host, port, allow_host or [], f"{domain} {task}")
-        environment = _load(domain, task, seed, time_limit)
+        from limberjack.workers.factories import factory_of
+
+        factory = factory_of(*named_environment(domain, task, env), finite(time_limit))
+        show = _find_viewer(native, host, port, allow_host or [], factory.title)
+        environment = _viewable(factory.make(seed))
         begin = _begin(policy, environment)
     with contextlib.closing(environment):
         raise typer.Exit(_show(environment, begin, seed, speed, show))
@@ -106,25 +118,25 @@ def _find_viewer(
     return show
 
 
-def _load(domain: str, task: str, seed: int, time_limit: float | None) -> "Environment":
-    from limberjack import suite
-    from limberjack.rl.batches import vectorisable
-
-    if time_limit is not None and math.isinf(time_limit):
-        raise ValueError(f"--time-limit is {time_limit}; expected a number of seconds")
-    task_kwargs: dict[str, float] = {"random": seed}
-    if time_limit is not None:
-        task_kwargs["time_limit"] = time_limit
-    return vectorisable(suite.load(domain, task, task_kwargs=task_kwargs))
+def _viewable(environment: "dm_env.Environment") -> "Environment":
+    """The environment; raises ValueError unless it has what a viewer needs."""
+    for name in ("physics", "task", "reseed"):
+        if not hasattr(environment, name):
+            raise ValueError(
+                f"a {type(environment).__name__} has no {name}, which a viewer needs: expected a "
+                "limberjack.rl.control.Environment, or a subclass"
+            )
+    return cast("Environment", environment)
 
 
 def _begin(policy: str, environment: "Environment") -> "Begin":
     """The function that begins the policy's episodes."""
-    from limberjack import viewer
+    from limberjack import policies, viewer
 
     if policy == _NO_POLICY:
         return viewer.begin_with(None)
-    return viewer.begin_policy(find_policy(policy, environment))
+    search_working_directory(policy)
+    return viewer.begin_policy(policies.find(policy, environment))
 
 
 def _show(environment: "Environment", begin: "Begin", seed: int, speed: float, show: "Show") -> int:

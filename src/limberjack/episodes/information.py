@@ -12,7 +12,6 @@ import hashlib
 from pathlib import Path
 
 from limberjack.episodes.dataset import Dataset
-from limberjack.episodes.episode import Episode
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.statistics import Score, Summary, strata, summarise
 from limberjack.report import Facts

@@ -43,6 +43,7 @@ class Step:
       rows: numbers of the rows that began or were stepped.
       time_step: of all rows.
       actions: of all rows; None at the beginning of episodes.
+      seeds: of each row's episode, (num_envs,).
       numbers: steps so far of each row's episode, (num_envs,).
       totals: the return so far of each row's episode, (num_envs,).
     """
@@ -50,6 +51,7 @@ class Step:
     rows: np.ndarray
     time_step: dm_env.TimeStep
     actions: np.ndarray | None
+    seeds: np.ndarray
     numbers: np.ndarray
     totals: np.ndarray
 
@@ -232,7 +234,8 @@ class _Playing:
     def _step(
         self, rows: np.ndarray, time_step: dm_env.TimeStep, actions: np.ndarray | None
     ) -> Step:
-        return Step(rows, time_step, actions, self._lengths.copy(), self._totals.copy())
+        seeds, lengths, totals = self._seeds.copy(), self._lengths.copy(), self._totals.copy()
+        return Step(rows, time_step, actions, seeds, lengths, totals)
 
     def _episode(self, row: int) -> Episode:
         length = int(self._lengths[row])

@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
+from limberjack.episodes import units
 from limberjack.episodes.playing import Step, batch_for, play
 from limberjack.episodes.starts import Starts
 from limberjack.episodes.statistics import Score
@@ -113,17 +114,17 @@ def play_with(
       WorkError: see `limberjack.workers`; finished episodes are in the store.
       OSError: the store cannot be written.
     """
-    units: list[Unit] = []
+    waiting: list[Unit] = []
     for setup in setups:
         known = store.scores[setup.identity["policy"]]
         missing = [seed for seed in seeds if seed not in known]
-        units += [Unit(setup, block) for block in units_of(missing, setup.unit_size)]
-    if not units:
+        waiting += [Unit(setup, block) for block in units_of(missing, setup.unit_size)]
+    if not waiting:
         return
-    finished = len(seeds) * len(setups) - sum(len(unit.seeds) for unit in units)
+    finished = len(seeds) * len(setups) - sum(len(unit.seeds) for unit in waiting)
     if on_progress is not None:
-        on_progress(units[0].setup.identity["policy"], finished, 0.0)
-    for unit, scores in workers.results(play_unit, units):
+        on_progress(waiting[0].setup.identity["policy"], finished, 0.0)
+    for unit, scores in workers.results(play_unit, waiting):
         policy = unit.setup.identity["policy"]
         store.add(policy, scores)
         finished += len(scores)
@@ -133,17 +134,8 @@ def play_with(
 
 def play_unit(setup: Setup, seeds: tuple[int, ...]) -> list[Score]:
     """The scores of the first episodes of these seeds, with their kinds of starts, in a worker."""
-    here = setup.opened()
-    processor = here.processor if setup.any_processor else None
-    starts = Starts(here.full_build)
-    with (
-        contextlib.closing(starts),
-        contextlib.closing(
-            batch_for(here.build, here.actor, len(seeds), here.num_threads)
-        ) as batch,
-    ):
-        return [
-            dataclasses.replace(Score.of(episode, starts.kind(episode.seed)), processor=processor)
-            for ended in play(batch, here.actor, seeds, action_repeat=setup.action_repeat)
-            for episode in ended
-        ]
+    processor = setup.opened().processor if setup.any_processor else None
+    return [
+        dataclasses.replace(Score.of(episode), processor=processor)
+        for episode in units.play_unit(setup, seeds)
+    ]

@@ -5,6 +5,7 @@ actor = policies.find("random")
 
 import hashlib
 import inspect
+from collections.abc import Callable, Mapping
 
 import dm_env
 import numpy as np
@@ -16,9 +17,12 @@ from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batches import vectorisable
 from limberjack.utils.sources import hash_of_files
 
-__all__ = ["BUILT_IN", "PLANNER", "built_in", "planner", "random", "zero"]
+__all__ = ["BUILT_IN", "PLANNER", "OnPlan", "built_in", "planner", "random", "zero"]
 
 PLANNER = "planner"
+
+# Called with the simulated time in seconds, the stage, and the terms of a plan's cost.
+OnPlan = Callable[[float, str, Mapping[str, float]], object]
 
 # Keeps the actions' stream apart from the start's, which RandomState(seed) draws.
 _ACTION_STREAM = 1
@@ -53,13 +57,19 @@ def built_in(
     return EachRow(name, sha256, policy)
 
 
-def planner(environment: dm_env.Environment | None = None, num_threads: int | None = None) -> Actor:
+def planner(
+    environment: dm_env.Environment | None = None,
+    num_threads: int | None = None,
+    on_plan: OnPlan | None = None,
+) -> Actor:
     """The planner, which plans from the environment's full state; see `limberjack.planner`.
 
     Args:
       environment: the one to act in, whose task's sources identify the planner in results; None
         if they are not needed.
       num_threads: number of threads that simulate; None for all usable cores.
+      on_plan: called before each step with the simulated time in seconds, the stage, and the terms
+        of the plan's cost.
 
     Raises:
       PolicyError: there is no cost for the environment's task.
@@ -87,6 +97,13 @@ def planner(environment: dm_env.Environment | None = None, num_threads: int | No
             chosen = Planner(plain, num_threads, seed)
         except (TypeError, ValueError) as error:
             raise PolicyError(f"policy {PLANNER!r}: {error}") from error
-        return lambda observation: chosen.act()
+
+        def act(observation: object) -> np.ndarray:
+            action = chosen.act()
+            if on_plan is not None:
+                on_plan(plain.physics.time(), *chosen.explain())
+            return action
+
+        return act
 
     return Alone(PLANNER, sha256, begin_alone)

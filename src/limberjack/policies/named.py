@@ -23,7 +23,15 @@ from limberjack.rl.action_specs import spec_of
 from limberjack.utils.sources import defined_in
 from limberjack.utils.suggest import did_you_mean
 
-__all__ = ["actor_of", "copied", "instance_of", "is_stateful_object", "name_of", "target_named"]
+__all__ = [
+    "actor_of",
+    "copied",
+    "found_named",
+    "instance_of",
+    "is_stateful_object",
+    "name_of",
+    "target_named",
+]
 
 
 def name_of(target: object) -> str:
@@ -139,38 +147,58 @@ def _batch_functions(name: str, target: object) -> tuple[ActBatch, ResetBatch | 
 
 def _found(name: str) -> object:
     """The function, object or class that MODULE:CALLABLE names."""
-    module_name, colon, path = name.partition(":")
-    if not (module_name and colon and path):
+    if not _is_dotted(name):
         raise PolicyError(
             f"policy is {name!r}; expected zero, random, planner, MODULE:CALLABLE or sb3:PATH."
             f"{did_you_mean(name, BUILT_IN)}"
         )
-    return _find_attribute(name, _import_module(name, module_name), path)
+    return found_named(f"policy {name!r}", name)
 
 
-def _import_module(name: str, module_name: str) -> ModuleType:
+def found_named(what: str, name: str) -> object:
+    """The object that MODULE:NAME names.
+
+    Args:
+      what: the object, for messages.
+      name: its name.
+
+    Raises:
+      PolicyError: there is none.
+    """
+    if not _is_dotted(name):
+        raise PolicyError(f"{what} is {name!r}; expected MODULE:NAME, such as my_package:make")
+    module_name, _, path = name.partition(":")
+    return _find_attribute(what, _import_module(what, module_name), path)
+
+
+def _is_dotted(name: str) -> bool:
+    module_name, colon, path = name.partition(":")
+    return bool(module_name and colon and path)
+
+
+def _import_module(what: str, module_name: str) -> ModuleType:
     try:
-        with Locating(f"policy {name!r}, as its module is imported"):
+        with Locating(f"{what}, as its module is imported"):
             return importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         missing = error.name or ""
         if module_name == missing or module_name.startswith(f"{missing}."):
             raise PolicyError(
-                f"policy {name!r}: there is no module {missing!r}; run from the directory that "
-                "holds it, or install it"
+                f"{what}: there is no module {missing!r}; run from the directory that holds it, or "
+                "install it"
             ) from None
         raise PolicyError(
-            f"policy {name!r}: module {module_name!r} needs {missing!r}, which is not installed"
+            f"{what}: module {module_name!r} needs {missing!r}, which is not installed"
         ) from error
     except (TypeError, ValueError) as error:  # what importlib raises for '.name' and '..'
         if module_name.startswith("."):
             raise PolicyError(
-                f"policy {name!r}: module {module_name!r} is relative; expected its full name"
+                f"{what}: module {module_name!r} is relative; expected its full name"
             ) from error
         raise
 
 
-def _find_attribute(name: str, module: ModuleType, path: str) -> object:
+def _find_attribute(what: str, module: ModuleType, path: str) -> object:
     target: object = module
     for part in path.split("."):
         try:
@@ -178,7 +206,7 @@ def _find_attribute(name: str, module: ModuleType, path: str) -> object:
         except AttributeError:
             public = [choice for choice in dir(target) if not choice.startswith("_")]
             raise PolicyError(
-                f"policy {name!r}: {module.__name__!r} has no {path!r}.{did_you_mean(part, public)}"
+                f"{what}: {module.__name__!r} has no {path!r}.{did_you_mean(part, public)}"
             ) from None
     return target
 
