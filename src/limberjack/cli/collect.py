@@ -65,6 +65,13 @@ _Float32 = Annotated[
 _Flat = Annotated[
     bool, typer.Option("--flat", help="Join the observations of a step into one array.")
 ]
+_FileMb = Annotated[
+    float,
+    typer.Option(
+        metavar="N",
+        help="Megabytes of a file before compression; it fixes the number of seeds of a file.",
+    ),
+]
 _FormatName = Annotated[
     _Format, typer.Option(help="Besides Parquet files: a Minari dataset in DIR/minari.")
 ]
@@ -91,6 +98,7 @@ def _collect(
     states: _States = False,
     float32: _Float32 = False,
     flat: _Flat = False,
+    file_mb: _FileMb = 100.0,
     format: _FormatName = _Format.PARQUET,
     threads: _Threads = None,
     time_limit: TimeLimit = None,
@@ -99,7 +107,7 @@ def _collect(
     shard: Shard = None,
     any_processor: AnyProcessor = False,
 ) -> None:
-    """Collect the episodes of a policy into Parquet files of 64 episodes each.
+    """Collect the episodes of a policy into Parquet files, in the folder episodes of DIR.
 
     Episode k is the first episode of an environment with the k-th seed. The same command gives the
     same bytes; it continues a collection that was killed, and other seeds add to the folder.
@@ -116,7 +124,8 @@ def _collect(
             importlib.import_module("limberjack.data.to_minari")  # raises if its extra is missing
         kept = data.Kept(states, float32, flat)
     who = {"num_threads": threads, "workers": workers, "ray": ray, "any_processor": any_processor}
-    _play((*where, policy, chosen), out, part, kept=kept, time_limit=time_limit, **who)
+    how = {"kept": kept, "file_mb": file_mb, "time_limit": time_limit, **who}
+    _play((*where, policy, chosen), out, part, **how)
     if part is not None:
         typer.echo(f"shard {shard} is complete in {out}")
         return

@@ -12,7 +12,7 @@ from limberjack.cli.summaries import add_summaries, summaries_table
 from limberjack.utils.requirements import is_of_mujoco
 
 if TYPE_CHECKING:
-    from limberjack.data.information import Information
+    from limberjack.data import Information
 
 __all__ = ["DatasetFolder", "print_information", "reading_reported"]
 

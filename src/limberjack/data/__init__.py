@@ -8,15 +8,15 @@
         learn(batch)
     data.replay(dataset)        # None: every bit is the same
 
-A file has the episodes of up to 64 seeds, and in its footer the recipe: task, policy, versions. It
-needs the extra `data`. Nothing in a dataset is executed when it is loaded.
+Finished files are in the subfolder `episodes`, which every reader of Parquet files opens. The footer
+of a file has the recipe: task, policy, versions; `dataset.json` lists all files. It needs the extra
+`data`. Nothing in a dataset is executed when it is loaded.
 """
 
 from limberjack.data.collecting import collect
-from limberjack.data.dataset import Batch, Dataset, load
+from limberjack.data.dataset import Batch, Dataset, Information, inform, load
 from limberjack.data.episode import Episode
 from limberjack.data.filming import film
-from limberjack.data.information import Information, inform
 from limberjack.data.recipe import Kept, Recipe
 from limberjack.data.replaying import replay
 

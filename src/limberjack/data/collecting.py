@@ -1,4 +1,4 @@
-"""`collect`: a policy's episodes, written to Parquet files of 64 each.
+"""`collect`: a policy's episodes, written to Parquet files.
 
     from limberjack.data import collect, load
 
@@ -6,10 +6,10 @@
     dataset = load("data")
 
 Episode k is the first episode of an environment with the k-th seed, as in an evaluation, and a file
-has the same bytes whichever process makes it: a unit of work is a function of the recipe and the
-seeds. A file is written as soon as it is complete, so that the same call continues where an earlier
-one was killed, and a call with other seeds adds to the folder. While one batch simulates, the
-episodes of the one before are compressed and written.
+has the same bytes whichever process makes it: it is a function of the recipe and the seeds. Up to
+64 episodes are played together; where a file has more, they are kept until it is complete. The same
+call continues where an earlier one was killed, and a call with other seeds adds to the folder.
+While one batch simulates, the episodes of the one before are compressed and written.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ from limberjack.data.episode import Episode
 from limberjack.data.folder import Folder, blocks
 from limberjack.data.parquet import PYARROW, encode
 from limberjack.data.playing import Recorded, actions_of, play
-from limberjack.data.recipe import SHARD, Kept, Recipe, recipe_of
+from limberjack.data.recipe import FILE_MB, UNIT, Kept, Recipe, recipe_of
 from limberjack.evaluation.runner import OnProgress
 from limberjack.evaluation.starts import kind_of_start
 from limberjack.report import Facts
@@ -50,6 +50,7 @@ def collect(
     *,
     out: Path | str,
     kept: Kept | None = None,
+    file_mb: float = FILE_MB,
     time_limit: float | None = None,
     num_threads: int | None = None,
     workers: int | None = None,
@@ -70,9 +71,12 @@ def collect(
       seeds: increasing, from 0 to 2**32 - 1.
       out: the folder, which is created if needed; episodes that it has are not played again.
       kept: what is kept of each step; by default observations as they are, and no states.
+      file_mb: megabytes of a file before compression, by which its number of seeds is chosen: as
+        many as have room if all episodes have full length, and at least one.
       time_limit: seconds per episode; the task's own by default.
       num_threads, workers, executor, ray: who plays, as for `limberjack.evaluation.evaluate`.
-      shard: (K, N) plays only the K-th of N parts of the seeds; they share the folder.
+      shard: (K, N) plays only the K-th of N parts of the seeds; they share the folder, which a call
+        without `shard` completes.
       any_processor: accept workers, and episodes that are here, of processors that round
         differently.
       on_progress: called as episodes are played and saved, as by `evaluate`.
@@ -87,14 +91,16 @@ def collect(
       OSError: a file cannot be written.
       ImportError: the extra `data` is missing.
     """
-    asked, directory = _checked_seeds(seeds, shard), Path(out).absolute()  # a policy may move
+    wanted, directory = _checked_seeds(seeds), Path(out).absolute()  # a policy may move
+    asked = wanted if shard is None else shard_of(wanted, *shard)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
     scaled = scale.setup(domain, task, policy, time_limit, len(asked))
     setup = scaled or prepare(domain, task, policy, time_limit=time_limit, num_threads=num_threads)
-    recipe, processor = _recipe(setup, kept or Kept())
+    recipe, processor = _recipe(setup, kept or Kept(), file_mb)
     with Folder(directory, recipe, shard) as folder:
-        missing = folder.plan(asked)
+        missing = folder.plan(wanted, asked)
         if not missing:
+            folder.finish()
             return
         _check_canary(folder, setup.canary, any_processor)
         call = _call(missing, command, processor, setup.canary, scale)
@@ -104,13 +110,14 @@ def collect(
             made: _Make = functools.partial(_content, recipe)
             if scaled is None:
                 made = functools.partial(_episodes, recipe, on_steps=saving.on_steps)
-            units = [Unit(setup, tuple(unit)) for unit in _units(missing, setup.unit_size)]
+            units = [Unit(setup, tuple(unit)) for unit in _units(missing, setup.unit_size, recipe)]
             for unit, result in opened.results(made, units):
                 saving.save(unit.seeds, result)
+        folder.finish()
         folder.log({**call, "ended": _now()})
 
 
-def _recipe(setup: Setup, kept: Kept) -> tuple[Recipe, str]:
+def _recipe(setup: Setup, kept: Kept, file_mb: float) -> tuple[Recipe, str]:
     """The recipe of a setup's episodes, which must end, and the processor here."""
     facts = setup.identity
     if facts["time_limit"] is None:
@@ -120,7 +127,7 @@ def _recipe(setup: Setup, kept: Kept) -> tuple[Recipe, str]:
         )
     here = setup.opened()
     facts = {**facts, "versions": {**facts["versions"], "pyarrow": PYARROW}}
-    return recipe_of(facts, vectorisable(here.environment), kept), here.processor
+    return recipe_of(facts, vectorisable(here.environment), kept, file_mb), here.processor
 
 
 def _call(missing: Sequence[int], command: str, processor: str, canary: str, scale: Scale) -> Facts:
@@ -241,22 +248,23 @@ def _episodes(
     ]
 
 
-def _units(seeds: Sequence[int], size: int) -> Iterator[range]:
-    """Blocks of the seeds, or each seed by itself where the policy plays one at a time."""
-    if size == SHARD:
-        return blocks(seeds)
-    return (range(seed, seed + 1) for seed in seeds)
+def _units(seeds: Sequence[int], size: int, recipe: Recipe) -> Iterator[range]:
+    """The seeds of each file in ranges of up to 64, or of one if the policy plays one at a time."""
+    size = min(size, UNIT)
+    for block in blocks(seeds, recipe.block):
+        for first in range(block.start, block.stop, size):
+            yield range(first, min(first + size, block.stop))
 
 
-def _checked_seeds(seeds: Iterable[int], shard: tuple[int, int] | None) -> list[int]:
-    """The seeds, or those of a shard; raises ValueError or TypeError if they are not increasing."""
+def _checked_seeds(seeds: Iterable[int]) -> list[int]:
+    """The seeds; raises ValueError or TypeError if they are not increasing."""
     checked = [checked_seed(seed) for seed in seeds]
     if not checked:
         raise ValueError("there are no seeds; expected at least one, such as range(100)")
     for one, following in itertools.pairwise(checked):
         if following <= one:
             raise ValueError(f"seed {following} follows {one}; expected increasing seeds")
-    return checked if shard is None else shard_of(checked, *shard)
+    return checked
 
 
 def _now() -> str:

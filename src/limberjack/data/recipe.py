@@ -3,9 +3,11 @@
     recipe = recipe_of({"domain": "humanoid", ...}, environment, Kept(states=True))
     text = recipe.text(range(64))           # JSON, for the footer of a file
     recipe, seeds = Recipe.parse(text)
+    recipe.block                            # 140: a file has the seeds of [0, 140), [140, 280), ...
 
 A recipe holds no path, host, date or number of workers, so that equal episodes give equal files
-wherever they are collected. A text to parse may come from anyone, and is checked.
+wherever they are collected. A text to parse may come from anyone, and is checked. Recipes of
+format 1, an earlier version's, are read and not written.
 """
 
 import dataclasses
@@ -24,19 +26,36 @@ from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.utils.seeds import SEEDS
 from limberjack.workers.identity import first_difference
 
-__all__ = ["FIELD", "OBSERVATION", "SHARD", "Column", "Kept", "Recipe", "columns_here", "recipe_of"]
+__all__ = [
+    "FIELD",
+    "FILE_MB",
+    "FORMAT",
+    "OBSERVATION",
+    "UNIT",
+    "Column",
+    "Kept",
+    "Recipe",
+    "is_whole",
+    "recipe_of",
+    "seeds_of",
+]
 
-SHARD = 64  # episodes of a file: the rows of a batch
+FORMAT = 2  # of new datasets
+UNIT = 64  # episodes that are played together: the rows of a batch
+FILE_MB = 100.0  # megabytes of a file before compression
 OBSERVATION, FIELD = "observation/", "field/"  # prefixes of columns
 
-_FORMAT = 1
+_BLOCK_1 = 64  # seeds of a file of format 1
+_MOST_GROUPS = 2**15 - 1  # of a file, each an episode: the Parquet format numbers them in 16 bits
 _DTYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
 _LARGEST = 2**28  # numbers in a row; beyond it a forged file would only exhaust the memory
 _LONGEST = 1e9  # seconds of an episode
+_MOST_MB = 1e6  # of a file: a terabyte
 _MOST_STEPS = 2**31  # of an episode
 # Bytes of a file besides its numbers: about 100 for each column of an episode, in its page and in
 # the footer, and up to 6,000 for the schema and the recipe.
 _COLUMN_NBYTES, _FILE_NBYTES = 256, 16_384
+_DIGITS = 32  # bytes of a number in the text of a footer
 _FACTS: dict[str, type | tuple[type, ...]] = {
     "domain": str,
     "task": str,
@@ -48,8 +67,8 @@ _FACTS: dict[str, type | tuple[type, ...]] = {
     "versions": dict,
     "fingerprint": str,
 }
-# Columns of every dataset, and those that some have, with their types.
-_ALWAYS = {
+# Columns of every dataset, those that format 1 lacks, and those that some have, with their types.
+_BOTH = {
     "seed": "int64",
     "action": "float64",
     "reward": "float64",
@@ -57,7 +76,9 @@ _ALWAYS = {
     "truncated": "bool",
     "diverged": "bool",
 }
+_PLACE = {"step": "int64", "time": "float64", "is_first": "bool", "is_last": "bool"}
 _SOMETIMES = {"start": "str", "success": "bool", "state": "float64"}
+_OF_STEPS = ("action", "reward", "terminated", "truncated", "success", "diverged")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,6 +109,16 @@ class Column:
     shape: tuple[int, ...] = ()
 
     @property
+    def is_of_step(self) -> bool:
+        """Whether a value belongs to a step: the row of the last observation has none."""
+        return self.name in _OF_STEPS
+
+    @property
+    def has_figures(self) -> bool:
+        """Whether a file has statistics of the column."""
+        return self.name in ("action", "reward") or self.name.startswith(OBSERVATION)
+
+    @property
     def size(self) -> int:
         """Numbers in a row."""
         return math.prod(self.shape)
@@ -107,21 +138,40 @@ class Recipe:
         seconds, `action_repeat`, `versions` (pyarrow's too) and `fingerprint`.
       kept: what is kept of each step.
       columns: of the files, in order.
+      file_mb: megabytes of a file before compression; None for format 1.
     """
 
     facts: Facts
     kept: Kept
     columns: tuple[Column, ...]
+    file_mb: float | None = FILE_MB
+
+    @property
+    def format(self) -> int:
+        """The number of the files' format."""
+        return 1 if self.file_mb is None else FORMAT
+
+    @property
+    def block(self) -> int:
+        """The number of seeds, aligned at its multiples, whose episodes share a file."""
+        if self.file_mb is None:
+            return _BLOCK_1
+        return max(1, min(int(self.file_mb * 1e6 // self._group_nbytes), _MOST_GROUPS))
+
+    def as_json(self) -> Facts:
+        """The recipe as values of JSON."""
+        sized = {} if self.file_mb is None else {"file_mb": self.file_mb}
+        return {
+            "format": self.format,
+            **self.facts,
+            **dataclasses.asdict(self.kept),
+            **sized,
+            "columns": [[c.name, c.dtype, list(c.shape)] for c in self.columns],
+        }
 
     def text(self, seeds: range) -> str:
         """The recipe of the episodes with these seeds, as JSON; equal recipes give equal texts."""
-        content = {
-            "format": _FORMAT,
-            **self.facts,
-            **dataclasses.asdict(self.kept),
-            "columns": [dataclasses.astuple(column) for column in self.columns],
-            "seeds": [seeds.start, seeds.stop],
-        }
+        content = {**self.as_json(), "seeds": [seeds.start, seeds.stop]}
         return json.dumps(content, sort_keys=True, separators=(",", ":"))
 
     @classmethod
@@ -135,30 +185,47 @@ class Recipe:
             content = json.loads(text)
         except RecursionError as error:
             raise ValueError("its recipe is nested too deeply") from error
-        if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
-            raise ValueError(f"its recipe is not of format {_FORMAT}")
+        entry = content.pop("seeds", None) if isinstance(content, dict) else None
+        recipe = cls.of_json(content)
+        return recipe, _seeds(entry, recipe.block)
+
+    @classmethod
+    def of_json(cls, content: object) -> "Recipe":
+        """The recipe that `as_json` gave.
+
+        Raises:
+          ValueError: it is none.
+        """
+        found = content.get("format") if isinstance(content, dict) else None
+        if not isinstance(content, dict) or not is_whole(found) or found not in (1, FORMAT):
+            raise ValueError(f"its recipe is not of format {FORMAT} or 1")
+        rest = {name: value for name, value in content.items() if name != "format"}
         try:
-            seeds = _seeds(content.pop("seeds"))
-            columns = tuple(_column(entry) for entry in content.pop("columns"))
-            kept = Kept(**{f.name: _flag(content.pop(f.name)) for f in dataclasses.fields(Kept)})
+            file_mb = None if found == 1 else _file_mb(rest.pop("file_mb"))
+            columns = tuple(_column(entry) for entry in rest.pop("columns"))
+            kept = Kept(**{f.name: _flag(rest.pop(f.name)) for f in dataclasses.fields(Kept)})
         except (KeyError, TypeError) as error:
             raise ValueError(f"its recipe is damaged: {error}") from error
-        _check_columns(columns, kept)
-        return cls(_checked_facts(content), kept, columns), seeds
+        _check_columns(columns, kept, _BOTH if file_mb is None else {**_BOTH, **_PLACE})
+        return cls(_checked_facts(rest), kept, columns, file_mb)
 
     def difference(self, other: "Recipe") -> str | None:
         """The first entry that differs, as 'policy is 'zero' and 'random''; None if none does.
 
         Versions are compared one by one: 'versions.mujoco is '4.0.0' and '4.1.0''.
         """
-        ours, theirs = (
-            {**r.facts, **dataclasses.asdict(r.kept), "columns": r.columns} for r in (self, other)
-        )
-        difference = first_difference(ours, theirs)
+        difference = first_difference(self.as_json(), other.as_json())
         if difference is None:
             return None
         name, one, another = difference
         return f"{name} is {one!r} and {another!r}"
+
+    def here(self, environment: Environment) -> "Recipe":
+        """The recipe with the columns of an environment's episodes."""
+        columns = _columns(environment, self.kept)
+        if self.file_mb is None:
+            columns = tuple(column for column in columns if column.name not in _PLACE)
+        return dataclasses.replace(self, columns=columns)
 
     @property
     def step_limit(self) -> int:
@@ -174,34 +241,47 @@ class Recipe:
 
     def most_nbytes(self, episodes: int, files: int) -> int:
         """Bytes that files with so many of the longest episodes do not exceed."""
-        per_episode = self.episode_nbytes + _COLUMN_NBYTES * len(self.columns)
-        return per_episode * episodes + _FILE_NBYTES * files
+        numbers = sum(column.size for column in self.columns if column.has_figures)
+        per_file = _FILE_NBYTES + 4 * numbers * _DIGITS  # four figures of each
+        return self._group_nbytes * episodes + per_file * files
+
+    @property
+    def _group_nbytes(self) -> int:
+        """Bytes that an episode takes at most: its numbers, its pages and its return."""
+        return self.episode_nbytes + _COLUMN_NBYTES * len(self.columns) + _DIGITS
 
 
-def recipe_of(facts: Facts, environment: Environment, kept: Kept) -> Recipe:
+def recipe_of(
+    facts: Facts, environment: Environment, kept: Kept, file_mb: float = FILE_MB
+) -> Recipe:
     """The recipe of an environment's episodes.
 
     Args:
       facts: those that `Recipe` lists. Of a policy in a file, only the file's name is kept.
       environment: the task's, with a time limit.
       kept: what is kept of each step.
+      file_mb: megabytes of a file before compression.
+
+    Raises:
+      ValueError, TypeError: `file_mb` is not a positive number.
     """
     policy = facts["policy"]
     if policies.is_saved_model(policy):
         prefix, _, path = policy.partition(":")
         policy = f"{prefix}:{Path(path).name}"
-    return Recipe({**facts, "policy": policy}, kept, columns_here(environment, kept))
+    columns = _columns(environment, kept)
+    return Recipe({**facts, "policy": policy}, kept, columns, _file_mb(file_mb))
 
 
-def columns_here(environment: Environment, kept: Kept) -> tuple[Column, ...]:
-    """The columns of an environment's episodes."""
+def _columns(environment: Environment, kept: Kept) -> tuple[Column, ...]:
+    """The columns of an environment's episodes, in files of format 2."""
     task = environment.task
-    columns = [Column("seed", "int64")]
+    columns = [Column("seed", "int64"), *(Column(name, dtype) for name, dtype in _PLACE.items())]
     if getattr(task, "STARTS", ()):
         columns.append(Column("start", "str"))
     columns += _observed(environment, kept)
     columns.append(Column("action", "float64", tuple(environment.action_spec().shape)))
-    columns += [Column(name, _ALWAYS[name]) for name in ("reward", "terminated", "truncated")]
+    columns += [Column(name, _BOTH[name]) for name in ("reward", "terminated", "truncated")]
     if getattr(task, "GOAL", ()):
         columns.append(Column("success", "bool"))
     columns.append(Column("diverged", "bool"))
@@ -227,13 +307,35 @@ def _observed(environment: Environment, kept: Kept) -> list[Column]:
     ]
 
 
-def _seeds(entry: object) -> range:
-    if not (isinstance(entry, list) and len(entry) == 2 and all(map(_is_whole, entry))):
+def seeds_of(entry: object) -> range:
+    """The seeds from a first one to the one before a second, of a list in JSON.
+
+    Raises:
+      ValueError: it is no such list.
+    """
+    if not (isinstance(entry, list) and len(entry) == 2 and all(map(is_whole, entry))):
         raise ValueError(f"its seeds are {entry!r}; expected the first and the one after the last")
-    first, end = entry
-    if not 0 <= first < end <= SEEDS or first // SHARD != (end - 1) // SHARD:
-        raise ValueError(f"its seeds are {first} to {end}; expected some within one block of 64")
-    return range(first, end)
+    if not 0 <= entry[0] < entry[1] <= SEEDS:
+        raise ValueError(f"its seeds are {entry[0]} to {entry[1]}; expected increasing ones")
+    return range(*entry)
+
+
+def _seeds(entry: object, block: int) -> range:
+    seeds = seeds_of(entry)
+    if seeds[0] // block != seeds[-1] // block:
+        raise ValueError(
+            f"its seeds are {seeds.start} to {seeds.stop}; expected some within one block of "
+            f"{block}"
+        )
+    return seeds
+
+
+def _file_mb(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"file_mb is {value!r}; expected a number of megabytes")
+    if not 0 < value <= _MOST_MB:
+        raise ValueError(f"file_mb is {value}; expected a positive number of megabytes")
+    return float(value)
 
 
 def _column(entry: object) -> Column:
@@ -242,21 +344,21 @@ def _column(entry: object) -> Column:
     name, dtype, shape = entry
     if not isinstance(name, str) or dtype not in (*_DTYPES, "str"):
         raise ValueError(f"the column {name!r} has type {dtype!r}; expected one of {_DTYPES}")
-    if not all(_is_whole(size) and size >= 0 for size in shape) or math.prod(shape) > _LARGEST:
+    if not all(is_whole(size) and size >= 0 for size in shape) or math.prod(shape) > _LARGEST:
         raise ValueError(f"the column {name!r} has shape {shape!r}")
     return Column(name, dtype, tuple(shape))
 
 
-def _check_columns(columns: Sequence[Column], kept: Kept) -> None:
-    """Raises ValueError unless these are columns that `recipe_of` gives."""
+def _check_columns(columns: Sequence[Column], kept: Kept, always: Mapping[str, str]) -> None:
+    """Raises ValueError unless these are columns that `recipe_of` gives, some of them always."""
     found = {column.name: column for column in columns}
     if len(found) < len(columns):
         raise ValueError("a column occurs twice")
-    for name in _ALWAYS:
+    for name in always:
         if name not in found:
             raise ValueError(f"the column {name!r} is missing")
     for name, column in found.items():
-        dtype = {**_ALWAYS, **_SOMETIMES}.get(name)
+        dtype = {**always, **_SOMETIMES}.get(name)
         is_array = name in ("action", "state") or name.startswith((OBSERVATION, FIELD))
         if dtype is None and not is_array:
             raise ValueError(f"the column {name!r} is unknown")
@@ -289,5 +391,6 @@ def _flag(value: object) -> bool:
     return value
 
 
-def _is_whole(value: object) -> bool:
+def is_whole(value: object) -> bool:
+    """Whether a value of JSON is a whole number."""
     return isinstance(value, int) and not isinstance(value, bool)

@@ -3,20 +3,24 @@
     difference = replay(load("data"))       # None if every bit is equal
 
 Everything is compared: observations, rewards, ends, states, model fields and kinds of starts, as
-they were kept. Numbers are promised to be equal for equal versions on one kind of processor.
+they were kept, and the SHA-256 of the files with those in the manifest. Numbers are promised to be
+equal for equal versions on one kind of processor.
 """
 
 import contextlib
 import dataclasses
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
 from limberjack import report, suite
-from limberjack.data.columns import Values, columns_of
 from limberjack.data.dataset import Dataset
 from limberjack.data.episode import Episode
+from limberjack.data.parquet import Values, columns_of
 from limberjack.data.playing import Recorded, play
-from limberjack.data.recipe import Recipe, columns_here
+from limberjack.data.recipe import UNIT, Recipe
 from limberjack.evaluation.runner import OnProgress
 from limberjack.evaluation.starts import kind_of_start
 from limberjack.rl.control import Environment
@@ -37,6 +41,9 @@ def replay(
     Raises:
       ValueError: there is no such task, its episodes differ in form, or a file is damaged.
     """
+    changed = dataset.changed_file()
+    if changed is not None:
+        return changed
     recipe = dataset.recipe
     facts = recipe.facts
     compared = 0  # episodes
@@ -52,21 +59,29 @@ def replay(
     # The kind of a start may depend on more seconds than the episodes have.
     full_length = suite.load(facts["domain"], facts["task"], {"random": 0})
     with contextlib.closing(environment), contextlib.closing(full_length):
-        for shard in dataset.shards:
-            recorded = list(shard.episodes())
+        for path, recorded in _units(dataset):
+            seeds = [episode.seed for episode in recorded]
             actor = Recorded({episode.seed: episode.actions for episode in recorded})
             # Not up to the recipe's length, which anyone may have written: it could take days.
-            most = max(shard.lengths) + 1
-            found = play(environment, actor, shard.seeds, recipe.kept, num_threads, on_steps, most)
+            most = max(episode.length for episode in recorded) + 1
+            found = play(environment, actor, seeds, recipe.kept, num_threads, on_steps, most)
             for one, again in zip(recorded, found, strict=True):
                 start = kind_of_start(full_length, one.seed)
                 difference = _difference(one, dataclasses.replace(again, start=start), recipe)
                 if difference is not None:
                     other = other_versions(recipe, environment)
-                    return f"{shard.path}, seed {one.seed}: {difference}.{other}"
+                    return f"{path}, seed {one.seed}: {difference}.{other}"
             compared += len(recorded)
             steps = 0
     return None
+
+
+def _units(dataset: Dataset) -> Iterator[tuple[Path, list[Episode]]]:
+    """The episodes in lists of up to 64, as a batch has rows, each with the file that has them."""
+    for number, shard in enumerate(dataset.shards):
+        episodes = dataset.episodes_of(number)
+        while unit := list(itertools.islice(episodes, UNIT)):
+            yield shard.path, unit
 
 
 def environment_of(recipe: Recipe) -> Environment:
@@ -80,8 +95,7 @@ def environment_of(recipe: Recipe) -> Environment:
     seconds = (recipe.step_limit - 0.5) * facts["control_timestep"]
     kwargs = {"random": 0, "time_limit": seconds}
     environment = suite.load(facts["domain"], facts["task"], task_kwargs=kwargs)
-    found = dataclasses.replace(recipe, columns=columns_here(environment, recipe.kept))
-    difference = recipe.difference(found)
+    difference = recipe.difference(recipe.here(environment))
     if environment.control_timestep() != facts["control_timestep"]:
         difference = f"control_timestep is {facts['control_timestep']} and here"
         difference += f" {environment.control_timestep()}"
