@@ -8,9 +8,9 @@
         learn(batch)
     data.replay(dataset)        # None: every bit is the same
 
-Finished files are in the subfolder `episodes`, which every reader of Parquet files opens. The footer
-of a file has the recipe: task, policy, versions; `dataset.json` lists all files. It needs the extra
-`data`. Nothing in a dataset is executed when it is loaded.
+Finished files are in the subfolder `episodes`, which every reader of Parquet files opens. The
+footer of a file has the recipe: task, policy, versions; `dataset.json` lists all files. It needs
+the extra `data`. Nothing in a dataset is executed when it is loaded.
 """
 
 from limberjack.data.collecting import collect

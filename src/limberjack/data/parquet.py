@@ -29,7 +29,7 @@ import numpy as np
 
 from limberjack.data.episode import Episode
 from limberjack.data.figures import Figures
-from limberjack.data.recipe import FIELD, OBSERVATION, Column, Recipe
+from limberjack.data.recipe import FIELD, FORMAT, OBSERVATION, Column, Recipe
 from limberjack.utils.regular import check_regular
 from limberjack.utils.requirements import missing_extra
 
@@ -129,9 +129,8 @@ class Shard:
 
     def _episode(self, table: _Untyped, seed: int) -> Episode:
         recipe = self.recipe
-        is_null_last = recipe.format > 1
         values = {
-            c.name: _from_arrow(c, table.column(c.name), is_null_last) for c in recipe.columns
+            c.name: _from_arrow(c, table.column(c.name), recipe.format) for c in recipe.columns
         }
         return episode_of(values, seed, recipe)
 
@@ -283,22 +282,22 @@ def _write(
 
 
 def _schema(recipe: Recipe) -> _Untyped:
-    is_null_last = recipe.format > 1
+    form = recipe.format
     return pa.schema(
         [
-            pa.field(c.name, _type(c, is_null_last), nullable=c.is_of_step and is_null_last)
+            pa.field(c.name, _type(c, form), nullable=c.is_of_step and form > 1)
             for c in recipe.columns
         ]
     )
 
 
-def _type(column: Column, is_null_last: bool = True) -> _Untyped:
-    """The type of a column in the file."""
-    if column.dtype == "str":
-        return pa.dictionary(pa.int8(), pa.string())
+def _type(column: Column, form: int = FORMAT) -> _Untyped:
+    """The type of a column in files of a format."""
+    if column.dtype == "str":  # some versions of pyarrow read each index as one of 32 bits
+        return pa.dictionary(pa.int8() if form == 1 else pa.int32(), pa.string())
     number = pa.from_numpy_dtype(np.dtype(column.dtype))
     element = pa.field("element", number, nullable=False)
-    if column.name.startswith(FIELD) or (column.shape and column.is_of_step and is_null_last):
+    if column.name.startswith(FIELD) or (column.shape and column.is_of_step and form > 1):
         return pa.list_(element)
     return pa.list_(element, column.size) if column.shape else number
 
@@ -312,7 +311,8 @@ def _leaf(column: Column) -> str:
 def _to_arrow(column: Column, values: Values, rows: int) -> _Untyped:
     """A column's values of an episode of so many rows, as an array of pyarrow."""
     if isinstance(values, str):
-        return pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int8)), pa.array([values]))
+        indices = pa.array(np.zeros(rows, np.int32))
+        return pa.DictionaryArray.from_arrays(indices, pa.array([values]))
     kind = _type(column)
     numbers = pa.array(np.ascontiguousarray(values).reshape(-1))
     if column.name.startswith(FIELD):
@@ -328,7 +328,7 @@ def _to_arrow(column: Column, values: Values, rows: int) -> _Untyped:
     return pa.ListArray.from_arrays(pa.array(ends.astype(np.int32)), numbers, type=kind, mask=mask)
 
 
-def _from_arrow(column: Column, found: _Untyped, is_null_last: bool) -> Values:
+def _from_arrow(column: Column, found: _Untyped, form: int) -> Values:
     """The values of `_to_arrow`, without a copy where that is possible.
 
     Raises:
@@ -341,7 +341,7 @@ def _from_arrow(column: Column, found: _Untyped, is_null_last: bool) -> Values:
             raise ValueError(f"the column {column.name!r} has the values {kinds} in one episode")
         return kinds[0]
     if column.is_of_step:
-        array = _of_steps(column, array, is_null_last)
+        array = array[:-1] if form == 1 else _of_steps(column, array)
     rows = len(array)
     if column.name.startswith(FIELD):
         if len(array[0]) != column.size or len(array.flatten()) != column.size:
@@ -351,10 +351,8 @@ def _from_arrow(column: Column, found: _Untyped, is_null_last: bool) -> Values:
     return numbers.to_numpy(zero_copy_only=False).reshape(rows, *column.shape)
 
 
-def _of_steps(column: Column, array: _Untyped, is_null_last: bool) -> _Untyped:
+def _of_steps(column: Column, array: _Untyped) -> _Untyped:
     """The values of the steps, without the last row, which has none."""
-    if not is_null_last:
-        return array[:-1]
     if array.null_count != 1 or array[-1].is_valid:
         raise ValueError(f"the column {column.name!r} is null elsewhere than in the last row")
     array = array[:-1]
