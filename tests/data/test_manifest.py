@@ -1,6 +1,7 @@
 """The manifest: what it says, and what is refused of one that anyone may have written."""
 
 import dataclasses
+import itertools
 import json
 import random
 from pathlib import Path
@@ -123,10 +124,11 @@ def test_a_changed_byte_is_refused_or_changes_nothing_that_is_loaded(
         changed[draws.randrange(len(content))] ^= 1 << draws.randrange(8)
         path.write_bytes(changed)
         try:
-            assert load(folder).seeds == pendulums.seeds
-        except ValueError as error:
-            assert str(folder) in str(error)
+            found = load(folder).seeds
+        except ValueError:
             refused += 1
+            continue
+        assert found == pendulums.seeds
     assert refused > 50
 
 
@@ -138,9 +140,8 @@ def test_a_card_that_the_user_has_changed_stays(tmp_path: Path) -> None:
         return (tmp_path / "README.md").read_text()
 
     first = gather(range(2))
-    assert first.startswith(
-        "---\nconfigs:\n- config_name: default\n  data_files: episodes/*.parquet"
-    )
+    header = ["configs:", "- config_name: default", "  data_files: episodes/*.parquet", "---"]
+    assert first.splitlines()[:5] == ["---", *header]
     assert "2 episodes of seeds 0 to 1, 20 steps" in first
     assert "4 episodes of seeds 0 to 3, 40 steps" in gather(range(2, 4))
     mine = first.replace(CARD_LINE, "Mine.")
@@ -169,7 +170,7 @@ def test_ranges_are_united_and_subtracted_as_sets_are() -> None:
         )
         ours, theirs = united(one), united(other)
         assert {s for r in ours for s in r} == {s for r in one for s in r}
-        assert all(a.stop < b.start for a, b in zip(ours, ours[1:], strict=False))
+        assert all(a.stop < b.start for a, b in itertools.pairwise(ours))
         found = without(ours, theirs)
         assert [s for r in found for s in r] == sorted(
             {s for r in one for s in r} - {s for r in other for s in r}

@@ -137,8 +137,8 @@ def test_the_footer_names_no_path_host_or_date(pendulum: Path) -> None:
     content = json.loads(pq.read_schema(pendulum).metadata[b"limberjack"])
     assert set(content) == {
         "action_repeat", "columns", "control_timestep", "domain", "file_mb", "fingerprint",
-        "flat", "float32", "format", "policy", "policy_sha256", "seeds", "states", "task", "time_limit",
-        "versions",
+        "flat", "float32", "format", "policy", "policy_sha256", "seeds", "states", "task",
+        "time_limit", "versions",
     }  # fmt: skip
     assert set(content["versions"]) == {"limberjack", "mujoco", "numpy", "pyarrow", "python"}
 

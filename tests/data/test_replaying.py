@@ -48,9 +48,8 @@ def test_a_changed_file_is_found_by_its_hash(pendulums: Dataset, tmp_path: Path)
     content = bytearray(changed.read_bytes())
     content[len(content) // 3] ^= 1
     changed.write_bytes(content)
-    assert replay(load(tmp_path / "changed"), 1) == (
-        f"{changed} has another SHA-256 than in dataset.json: remove it, and collect its seeds again"
-    )
+    difference = replay(load(tmp_path / "changed"), 1)
+    assert str(difference).startswith(f"{changed} has another SHA-256 than in dataset.json: remove")
 
 
 def _with_one_bit(values: np.ndarray, row: int) -> np.ndarray:
