@@ -8,15 +8,15 @@
         learn(batch)
     data.replay(dataset)        # None: every bit is the same
 
-A file has the episodes of up to 64 seeds, and in its footer the recipe: task, policy, versions. It
-needs the extra `data`. Nothing in a dataset is executed when it is loaded.
+Finished files are in the subfolder `episodes`, which every reader of Parquet files opens. The
+footer of a file has the recipe: task, policy, versions; `dataset.json` lists all files. It needs
+the extra `data`. Nothing in a dataset is executed when it is loaded.
 """
 
 from limberjack.episodes.collecting import collect
-from limberjack.episodes.dataset import Batch, Dataset, load
+from limberjack.episodes.dataset import Batch, Dataset, Information, inform, load
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.films import film
-from limberjack.episodes.information import Information, inform
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.replaying import replay
 

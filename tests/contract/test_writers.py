@@ -43,7 +43,8 @@ _OTHERS = {
     ("limberjack.workers.process", "open"),  # a value of the kernel's, in /proc
     ("limberjack.utils.io", "open"),  # dm_control's function, whose caller chooses the mode
     ("limberjack.utils.regular", "os.open"),  # for reading only
-    ("limberjack.episodes.parquet", "pq.ParquetWriter"),  # into memory
+    # Into memory, or a file that `limberjack.episodes.folder` has made with `replacing`.
+    ("limberjack.episodes.parquet", "pq.ParquetWriter"),
     ("limberjack.episodes.parquet", "writer.write_table"),
     ("limberjack.recording.npz", "zipfile.ZipFile"),  # reads
     ("limberjack.sb3", "zipfile.ZipFile"),

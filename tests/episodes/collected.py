@@ -1,21 +1,36 @@
 """Small datasets, and what the tests of several modules do with them."""
 
-import contextlib
 import dataclasses
+import functools
 import hashlib
+import shutil
 from pathlib import Path
 
 import numpy as np
 
-from limberjack import policies, suite
-from limberjack.episodes.episode import Episode, Kept
+from limberjack import suite
+from limberjack.episodes.episode import Episode
 from limberjack.episodes.parquet import PYARROW
-from limberjack.episodes.playing import batch_for, play
-from limberjack.episodes.recipe import Recipe, recipe_of
-from limberjack.episodes.starts import Starts
+from limberjack.episodes.playing import play
+from limberjack.episodes.recipe import Kept, Recipe, recipe_of
+from limberjack.evaluation.starts import kind_of_start
+from limberjack.policies import actors
+from limberjack.rl.control import Environment
 from limberjack.workers import prepare
 
-__all__ = ["ARM", "EVERYTHING", "PENDULUM", "assert_equal", "hashes", "made"]
+__all__ = [
+    "ARM",
+    "EVERYTHING",
+    "PENDULUM",
+    "assert_equal",
+    "copy",
+    "hashes",
+    "made",
+    "of_64",
+    "put",
+    "recipe_for",
+    "whole_hashes",
+]
 
 PENDULUM = ("pendulum", "swingup", 0.2)  # 10 steps; neither kinds of starts nor model fields
 ARM = ("manipulator", "bring_ball", 0.05)  # 5 steps; kinds of starts, and two model fields
@@ -30,22 +45,64 @@ def made(
     """The recipe and the episodes of a policy."""
     domain, task, seconds = where
     kept = kept or Kept()
+    environment = suite.load(domain, task, {"random": 0, "time_limit": seconds})
+    recipe = recipe_for(where, kept, policy)
+    actor = actors.find(policy, environment).actor
+    assert actor is not None
+    full_length = suite.load(domain, task, {"random": 0})
+    episodes = play(environment, actor, seeds, kept, num_threads=1)
+    return recipe, [_with_start(episode, full_length) for episode in episodes]
+
+
+def recipe_for(where: _Task, kept: Kept, policy: str = "random") -> Recipe:
+    """The recipe of a policy's episodes."""
+    domain, task, seconds = where
     setup = prepare(domain, task, policy, time_limit=seconds)
     environment = suite.load(domain, task, {"random": 0, "time_limit": seconds})
     versions = {**setup.identity["versions"], "pyarrow": PYARROW}
-    recipe = recipe_of({**setup.identity, "versions": versions}, environment, kept)
-    actor = policies.find(policy, environment)
-    starts = Starts(setup.opened().full_build)
-    with contextlib.closing(batch_for(environment, actor, len(seeds), 1)) as batch:
-        played = [e for ended in play(batch, actor, seeds, kept) for e in ended]
-    ordered = sorted(played, key=lambda episode: episode.seed)
-    return recipe, [dataclasses.replace(e, start=starts.kind(e.seed)) for e in ordered]
+    return recipe_of({**setup.identity, "versions": versions}, environment, kept)
+
+
+@functools.cache
+def of_64(where: _Task, kept: Kept = Kept()) -> float:  # noqa: B008 (it cannot change)
+    """The megabytes that give a file 64 episodes."""
+    recipe = recipe_for(where, kept)
+    megabytes = 64.5 * recipe._group_nbytes / 1e6
+    assert dataclasses.replace(recipe, file_mb=megabytes).block == 64
+    return megabytes
+
+
+def put(folder: Path, name: str, content: bytes) -> Path:
+    """Writes a file of episodes into a dataset's folder, as one without a manifest."""
+    path = folder / "episodes" / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(content)
+    return path
+
+
+def copy(folder: Path, out: Path) -> Path:
+    """A copy of a dataset."""
+    return Path(shutil.copytree(folder, out, dirs_exist_ok=True))
+
+
+def _with_start(episode: Episode, environment: Environment) -> Episode:
+    return dataclasses.replace(episode, start=kind_of_start(environment, episode.seed))
 
 
 def hashes(folder: Path) -> dict[str, str]:
-    """The SHA-256 of each file of a dataset, by name."""
-    paths = sorted(folder.glob("seeds-*.parquet"))
+    """The SHA-256 of each file of episodes of a dataset, by name."""
+    paths = sorted(folder.glob("episodes/*"))
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+
+
+def whole_hashes(folder: Path) -> dict[str, str]:
+    """The same, and of the files that depend on the recipe and the seeds alone, too."""
+    paths = [folder / "dataset.json", folder / "README.md"]
+    others = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+    assert sorted(path.name for path in folder.iterdir() if not path.match("run*.json")) == [
+        "README.md", "dataset.json", "episodes",
+    ]  # fmt: skip
+    return {**hashes(folder), **others}
 
 
 def assert_equal(one: Episode, other: Episode) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from limberjack.data import Dataset, Kept, collect, load
 
-from .collected import ARM, PENDULUM
+from .collected import ARM, PENDULUM, copy, of_64
 
 
 @pytest.fixture(scope="session")
@@ -14,7 +14,8 @@ def pendulums(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     """70 episodes of 10 steps, in two files."""
     folder = tmp_path_factory.mktemp("pendulums")
     domain, task, seconds = PENDULUM
-    collect(domain, task, "random", range(70), out=folder, time_limit=seconds, num_threads=1)
+    how = {"time_limit": seconds, "num_threads": 1, "file_mb": of_64(PENDULUM)}
+    collect(domain, task, "random", range(70), out=folder, **how)
     return load(folder)
 
 
@@ -25,15 +26,17 @@ def arms(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     domain, task, seconds = ARM
     kept = Kept(states=True)
     seeds = range(63, 65)
-    collect(domain, task, "random", seeds, out=folder, kept=kept, time_limit=seconds, num_threads=1)
+    how = {"time_limit": seconds, "num_threads": 1, "file_mb": of_64(ARM, kept)}
+    collect(domain, task, "random", seeds, out=folder, kept=kept, **how)
     return load(folder)
 
 
 @pytest.fixture
 def damaged(pendulums: Dataset, tmp_path: Path) -> Path:
-    """A folder with one file, a byte of whose data has changed."""
+    """A copy of a dataset, a byte of whose first file has changed."""
     path = pendulums.shards[0].path
+    folder = copy(path.parents[1], tmp_path / "damaged")
     content = bytearray(path.read_bytes())
     content[len(content) // 3] ^= 1
-    (tmp_path / path.name).write_bytes(content)
-    return tmp_path
+    (folder / "episodes" / path.name).write_bytes(content)
+    return folder

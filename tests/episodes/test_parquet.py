@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack.episodes.episode import Kept
-from limberjack.episodes.parquet import Shard, encode, join
+from limberjack.episodes.parquet import Shard, columns_of, encode, episode_of, join
+from limberjack.episodes.recipe import Kept
 
 from .collected import ARM, EVERYTHING, PENDULUM, assert_equal, made
 
@@ -50,7 +50,45 @@ def test_equal_episodes_give_equal_bytes_also_in_parts(tmp_path: Path) -> None:
     assert encode(*made(ARM, range(4))) == whole
     first = Shard(_written(tmp_path / "first", encode(recipe, episodes[:1])))
     rest = Shard(_written(tmp_path / "rest", encode(recipe, episodes[1:])))
-    assert join([first, rest]) == whole
+
+    def part_of(seed: int) -> Shard:
+        return rest if seed else first
+
+    join(recipe, range(4), part_of, tmp_path / "joined")
+    assert (tmp_path / "joined").read_bytes() == whole
+    join(recipe, range(3), part_of, tmp_path / "less")
+    assert (tmp_path / "less").read_bytes() == encode(recipe, episodes[:3])
+
+
+@pytest.mark.parametrize("where", [PENDULUM, ARM])
+@pytest.mark.parametrize("kept", [Kept(), EVERYTHING])
+def test_the_columns_of_an_episode_give_the_episode(
+    where: tuple[str, str, float], kept: Kept
+) -> None:
+    recipe, (episode,) = made(where, range(7, 8), kept)
+    values = columns_of(episode, recipe)
+    assert list(values) == [column.name for column in recipe.columns]
+    assert_equal(episode_of(values, 7, recipe), episode)
+
+
+@pytest.mark.parametrize(("row", "value"), [(-1, False), (3, True)])
+def test_an_episode_that_ends_elsewhere_is_refused(row: int, value: bool) -> None:
+    recipe, (episode,) = made(PENDULUM, range(1))
+    values = columns_of(episode, recipe)
+    truncated = np.array(values["truncated"])
+    truncated[row] = value
+    with pytest.raises(ValueError, match="seed 0 does not end with its last step"):
+        episode_of({**values, "truncated": truncated}, 0, recipe)
+
+
+@pytest.mark.parametrize("name", ["seed", "step", "time", "is_first", "is_last"])
+def test_rows_of_another_place_are_refused(name: str) -> None:
+    recipe, (episode,) = made(PENDULUM, range(1))
+    values = columns_of(episode, recipe)
+    wrong = np.array(values[name])
+    wrong[4] = 1 - wrong[4]
+    with pytest.raises(ValueError, match=f"the episode of seed 0 has rows of {name} "):
+        episode_of({**values, name: wrong}, 0, recipe)
 
 
 @pytest.mark.parametrize("kept", [Kept(), EVERYTHING])
@@ -68,16 +106,39 @@ def test_other_programs_find_a_row_per_step(pendulum: Path) -> None:
     table = pq.read_table(pendulum)
     assert table.num_rows == 3 * 11
     assert table.column("seed").to_pylist() == [3] * 11 + [4] * 11 + [5] * 11
-    assert not any(column.null_count for column in table.columns)
+    assert table.column("step").to_pylist() == [*range(11)] * 3
+    assert table.column("time").to_pylist() == [step * 0.02 for step in range(11)] * 3
+    assert table.column("is_first").to_pylist() == [step == 0 for step in range(11)] * 3
     assert b"limberjack" in table.schema.metadata
+
+
+def test_the_last_row_of_an_episode_has_an_observation_and_nulls(pendulum: Path) -> None:
+    table = pq.read_table(pendulum)
+    last = [step == 10 for step in range(11)] * 3
+    assert table.column("is_last").to_pylist() == last
+    of_steps = {"action", "reward", "terminated", "truncated", "success", "diverged"}
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        expected = last if name in of_steps else [False] * 33
+        assert column.is_null().to_pylist() == expected, name
+    truncated = table.column("truncated").to_pylist()
+    assert truncated == [*[False] * 9, True, None] * 3
+
+
+def test_the_footer_has_the_figures_of_the_episodes(pendulum: Path) -> None:
+    shard = Shard(pendulum)
+    episodes = list(shard.episodes())
+    figures = shard.figures()
+    assert figures.returns == [episode.total for episode in episodes]
+    actions = np.concatenate([episode.actions for episode in episodes])
+    assert figures.statistics()["action"]["max"] == actions.max(axis=0).tolist()
 
 
 def test_the_footer_names_no_path_host_or_date(pendulum: Path) -> None:
     content = json.loads(pq.read_schema(pendulum).metadata[b"limberjack"])
     assert set(content) == {
-        "action_repeat", "columns", "control_timestep", "domain", "fingerprint", "flat",
-        "float32", "format", "policy", "policy_sha256", "seeds", "states", "task", "time_limit",
-        "versions",
+        "action_repeat", "columns", "control_timestep", "domain", "file_mb", "fingerprint",
+        "flat", "float32", "format", "policy", "policy_sha256", "seeds", "states", "task",
+        "time_limit", "versions",
     }  # fmt: skip
     assert set(content["versions"]) == {"limberjack", "mujoco", "numpy", "pyarrow", "python"}
 
@@ -115,6 +176,7 @@ def _rewritten(source: Path, path: Path, **changes: Any) -> Path:
     groups = changes.pop("groups", [11, 11, 11])
     for name, values in changes.items():
         field = table.schema.field(name)
+        values = values.cast(field.type)
         table = table.set_column(table.schema.get_field_index(name), field, values)
     table = table.replace_schema_metadata(metadata)
     with pq.ParquetWriter(path, table.schema) as writer:
@@ -134,11 +196,14 @@ def test_a_rewritten_file_is_read_if_nothing_is_forged(pendulum: Path, tmp_path:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"recipe": b"{}"}, "not of format 1"),
+        ({"recipe": b"{}"}, "not of format 2 or 1"),
         ({"recipe": b"\x80\x04."}, "damaged or no file"),
         ({"groups": [22, 11]}, "it has 2 episodes"),
         ({"groups": [11, 21, 1]}, "steps"),
-        ({"groups": [10, 12, 11]}, "does not end with its last step"),
+        ({"groups": [10, 12, 11]}, "'action' is null elsewhere than in the last row"),
+        ({"action": pa.array([[0.0]] * 33)}, "'action' is null elsewhere"),
+        ({"action": pa.array([*[[0.0]] * 9, [], None] * 3)}, "'action' has no 1 numbers in a row"),
+        ({"reward": pa.array([*[0.0] * 8, None, 0.0, None] * 3)}, "'reward' is null elsewhere"),
         ({"seed": pa.array(np.zeros(33, int))}, "has rows of seed"),
     ],
 )
@@ -192,3 +257,13 @@ def test_an_open_file_reads_single_episodes(pendulum: Path, tmp_path: Path) -> N
     with Shard(copy).opened() as read:
         assert_equal(read(5), expected[2])
         assert_equal(read(3), expected[0])
+
+
+@pytest.mark.parametrize("text", [b"", b"{}", b"[" * 100_000, b'{"returns": [1], "columns": {}}'])
+def test_forged_figures_are_refused(text: bytes, pendulum: Path, tmp_path: Path) -> None:
+    table = pq.read_table(pendulum)
+    metadata = {**table.schema.metadata, b"limberjack.figures": text}
+    path = tmp_path / "forged.parquet"
+    pq.write_table(table.replace_schema_metadata(metadata), path, row_group_size=11)
+    with pytest.raises(ValueError, match=r"forged.parquet is damaged .*its figures are damaged"):
+        Shard(path).figures()

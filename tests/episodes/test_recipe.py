@@ -52,18 +52,25 @@ def test_the_size_of_an_episode_counts_every_row_and_each_field_once() -> None:
     rows = sum(array.nbytes for array in arrays)
     of_actions = episode.actions.nbytes // 5 * 6
     fields = sum(array.nbytes for array in episode.fields.values())
-    rest = 6 * (8 + 8 + 4)  # seed and reward; four flags
+    rest = 6 * (8 + 8 + 8 + 8 + 6)  # seed, step, time and reward; six flags
     assert recipe.episode_nbytes == rows + of_actions + fields + rest
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": 2}, "not of format 1"),
-        ({"seeds": [0, 65]}, "expected some within one block of 64"),
-        ({"seeds": [60, 70]}, "expected some within one block of 64"),
-        ({"seeds": [2, 2]}, "expected some within one block of 64"),
-        ({"seeds": [-1, 2]}, "expected some within one block of 64"),
+        ({"format": 3}, "not of format 2 or 1"),
+        ({"format": True}, "not of format 2 or 1"),
+        ({"format": [2]}, "not of format 2 or 1"),
+        ({"format": 1}, "the column 'step' is unknown"),
+        ({"file_mb": 0}, "file_mb is 0; expected a positive number"),
+        ({"file_mb": float("nan")}, "file_mb is nan; expected a positive number"),
+        ({"file_mb": 1e300}, "file_mb is 1e"),
+        ({"file_mb": "all"}, "file_mb is 'all'"),
+        ({"seeds": [0, 2**32]}, "expected some within one block of"),
+        ({"file_mb": 1e-9, "seeds": [0, 2]}, "expected some within one block of 1$"),
+        ({"seeds": [2, 2]}, "expected increasing ones"),
+        ({"seeds": [-1, 2]}, "expected increasing ones"),
         ({"seeds": "all"}, "its seeds are 'all'"),
         ({"seeds": [False, True]}, "its seeds are"),
         ({"columns": 3}, "damaged"),
@@ -107,6 +114,24 @@ def test_a_further_column_must_be_one_of_those_that_exist(column: list[Any]) -> 
 def test_what_is_no_json_object_is_refused(text: bytes) -> None:
     with pytest.raises(ValueError, match=r"."):
         Recipe.parse(text)
+
+
+def test_a_file_has_as_many_seeds_as_full_episodes_have_room() -> None:
+    recipe, _ = made(("humanoid", "walk", 0.25), range(1))
+    assert recipe.file_mb == 100.0
+    assert recipe.block == int(100e6 // recipe.most_nbytes(1, files=0))
+    assert dataclasses.replace(recipe, file_mb=1e-6).block == 1
+    tiny, _ = made(("pendulum", "swingup", 0.02), range(1))
+    assert dataclasses.replace(tiny, file_mb=1e6).block == 2**15 - 1
+
+
+def test_columns_of_format_1_are_those_without_places() -> None:
+    old = dataclasses.replace(_RECIPE, file_mb=None)
+    environment = suite.load(*PENDULUM[:2], {"random": 0, "time_limit": PENDULUM[2]})
+    names = [column.name for column in old.here(environment).columns]
+    assert names[:2] == ["seed", "observation/orientation"]
+    assert [c.name for c in _RECIPE.here(environment).columns][1] == "step"
+    assert (old.format, old.block) == (1, 64)
 
 
 def test_a_difference_names_the_entry_and_both_values() -> None:

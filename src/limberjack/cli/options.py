@@ -3,7 +3,7 @@
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -34,6 +34,7 @@ __all__ = [
     "Workers",
     "chosen_seeds",
     "finite",
+    "function_named",
     "named_environment",
     "named_task",
     "shard_named",
@@ -192,10 +193,18 @@ def named_environment(
         return named_task(domain, task)
     if domain is not None:
         raise ValueError(f"got {domain} and --env {env}; expected one of them")
+    return function_named(env), None
+
+
+def function_named(env: str) -> "Make":
+    """The function of --env; raises ValueError if there is none of that name."""
     from limberjack.policies.named import found_named
 
     append_working_directory()
-    return found_named("--env", env), None
+    make = found_named("--env", env)
+    if not callable(make):
+        raise ValueError(f"--env {env} is a {type(make).__name__}; expected a function make(seed)")
+    return cast("Make", make)
 
 
 def chosen_seeds(seeds: str | None, episodes: int | None, default: int) -> range:

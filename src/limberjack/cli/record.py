@@ -14,6 +14,7 @@ from limberjack.cli.options import (
     OptionalDomain,
     PolicyName,
     TaskName,
+    function_named,
     named_environment,
 )
 from limberjack.cli.output import (
@@ -95,15 +96,16 @@ def _record(
     search_working_directory(policy)
     with _failures_reported(out) as show:
         if dataset is not None:
-            given = (domain, task, env, seconds, action_repeat)
+            given = (domain, task, seconds, action_repeat)
             if any(one is not None for one in given) or policy != "zero" or rows > 1:
                 raise ValueError(
                     f"--from {dataset} has the task, the policy and the length of the episode: "
-                    "leave out DOMAIN TASK, --env, --policy, --action-repeat, --seconds and --rows"
+                    "leave out DOMAIN TASK, --policy, --action-repeat, --seconds and --rows"
                 )
             from limberjack import data
 
-            path = data.film(data.load(dataset), seed, out=out, on_progress=show, **view)
+            make = None if env is None else function_named(env)
+            path = data.film(data.load(dataset), seed, make, out=out, on_progress=show, **view)
         else:
             from limberjack.episodes.films import record
 

@@ -1,4 +1,4 @@
-"""`collect`: a policy's episodes, written to Parquet files of 64 each.
+"""`collect`: a policy's episodes, written to Parquet files.
 
     from limberjack.data import collect, load
 
@@ -6,75 +6,89 @@
     dataset = load("data")
 
 Episode k is the first episode of an environment with the k-th seed, as in an evaluation, and a file
-has the same bytes whichever process makes it: a unit of work is a function of the recipe and the
-seeds. A file is written as soon as it is complete, so that the same call continues where an earlier
-one was killed, and a call with other seeds adds to the folder. While one batch simulates, the
-episodes of the one before are compressed and written.
+has the same bytes whichever process makes it: it is a function of the recipe and the seeds. Up to
+64 episodes are played together; where a file has more, they are kept until it is complete. The same
+call continues where an earlier one was killed, and a call with other seeds adds to the folder.
+While one batch simulates, the episodes of the one before are compressed and written.
 """
 
 import contextlib
-import dataclasses
 import datetime
 import functools
 import itertools
 import platform
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
+import dm_env
+
+from limberjack import policies
+from limberjack.episodes.environments import checked_environment, checked_repeat
 from limberjack.episodes.episode import Episode, Kept
-from limberjack.episodes.folder import Folder, blocks
+from limberjack.episodes.folder import Folder, blocks, discard_other
 from limberjack.episodes.parquet import PYARROW, encode
-from limberjack.episodes.playing import OnStep, Step, batch_for, play
-from limberjack.episodes.recipe import SHARD, Recipe, recipe_of
+from limberjack.episodes.playing import OnStep, Step
+from limberjack.episodes.recipe import FILE_MB, UNIT, Recipe, recipe_of
 from limberjack.episodes.starts import Starts
+from limberjack.episodes.units import OnEnded, play_seeds, play_unit
+from limberjack.policies import Actor, PolicyError
 from limberjack.report import Facts
-from limberjack.rl.batches import vectorisable
 from limberjack.utils.seeds import checked_seed
-from limberjack.workers import OnProgress, OnState, Setup, Unit, open_workers, prepare, shard_of
-from limberjack.workers.identity import advice_on
-from limberjack.workers.scale import Scale
+from limberjack.workers import OnProgress, OnState, Scale, Setup, Unit, shard_of
+from limberjack.workers.factories import Factory, Make, factory_of
+from limberjack.workers.identity import advice_on, canary_of, identity_of, processor
 
 __all__ = ["collect"]
 
-_Make = Callable[[Setup, tuple[int, ...]], "bytes | list[Episode]"]
-
 
 def collect(
-    domain: str,
-    task: str,
+    domain: str | Make | dm_env.Environment,
+    task: str | None = None,
     policy: object = "zero",
     seeds: Iterable[int] = range(100),
     *,
     out: Path | str,
     kept: Kept | None = None,
+    file_mb: float = FILE_MB,
     time_limit: float | None = None,
+    action_repeat: int | None = None,
     num_threads: int | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
     ray: str | None = None,
     shard: tuple[int, int] | None = None,
     any_processor: bool = False,
+    replaces: bool = False,
     on_progress: OnProgress | None = None,
     on_state: OnState | None = None,
+    on_step: OnStep | None = None,
+    on_ended: OnEnded | None = None,
+    actor: Actor | None = None,
     command: str = "",
 ) -> None:
     """Plays the episodes that a folder lacks, and writes them.
 
     Args:
-      domain: such as 'humanoid'.
-      task: such as 'walk'.
+      domain, task, time_limit, action_repeat: as for `limberjack.evaluation.evaluate`. A dataset
+        has the name and the hash of a function that makes environments, for comparison only.
       policy: its name, or the function, object or class itself; see `limberjack.policies`.
       seeds: increasing, from 0 to 2**32 - 1.
       out: the folder, which is created if needed; episodes that it has are not played again.
       kept: what is kept of each step; by default observations as they are, and no states.
-      time_limit: seconds per episode; the task's own by default.
+      file_mb: megabytes of a file before compression, by which its number of seeds is chosen: as
+        many as have room if all episodes have full length, and at least one.
       num_threads, workers, executor, ray: who plays, as for `limberjack.evaluation.evaluate`.
-      shard: (K, N) plays only the K-th of N parts of the seeds; they share the folder.
+      shard: (K, N) plays only the K-th of N parts of the seeds; they share the folder, which a call
+        without `shard` completes.
       any_processor: accept workers, and episodes that are here, of processors that round
         differently.
       on_progress: called as episodes are played and saved, as by `evaluate`.
       on_state: called with the state of the workers.
+      replaces: discard a dataset of another recipe that is here; by default it is an error.
+      on_step: called as episodes begin in this process, and after each step.
+      on_ended: called with each episode that ends in this process.
+      actor: acts in this process in the place of the policy that `policy` names.
       command: the command line as it was typed, for run.json; empty if there was none.
 
     Raises:
@@ -85,43 +99,112 @@ def collect(
       OSError: a file cannot be written.
       ImportError: the extra `data` is missing.
     """
-    asked, directory = _checked_seeds(seeds, shard), Path(out).absolute()  # a policy may move
+    wanted, directory = _checked_seeds(seeds), Path(out).absolute()  # a policy may move
+    asked = wanted if shard is None else shard_of(wanted, *shard)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
-    scaled = scale.setup(domain, task, policy, time_limit, len(asked))
-    setup = scaled or prepare(domain, task, policy, time_limit=time_limit, num_threads=num_threads)
-    recipe, processor = _recipe(setup, kept or Kept())
-    with Folder(directory, recipe, shard) as folder:
-        missing = folder.plan(asked)
-        if not missing:
-            return
-        _check_canary(folder, setup.canary, any_processor)
-        call = _call(missing, command, processor, setup.canary, scale)
-        folder.log(call)
-        saving = _Saving(folder, recipe, len(asked), missing, on_progress)
-        with open_workers() if scaled is None else scale.open(len(missing)) as opened, saving:
-            made: _Make = functools.partial(_content, recipe)
-            if scaled is None:
-                made = functools.partial(_episodes, recipe, on_step=saving.on_step)
-            units = [Unit(setup, tuple(unit)) for unit in _units(missing, setup.unit_size)]
-            for unit, result in opened.results(made, units):
-                saving.save(unit.seeds, result)
-        folder.log({**call, "ended": _now()})
+    factory = factory_of(domain, task, time_limit)
+    with contextlib.closing(checked_environment(factory, wanted, is_kept=True)) as environment:
+        acting = _found(policy, environment, num_threads) if actor is None else actor
+        repeat = checked_repeat(action_repeat, environment, acting)
+        setup = None
+        if actor is None:
+            setup = scale.setup(domain, task, policy, time_limit, len(asked), repeat)
+        identity = identity_of(factory, acting, environment, repeat)
+        recipe = _recipe(identity, environment, kept or Kept(), file_mb)
+        if replaces:
+            discard_other(directory, recipe)
+        canary = canary_of(factory) if setup is None else setup.canary
+        with Folder(directory, recipe, shard) as folder:
+            missing = folder.plan(wanted, asked)
+            if not missing:
+                folder.finish()
+                return
+            _check_canary(folder, canary, any_processor)
+            call = _call(missing, command, canary, scale)
+            folder.log(call)
+            with _Saving(folder, recipe, len(asked), missing, on_progress) as saving:
+                units = [*_units(missing, 1 if acting.plays_alone else UNIT, recipe)]
+                if setup is None:
+                    here = _Here(factory, environment, acting, recipe, num_threads)
+                    here.full = factory_of(domain, task) if isinstance(domain, str) else factory
+                    here.play(units, saving, on_step, on_ended)
+                else:
+                    with scale.open(len(missing)) as opened:
+                        made = functools.partial(_content, recipe)
+                        work = [Unit(setup, tuple(unit)) for unit in units]
+                        for unit, content in opened.results(made, work):
+                            saving.save(unit.seeds, content)
+            folder.finish()
+            folder.log({**call, "ended": _now()})
 
 
-def _recipe(setup: Setup, kept: Kept) -> tuple[Recipe, str]:
-    """The recipe of a setup's episodes, which must end, and the processor here."""
-    facts = setup.identity
-    if facts["time_limit"] is None:
-        raise ValueError(
-            f"{facts['domain']} {facts['task']} has no time limit, so an episode might never end: "
-            "give it a time_limit (--time-limit SECONDS)"
+def _found(policy: object, environment: dm_env.Environment, num_threads: int | None) -> Actor:
+    """The policy, whose source must be known."""
+    actor = policies.find(policy, environment, num_threads=num_threads)
+    if actor.sha256 is None:
+        raise PolicyError(
+            f"policy {actor.name!r} has no source file, so nothing would prove later that episodes "
+            "are its own: define it in a file"
         )
-    here = setup.opened()
-    facts = {**facts, "versions": {**facts["versions"], "pyarrow": PYARROW}}
-    return recipe_of(facts, vectorisable(here.environment), kept), here.processor
+    return actor
 
 
-def _call(missing: Sequence[int], command: str, processor: str, canary: str, scale: Scale) -> Facts:
+class _Here:
+    """Plays in this process."""
+
+    def __init__(
+        self,
+        factory: Factory,
+        environment: dm_env.Environment,
+        actor: Actor,
+        recipe: Recipe,
+        num_threads: int | None,
+    ) -> None:
+        self.full = factory  # makes environments with the task's own time limit
+        self._build = factory.build(environment)
+        self._actor = actor
+        self._recipe = recipe
+        self._num_threads = num_threads
+
+    def play(
+        self,
+        units: Sequence[range],
+        saving: "_Saving",
+        on_step: OnStep | None,
+        on_ended: OnEnded | None,
+    ) -> None:
+        def watch(step: Step) -> None:
+            saving.on_step(step)
+            if on_step is not None:
+                on_step(step)
+
+        with contextlib.closing(Starts(self.full.build(self.full.make(0)))) as starts:
+            for unit in units:
+                played = play_seeds(
+                    self._build,
+                    starts,
+                    self._actor,
+                    unit,
+                    self._recipe.kept,
+                    num_threads=self._num_threads,
+                    action_repeat=self._recipe.facts["action_repeat"],
+                    on_step=watch,
+                    on_ended=on_ended,
+                )
+                saving.save(unit, _in_order(played))
+
+
+def _in_order(episodes: Iterable[Episode]) -> list[Episode]:
+    return sorted(episodes, key=lambda episode: episode.seed)
+
+
+def _recipe(identity: Facts, environment: dm_env.Environment, kept: Kept, file_mb: float) -> Recipe:
+    """The recipe of the episodes of an identity."""
+    facts = {**identity, "versions": {**identity["versions"], "pyarrow": PYARROW}}
+    return recipe_of(facts, environment, kept, file_mb)
+
+
+def _call(missing: Sequence[int], command: str, canary: str, scale: Scale) -> Facts:
     """An entry of run.json, for everything that the files do not depend on."""
     return {
         "began": _now(),
@@ -130,7 +213,7 @@ def _call(missing: Sequence[int], command: str, processor: str, canary: str, sca
         "episodes": len(missing),
         "first_seed": missing[0],
         "host": platform.node(),
-        "processor": processor,
+        "processor": processor(),
         "canary": canary,
         "workers": scale.workers,
         "threads": scale.num_threads,
@@ -217,41 +300,25 @@ def _content(recipe: Recipe, setup: Setup, seeds: Sequence[int]) -> bytes:
             f"pyarrow is {PYARROW} in a worker, and {recipe.facts['versions']['pyarrow']} where "
             "the files are written: install the same version, so that the bytes are equal"
         )
-    return encode(recipe, _episodes(recipe, setup, seeds))
+    return encode(recipe, _in_order(play_unit(setup, seeds, recipe.kept)))
 
 
-def _episodes(
-    recipe: Recipe, setup: Setup, seeds: Sequence[int], on_step: OnStep | None = None
-) -> list[Episode]:
-    """The episodes of some seeds, in their order."""
-    here = setup.opened()
-    starts = Starts(here.full_build)
-    batch = batch_for(here.build, here.actor, len(seeds), here.num_threads)
-    with contextlib.closing(batch), contextlib.closing(starts):
-        played = [
-            dataclasses.replace(episode, start=starts.kind(episode.seed))
-            for ended in play(batch, here.actor, seeds, recipe.kept, on_step=on_step)
-            for episode in ended
-        ]
-    return sorted(played, key=lambda episode: episode.seed)
+def _units(seeds: Sequence[int], size: int, recipe: Recipe) -> Iterator[range]:
+    """The seeds of each file in ranges of up to 64, or of one if the policy plays one at a time."""
+    for block in blocks(seeds, recipe.block):
+        for first in range(block.start, block.stop, size):
+            yield range(first, min(first + size, block.stop))
 
 
-def _units(seeds: Sequence[int], size: int) -> Iterator[range]:
-    """Blocks of the seeds, or each seed by itself where the policy plays one at a time."""
-    if size == SHARD:
-        return blocks(seeds)
-    return (range(seed, seed + 1) for seed in seeds)
-
-
-def _checked_seeds(seeds: Iterable[int], shard: tuple[int, int] | None) -> list[int]:
-    """The seeds, or those of a shard; raises ValueError or TypeError if they are not increasing."""
+def _checked_seeds(seeds: Iterable[int]) -> list[int]:
+    """The seeds; raises ValueError or TypeError if they are not increasing."""
     checked = [checked_seed(seed) for seed in seeds]
     if not checked:
         raise ValueError("there are no seeds; expected at least one, such as range(100)")
     for one, following in itertools.pairwise(checked):
         if following <= one:
             raise ValueError(f"seed {following} follows {one}; expected increasing seeds")
-    return checked if shard is None else shard_of(checked, *shard)
+    return checked
 
 
 def _now() -> str:

@@ -1,28 +1,43 @@
 """`load`: the episodes and transitions of a collected dataset, as arrays that are read on demand.
 
-    dataset = load("data")
+    dataset = load("data")                          # every file that its manifest lists is there
     for episode in dataset:                         # in the order of the seeds
         print(episode.seed, episode.total)
     for batch in dataset.batches(256, seed=0):      # shuffled; None for the recorded order
         learn(batch.observations["joint_angles"], batch.actions, batch.rewards)
+    information = inform(dataset, verify=True)      # returns, sizes, hashes
 
-Only footers are read at first, and then one file of up to 64 episodes at a time. A dataset may come
-from anyone: nothing in it is executed, and a damaged file is an error that names it.
+Only the manifest and footers are read at first, and then one file of episodes at a time. A dataset
+may come from anyone: nothing in it is executed, and a damaged file is an error that names it.
 """
 
 import dataclasses
-from collections.abc import Generator, Iterator, Mapping
+import re
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from limberjack.episodes.episode import Episode
-from limberjack.episodes.folder import shards_in
+from limberjack.episodes.folder import calls_in, check_distinct
+from limberjack.episodes.manifest import (
+    EPISODES,
+    MANIFEST,
+    File,
+    Manifest,
+    sha256_of,
+    united,
+    without,
+)
 from limberjack.episodes.parquet import Shard
 from limberjack.episodes.recipe import Recipe
+from limberjack.episodes.statistics import Score, Summary, strata, summarise
+from limberjack.report import Facts
 from limberjack.rl.guards import at_least_one
 
-__all__ = ["Batch", "Dataset", "load"]
+__all__ = ["Batch", "Dataset", "Information", "inform", "load"]
+
+_LONGEST = 1000  # characters of a command that is repeated in a message
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,57 +64,176 @@ class Batch:
         return len(self.rewards)
 
 
-def load(directory: Path | str) -> "Dataset":
+def load(directory: Path | str, *, allow_gaps: bool = False) -> "Dataset":
     """The dataset in a folder.
+
+    Args:
+      directory: of the dataset, of this format or of format 1.
+      allow_gaps: load the files that are there and are those of the manifest, or all if there is
+        no manifest yet; `Dataset.gaps` lists the seeds that are missing.
 
     Raises:
       OSError: the folder or a file cannot be read.
-      ValueError: there is no dataset, or a file is damaged or belongs to another one.
+      ValueError: there is no dataset, a file is damaged or belongs to another one, or two files
+        have an episode of one seed. Without `allow_gaps`, a file is missing, is not listed in the
+        manifest, or has another size, or there is no manifest.
       ImportError: the extra `data` is missing.
     """
     folder = Path(directory)
     if not folder.is_dir():
         raise ValueError(f"{folder} is no folder; expected one that `limberjack collect` wrote")
-    shards = shards_in(folder)
+    manifest = Manifest.read(folder / MANIFEST)
+    if manifest is not None:
+        return _listed(folder, manifest, allow_gaps)
+    old = [Shard(path) for path in sorted(folder.glob("seeds-*.parquet"))]
+    shards = old or [Shard(path) for path in sorted((folder / EPISODES).glob("*.parquet"))]
     if not shards:
         raise ValueError(
-            f"{folder} has no complete file of a dataset; expected seeds-*.parquet, as `limberjack "
-            "collect` writes them"
+            f"{folder} has no complete file of a dataset; expected {EPISODES}/seeds-*.parquet, as "
+            "`limberjack collect` writes them"
         )
+    check_distinct(shards)
+    if not old and not allow_gaps:
+        raise ValueError(
+            f"{folder} has no {MANIFEST} yet: to finish the dataset, repeat {_command(folder)}; "
+            "load(..., allow_gaps=True) gives the episodes that are there"
+        )
+    for shard in shards:
+        if (shard.recipe.format == 1) is not bool(old):
+            raise ValueError(f"{shard.path} has format {shard.recipe.format}, unlike its folder")
     return Dataset(shards)
+
+
+def _listed(folder: Path, manifest: Manifest, allow_gaps: bool) -> "Dataset":
+    """The dataset of a manifest, with which its files are compared."""
+    shards: list[Shard] = []
+    for file in manifest.files:
+        path = folder / EPISODES / file.name
+        wrong = _difference(path, file)
+        if wrong is None:
+            shards.append(_checked(path, file, manifest.recipe))
+        elif not allow_gaps:
+            raise ValueError(
+                f"{wrong}: remove it if it is there, and repeat {_command(folder)}; "
+                "load(..., allow_gaps=True) does without it"
+            )
+    names = {file.name for file in manifest.files}
+    extra = sorted(p for p in (folder / EPISODES).glob("*") if p.name not in names)
+    if extra and not allow_gaps:
+        raise ValueError(
+            f"{extra[0]} is not listed in {MANIFEST}: `limberjack collect` has not finished, and "
+            f"{_command(folder)} continues it, or the file does not belong here; "
+            "load(..., allow_gaps=True) loads it, too, if it has episodes"
+        )
+    shards += [Shard(path) for path in extra if path.suffix == ".parquet"]
+    shards.sort(key=lambda shard: shard.seeds.start)
+    check_distinct(shards)
+    gaps = without(manifest.wanted, united(shard.seeds for shard in shards))
+    if gaps and not allow_gaps:
+        raise ValueError(
+            f"{folder / MANIFEST} lists no file with the episode of seed {gaps[0].start}: repeat "
+            f"{_command(folder)}; load(..., allow_gaps=True) does without it"
+        )
+    if not shards:
+        raise ValueError(f"{folder} has none of the files that its {MANIFEST} lists")
+    return Dataset(shards, files=manifest.files, gaps=gaps)
+
+
+def _difference(path: Path, file: File) -> str | None:
+    """A sentence on the size of a file that is not the listed one."""
+    if not path.exists():
+        return f"{path} is missing, which {MANIFEST} lists"
+    size = path.stat().st_size
+    return (
+        None
+        if size == file.nbytes
+        else (f"{path} has {size} bytes, and {file.nbytes} in {MANIFEST}")
+    )
+
+
+def _checked(path: Path, file: File, recipe: Recipe) -> Shard:
+    """The file; raises ValueError if its footer has another recipe, seeds or rows than listed."""
+    shard = Shard(path)
+    difference = shard.recipe.difference(recipe)
+    if difference is None and (shard.seeds, shard.rows) != (file.seeds, file.rows):
+        difference = f"seeds and rows are {shard.seeds}, {shard.rows} and {file.seeds}, {file.rows}"
+    if difference is not None:
+        raise ValueError(
+            f"{path} is not the file that {MANIFEST} lists, whose {difference}: remove it, and "
+            "collect its seeds again"
+        )
+    return shard
+
+
+def _command(folder: Path) -> str:
+    """The command that finishes a dataset, as far as its log has it."""
+    calls = calls_in(folder)
+    command = calls[-1].get("command") if calls else None
+    if not isinstance(command, str) or not 0 < len(command) < _LONGEST:
+        return "the call that collected it"
+    return f"`{re.sub(r' --shard[= ][^ ]+', '', command)}`"
 
 
 class Dataset:
     """Episodes in files, in the order of their seeds.
 
     Attributes:
-      shards: the files.
+      shards: the files, each with an episode of this dataset at least.
       recipe: everything that the episodes depend on except for the seeds.
     """
 
-    def __init__(self, shards: list[Shard]) -> None:
-        """Takes at least one file; all have the same recipe and different seeds."""
-        self.shards = shards
+    def __init__(
+        self,
+        shards: Sequence[Shard],
+        chosen: Sequence[range] | None = None,
+        files: Sequence[File] = (),
+        gaps: Sequence[range] = (),
+    ) -> None:
+        """Takes at least one file; all have the same recipe and different seeds.
+
+        Args:
+          shards: in the order of their seeds.
+          chosen: seeds of each file; all by default.
+          files: as the manifest lists them, if there is one.
+          gaps: seeds that are wanted and missing.
+        """
+        self.shards = list(shards)
         self.recipe: Recipe = shards[0].recipe
+        self._chosen = [shard.seeds for shard in shards] if chosen is None else list(chosen)
+        self._files = {file.name: file for file in files}
+        self._gaps = list(gaps)
 
     @property
     def seeds(self) -> list[int]:
         """The seeds of the episodes."""
-        return [seed for shard in self.shards for seed in shard.seeds]
+        return [seed for seeds in self._chosen for seed in seeds]
+
+    @property
+    def gaps(self) -> list[int]:
+        """The seeds that were wanted and are missing; empty unless gaps were allowed."""
+        return [seed for seeds in self._gaps for seed in seeds]
 
     @property
     def steps(self) -> int:
         """The steps of all episodes together."""
-        return sum(sum(shard.lengths) for shard in self.shards)
+        return sum(
+            sum(shard.lengths[seeds.start - shard.seeds.start : seeds.stop - shard.seeds.start])
+            for shard, seeds in zip(self.shards, self._chosen, strict=True)
+        )
 
     def __len__(self) -> int:
         """The number of episodes."""
-        return sum(len(shard.seeds) for shard in self.shards)
+        return sum(map(len, self._chosen))
 
     def __iter__(self) -> Iterator[Episode]:
         """The episodes, read one at a time into arrays that must not be changed."""
-        for shard in self.shards:
-            yield from shard.episodes()
+        for number in range(len(self.shards)):
+            yield from self.episodes_of(number)
+
+    def episodes_of(self, number: int) -> Iterator[Episode]:
+        """The episodes of a file, by its number."""
+        with self.shards[number].opened() as read:
+            yield from map(read, self._chosen[number])
 
     def episode(self, seed: int) -> Episode:
         """The episode of a seed.
@@ -108,30 +242,66 @@ class Dataset:
           KeyError: there is no such episode.
           ValueError: its file is damaged.
         """
-        for shard in self.shards:
-            if seed in shard.seeds:
+        for shard, seeds in zip(self.shards, self._chosen, strict=True):
+            if seed in seeds:
                 with shard.opened() as read:
                     return read(seed)
         raise KeyError(f"no episode of seed {seed!r}; the first one has seed {self.seeds[0]}")
 
     def part(self, k: int, n: int) -> "Dataset":
-        """Every n-th file from the k-th on, counted from 0: for a worker of a data loader.
+        """The k-th of n parts, counted from 0, of about as many episodes each.
+
+        It has episodes that follow each other, for a worker of a data loader, which so reads few
+        files.
 
         Raises:
-          ValueError: that part has no file.
+          ValueError: that part has no episode.
         """
-        shards = self.shards[k::n] if 0 <= k < n else []
-        if not shards:
-            raise ValueError(f"there is no part {k} of {n} in {len(self.shards)} files")
-        return Dataset(shards)
+        episodes = len(self)
+        if not 0 <= k < n <= episodes:
+            raise ValueError(f"there is no part {k} of {n} in {episodes} episodes")
+        first, end = k * episodes // n, (k + 1) * episodes // n
+        shards, chosen, before = list[Shard](), list[range](), 0
+        for shard, seeds in zip(self.shards, self._chosen, strict=True):
+            here = seeds[max(first - before, 0) : max(end - before, 0)]
+            if here:
+                shards.append(shard)
+                chosen.append(here)
+            before += len(seeds)
+        return Dataset(shards, chosen, list(self._files.values()))
+
+    def sha256(self) -> dict[str, str]:
+        """The SHA-256 of each file by name, in hex: the manifest's, or computed without one."""
+        return {
+            shard.path.name: (
+                self._files[shard.path.name].sha256
+                if shard.path.name in self._files
+                else sha256_of(shard.path)
+            )
+            for shard in self.shards
+        }
+
+    def changed_file(self) -> str | None:
+        """A sentence on the first file with another SHA-256 than the manifest's; None if none has.
+
+        Files without an entry, as those of format 1, are passed over.
+        """
+        for shard in self.shards:
+            listed = self._files.get(shard.path.name)
+            if listed is not None and sha256_of(shard.path) != listed.sha256:
+                return (
+                    f"{shard.path} has another SHA-256 than in {MANIFEST}: remove it, and collect "
+                    "its seeds again"
+                )
+        return None
 
     def batches(self, size: int, *, seed: int | None = None) -> Iterator[Batch]:
         """All transitions once, in batches; the last one may be smaller.
 
         Args:
           size: transitions of a batch.
-          seed: shuffles the files, and the transitions within each file of up to 64 episodes; None
-            for the order of seeds and steps.
+          seed: shuffles the files, and the transitions within each file; None for the order of
+            seeds and steps.
 
         Raises:
           ValueError: `size` is not a whole number of at least 1, or a file is damaged.
@@ -141,7 +311,7 @@ class Dataset:
         order = range(len(self.shards)) if random is None else random.permutation(len(self.shards))
         left: list[Batch] = []
         for number in order:
-            left = yield from _batches(_Rows(self.shards[number]), size, random, left)
+            left = yield from _batches(_Rows(list(self.episodes_of(number))), size, random, left)
         if left:
             yield _joined(left)
 
@@ -149,8 +319,7 @@ class Dataset:
 class _Rows:
     """The rows of a file: of each episode one per step, and one for its last observation."""
 
-    def __init__(self, shard: Shard) -> None:
-        episodes = list(shard.episodes())
+    def __init__(self, episodes: Sequence[Episode]) -> None:
         of_names = {
             name: [e.observations[name] for e in episodes] for name in episodes[0].observations
         }
@@ -210,4 +379,67 @@ def _joined(parts: list[Batch]) -> Batch:
         observed("next_observations"),
         together("terminated"),
         together("truncated"),
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class Information:
+    """Figures of a dataset.
+
+    Attributes:
+      recipe: everything that the episodes depend on except for the seeds.
+      seeds: of the episodes.
+      steps: of all episodes together.
+      nbytes: of all files together.
+      summary: of all returns.
+      strata: of the returns of each kind of start, by name.
+      files: the SHA-256 of each file, by name, in hex.
+    """
+
+    recipe: Recipe
+    seeds: list[int]
+    steps: int
+    nbytes: int
+    summary: Summary
+    strata: dict[str, Summary]
+    files: dict[str, str]
+
+    def as_json(self) -> Facts:
+        """All of it by name, as values of JSON."""
+        return {
+            **self.recipe.facts,
+            **dataclasses.asdict(self.recipe.kept),
+            "columns": {c.name: [c.dtype, *c.shape] for c in self.recipe.columns},
+            "seeds": self.seeds,
+            "steps": self.steps,
+            "bytes": self.nbytes,
+            "returns": self.summary.as_json(),
+            "strata": {name: part.as_json() for name, part in self.strata.items()},
+            "sha256": self.files,
+        }
+
+
+def inform(dataset: Dataset, *, verify: bool = False) -> Information:
+    """The figures of a dataset; every page of every file is compared with its checksum.
+
+    Args:
+      dataset: whose episodes are read, one at a time.
+      verify: compare the SHA-256 of the files with those in the manifest.
+
+    Raises:
+      ValueError: a file is damaged, or is another one than the manifest lists.
+    """
+    changed = dataset.changed_file() if verify else None
+    if changed is not None:
+        raise ValueError(changed)
+    scores = [Score.of(episode) for episode in dataset]
+    paths = [shard.path for shard in dataset.shards]
+    return Information(
+        dataset.recipe,
+        dataset.seeds,
+        dataset.steps,
+        sum(path.stat().st_size for path in paths),
+        summarise(scores),
+        strata(scores),
+        dataset.sha256(),
     )

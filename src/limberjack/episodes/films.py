@@ -21,7 +21,7 @@ import numpy as np
 from limberjack import policies
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.playing import Recorded, Step, play
-from limberjack.episodes.recipe import Recipe, environment_of, other_versions
+from limberjack.episodes.recipe import Recipe, environments_of, other_versions
 from limberjack.mujoco import TextOverlay
 from limberjack.mujoco.simulation import STATE
 from limberjack.policies import ROWS, Act, Actor
@@ -124,6 +124,7 @@ def record(
 def film(
     dataset: "Dataset",
     seed: int,
+    make: Make | None = None,
     *,
     out: Path | str,
     on_progress: _OnProgress | None = None,
@@ -135,8 +136,9 @@ def film(
     simulated again, and a film of other rewards than the recorded ones is refused.
 
     Args:
-      dataset: of a domain that is known here.
+      dataset: of a domain that is known here, or of environments that `make` makes.
       seed: of the episode.
+      make: as for `limberjack.data.replay`.
       out: the file, which ends in .mp4 or .gif.
       on_progress: called before the episode begins and after each step.
       view: as for `record`.
@@ -149,7 +151,9 @@ def film(
         raise ValueError(f"there is no episode of seed {seed}; the first is {dataset.seeds[0]}")
     path = _checked_path(Path(out))
     episode, recipe = dataset.episode(seed), dataset.recipe
-    factory = Factory("the recorded episode", {}, lambda seed: _seeded(recipe, seed))
+    environment, build, _ = environments_of(recipe, make)
+    environment.close()
+    factory = Factory("the recorded episode", {}, build.make)
     with _Stage.of(factory, seed, 1, None, view) as stage, _held(path):
         stage.step_limit = episode.length
         if episode.states is not None:
@@ -158,12 +162,6 @@ def film(
         checked = _checking(episode, recipe, on_progress)
         stage.film(path, Recorded({seed: episode.actions}), [seed], checked)
     return path
-
-
-def _seeded(recipe: Recipe, seed: int) -> Environment:
-    environment = environment_of(recipe)
-    environment.reseed(seed)
-    return environment
 
 
 def _checking(episode: Episode, recipe: Recipe, on_progress: _OnProgress | None) -> _OnProgress:

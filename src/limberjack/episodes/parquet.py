@@ -1,28 +1,35 @@
-"""`Shard`: a Parquet file of up to 64 episodes; `encode` and `join` make the bytes of one.
+"""`Shard`: a Parquet file of episodes; `encode` and `join` write one.
 
-    content = encode(recipe, episodes)                  # equal episodes, equal bytes
+    encode(recipe, episodes)                            # bytes; equal episodes, equal bytes
+    join(recipe, range(0, 140), shard_of, path)         # from files of fewer episodes, one by one
     with Shard(path).opened() as read:
         episode = read(seed)
 
-A row is a step (see `columns`), and a row group is an episode. An array is a list of fixed size; a
-model field is a list that is empty but in an episode's first row. The footer has the recipe under
-'limberjack'. Reading executes nothing. A file is checked, as anyone may have changed it: its
-columns and rows against its recipe, and each page against its checksum.
+A row is a step: the observation before it, the action, and what followed. A last row has the last
+observation, and nulls in the columns of steps. A row group is an episode. An array is a list of
+fixed size, but the action, whose last one is null, is one of variable size: few versions of pyarrow
+read nulls in the other kind. A model field, `field/...`, is a list that is empty but in an
+episode's first row. Files of format 1 lack the columns step, time, is_first and is_last, and have
+NaN and false in the last row.
+
+The footer has the recipe under 'limberjack', and returns and statistics under 'limberjack.figures'.
+Reading executes nothing. A file is checked, as anyone may have changed it: its columns and rows
+against its recipe, and each page against its checksum.
 
 This is the only module that imports pyarrow.
 """
 
 import contextlib
 import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from limberjack.episodes.columns import Values, columns_of, episode_of
 from limberjack.episodes.episode import Episode
-from limberjack.episodes.recipe import FIELD, Column, Recipe
+from limberjack.episodes.figures import Figures
+from limberjack.episodes.recipe import FIELD, FORMAT, OBSERVATION, Column, Recipe
 from limberjack.utils.regular import check_regular
 from limberjack.utils.requirements import missing_extra
 
@@ -32,13 +39,16 @@ try:
 except ImportError as error:
     raise missing_extra("data") from error
 
-__all__ = ["PYARROW", "Shard", "encode", "join"]
+__all__ = ["PYARROW", "Shard", "Values", "columns_of", "encode", "episode_of", "join"]
 
 PYARROW: str = pa.__version__  # the bytes depend on it
 
+Values = np.ndarray | str  # of a column in an episode; the only text is the kind of start
+
 _Untyped = Any  # an object of pyarrow, which has no types
 
-_RECIPE = b"limberjack"
+_RECIPE, _FIGURES = b"limberjack", b"limberjack.figures"
+_PLACE = ("seed", "step", "time", "is_first", "is_last")  # columns that follow from seed and row
 _LEVEL = 1  # of zstd: higher ones take longer and save 0.2 % of the humanoid's 616 bytes a step
 _MOST_BYTES = 2**30  # of an episode; an hour of a humanoid's steps with states takes a third of it
 
@@ -63,19 +73,30 @@ class Shard:
         check_regular(path)
         self.path = path
         with _damage_reported(path), pq.ParquetFile(path) as file:
-            text = (file.schema_arrow.metadata or {}).get(_RECIPE)
+            text = (file.metadata.metadata or {}).get(_RECIPE)
             if text is None:
                 raise ValueError("it has no recipe")
             self.recipe, self.seeds = Recipe.parse(text)
             if not file.schema_arrow.equals(_schema(self.recipe)):
                 raise ValueError("its columns are not those of its recipe")
-            groups = [file.metadata.row_group(i) for i in range(file.num_row_groups)]
-            self.lengths = [group.num_rows - 1 for group in groups]
-        if len(groups) != len(self.seeds) or min(self.lengths) < 1:
-            raise self._damaged(f"it has {len(groups)} episodes of {self.lengths} steps")
+            groups = file.num_row_groups
+            self.lengths = [file.metadata.row_group(i).num_rows - 1 for i in range(groups)]
+        if groups != len(self.seeds) or min(self.lengths) < 1:
+            raise self._damaged(f"it has {groups} episodes of {self.lengths} steps")
         size = sum(column.nbytes for column in self.recipe.columns)
         if (max(self.lengths) + 1) * size > _MOST_BYTES:
             raise self._damaged(f"an episode takes more than {_MOST_BYTES:,} bytes")
+
+    @property
+    def rows(self) -> int:
+        """The number of rows."""
+        return sum(self.lengths) + len(self.lengths)
+
+    def figures(self) -> Figures:
+        """The returns and statistics in the footer, which format 1 lacks."""
+        with _damage_reported(self.path), pq.ParquetFile(self.path) as file:
+            text = (file.metadata.metadata or {}).get(_FIGURES, b"")
+            return Figures.parse(text, self.recipe, len(self.seeds))
 
     @contextlib.contextmanager
     def opened(self) -> Iterator[Callable[[int], Episode]]:
@@ -94,14 +115,107 @@ class Shard:
         with self.opened() as read:
             yield from map(read, self.seeds)
 
+    def tables(self, seeds: range) -> Iterator[tuple[_Untyped, Episode]]:
+        """The tables of some of the seeds, each with its episode."""
+        with _damage_reported(self.path), self.file() as file:
+            for seed in seeds:
+                table = file.read_row_group(seed - self.seeds.start, use_threads=False)
+                yield table, self._episode(table, seed)
+
     def _read(self, file: pq.ParquetFile, seed: int) -> Episode:
         with _damage_reported(self.path):
             table = file.read_row_group(seed - self.seeds.start, use_threads=False)
-            values = {c.name: _from_arrow(c, table.column(c.name)) for c in self.recipe.columns}
-            return episode_of(values, seed)
+            return self._episode(table, seed)
+
+    def _episode(self, table: _Untyped, seed: int) -> Episode:
+        recipe = self.recipe
+        values = {
+            c.name: _from_arrow(c, table.column(c.name), recipe.format) for c in recipe.columns
+        }
+        return episode_of(values, seed, recipe)
 
     def _damaged(self, reason: str) -> ValueError:
         return _damaged(self.path, reason)
+
+
+def columns_of(episode: Episode, recipe: Recipe) -> dict[str, Values]:
+    """The values of each of the recipe's columns: T of a step's, T + 1 of the others."""
+    return {column.name: _values(episode, column.name, recipe) for column in recipe.columns}
+
+
+def _values(episode: Episode, name: str, recipe: Recipe) -> Values:
+    if name.startswith(OBSERVATION):
+        return episode.observations[name.removeprefix(OBSERVATION)]
+    if name.startswith(FIELD):
+        return episode.fields[name.removeprefix(FIELD)]
+    if name in _PLACE:
+        return _place(name, episode, recipe.facts["control_timestep"])
+    if name == "diverged":
+        found = np.zeros(episode.length, bool)
+        found[-1] = episode.diverged
+        return found
+    found = {
+        "start": episode.start,
+        "state": episode.states,
+        "action": episode.actions,
+        "reward": episode.rewards,
+        "terminated": episode.terminated,
+        "truncated": episode.truncated,
+        "success": episode.success,
+    }[name]
+    assert found is not None, name
+    return found
+
+
+def _place(name: str, episode: Episode, control_timestep: float) -> np.ndarray:
+    """The values of a column that says where a row is: in which episode, and in which step."""
+    steps = np.arange(episode.length + 1)
+    match name:
+        case "seed":
+            return np.full(len(steps), episode.seed)
+        case "step":
+            return steps
+        case "time":
+            return steps * control_timestep
+        case "is_first":
+            return steps == 0
+    return steps == episode.length
+
+
+def episode_of(values: Mapping[str, Values], seed: int, recipe: Recipe) -> Episode:
+    """The episode of a seed, in views of the columns' values.
+
+    Raises:
+      ValueError: the values are not those of one whole episode with this seed.
+    """
+    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    ends = arrays["terminated"] | arrays["truncated"]
+    if not ends[-1] or ends[:-1].any():
+        raise ValueError(f"the episode of seed {seed} does not end with its last step")
+    start = values.get("start")
+    episode = Episode(
+        seed,
+        start if isinstance(start, str) else None,
+        arrays["reward"],
+        bool(arrays["diverged"].any()),
+        actions=arrays["action"],
+        terminated=arrays["terminated"],
+        truncated=arrays["truncated"],
+        success=arrays.get("success"),
+        observations=_part(arrays, OBSERVATION),
+        states=arrays.get("state"),
+        fields=_part(arrays, FIELD),
+    )
+    for name in _PLACE:
+        if name in arrays and (arrays[name] != _values(episode, name, recipe)).any():
+            wrong = np.unique(arrays[name])[:3].tolist()
+            raise ValueError(f"the episode of seed {seed} has rows of {name} {wrong}")
+    return episode
+
+
+def _part(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
+    """The arrays whose names begin so, by the rest of their names."""
+    return {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}
 
 
 def encode(recipe: Recipe, episodes: Sequence[Episode]) -> bytes:
@@ -109,31 +223,45 @@ def encode(recipe: Recipe, episodes: Sequence[Episode]) -> bytes:
     first = episodes[0].seed
     schema = _schema(recipe)
 
-    def tables() -> Iterator[pa.Table]:
+    def tables() -> Iterator[tuple[_Untyped, Episode]]:
         for episode in episodes:
             values = columns_of(episode, recipe)
             rows = episode.length + 1
             columns = [_to_arrow(c, values[c.name], rows) for c in recipe.columns]
-            yield pa.Table.from_arrays(columns, schema=schema)
+            yield pa.Table.from_arrays(columns, schema=schema), episode
 
-    return _written(recipe, range(first, first + len(episodes)), tables())
-
-
-def join(shards: Sequence[Shard]) -> bytes:
-    """The content of the file with all episodes of files whose seeds follow each other."""
-    recipe = shards[0].recipe
-
-    def tables() -> Iterator[pa.Table]:
-        for shard in shards:
-            with _damage_reported(shard.path), shard.file() as file:
-                for group in range(file.num_row_groups):
-                    yield file.read_row_group(group, use_threads=False)
-
-    return _written(recipe, range(shards[0].seeds.start, shards[-1].seeds.stop), tables())
-
-
-def _written(recipe: Recipe, seeds: range, tables: Iterator[pa.Table]) -> bytes:
     file = io.BytesIO()
+    _write(recipe, range(first, first + len(episodes)), tables(), file)
+    return file.getvalue()
+
+
+def join(recipe: Recipe, seeds: range, part_of: Callable[[int], Shard], file: Path) -> None:
+    """Writes a file of the episodes of some seeds, of which files of some have all.
+
+    Args:
+      recipe: of all of them.
+      seeds: follow each other.
+      part_of: gives the file that has the episode of a seed; an episode is in memory at a time.
+      file: to be written.
+    """
+
+    def tables() -> Iterator[tuple[_Untyped, Episode]]:
+        first = seeds.start
+        while first < seeds.stop:
+            part = part_of(first)
+            end = min(part.seeds.stop, seeds.stop)
+            yield from part.tables(range(first, end))
+            first = end
+
+    _write(recipe, seeds, tables(), file)
+
+
+def _write(
+    recipe: Recipe,
+    seeds: range,
+    tables: Iterator[tuple[_Untyped, Episode]],
+    file: io.BytesIO | Path,
+) -> None:
     schema = _schema(recipe).with_metadata({_RECIPE: recipe.text(seeds)})
     leaves = {c.name: _leaf(c) for c in recipe.columns}
     # pyarrow's annotations lack the lists that these take.
@@ -143,25 +271,33 @@ def _written(recipe: Recipe, seeds: range, tables: Iterator[pa.Table]) -> bytes:
         "write_statistics": ["seed"],  # so that other readers find an episode
         "write_page_checksum": True,
     }
+    figures = Figures(recipe)
     with pq.ParquetWriter(
         file, schema, compression="zstd", compression_level=_LEVEL, **options
     ) as writer:
-        for table in tables:
+        for table, episode in tables:
             writer.write_table(table, row_group_size=table.num_rows)
-    return file.getvalue()
+            figures.add(episode)
+        writer.add_key_value_metadata({_FIGURES: figures.text()})
 
 
 def _schema(recipe: Recipe) -> _Untyped:
-    return pa.schema([pa.field(c.name, _type(c), nullable=False) for c in recipe.columns])
+    form = recipe.format
+    return pa.schema(
+        [
+            pa.field(c.name, _type(c, form), nullable=c.is_of_step and form > 1)
+            for c in recipe.columns
+        ]
+    )
 
 
-def _type(column: Column) -> _Untyped:
-    """The type of a column in the file."""
-    if column.dtype == "str":
-        return pa.dictionary(pa.int8(), pa.string())
+def _type(column: Column, form: int = FORMAT) -> _Untyped:
+    """The type of a column in files of a format."""
+    if column.dtype == "str":  # some versions of pyarrow read each index as one of 32 bits
+        return pa.dictionary(pa.int8() if form == 1 else pa.int32(), pa.string())
     number = pa.from_numpy_dtype(np.dtype(column.dtype))
     element = pa.field("element", number, nullable=False)
-    if column.name.startswith(FIELD):
+    if column.name.startswith(FIELD) or (column.shape and column.is_of_step and form > 1):
         return pa.list_(element)
     return pa.list_(element, column.size) if column.shape else number
 
@@ -175,17 +311,24 @@ def _leaf(column: Column) -> str:
 def _to_arrow(column: Column, values: Values, rows: int) -> _Untyped:
     """A column's values of an episode of so many rows, as an array of pyarrow."""
     if isinstance(values, str):
-        return pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, np.int8)), pa.array([values]))
+        indices = pa.array(np.zeros(rows, np.int32))
+        return pa.DictionaryArray.from_arrays(indices, pa.array([values]))
     kind = _type(column)
     numbers = pa.array(np.ascontiguousarray(values).reshape(-1))
     if column.name.startswith(FIELD):
         ends = np.full(rows + 1, len(numbers), np.int32)
         ends[0] = 0
         return pa.ListArray.from_arrays(pa.array(ends), numbers, type=kind)
-    return pa.FixedSizeListArray.from_arrays(numbers, type=kind) if column.shape else numbers
+    if not column.is_of_step:
+        return pa.FixedSizeListArray.from_arrays(numbers, type=kind) if column.shape else numbers
+    if not column.shape:
+        return pa.concat_arrays([numbers, pa.nulls(1, kind)])
+    ends = np.minimum(np.arange(rows + 1, dtype=np.int32) * column.size, len(numbers))
+    mask = pa.array(np.arange(rows) == rows - 1)
+    return pa.ListArray.from_arrays(pa.array(ends.astype(np.int32)), numbers, type=kind, mask=mask)
 
 
-def _from_arrow(column: Column, found: _Untyped) -> Values:
+def _from_arrow(column: Column, found: _Untyped, form: int) -> Values:
     """The values of `_to_arrow`, without a copy where that is possible.
 
     Raises:
@@ -197,6 +340,8 @@ def _from_arrow(column: Column, found: _Untyped) -> Values:
         if len(kinds) != 1:
             raise ValueError(f"the column {column.name!r} has the values {kinds} in one episode")
         return kinds[0]
+    if column.is_of_step:
+        array = array[:-1] if form == 1 else _of_steps(column, array)
     rows = len(array)
     if column.name.startswith(FIELD):
         if len(array[0]) != column.size or len(array.flatten()) != column.size:
@@ -204,6 +349,16 @@ def _from_arrow(column: Column, found: _Untyped) -> Values:
         return array.flatten().to_numpy(zero_copy_only=False).reshape(column.shape)
     numbers = array.flatten() if column.shape else array
     return numbers.to_numpy(zero_copy_only=False).reshape(rows, *column.shape)
+
+
+def _of_steps(column: Column, array: _Untyped) -> _Untyped:
+    """The values of the steps, without the last row, which has none."""
+    if array.null_count != 1 or array[-1].is_valid:
+        raise ValueError(f"the column {column.name!r} is null elsewhere than in the last row")
+    array = array[:-1]
+    if column.shape and (array.value_lengths().to_numpy() != column.size).any():
+        raise ValueError(f"the column {column.name!r} has no {column.size} numbers in a row")
+    return array
 
 
 @contextlib.contextmanager

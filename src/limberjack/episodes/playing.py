@@ -365,9 +365,9 @@ class Recorded:
     sha256: str | None = None
     plays_alone = False
 
-    def __init__(self, actions: Mapping[int, np.ndarray]) -> None:
-        """Takes the actions of each seed, (T, ...)."""
-        self._of_seeds = actions
+    def __init__(self, actions: Mapping[int, np.ndarray], action_repeat: int = 1) -> None:
+        """Takes the actions of each seed's control steps, (T, ...), and how many were one."""
+        self._of_seeds = {seed: values[::action_repeat] for seed, values in actions.items()}
         self._left: dict[int, Iterator[np.ndarray]] = {}
         self._shape: tuple[int, ...] = ()
 

@@ -3,9 +3,11 @@
     recipe = recipe_of({"domain": "humanoid", ...}, environment, Kept(states=True))
     text = recipe.text(range(64))           # JSON, for the footer of a file
     recipe, seeds = Recipe.parse(text)
+    recipe.block                            # 140: a file has the seeds of [0, 140), [140, 280), ...
 
 A recipe holds no path, host, date or number of workers, so that equal episodes give equal files
-wherever they are collected. A text to parse may come from anyone, and is checked.
+wherever they are collected. A text to parse may come from anyone, and is checked. Recipes of
+format 1, an earlier version's, are read and not written.
 """
 
 import dataclasses
@@ -13,44 +15,62 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TypeGuard, cast
 
+import dm_env
 import numpy as np
 from dm_env import specs
 
-from limberjack import policies, report, suite
+from limberjack import policies, report
 from limberjack.episodes.episode import Kept
 from limberjack.report import Facts
+from limberjack.rl.action_specs import spec_of
+from limberjack.rl.builds import Build
 from limberjack.rl.control import Environment
+from limberjack.rl.copies import control_of
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
+from limberjack.rl.row_step import as_mapping
 from limberjack.utils.seeds import SEEDS
+from limberjack.workers.factories import Factory, Make, factory_of
 from limberjack.workers.identity import first_difference
 
 __all__ = [
     "FIELD",
+    "FILE_MB",
+    "FORMAT",
     "OBSERVATION",
-    "SHARD",
+    "UNIT",
     "Column",
     "Recipe",
-    "columns_here",
-    "environment_of",
+    "environments_of",
+    "is_whole",
     "other_versions",
     "recipe_of",
+    "seeds_of",
 ]
 
-SHARD = 64  # episodes of a file: the rows of a batch
+FORMAT = 2  # of new datasets
+UNIT = 64  # episodes that are played together: the rows of a batch
+FILE_MB = 100.0  # megabytes of a file before compression
 OBSERVATION, FIELD = "observation/", "field/"  # prefixes of columns
 
-_FORMAT = 1
+_BLOCK_1 = 64  # seeds of a file of format 1
+_MOST_GROUPS = 2**15 - 1  # of a file, each an episode: the Parquet format numbers them in 16 bits
 _DTYPES = ("bool", "uint8", "int32", "int64", "float32", "float64")
 _LARGEST = 2**28  # numbers in a row; beyond it a forged file would only exhaust the memory
 _LONGEST = 1e9  # seconds of an episode
+_MOST_MB = 1e6  # of a file: a terabyte
 _MOST_STEPS = 2**31  # of an episode
 # Bytes of a file besides its numbers: about 100 for each column of an episode, in its page and in
 # the footer, and up to 6,000 for the schema and the recipe.
 _COLUMN_NBYTES, _FILE_NBYTES = 256, 16_384
+_DIGITS = 32  # bytes of a number in the text of a footer
+# Facts that name the environments: a task's, or those of a function of the user's.
+_WHERE: tuple[dict[str, type], ...] = (
+    {"domain": str, "task": str},
+    {"environment": str, "environment_sha256": str},
+)
 _FACTS: dict[str, type | tuple[type, ...]] = {
-    "domain": str,
-    "task": str,
     "policy": str,
     "policy_sha256": (str, type(None)),
     "time_limit": (int, float),
@@ -59,8 +79,8 @@ _FACTS: dict[str, type | tuple[type, ...]] = {
     "versions": dict,
     "fingerprint": str,
 }
-# Columns of every dataset, and those that some have, with their types.
-_ALWAYS = {
+# Columns of every dataset, those that format 1 lacks, and those that some have, with their types.
+_BOTH = {
     "seed": "int64",
     "action": "float64",
     "reward": "float64",
@@ -68,7 +88,9 @@ _ALWAYS = {
     "truncated": "bool",
     "diverged": "bool",
 }
+_PLACE = {"step": "int64", "time": "float64", "is_first": "bool", "is_last": "bool"}
 _SOMETIMES = {"start": "str", "success": "bool", "state": "float64"}
+_OF_STEPS = ("action", "reward", "terminated", "truncated", "success", "diverged")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,6 +100,16 @@ class Column:
     name: str
     dtype: str
     shape: tuple[int, ...] = ()
+
+    @property
+    def is_of_step(self) -> bool:
+        """Whether a value belongs to a step: the row of the last observation has none."""
+        return self.name in _OF_STEPS
+
+    @property
+    def has_figures(self) -> bool:
+        """Whether a file has statistics of the column."""
+        return self.name in ("action", "reward") or self.name.startswith(OBSERVATION)
 
     @property
     def size(self) -> int:
@@ -95,25 +127,45 @@ class Recipe:
     """The task, the policy, what is kept of a step, and the versions.
 
     Attributes:
-      facts: `domain`, `task`, `policy`, `policy_sha256`, `time_limit` and `control_timestep` in
-        seconds, `action_repeat`, `versions` (pyarrow's too) and `fingerprint`.
+      facts: `domain` and `task`, or `environment` and `environment_sha256`; `policy`,
+        `policy_sha256`, `time_limit` and `control_timestep` in seconds, `action_repeat`,
+        `versions` (pyarrow's too) and `fingerprint`.
       kept: what is kept of each step.
       columns: of the files, in order.
+      file_mb: megabytes of a file before compression; None for format 1.
     """
 
     facts: Facts
     kept: Kept
     columns: tuple[Column, ...]
+    file_mb: float | None = FILE_MB
+
+    @property
+    def format(self) -> int:
+        """The number of the files' format."""
+        return 1 if self.file_mb is None else FORMAT
+
+    @property
+    def block(self) -> int:
+        """The number of seeds, aligned at its multiples, whose episodes share a file."""
+        if self.file_mb is None:
+            return _BLOCK_1
+        return max(1, min(int(self.file_mb * 1e6 // self._group_nbytes), _MOST_GROUPS))
+
+    def as_json(self) -> Facts:
+        """The recipe as values of JSON."""
+        sized = {} if self.file_mb is None else {"file_mb": self.file_mb}
+        return {
+            "format": self.format,
+            **self.facts,
+            **dataclasses.asdict(self.kept),
+            **sized,
+            "columns": [[c.name, c.dtype, list(c.shape)] for c in self.columns],
+        }
 
     def text(self, seeds: range) -> str:
         """The recipe of the episodes with these seeds, as JSON; equal recipes give equal texts."""
-        content = {
-            "format": _FORMAT,
-            **self.facts,
-            **dataclasses.asdict(self.kept),
-            "columns": [dataclasses.astuple(column) for column in self.columns],
-            "seeds": [seeds.start, seeds.stop],
-        }
+        content = {**self.as_json(), "seeds": [seeds.start, seeds.stop]}
         return json.dumps(content, sort_keys=True, separators=(",", ":"))
 
     @classmethod
@@ -127,30 +179,47 @@ class Recipe:
             content = json.loads(text)
         except RecursionError as error:
             raise ValueError("its recipe is nested too deeply") from error
-        if not isinstance(content, dict) or content.pop("format", None) != _FORMAT:
-            raise ValueError(f"its recipe is not of format {_FORMAT}")
+        entry = content.pop("seeds", None) if isinstance(content, dict) else None
+        recipe = cls.of_json(content)
+        return recipe, _seeds(entry, recipe.block)
+
+    @classmethod
+    def of_json(cls, content: object) -> "Recipe":
+        """The recipe that `as_json` gave.
+
+        Raises:
+          ValueError: it is none.
+        """
+        found = content.get("format") if isinstance(content, dict) else None
+        if not isinstance(content, dict) or not is_whole(found) or found not in (1, FORMAT):
+            raise ValueError(f"its recipe is not of format {FORMAT} or 1")
+        rest = {name: value for name, value in content.items() if name != "format"}
         try:
-            seeds = _seeds(content.pop("seeds"))
-            columns = tuple(_column(entry) for entry in content.pop("columns"))
-            kept = Kept(**{f.name: _flag(content.pop(f.name)) for f in dataclasses.fields(Kept)})
+            file_mb = None if found == 1 else _file_mb(rest.pop("file_mb"))
+            columns = tuple(_column(entry) for entry in rest.pop("columns"))
+            kept = Kept(**{f.name: _flag(rest.pop(f.name)) for f in dataclasses.fields(Kept)})
         except (KeyError, TypeError) as error:
             raise ValueError(f"its recipe is damaged: {error}") from error
-        _check_columns(columns, kept)
-        return cls(_checked_facts(content), kept, columns), seeds
+        _check_columns(columns, kept, _BOTH if file_mb is None else {**_BOTH, **_PLACE})
+        return cls(_checked_facts(rest), kept, columns, file_mb)
 
     def difference(self, other: "Recipe") -> str | None:
         """The first entry that differs, as 'policy is 'zero' and 'random''; None if none does.
 
         Versions are compared one by one: 'versions.mujoco is '4.0.0' and '4.1.0''.
         """
-        ours, theirs = (
-            {**r.facts, **dataclasses.asdict(r.kept), "columns": r.columns} for r in (self, other)
-        )
-        difference = first_difference(ours, theirs)
+        difference = first_difference(self.as_json(), other.as_json())
         if difference is None:
             return None
         name, one, another = difference
         return f"{name} is {one!r} and {another!r}"
+
+    def here(self, environment: dm_env.Environment) -> "Recipe":
+        """The recipe with the columns of an environment's episodes."""
+        columns = _columns(environment, self.kept)
+        if self.file_mb is None:
+            columns = tuple(column for column in columns if column.name not in _PLACE)
+        return dataclasses.replace(self, columns=columns)
 
     @property
     def step_limit(self) -> int:
@@ -166,84 +235,141 @@ class Recipe:
 
     def most_nbytes(self, episodes: int, files: int) -> int:
         """Bytes that files with so many of the longest episodes do not exceed."""
-        per_episode = self.episode_nbytes + _COLUMN_NBYTES * len(self.columns)
-        return per_episode * episodes + _FILE_NBYTES * files
+        numbers = sum(column.size for column in self.columns if column.has_figures)
+        per_file = _FILE_NBYTES + 4 * numbers * _DIGITS  # four figures of each
+        return self._group_nbytes * episodes + per_file * files
+
+    @property
+    def _group_nbytes(self) -> int:
+        """Bytes that an episode takes at most: its numbers, its pages and its return."""
+        return self.episode_nbytes + _COLUMN_NBYTES * len(self.columns) + _DIGITS
 
 
-def recipe_of(facts: Facts, environment: Environment, kept: Kept) -> Recipe:
+def recipe_of(
+    facts: Facts, environment: dm_env.Environment, kept: Kept, file_mb: float = FILE_MB
+) -> Recipe:
     """The recipe of an environment's episodes.
 
     Args:
       facts: those that `Recipe` lists. Of a policy in a file, only the file's name is kept.
       environment: the task's, with a time limit.
       kept: what is kept of each step.
+      file_mb: megabytes of a file before compression.
+
+    Raises:
+      ValueError, TypeError: `file_mb` is not a positive number.
     """
     policy = facts["policy"]
     if policies.is_saved_model(policy):
         prefix, _, path = policy.partition(":")
         policy = f"{prefix}:{Path(path).name}"
-    return Recipe({**facts, "policy": policy}, kept, columns_here(environment, kept))
+    columns = _columns(environment, kept)
+    return Recipe({**facts, "policy": policy}, kept, columns, _file_mb(file_mb))
 
 
-def columns_here(environment: Environment, kept: Kept) -> tuple[Column, ...]:
-    """The columns of an environment's episodes."""
-    task = environment.task
-    columns = [Column("seed", "int64")]
-    if getattr(task, "STARTS", ()):
-        columns.append(Column("start", "str"))
-    columns += _observed(environment, kept)
-    columns.append(Column("action", "float64", tuple(environment.action_spec().shape)))
-    columns += [Column(name, _ALWAYS[name]) for name in ("reward", "terminated", "truncated")]
-    if getattr(task, "GOAL", ()):
-        columns.append(Column("success", "bool"))
-    columns.append(Column("diverged", "bool"))
-    saved = environment.snapshot().physics  # arrays of one row
-    if kept.states:
-        columns.append(Column("state", "float64", saved["state"].shape[1:]))
-    for name in environment._saved_fields():
-        columns.append(Column(FIELD + name, saved[name].dtype.name, saved[name].shape[1:]))
-    return tuple(columns)
+def environments_of(
+    recipe: Recipe, make: Make | None = None
+) -> tuple[dm_env.Environment, Build, Build]:
+    """An environment whose episodes are those of a recipe, and what makes more of them.
 
+    Args:
+      recipe: of the episodes.
+      make: the function that made the environments, if they are not the suite's.
 
-def environment_of(recipe: Recipe) -> Environment:
-    """An environment of a recipe's task, with episodes of its length.
+    Returns:
+      The environment, its build, and the build of environments with the task's own time limit.
 
     Raises:
-      ValueError: there is no such task here, or its observations or actions are of another form.
+      ValueError: there is no such task here, `make` is missing or another function, or observations
+        or actions are of another form.
     """
     facts = recipe.facts
-    # Half a step less, so that rounding does not add one.
-    seconds = (recipe.step_limit - 0.5) * facts["control_timestep"]
-    kwargs = {"random": 0, "time_limit": seconds}
-    environment = suite.load(facts["domain"], facts["task"], task_kwargs=kwargs)
-    found = dataclasses.replace(recipe, columns=columns_here(environment, recipe.kept))
-    difference = recipe.difference(found)
-    if environment.control_timestep() != facts["control_timestep"]:
-        difference = f"control_timestep is {facts['control_timestep']} and here"
-        difference += f" {environment.control_timestep()}"
+    factory = full = _factory(recipe, make)
+    if make is None:
+        full = factory_of(facts["domain"], facts["task"])
+    environment = factory.make(0)
+    difference = recipe.difference(recipe.here(environment))
+    timestep = _inside(environment).control_timestep()
+    if timestep != facts["control_timestep"]:
+        difference = f"control_timestep is {facts['control_timestep']} and here {timestep}"
     if difference is not None:
         environment.close()
         raise ValueError(
-            f"{facts['domain']} {facts['task']} has other episodes here than in the dataset, "
-            f"whose {difference}.{other_versions(recipe, None)}"
+            f"{factory.title} has other episodes here than in the dataset, whose {difference}."
+            f"{other_versions(recipe, None)}"
         )
-    return environment
+    return environment, factory.build(environment), full.build(full.make(0))
 
 
-def other_versions(recipe: Recipe, environment: Environment | None) -> str:
+def _factory(recipe: Recipe, make: Make | None) -> Factory:
+    """The factory of a recipe's environments; raises ValueError if `make` is not the right one."""
+    facts = recipe.facts
+    if make is None:
+        if "domain" not in facts:
+            raise ValueError(
+                f"the episodes are those of environments that {facts['environment']} makes: give "
+                f"that function (--env {facts['environment']})"
+            )
+        # Half a step less, so that rounding does not add one.
+        seconds = (recipe.step_limit - 0.5) * facts["control_timestep"]
+        return factory_of(facts["domain"], facts["task"], seconds)
+    factory = factory_of(make)
+    for name, value in factory.facts.items():
+        if facts.get(name) != value:
+            raise ValueError(
+                f"{factory.title} is not the function that made the episodes' environments: their "
+                f"{name} is {facts.get(name)!r}, and its is {value!r}"
+            )
+    return factory
+
+
+def other_versions(recipe: Recipe, environment: dm_env.Environment | None) -> str:
     """A sentence on versions, and a model, that differ from the recorded ones; empty if none do."""
     recorded, here = recipe.facts["versions"], report.versions()
     other = [f"{n} {recorded.get(n)}, here {v}" for n, v in here.items() if recorded.get(n) != v]
     if environment is not None:
-        model = environment.physics.model._model
+        model = _inside(environment).physics.model._model
         if report.fingerprint(model) != recipe.facts["fingerprint"]:
             other.append("a model with another fingerprint")
     return f" It was collected with {'; '.join(other)}." if other else ""
 
 
-def _observed(environment: Environment, kept: Kept) -> list[Column]:
+def _inside(environment: dm_env.Environment) -> Environment:
+    """The `control.Environment` within an environment of any class."""
+    inner = control_of(environment)
+    if not isinstance(inner, Environment):
+        raise ValueError(
+            f"a {type(environment).__name__} has no limberjack.rl.control.Environment inside, "
+            "whose episodes can be kept"
+        )
+    return inner
+
+
+def _columns(environment: dm_env.Environment, kept: Kept) -> tuple[Column, ...]:
+    """The columns of an environment's episodes, in files of format 2."""
+    inner = _inside(environment)
+    task = inner.task
+    columns = [Column("seed", "int64"), *(Column(name, dtype) for name, dtype in _PLACE.items())]
+    if getattr(task, "STARTS", ()):
+        columns.append(Column("start", "str"))
+    columns += _observed(environment, kept)
+    columns.append(Column("action", "float64", tuple(spec_of(environment).shape)))
+    columns += [Column(name, _BOTH[name]) for name in ("reward", "terminated", "truncated")]
+    if getattr(task, "GOAL", ()):
+        columns.append(Column("success", "bool"))
+    columns.append(Column("diverged", "bool"))
+    names = inner._saved_fields()
+    saved = inner._simulated.simulation.save(None, names)  # arrays of one row
+    if kept.states:
+        columns.append(Column("state", "float64", saved["state"].shape[1:]))
+    for name in names:
+        columns.append(Column(FIELD + name, saved[name].dtype.name, saved[name].shape[1:]))
+    return tuple(columns)
+
+
+def _observed(environment: dm_env.Environment, kept: Kept) -> list[Column]:
     """The columns of the observations."""
-    spec: Mapping[str, specs.Array] = environment.observation_spec()
+    spec = cast(Mapping[str, specs.Array], as_mapping(environment.observation_spec()))
     of_names = {name: (np.dtype(one.dtype), tuple(one.shape)) for name, one in spec.items()}
     if kept.flat:
         dtype = np.result_type(*(dtype for dtype, _ in of_names.values()))
@@ -255,13 +381,35 @@ def _observed(environment: Environment, kept: Kept) -> list[Column]:
     ]
 
 
-def _seeds(entry: object) -> range:
-    if not (isinstance(entry, list) and len(entry) == 2 and all(map(_is_whole, entry))):
+def seeds_of(entry: object) -> range:
+    """The seeds from a first one to the one before a second, of a list in JSON.
+
+    Raises:
+      ValueError: it is no such list.
+    """
+    if not (isinstance(entry, list) and len(entry) == 2 and all(map(is_whole, entry))):
         raise ValueError(f"its seeds are {entry!r}; expected the first and the one after the last")
-    first, end = entry
-    if not 0 <= first < end <= SEEDS or first // SHARD != (end - 1) // SHARD:
-        raise ValueError(f"its seeds are {first} to {end}; expected some within one block of 64")
-    return range(first, end)
+    if not 0 <= entry[0] < entry[1] <= SEEDS:
+        raise ValueError(f"its seeds are {entry[0]} to {entry[1]}; expected increasing ones")
+    return range(*entry)
+
+
+def _seeds(entry: object, block: int) -> range:
+    seeds = seeds_of(entry)
+    if seeds[0] // block != seeds[-1] // block:
+        raise ValueError(
+            f"its seeds are {seeds.start} to {seeds.stop}; expected some within one block of "
+            f"{block}"
+        )
+    return seeds
+
+
+def _file_mb(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"file_mb is {value!r}; expected a number of megabytes")
+    if not 0 < value <= _MOST_MB:
+        raise ValueError(f"file_mb is {value}; expected a positive number of megabytes")
+    return float(value)
 
 
 def _column(entry: object) -> Column:
@@ -270,21 +418,21 @@ def _column(entry: object) -> Column:
     name, dtype, shape = entry
     if not isinstance(name, str) or dtype not in (*_DTYPES, "str"):
         raise ValueError(f"the column {name!r} has type {dtype!r}; expected one of {_DTYPES}")
-    if not all(_is_whole(size) and size >= 0 for size in shape) or math.prod(shape) > _LARGEST:
+    if not all(is_whole(size) and size >= 0 for size in shape) or math.prod(shape) > _LARGEST:
         raise ValueError(f"the column {name!r} has shape {shape!r}")
     return Column(name, dtype, tuple(shape))
 
 
-def _check_columns(columns: Sequence[Column], kept: Kept) -> None:
-    """Raises ValueError unless these are columns that `recipe_of` gives."""
+def _check_columns(columns: Sequence[Column], kept: Kept, always: Mapping[str, str]) -> None:
+    """Raises ValueError unless these are columns that `recipe_of` gives, some of them always."""
     found = {column.name: column for column in columns}
     if len(found) < len(columns):
         raise ValueError("a column occurs twice")
-    for name in _ALWAYS:
+    for name in always:
         if name not in found:
             raise ValueError(f"the column {name!r} is missing")
     for name, column in found.items():
-        dtype = {**_ALWAYS, **_SOMETIMES}.get(name)
+        dtype = {**always, **_SOMETIMES}.get(name)
         is_array = name in ("action", "state") or name.startswith((OBSERVATION, FIELD))
         if dtype is None and not is_array:
             raise ValueError(f"the column {name!r} is unknown")
@@ -298,9 +446,11 @@ def _check_columns(columns: Sequence[Column], kept: Kept) -> None:
 
 def _checked_facts(content: Facts) -> Facts:
     """The facts; raises ValueError if one is missing, unknown or of another kind."""
-    if content.keys() != _FACTS.keys():
-        raise ValueError(f"its facts are {sorted(content)}; expected {sorted(_FACTS)}")
-    for name, kind in _FACTS.items():
+    where = _WHERE[0] if "domain" in content else _WHERE[1]
+    kinds = {**where, **_FACTS}
+    if content.keys() != kinds.keys():
+        raise ValueError(f"its facts are {sorted(content)}; expected {sorted(kinds)}")
+    for name, kind in kinds.items():
         if not isinstance(content[name], kind) or isinstance(content[name], bool):
             raise ValueError(f"its {name} is {content[name]!r}")
     if not all(isinstance(value, str) for value in content["versions"].values()):
@@ -317,5 +467,6 @@ def _flag(value: object) -> bool:
     return value
 
 
-def _is_whole(value: object) -> bool:
+def is_whole(value: object) -> TypeGuard[int]:
+    """Whether a value of JSON is a whole number."""
     return isinstance(value, int) and not isinstance(value, bool)

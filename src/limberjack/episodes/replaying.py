@@ -3,75 +3,93 @@
     difference = replay(load("data"))       # None if every bit is equal
 
 Everything is compared: observations, rewards, ends, states, model fields and kinds of starts, as
-they were kept. Numbers are promised to be equal for equal versions on one kind of processor.
+they were kept, and the SHA-256 of the files with those in the manifest. Numbers are promised to be
+equal for equal versions on one kind of processor.
 """
 
 import contextlib
 import dataclasses
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
-from limberjack.episodes.columns import Values, columns_of
 from limberjack.episodes.dataset import Dataset
 from limberjack.episodes.episode import Episode
+from limberjack.episodes.parquet import Values, columns_of
 from limberjack.episodes.playing import Recorded, Step, batch_for, play
-from limberjack.episodes.recipe import Recipe, environment_of, other_versions
+from limberjack.episodes.recipe import UNIT, Recipe, environments_of, other_versions
 from limberjack.episodes.starts import Starts
 from limberjack.workers import OnProgress
-from limberjack.workers.factories import factory_of
+from limberjack.workers.factories import Make
 
 __all__ = ["replay"]
 
 
 def replay(
-    dataset: Dataset, num_threads: int | None = None, on_progress: OnProgress | None = None
+    dataset: Dataset,
+    make: Make | None = None,
+    *,
+    num_threads: int | None = None,
+    on_progress: OnProgress | None = None,
 ) -> str | None:
     """The first difference from the recorded episodes, with file and seed; None if there is none.
 
     Args:
-      dataset: of a domain that is known here.
+      dataset: of a domain that is known here, or of environments that `make` makes.
+      make: the function that made the environments, if they are not the suite's; the dataset has
+        its name and hash for comparison only, and nothing is imported by a name found there.
       num_threads: number of threads that simulate; by default one per usable core.
       on_progress: called after each step of a batch, as by `evaluate`.
 
     Raises:
-      ValueError: there is no such task, its episodes differ in form, or a file is damaged.
+      ValueError: there is no such task, its episodes differ in form, `make` is missing or another
+        function, or a file is damaged.
     """
+    changed = dataset.changed_file()
+    if changed is not None:
+        return changed
     recipe = dataset.recipe
-    facts = recipe.facts
     compared = 0  # episodes
     steps = 0  # of the running ones
 
     def on_step(step: Step) -> None:
         nonlocal steps
         steps += step.count
-        if on_progress is not None:
+        if on_progress is not None and step.count:
             on_progress("replaying", compared, steps / recipe.step_limit)
 
-    environment = environment_of(recipe)
-    # The kind of a start may depend on more seconds than the episodes have.
-    full_length = factory_of(facts["domain"], facts["task"])
-    starts = Starts(full_length.build(full_length.make(0)))
+    environment, build, full_build = environments_of(recipe, make)
+    starts = Starts(full_build)
     with contextlib.closing(environment), contextlib.closing(starts):
-        for shard in dataset.shards:
-            recorded = list(shard.episodes())
-            actor = Recorded({episode.seed: episode.actions for episode in recorded})
+        for path, recorded in _units(dataset):
+            seeds = [episode.seed for episode in recorded]
+            repeat = recipe.facts["action_repeat"]
+            actor = Recorded({one.seed: one.actions for one in recorded}, repeat)
             # Not up to the recipe's length, which anyone may have written: it could take days.
-            most = max(shard.lengths) + 1
-            with contextlib.closing(
-                batch_for(environment, actor, len(recorded), num_threads)
-            ) as batch:
-                how = {"most_steps": most, "on_step": on_step}
-                played = play(batch, actor, shard.seeds, recipe.kept, **how)
+            most = max(episode.length for episode in recorded) + 1
+            how = {"action_repeat": repeat, "most_steps": most}
+            with contextlib.closing(batch_for(build, actor, len(seeds), num_threads)) as batch:
+                played = play(batch, actor, seeds, recipe.kept, on_step=on_step, **how)
                 found = {episode.seed: episode for ended in played for episode in ended}
             for one in recorded:
                 again = dataclasses.replace(found[one.seed], start=starts.kind(one.seed))
                 difference = _difference(one, again, recipe)
                 if difference is not None:
                     other = other_versions(recipe, environment)
-                    return f"{shard.path}, seed {one.seed}: {difference}.{other}"
+                    return f"{path}, seed {one.seed}: {difference}.{other}"
             compared += len(recorded)
             steps = 0
     return None
+
+
+def _units(dataset: Dataset) -> Iterator[tuple[Path, list[Episode]]]:
+    """The episodes in lists of up to 64, as a batch has rows, each with the file that has them."""
+    for number, shard in enumerate(dataset.shards):
+        episodes = dataset.episodes_of(number)
+        while unit := list(itertools.islice(episodes, UNIT)):
+            yield shard.path, unit
 
 
 def _difference(recorded: Episode, found: Episode, recipe: Recipe) -> str | None:
@@ -80,12 +98,29 @@ def _difference(recorded: Episode, found: Episode, recipe: Recipe) -> str | None
         has_ended = found.terminated[-1] or found.truncated[-1]
         now = str(found.length) if has_ended else "more"
         return f"the episode has {recorded.length} steps, and {now} now"
+    if recorded.diverged and recipe.format == 1:
+        found = _with_last_of(recorded, found)
     ours, theirs = (columns_of(episode, recipe) for episode in (recorded, found))
     for name in ours:
         difference = _differing(name, ours[name], theirs[name])
         if difference is not None:
             return difference
     return None
+
+
+def _with_last_of(recorded: Episode, found: Episode) -> Episode:
+    """The episode with the last observation and state of another one.
+
+    Format 1 kept those after the step that diverged, when nothing is defined.
+    """
+    observations = {
+        name: np.concatenate([values[:-1], recorded.observations[name][-1:]])
+        for name, values in found.observations.items()
+    }
+    states = found.states
+    if states is not None and recorded.states is not None:
+        states = np.concatenate([states[:-1], recorded.states[-1:]])
+    return dataclasses.replace(found, observations=observations, states=states)
 
 
 def _differing(name: str, recorded: Values, found: Values) -> str | None:

@@ -26,6 +26,7 @@ from limberjack.episodes.units import OnEnded, play_seeds, play_unit
 from limberjack.policies import Actor
 from limberjack.policies.built_in import PLANNER
 from limberjack.report import Facts
+from limberjack.report.folder import RESULT
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
 from limberjack.rl.rows import RowsEnvironment
@@ -211,7 +212,7 @@ class Run:
             ray=scale.ray,
             shard=self._shard,
             any_processor=scale.any_processor,
-            replaces=self._replaces,
+            replaces=self._replaces and (self._out / RESULT).exists(),
             on_progress=on_progress,
             on_state=scale.on_state,
             on_step=self._watch,

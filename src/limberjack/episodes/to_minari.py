@@ -15,17 +15,21 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import dm_env
 import numpy as np
+from dm_env import specs
 
 from limberjack.episodes.dataset import Dataset
-from limberjack.episodes.replaying import environment_of
+from limberjack.episodes.recipe import environments_of
 from limberjack.gym.observations import Observations, action_space
 from limberjack.gym.specs import spec_of
+from limberjack.rl.action_specs import spec_of as spec_of_actions
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
+from limberjack.rl.row_step import as_mapping
 from limberjack.utils.files import Hold, flush_folder, random_letters
 from limberjack.utils.regular import read_regular
 from limberjack.utils.requirements import missing_extra
@@ -111,9 +115,10 @@ def _write(dataset: Dataset, path: Path, name: str, on_progress: OnProgress | No
     recipe = dataset.recipe
     facts, kept = recipe.facts, recipe.kept
     dtype = "float32" if kept.float32 else "float64"
-    with contextlib.closing(environment_of(recipe)) as environment:
-        observed = Observations(environment.observation_spec(), kept.flat, dtype)
-        actions = action_space(environment.action_spec(), "float64")
+    environment, _, _ = environments_of(recipe)
+    with contextlib.closing(environment):
+        observed = Observations(_observed(environment), kept.flat, dtype)
+        actions = action_space(spec_of_actions(environment), "float64")
     spec = spec_of(facts["domain"], facts["task"], recipe.step_limit, flat=kept.flat, dtype=dtype)
     path.mkdir(parents=True)
     storage = MinariStorage.new(path, observed.space, actions, spec, _STORAGE, jpeg_encoding=False)
@@ -127,6 +132,11 @@ def _write(dataset: Dataset, path: Path, name: str, on_progress: OnProgress | No
         }
     )
     storage.update_episodes(_buffers(dataset, observed, on_progress))
+
+
+def _observed(environment: dm_env.Environment) -> Mapping[str, specs.Array]:
+    """The specs of the observations, by name."""
+    return cast(Mapping[str, specs.Array], as_mapping(environment.observation_spec()))
 
 
 def _buffers(

@@ -14,21 +14,21 @@ import dm_env
 
 from limberjack import policies
 from limberjack.episodes import statistics
+from limberjack.episodes.environments import (
+    checked_environment,
+    checked_repeat,
+    step_limit_of,
+)
 from limberjack.episodes.starts import Starts
 from limberjack.evaluation import results
 from limberjack.evaluation.missing import Here, play_with
 from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.store import Store
 from limberjack.report import Facts
-from limberjack.rl.action_specs import spec_of
-from limberjack.rl.builds import is_reproducible
-from limberjack.rl.control import Environment
-from limberjack.rl.copies import control_of
 from limberjack.rl.guards import at_least_one
-from limberjack.rl.row_trial import draws_globally
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnProgress, OnState, Scale, Setup, shard_of
-from limberjack.workers.factories import Factory, Make, factory_of
+from limberjack.workers.factories import Make, factory_of
 from limberjack.workers.identity import canary_of, identity_of
 
 __all__ = ["FLOORS", "evaluate"]
@@ -105,9 +105,9 @@ def evaluate(
     mine = asked if shard is None else _of_shard(asked, shard, directory)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
     factory = factory_of(domain, task, time_limit)
-    environment = _checked_environment(factory, asked, directory)
-    repeat = _checked_repeat(action_repeat, environment, policy)
+    environment = checked_environment(factory, asked, is_kept=directory is not None)
     actor = policies.find(policy, environment, num_threads=num_threads)
+    repeat = checked_repeat(action_repeat, environment, actor)
     setup = scale.setup(domain, task, policy, time_limit, len(mine), repeat)
     identity = identity_of(factory, actor, environment, repeat)
     canary = setup.canary if setup is not None else canary_of(factory) if directory else None
@@ -122,7 +122,7 @@ def evaluate(
                 factory.build(environment),
                 starts,
                 mine,
-                step_limit=_step_limit(environment) or math.inf,
+                step_limit=step_limit_of(environment) or math.inf,
                 num_threads=num_threads,
                 action_repeat=repeat,
                 on_progress=on_progress,
@@ -159,92 +159,6 @@ def _of_shard(seeds: list[int], shard: tuple[int, int], directory: Path | None) 
             "a shard needs a folder that all shards write to: give one as out (--out DIR)"
         )
     return shard_of(seeds, *shard)
-
-
-def _checked_environment(
-    factory: Factory, seeds: list[int], directory: Path | None
-) -> dm_env.Environment:
-    """An environment of the factory, whose episodes end, depend on their seed, and can be kept.
-
-    Raises:
-      ValueError: they never end, draw from a stream that environments share, or could belong to
-        another environment.
-    """
-    if directory is not None and not factory.is_known:
-        raise ValueError(
-            f"{factory.title} cannot be distinguished from other functions of that name, so its "
-            "results cannot be kept: define make(seed) at the top level of a module, or pass no "
-            "folder"
-        )
-    environment = factory.make(seeds[0])
-    if not isinstance(control_of(environment), Environment):
-        raise ValueError(
-            f"{factory.title} makes a {type(environment).__name__} without a control.Environment "
-            "inside, whose model and time limit an evaluation needs"
-        )
-    if _step_limit(environment) is None:
-        raise ValueError(
-            f"{factory.title} has no time limit, so an episode might never end: give it a "
-            "time_limit (--time-limit SECONDS)"
-        )
-    if "environment" in factory.facts:  # a user's own
-        with contextlib.closing(factory.make(seeds[0])) as trial:
-            shared = draws_globally(trial, spec_of(trial))
-        if shared is not None:
-            raise ValueError(
-                f"{factory.title} draws from {shared}, so an episode does not depend on its seed "
-                "alone: draw from task.random, which has the seed"
-            )
-        _check_seeding(factory, environment, seeds)
-    return environment
-
-
-def _checked_repeat(
-    action_repeat: int | None, environment: dm_env.Environment, policy: object
-) -> int:
-    """Control steps per action: those that are asked for, or the environment's own.
-
-    Raises:
-      ValueError: the planner acts at every control step.
-    """
-    inner = control_of(environment)
-    assert isinstance(inner, Environment)
-    repeat = inner.action_repeat if action_repeat is None else action_repeat
-    if repeat != 1 and policy == "planner":
-        raise ValueError(
-            f"action_repeat is {repeat}, but the planner acts at every control step: leave it at 1"
-        )
-    return repeat
-
-
-def _check_seeding(factory: Factory, environment: dm_env.Environment, seeds: list[int]) -> None:
-    """Raises ValueError unless a seed gives one episode, and all seeds one length of a step."""
-    if not is_reproducible(factory.build(environment), seeds[0]):
-        raise ValueError(
-            f"{factory.title} makes an environment that differs each time it is called with seed "
-            f"{seeds[0]}: pass the seed to the task, and draw from task.random"
-        )
-    for seed in seeds[1:2]:
-        with contextlib.closing(factory.make(seed)) as other:
-            pairs = [(_step_limit(one), _control_timestep(one)) for one in (environment, other)]
-        if pairs[0] != pairs[1]:
-            raise ValueError(
-                f"{factory.title} makes an environment that differs for seed {seed}: its episodes "
-                f"have {pairs[1][0]} steps of {pairs[1][1]} s, and those of seed {seeds[0]} "
-                f"{pairs[0][0]} of {pairs[0][1]} s; make them the same for all seeds"
-            )
-
-
-def _control_timestep(environment: dm_env.Environment) -> float:
-    inner = control_of(environment)
-    assert isinstance(inner, Environment)
-    return inner.control_timestep()
-
-
-def _step_limit(environment: dm_env.Environment) -> int | None:
-    inner = control_of(environment)
-    assert isinstance(inner, Environment)
-    return inner.step_limit
 
 
 def _played_with(store: Store, identity: Facts) -> Facts:

@@ -72,7 +72,7 @@ class Evaluation:
           ImportError: matplotlib is not installed.
         """
         facts = self.facts
-        name = facts.get("environment") or f"{facts['domain']} {facts['task']}"
+        name = report.title_of(facts)
         title = f"{name}, policy {self.policy}"
         by_policy = {name: [score.total for score in self.scores[name]] for name in self.scores}
         by_start: dict[str, list[float]] = {}

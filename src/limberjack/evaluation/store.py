@@ -33,7 +33,6 @@ from typing import BinaryIO, TypeGuard
 from limberjack.episodes.statistics import Score
 from limberjack.policies import Actor
 from limberjack.report import Facts
-from limberjack.report.folder import RECORDINGS
 from limberjack.utils.files import Hold, appending, flush_folder
 from limberjack.utils.regular import read_regular
 from limberjack.utils.seeds import SEEDS
@@ -342,12 +341,11 @@ def check_folder(directory: Path, identity: Mapping[str, object]) -> None:
       ValueError: it would.
       OSError: the folder's result cannot be read.
     """
-    recordings = [path.name for path in sorted(directory.glob(RECORDINGS))]
     others = [name for name in (RESULT, PAGE, PICTURE) if os.path.lexists(directory / name)]
-    if (others or recordings) and not any(directory.glob("episodes*.jsonl")):
+    if others and not any(directory.glob("episodes*.jsonl")):
         raise ValueError(
-            f"{directory} holds {[*others, *recordings][0]} but no {EPISODES}, so it is not the "
-            "folder of an evaluation: choose another folder"
+            f"{directory} holds {others[0]} but no {EPISODES}, so it is not the folder of an "
+            "evaluation: choose another folder"
         )
     if not others:
         return

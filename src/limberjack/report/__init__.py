@@ -10,7 +10,14 @@ from limberjack.report.evaluation_page import write_evaluation_page
 from limberjack.report.labels import Label, Labels, labels_of
 from limberjack.report.page import write_page
 from limberjack.report.recorder import Recorder
-from limberjack.report.result import Facts, Played, fingerprint, versions, write_result
+from limberjack.report.result import (
+    Facts,
+    Played,
+    fingerprint,
+    title_of,
+    versions,
+    write_result,
+)
 from limberjack.report.trace import Step, Trace
 
 __all__ = [
@@ -23,6 +30,7 @@ __all__ = [
     "Trace",
     "fingerprint",
     "labels_of",
+    "title_of",
     "versions",
     "write_distribution_plot",
     "write_evaluation_page",

@@ -13,7 +13,7 @@ import numpy as np
 
 from limberjack.report import parts
 from limberjack.report.chart import line_chart, steps_of
-from limberjack.report.result import Facts
+from limberjack.report.result import Facts, title_of
 
 __all__ = ["write_evaluation_page"]
 
@@ -31,7 +31,7 @@ def write_evaluation_page(path: Path, result: Facts, command: str = "") -> None:
     Raises:
       OSError: it cannot be written.
     """
-    name = result.get("environment") or f"{result['domain']} {result['task']}"
+    name = title_of(result)
     policy = result["policy"]
     body = [
         parts.header(name, _subtitle(result)),

@@ -8,32 +8,29 @@ folder with other results is left as it is, so that no result lies beside anothe
 
 import json
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from limberjack.utils.regular import read_regular
 
-__all__ = ["EVALUATION", "FILM", "PAGE", "PLOT", "RECORDINGS", "RESULT", "check_folder"]
+__all__ = ["EVALUATION", "FILM", "PAGE", "PLOT", "RESULT", "check_folder"]
 
 FILM = "video.mp4"
 PAGE = "report.html"
 PLOT = "return.png"
 RESULT = "result.json"
-RECORDINGS = "episode-*.npz"  # as `limberjack solve` calls them
 EVALUATION = "episodes*.jsonl"  # as `limberjack.evaluation.store` calls them
 
-_SAME = ("domain", "task", "policy")  # entries that are equal in all results of a folder
+# Entries that are equal in all results of a folder, where they have them.
+_SAME = ("domain", "task", "environment", "policy")
 
 
-def check_folder(
-    directory: Path, run: Mapping[str, object], recordings: Collection[str] = ()
-) -> None:
+def check_folder(directory: Path, run: Mapping[str, object]) -> None:
     """Checks that a folder holds no other results than those of a run.
 
     Args:
       directory: the folder, which exists.
-      run: the run's facts; has 'domain', 'task' and 'policy'.
-      recordings: names of the recordings that the run writes, as `limberjack solve` does.
+      run: the run's facts; has 'policy', and 'domain' and 'task', or 'environment'.
 
     Raises:
       ValueError: it does.
@@ -41,12 +38,6 @@ def check_folder(
     """
     if any(directory.glob(EVALUATION)):
         raise ValueError(f"{directory} holds an evaluation: choose another folder")
-    others = sorted({path.name for path in directory.glob(RECORDINGS)} - {*recordings})
-    if others:
-        raise ValueError(
-            f"{directory} holds {others[0]}, an episode of another `limberjack solve`: choose "
-            "another folder"
-        )
     result = _result(directory)
     if result is None:
         left = [name for name in (PAGE, PLOT, FILM) if os.path.lexists(directory / name)]
@@ -57,10 +48,10 @@ def check_folder(
             )
         return
     for name in _SAME:
-        if result.get(name) != run[name]:
+        if result.get(name) != run.get(name):
             raise ValueError(
                 f"{directory} holds results with {name} {result.get(name)!r}, and these have "
-                f"{run[name]!r}: choose another folder"
+                f"{run.get(name)!r}: choose another folder"
             )
 
 

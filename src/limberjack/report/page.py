@@ -17,7 +17,7 @@ import numpy as np
 
 from limberjack.report import parts
 from limberjack.report.chart import Line, line_chart, steps_of
-from limberjack.report.result import Facts, Played
+from limberjack.report.result import Facts, Played, title_of
 from limberjack.report.trace import Trace
 from limberjack.report.units import Label
 
@@ -49,7 +49,7 @@ def write_page(
     Raises:
       OSError: the film cannot be read, or the page cannot be written.
     """
-    name = f"{result['domain']} {result['task']}"
+    name = title_of(result)
     seen = "".join(_observation_charts(trace)) + "".join(_action_charts(trace))
     body = [
         parts.header(name, _subtitle(result)),

@@ -12,7 +12,7 @@ page is always written: it needs nothing but Python. One recorder at a time writ
 and never over the results of another task or policy.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from limberjack.mujoco.camera import RenderingError
@@ -23,7 +23,7 @@ from limberjack.report.folder import PLOT as _PLOT
 from limberjack.report.folder import RESULT as _RESULT
 from limberjack.report.folder import check_folder
 from limberjack.report.page import write_page
-from limberjack.report.result import Facts, Played, as_result, write_result
+from limberjack.report.result import Facts, Played, as_result, title_of, write_result
 from limberjack.report.trace import Step, Trace
 from limberjack.rl.control import Environment
 from limberjack.utils.files import Hold, Partial
@@ -40,16 +40,13 @@ class Recorder:
         directory: Path,
         run: Mapping[str, object],
         command: str = "",
-        *,
-        recordings: Collection[str] = (),
     ) -> None:
         """Make the directory, and keep other processes from writing there until `close`.
 
         Args:
           directory: results of an earlier run of the same task and policy are replaced.
-          run: the facts of the run; has 'domain', 'task' and 'policy'.
+          run: the facts of the run; has 'policy', and 'domain' and 'task', or 'environment'.
           command: the command line as it was typed, for the page; empty if there was none.
-          recordings: names of recordings that the caller writes there.
 
         Raises:
           ValueError: another process writes there, or it holds other results.
@@ -58,7 +55,7 @@ class Recorder:
         directory.mkdir(parents=True, exist_ok=True)
         self._hold = Hold(directory)
         try:
-            check_folder(directory, run, recordings)
+            check_folder(directory, run)
             Partial(directory / _RESULT).discard()  # fails now, not after the last episode
         except BaseException:
             self._hold.release()
@@ -146,7 +143,7 @@ class Recorder:
             self._write_page(as_result(run, episodes, model_fingerprint), episodes)
 
     def _write_plot(self, run: Facts, episodes: Sequence[Played]) -> None:
-        title = f"{run['domain']} {run['task']}, policy {run['policy']}"
+        title = f"{title_of(run)}, policy {run['policy']}"
         path = self._directory / _PLOT
         try:
             write_return_plot(path, title, episodes, run["control_timestep"])

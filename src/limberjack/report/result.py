@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from mujoco import MjModel
 
-__all__ = ["Facts", "Played", "as_result", "fingerprint", "versions", "write_result"]
+__all__ = ["Facts", "Played", "as_result", "fingerprint", "title_of", "versions", "write_result"]
 
 Facts = dict[str, Any]  # Any: values of JSON, whose types are not known before it is read
 
@@ -94,6 +94,11 @@ def as_result(
         "versions": versions(),
         "fingerprint": model_fingerprint,
     }
+
+
+def title_of(facts: Mapping[str, object]) -> str:
+    """The task that facts are about, or the function that made its environments."""
+    return str(facts.get("environment") or f"{facts['domain']} {facts['task']}")
 
 
 def versions() -> dict[str, str]:

@@ -75,16 +75,18 @@ class Partial:
     """A new, empty file that replaces another one once complete.
 
     Attributes:
-      path: a hidden file in the same folder with the same suffix, since programs may choose a
-        format by the suffix. Writers may truncate it, but not put another file in its place.
+      path: a hidden file, by default in the same folder with the same suffix, since programs may
+        choose a format by the suffix. Writers may truncate it, but not put another file in its
+        place.
     """
 
-    def __init__(self, path: Path, suffix: str | None = None) -> None:
+    def __init__(self, path: Path, suffix: str | None = None, folder: Path | None = None) -> None:
         """Creates the file that is to replace `path`.
 
         Args:
           path: of the complete file.
           suffix: of the hidden file, such as that of an intermediate format; by default the same.
+          folder: of the hidden file, on the same file system; by default the same.
 
         Raises:
           OSError: the folder is missing or not writable, or `path` is a device, a pipe or a socket.
@@ -93,7 +95,7 @@ class Partial:
         _check_replaceable(path)
         ending = path.suffix if suffix is None else suffix
         name = f".{path.stem[:_LONGEST_STEM]}.{random_letters()}{ending}"
-        self.path = path.with_name(name)
+        self.path = path.with_name(name) if folder is None else folder / name
         try:
             # Open until the end, so that no other file can get its number in the file system.
             self._number: int | None = os.open(self.path, _EXCLUSIVE, _PLAIN)
@@ -144,15 +146,15 @@ class Partial:
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A new, empty file to write to; on a clean exit it replaces `path`.
+def replacing(path: Path, suffix: str | None = None, folder: Path | None = None) -> Iterator[Path]:
+    """A new, empty file to write to, as for `Partial`; on a clean exit it replaces `path`.
 
     If the body raises, that file is removed and `path` is unchanged. An OSError without a file
     name, as for a full disk, is given that of `path`.
     """
     partial = None
     try:
-        partial = Partial(path)
+        partial = Partial(path, suffix, folder)
         yield partial.path
         partial.finish()
     except BaseException as error:

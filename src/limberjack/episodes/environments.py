@@ -1,0 +1,115 @@
+"""Checks of the environments in which episodes are played.
+
+environment = checked_environment(factory, seeds, is_kept=True)
+repeat = checked_repeat(None, environment, actor)
+"""
+
+import contextlib
+from collections.abc import Sequence
+
+import dm_env
+
+from limberjack.policies import Actor
+from limberjack.policies.built_in import PLANNER
+from limberjack.rl.action_specs import spec_of
+from limberjack.rl.builds import is_reproducible
+from limberjack.rl.control import Environment
+from limberjack.rl.copies import control_of
+from limberjack.rl.guards import at_least_one
+from limberjack.rl.row_trial import draws_globally
+from limberjack.workers.factories import Factory
+
+__all__ = ["checked_environment", "checked_repeat", "step_limit_of"]
+
+
+def checked_environment(
+    factory: Factory, seeds: Sequence[int], *, is_kept: bool
+) -> dm_env.Environment:
+    """An environment of the factory, whose episodes end, depend on their seed, and can be kept.
+
+    Args:
+      factory: makes it.
+      seeds: of the episodes; the environment is that of the first one.
+      is_kept: whether results are kept, which must name the environment.
+
+    Raises:
+      ValueError: they never end, draw from a stream that environments share, or could belong to
+        another environment.
+    """
+    if is_kept and not factory.is_known:
+        raise ValueError(
+            f"{factory.title} cannot be distinguished from other functions of that name, so its "
+            "results cannot be kept: define make(seed) at the top level of a module, or pass no "
+            "folder"
+        )
+    environment = factory.make(seeds[0])
+    if not isinstance(control_of(environment), Environment):
+        raise ValueError(
+            f"{factory.title} makes a {type(environment).__name__} without a control.Environment "
+            "inside, whose model and time limit are needed"
+        )
+    if step_limit_of(environment) is None:
+        raise ValueError(
+            f"{factory.title} has no time limit, so an episode might never end: give it a "
+            "time_limit (--time-limit SECONDS)"
+        )
+    if "environment" in factory.facts:  # a user's own
+        with contextlib.closing(factory.make(seeds[0])) as trial:
+            shared = draws_globally(trial, spec_of(trial))
+        if shared is not None:
+            raise ValueError(
+                f"{factory.title} draws from {shared}, so an episode does not depend on its seed "
+                "alone: draw from task.random, which has the seed"
+            )
+        _check_seeding(factory, environment, seeds)
+    return environment
+
+
+def checked_repeat(action_repeat: int | None, environment: dm_env.Environment, actor: Actor) -> int:
+    """Control steps per action: those that are asked for, or the environment's own.
+
+    Raises:
+      ValueError, TypeError: it is not a whole number of at least 1, or the planner, which acts at
+        every control step, would repeat actions.
+    """
+    repeat = _inside(environment).action_repeat
+    if action_repeat is not None:
+        repeat = at_least_one("action_repeat", action_repeat)
+    if repeat != 1 and actor.name == PLANNER:
+        raise ValueError(
+            f"action_repeat is {repeat}, but the planner acts at every control step: leave it at 1"
+        )
+    return repeat
+
+
+def _check_seeding(factory: Factory, environment: dm_env.Environment, seeds: Sequence[int]) -> None:
+    """Raises ValueError unless a seed gives one episode, and all seeds one length of a step."""
+    if not is_reproducible(factory.build(environment), seeds[0]):
+        raise ValueError(
+            f"{factory.title} makes an environment that differs each time it is called with seed "
+            f"{seeds[0]}: pass the seed to the task, and draw from task.random"
+        )
+    for seed in seeds[1:2]:
+        with contextlib.closing(factory.make(seed)) as other:
+            pairs = [(step_limit_of(one), _control_timestep(one)) for one in (environment, other)]
+        if pairs[0] != pairs[1]:
+            raise ValueError(
+                f"{factory.title} makes an environment that differs for seed {seed}: its episodes "
+                f"have {pairs[1][0]} steps of {pairs[1][1]} s, and those of seed {seeds[0]} "
+                f"{pairs[0][0]} of {pairs[0][1]} s; make them the same for all seeds"
+            )
+
+
+def _control_timestep(environment: dm_env.Environment) -> float:
+    return _inside(environment).control_timestep()
+
+
+def step_limit_of(environment: dm_env.Environment) -> int | None:
+    """Steps of an episode; None without a limit."""
+    return _inside(environment).step_limit
+
+
+def _inside(environment: dm_env.Environment) -> Environment:
+    inner = control_of(environment)
+    assert isinstance(inner, Environment)  # see `checked_environment`
+    return inner

@@ -1,0 +1,256 @@
+"""`Manifest`: the file dataset.json of a dataset, which says what its folder must hold.
+
+    manifest = Manifest(recipe, wanted=[range(0, 640)], files=[File.of(path), ...])
+    text = manifest.text(figures)
+    manifest = Manifest.read(Path("walk"))      # None where there is no such file
+
+It depends on the recipe and the seeds alone, as the files do. The file may come from anyone, and is
+checked: a name that it lists is that of the seeds beside it, never another path. `card` is the
+README.md of the folder, whose header tells Hugging Face `datasets` where the episodes are.
+"""
+
+import dataclasses
+import hashlib
+import itertools
+import json
+import os
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from limberjack.episodes.figures import Figures
+from limberjack.episodes.recipe import FORMAT, Recipe, is_whole, seeds_of
+from limberjack.report import Facts, title_of
+from limberjack.utils.regular import open_regular
+
+__all__ = [
+    "CARD_LINE",
+    "EPISODES",
+    "MANIFEST",
+    "PARTS",
+    "File",
+    "Manifest",
+    "card",
+    "file_name",
+    "named_seeds",
+    "sha256_of",
+    "united",
+    "without",
+]
+
+MANIFEST, EPISODES, PARTS = "dataset.json", "episodes", "parts"
+CARD_LINE = (
+    "<!-- `limberjack collect` writes this file again when it adds episodes, unless you remove "
+    "this line. -->"
+)
+
+_MOST_BYTES = 2**28  # of a manifest: ten million episodes
+_NAME = re.compile(r"seeds-(\d{10})-(\d{10})\.(parquet|part)")
+_SHA256 = re.compile(r"[0-9a-f]{64}")
+
+
+@dataclasses.dataclass(frozen=True)
+class File:
+    """A file of episodes, as the manifest lists it."""
+
+    seeds: range
+    rows: int
+    nbytes: int
+    sha256: str
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return file_name(self.seeds)
+
+    def as_json(self, returns: Sequence[float | None]) -> Facts:
+        """The file and the returns of its episodes as values of JSON."""
+        return {
+            "name": self.name,
+            "seeds": [self.seeds.start, self.seeds.stop],
+            "rows": self.rows,
+            "bytes": self.nbytes,
+            "sha256": self.sha256,
+            "returns": list(returns),
+        }
+
+    @classmethod
+    def of_json(cls, entry: object) -> "File":
+        """The file of an entry; raises ValueError if it is none."""
+        if not isinstance(entry, dict):
+            raise ValueError(f"a file is {entry!r}")
+        seeds, digest = seeds_of(entry.get("seeds")), entry.get("sha256")
+        rows, nbytes = entry.get("rows"), entry.get("bytes")
+        if entry.get("name") != file_name(seeds):
+            raise ValueError(f"a file is named {entry.get('name')!r}; expected {file_name(seeds)}")
+        if not (is_whole(rows) and is_whole(nbytes)):
+            raise ValueError(f"{file_name(seeds)} has {rows!r} rows and {nbytes!r} bytes")
+        if not isinstance(digest, str) or not _SHA256.fullmatch(digest):
+            raise ValueError(f"{file_name(seeds)} has the SHA-256 {digest!r}")
+        return cls(seeds, rows, nbytes, digest)
+
+
+@dataclasses.dataclass(frozen=True)
+class Manifest:
+    """See the module's docstring.
+
+    Attributes:
+      recipe: of all episodes.
+      wanted: the seeds that were asked for, in increasing ranges that do not touch.
+      files: in the order of their seeds.
+    """
+
+    recipe: Recipe
+    wanted: list[range]
+    files: list[File]
+
+    def text(self, figures: Sequence[Figures] = ()) -> str:
+        """The file's content, with the figures of each file, in their order; none for a shard's."""
+        returns = [one.returns_listed() for one in figures] or [[] for _ in self.files]
+        files = [file.as_json(of) for file, of in zip(self.files, returns, strict=True)]
+        everything = Figures(self.recipe)
+        for one in figures:
+            everything.include(one)
+        content = {
+            "format": FORMAT,
+            "recipe": self.recipe.as_json(),
+            "seeds": [[seeds.start, seeds.stop] for seeds in self.wanted],
+            "episodes": sum(len(file.seeds) for file in self.files),
+            "steps": sum(file.rows - len(file.seeds) for file in self.files),
+            "statistics": everything.statistics(),
+            "files": files,
+        }
+        lines = [f"{json.dumps(name)}: {_lines(value)}" for name, value in content.items()]
+        return "{\n" + ",\n".join(lines) + "\n}\n"
+
+    @classmethod
+    def read(cls, path: Path) -> "Manifest | None":
+        """The manifest in a file; None if there is no such file.
+
+        Raises:
+          OSError: it cannot be read.
+          ValueError: it is damaged, or something else.
+        """
+        if not os.path.lexists(path):
+            return None
+        with open_regular(path) as file:
+            content = file.read(_MOST_BYTES + 1)
+        try:
+            if len(content) > _MOST_BYTES:
+                raise ValueError(f"it has more than {_MOST_BYTES:,} bytes")
+            return cls._parsed(json.loads(content))
+        except (KeyError, RecursionError, TypeError, ValueError) as error:
+            reason = "it is nested too deeply" if isinstance(error, RecursionError) else error
+            raise ValueError(
+                f"{path} is damaged or no list of a dataset's files ({reason}); remove it, and "
+                "repeat the command that collected the episodes"
+            ) from None
+
+    @classmethod
+    def _parsed(cls, content: object) -> "Manifest":
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            raise ValueError(f"it is not of format {FORMAT}")
+        recipe = Recipe.of_json(content["recipe"])
+        wanted = [seeds_of(entry) for entry in content["seeds"]]
+        files = [File.of_json(entry) for entry in content["files"]]
+        if recipe.format != FORMAT:
+            raise ValueError(f"its recipe is not of format {FORMAT}")
+        for ranges in (wanted, [file.seeds for file in files]):
+            if any(b.start < a.stop for a, b in itertools.pairwise(ranges)):
+                raise ValueError("its seeds do not increase")
+        return cls(recipe, wanted, files)
+
+
+def _lines(value: object) -> str:
+    """JSON with a line for each entry of a list or dictionary, such as a file or a column."""
+    if isinstance(value, list) and value:
+        return "[\n" + ",\n".join(f" {json.dumps(one)}" for one in value) + "\n]"
+    if isinstance(value, dict) and value:
+        entries = (f" {json.dumps(name)}: {json.dumps(one)}" for name, one in value.items())
+        return "{\n" + ",\n".join(entries) + "\n}"
+    return json.dumps(value)
+
+
+def card(manifest: Manifest, figures: Sequence[Figures]) -> str:
+    """The README.md of a dataset."""
+    recipe, facts = manifest.recipe, manifest.recipe.facts
+    seeds = [file.seeds for file in manifest.files]
+    returns = [value for one in figures for value in one.returns]
+    episodes = len(returns)
+    steps = sum(file.rows for file in manifest.files) - episodes
+    size = sum(file.nbytes for file in manifest.files) / 1e6
+    columns = [f"| `{c.name}` | {c.dtype} | {list(c.shape) or ''} |" for c in recipe.columns]
+    return "\n".join(
+        [
+            "---",
+            "configs:",
+            "- config_name: default",
+            f"  data_files: {EPISODES}/*.parquet",
+            "---",
+            "",
+            CARD_LINE,
+            "",
+            f"# {title_of(facts)}, policy `{facts['policy']}`",
+            "",
+            f"{episodes} episodes of seeds {seeds[0].start} to {seeds[-1].stop - 1}, {steps:,} "
+            f"steps of {facts['control_timestep']:g} s; {size:,.1f} MB in {len(seeds)} files. The "
+            f"mean return is {sum(returns) / episodes:.1f}.",
+            "",
+            "`limberjack.data.load(DIR)`, `datasets.load_dataset(DIR)` and each reader of Parquet "
+            f"files open it; `limberjack replay DIR` plays it again. `{MANIFEST}` has the recipe, "
+            "the returns and the SHA-256 of the files.",
+            "",
+            "| column | type | shape |",
+            "|---|---|---|",
+            *columns,
+            "",
+            f"Collected with {', '.join(f'{n} {v}' for n, v in facts['versions'].items())}.",
+            "",
+        ]
+    )
+
+
+def file_name(seeds: range, ending: str = "parquet") -> str:
+    """The name of the file of some seeds; names have the order of the seeds."""
+    return f"seeds-{seeds.start:010}-{seeds.stop:010}.{ending}"
+
+
+def named_seeds(name: str) -> range | None:
+    """The seeds that the name of a file gives; None for another name."""
+    found = _NAME.fullmatch(name)
+    seeds = range(int(found[1]), int(found[2])) if found else range(0)
+    return seeds if seeds else None
+
+
+def sha256_of(path: Path) -> str:
+    """The SHA-256 of a file, in hex."""
+    with open_regular(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def united(ranges: Iterable[range]) -> list[range]:
+    """The seeds of some ranges in increasing ranges that do not touch."""
+    found: list[range] = []
+    for one in sorted(ranges, key=lambda one: one.start):
+        if found and one.start <= found[-1].stop:
+            found[-1] = range(found[-1].start, max(found[-1].stop, one.stop))
+            continue
+        found.append(one)
+    return found
+
+
+def without(ranges: Sequence[range], others: Sequence[range]) -> list[range]:
+    """The seeds of increasing ranges that are in none of others, which increase, too."""
+    left, found = list(reversed(others)), []
+    for one in ranges:
+        first = one.start
+        while left and left[-1].start < one.stop:
+            if first < left[-1].start:
+                found.append(range(first, left[-1].start))
+            first = max(first, left[-1].stop)
+            if left[-1].stop > one.stop:
+                break
+            left.pop()
+        if first < one.stop:
+            found.append(range(first, one.stop))
+    return found
