@@ -10,12 +10,13 @@ from pathlib import Path
 import pytest
 
 from limberjack.data import collect, load
-from tests.episodes.collected import hashes
+from tests.episodes.collected import PENDULUM, hashes, of_64, whole_hashes
 from tests.workers.killing import children, is_alive, shared_memory, wait_for
 
 from .conftest import call, invoke
 
 _PENDULUM = ["collect", "pendulum", "swingup", "--time-limit", "0.2", "--threads", "1"]
+_IN_64 = ["--file-mb", str(of_64(PENDULUM))]  # files of 64 episodes
 
 # Interrupts the process as the second file is played.
 _INTERRUPTING = """
@@ -61,15 +62,28 @@ def test_the_options_choose_what_is_kept(tmp_path: Path) -> None:
     }
 
 
-def test_shards_and_workers_share_a_folder(tmp_path: Path) -> None:
-    seeds = ["--seeds", "60:130", "--out", str(tmp_path)]
+def test_shards_share_a_folder_until_the_command_without_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seeds = ["--seeds", "60:130", "--out", str(tmp_path), *_IN_64]
+    command = ["limberjack", *_PENDULUM, *seeds]
+    monkeypatch.setattr(sys, "argv", [*command, "--shard", "2/2"])
     first = invoke(*_PENDULUM, *seeds, "--shard", "1/2")
     assert first.stdout == f"shard 1/2 is complete in {tmp_path}\n"
     assert invoke(*_PENDULUM, *seeds, "--shard", "2/2").exit_code == 0
     before = hashes(tmp_path)
     assert len(before) == 3
+    refused = invoke("info", str(tmp_path))
+    assert refused.exit_code == 2
+    assert f"to finish the dataset, repeat `{' '.join(command)}`; load" in refused.stderr
     assert invoke(*_PENDULUM, *seeds).exit_code == 0
     assert hashes(tmp_path) == before
+
+
+def test_a_file_has_as_many_episodes_as_were_asked_for(tmp_path: Path) -> None:
+    arguments = ["--seeds", "0:5", "--out", str(tmp_path), "--file-mb", "0.000001"]
+    assert invoke(*_PENDULUM, *arguments).exit_code == 0
+    assert len(hashes(tmp_path)) == 5
 
 
 @pytest.mark.parametrize(
@@ -82,6 +96,7 @@ def test_shards_and_workers_share_a_folder(tmp_path: Path) -> None:
         (["--out", "a_file"], "a_file"),
         (["--out", "damaged"], "is damaged or no file of a dataset"),
         (["--shard", "3/2"], "--shard is '3/2'"),
+        (["--file-mb", "0"], "file_mb is 0.0; expected a positive number of megabytes"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(
@@ -89,8 +104,8 @@ def test_a_mistake_is_one_line_and_status_2(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("a_file").write_text("")
-    Path("damaged").mkdir()
-    Path("damaged/seeds-0000000000-0000000064.parquet").write_bytes(b"PAR1")
+    Path("damaged/episodes").mkdir(parents=True)
+    Path("damaged/episodes/seeds-0000000000-0000000064.parquet").write_bytes(b"PAR1")
     result = invoke(*_PENDULUM, "--out", "out", *arguments)
     assert result.exit_code == 2
     assert result.stdout == ""
@@ -116,7 +131,7 @@ def test_an_interrupted_collection_keeps_its_files_and_continues(
 ) -> None:
     module = tmp_path / "my_policies.py"
     module.write_text(_INTERRUPTING.format(signal=name))
-    policy = ["--policy", "my_policies:Interrupting", "--seeds", "0:130", "--out", "out"]
+    policy = ["--policy", "my_policies:Interrupting", "--seeds", "0:130", "--out", "out", *_IN_64]
     done = call(*_PENDULUM, *policy, directory=tmp_path)
     assert done.returncode == status
     if status > 0:
@@ -127,7 +142,7 @@ def test_an_interrupted_collection_keeps_its_files_and_continues(
 
 def test_a_policys_failure_is_one_line_with_what_is_kept(tmp_path: Path) -> None:
     (tmp_path / "my_policies.py").write_text(_INTERRUPTING.format(signal="SIGINT"))
-    policy = ["--policy", "my_policies:NotANumber", "--seeds", "0:130", "--out", "out"]
+    policy = ["--policy", "my_policies:NotANumber", "--seeds", "0:130", "--out", "out", *_IN_64]
     done = call(*_PENDULUM, *policy, directory=tmp_path)
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
@@ -143,7 +158,7 @@ def test_a_full_disk_is_one_line_and_nothing_is_half_written(tmp_path: Path) -> 
         "from limberjack.cli import main\nsys.argv = ['limberjack', *sys.argv[1:]]\nmain()\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program, *_PENDULUM, "--seeds", "0:70", "--out", "out"],
+        [sys.executable, "-c", program, *_PENDULUM, *_IN_64, "--seeds", "0:70", "--out", "out"],
         cwd=tmp_path,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)),
         capture_output=True,
@@ -152,18 +167,20 @@ def test_a_full_disk_is_one_line_and_nothing_is_half_written(tmp_path: Path) -> 
     )
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
-    assert f"File too large: '{tmp_path}/out/seeds-0000000000-0000000064.parquet'" in done.stderr
+    file = tmp_path / "out" / "episodes" / "seeds-0000000000-0000000064.parquet"
+    assert f"File too large: '{file}'" in done.stderr
     assert done.stderr.endswith(
         "; 0 of 70 episodes are in out: the same command continues from there\n"
     )
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["run.json"]
+    left = sorted(path.name for path in (tmp_path / "out").rglob("*"))
+    assert left == ["episodes", "parts", "run.json"]
 
 
 def _begin(out: Path, home: Path) -> "subprocess.Popen[str]":
     """A slow collection with two workers."""
     inherited = {name: value for name, value in os.environ.items() if "COLOR" not in name}
     folders = {"PYTHONPATH": os.pathsep.join(sys.path), "HOME": str(home)}
-    policy = ["--policy", "tests.workers.playing:Deadly", "--seeds", "60:200"]
+    policy = ["--policy", "tests.workers.playing:Deadly", "--seeds", "60:200", *_IN_64]
     return subprocess.Popen(
         [sys.executable, "-m", "limberjack", *_PENDULUM, *policy, "--workers", "2", "--out", out],
         env=inherited | folders | {"SLOW": "0.05"},
@@ -178,7 +195,7 @@ def test_drivers_that_are_ended_leave_nothing_and_their_files_are_continued(
 ) -> None:
     out, home = tmp_path / "out", tmp_path / "home"
     home.mkdir()
-    seeds = ["--policy", "tests.workers.playing:Deadly", "--seeds", "60:200", "--out"]
+    seeds = ["--policy", "tests.workers.playing:Deadly", "--seeds", "60:200", *_IN_64, "--out"]
     for number, status, files in ((signal.SIGTERM, 143, 1), (signal.SIGKILL, -9, 2)):
         driver = _begin(out, home)
         wait_for(lambda driver=driver: len(children(driver.pid)) == 2)
@@ -201,8 +218,7 @@ def test_drivers_that_are_ended_leave_nothing_and_their_files_are_continued(
     assert list(home.iterdir()) == []
     assert invoke(*_PENDULUM, *seeds, str(out)).exit_code == 0
     assert invoke(*_PENDULUM, *seeds, str(tmp_path / "one")).exit_code == 0
-    assert hashes(out) == hashes(tmp_path / "one")
-    assert sorted(path.name for path in out.iterdir()) == sorted([*hashes(out), "run.json"])
+    assert whole_hashes(out) == whole_hashes(tmp_path / "one")
 
 
 def test_without_its_extra_the_command_names_the_packages(

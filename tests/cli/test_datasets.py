@@ -1,6 +1,7 @@
 """The errors that all commands on datasets report alike."""
 
 import io
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,14 +11,13 @@ import typer
 
 from limberjack.cli.datasets import reading_reported
 from limberjack.data import collect
+from tests.episodes.collected import damaged
 
 from .conftest import invoke
 
 
-def _with_another_byte(content: bytes) -> bytes:
-    changed = bytearray(content)
-    changed[len(content) // 3] ^= 1
-    return bytes(changed)
+def _shorter(content: bytes) -> bytes:
+    return content[:-1]
 
 
 def _as_a_pickle(content: bytes) -> bytes:
@@ -54,7 +54,7 @@ def test_a_folder_without_a_dataset_is_one_line_and_status_2(
         ["collect", "pendulum", "swingup", "--time-limit", "0.1", "--seeds", "0:2", "--out"],
     ],
 )
-@pytest.mark.parametrize("forge", [_with_another_byte, _as_a_pickle, _with_a_forged_recipe])
+@pytest.mark.parametrize("forge", [_shorter, damaged, _as_a_pickle, _with_a_forged_recipe])
 def test_a_forged_file_is_one_line_and_status_2(
     forge: Callable[[bytes], bytes],
     command: list[str],
@@ -64,14 +64,39 @@ def test_a_forged_file_is_one_line_and_status_2(
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "data"
     collect("pendulum", "swingup", "zero", range(2), out=folder, time_limit=0.1)
-    (path,) = folder.glob("seeds-*")
-    path.write_bytes(forge(path.read_bytes()))
+    (path,) = folder.glob("episodes/*")
+    content = path.read_bytes()
+    path.write_bytes(forge(content))
     result = invoke(*command, str(folder))
     assert result.exit_code == 2
     assert result.stdout == ""
-    assert result.stderr.startswith(f"limberjack: {path} is damaged or no file of a dataset (")
+    expected = f"limberjack: {path} (is damaged or no file of a dataset|has)"
+    assert re.match(expected, result.stderr), result.stderr
     assert result.stderr.count("\n") == 1
     assert not Path("film.gif").exists()
+
+
+@pytest.mark.parametrize("text", ["", "[]", "[" * 100_000, '{"format": 2, "recipe": 1}'])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["info"],
+        ["replay"],
+        ["convert", "--to", "minari"],
+        ["record", "--out", "film.gif", "--from"],
+        ["collect", "pendulum", "swingup", "--time-limit", "0.1", "--seeds", "0:2", "--out"],
+    ],
+)
+def test_a_forged_manifest_is_one_line_and_status_2(
+    command: list[str], text: str, tmp_path: Path
+) -> None:
+    if command[0] == "convert":
+        pytest.importorskip("minari", reason="needs the extra 'minari'")
+    path = tmp_path / "dataset.json"
+    path.write_text(text)
+    result = invoke(*command, str(tmp_path))
+    assert (result.exit_code, result.stdout, result.stderr.count("\n")) == (2, "", 1)
+    assert result.stderr.startswith(f"limberjack: {path} is damaged or no list of a dataset's")
 
 
 def test_a_missing_extra_is_one_line_and_status_1(capsys: pytest.CaptureFixture[str]) -> None:

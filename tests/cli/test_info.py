@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from limberjack.data import Kept, collect
-from tests.episodes.collected import hashes
+from tests.episodes.collected import copy, damaged, hashes
 
 from .conftest import invoke
 
@@ -35,12 +35,15 @@ def test_json_has_the_hashes(folder: Path) -> None:
 
 
 def test_a_forged_file_is_one_line_and_status_2(folder: Path, tmp_path: Path) -> None:
-    (path,) = folder.glob("seeds-*")
-    content = bytearray(path.read_bytes())
-    content[len(content) // 3] ^= 1
-    (tmp_path / path.name).write_bytes(content)
-    result = invoke("info", str(tmp_path))
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    assert result.stderr.startswith(f"limberjack: {tmp_path / path.name} is damaged")
-    assert result.stderr.count("\n") == 1
+    (path,) = copy(folder, tmp_path / "forged").glob("episodes/*")
+    path.write_bytes(damaged(path.read_bytes()))
+    for options, message in (([], "is damaged"), (["--verify"], "has another SHA-256 than in")):
+        result = invoke("info", str(tmp_path / "forged"), *options)
+        assert result.exit_code == 2
+        assert result.stdout == ""
+        assert result.stderr.startswith(f"limberjack: {path} {message}")
+        assert result.stderr.count("\n") == 1
+
+
+def test_hashes_are_compared_if_that_is_wanted(folder: Path) -> None:
+    assert invoke("info", str(folder), "--verify").exit_code == 0

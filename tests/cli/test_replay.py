@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import json
+import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,12 +13,12 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 import typer.testing
+from limberjack.recording.episodes import Recording, record_episode
 
 from limberjack import data, report, suite
 from limberjack.cli import app
 from limberjack.episodes.parquet import encode
 from limberjack.mujoco.camera import RenderingError
-from limberjack.recording.episodes import Recording, record_episode
 
 _SOLVE = ["solve", "manipulator", "bring_ball", "--time-limit", "0.1", "--threads", "1"]
 
@@ -240,6 +241,11 @@ def test_a_changed_bit_of_a_dataset_is_one_line_and_status_1(tmp_path: Path) -> 
     rewards = episode.rewards.copy()
     rewards[3] = np.nextafter(rewards[3], 1)
     shard.path.write_bytes(encode(shard.recipe, [dataclasses.replace(episode, rewards=rewards)]))
+    refused = _invoke("replay", str(tmp_path))
+    assert (refused.exit_code, refused.stdout) == (2, "")
+    assert re.search(f"{shard.path} has (another SHA-256|.* bytes)", refused.stderr)
+    (tmp_path / "dataset.json").unlink()
+    data.collect("pendulum", "swingup", "random", [0], out=tmp_path, time_limit=0.1)  # lists it
     result = _invoke("replay", str(tmp_path))
     assert (result.exit_code, result.stdout) == (1, "")
     assert f"{shard.path}, seed 0: reward of row 3 differs" in result.stderr

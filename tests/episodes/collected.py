@@ -3,19 +3,18 @@
 import dataclasses
 import functools
 import hashlib
+import io
 import shutil
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 
 from limberjack import suite
-from limberjack.episodes.episode import Episode
+from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.parquet import PYARROW
-from limberjack.episodes.playing import play
-from limberjack.episodes.recipe import Kept, Recipe, recipe_of
-from limberjack.evaluation.starts import kind_of_start
-from limberjack.policies import actors
-from limberjack.rl.control import Environment
+from limberjack.episodes.recipe import Recipe, recipe_of
+from limberjack.episodes.units import play_unit
 from limberjack.workers import prepare
 
 __all__ = [
@@ -24,6 +23,7 @@ __all__ = [
     "PENDULUM",
     "assert_equal",
     "copy",
+    "damaged",
     "hashes",
     "made",
     "of_64",
@@ -45,13 +45,9 @@ def made(
     """The recipe and the episodes of a policy."""
     domain, task, seconds = where
     kept = kept or Kept()
-    environment = suite.load(domain, task, {"random": 0, "time_limit": seconds})
-    recipe = recipe_for(where, kept, policy)
-    actor = actors.find(policy, environment).actor
-    assert actor is not None
-    full_length = suite.load(domain, task, {"random": 0})
-    episodes = play(environment, actor, seeds, kept, num_threads=1)
-    return recipe, [_with_start(episode, full_length) for episode in episodes]
+    setup = prepare(domain, task, policy, time_limit=seconds, num_threads=1)
+    played = play_unit(setup, seeds, kept)
+    return recipe_for(where, kept, policy), sorted(played, key=lambda episode: episode.seed)
 
 
 def recipe_for(where: _Task, kept: Kept, policy: str = "random") -> Recipe:
@@ -80,13 +76,19 @@ def put(folder: Path, name: str, content: bytes) -> Path:
     return path
 
 
+def damaged(content: bytes) -> bytes:
+    """The content of a file in whose first rewards a bit has changed."""
+    group = pq.ParquetFile(io.BytesIO(content)).metadata.row_group(0)
+    columns = [group.column(number) for number in range(group.num_columns)]
+    (rewards,) = (one for one in columns if one.path_in_schema == "reward")
+    changed = bytearray(content)
+    changed[rewards.data_page_offset + rewards.total_compressed_size - 1] ^= 1
+    return bytes(changed)
+
+
 def copy(folder: Path, out: Path) -> Path:
     """A copy of a dataset."""
     return Path(shutil.copytree(folder, out, dirs_exist_ok=True))
-
-
-def _with_start(episode: Episode, environment: Environment) -> Episode:
-    return dataclasses.replace(episode, start=kind_of_start(environment, episode.seed))
 
 
 def hashes(folder: Path) -> dict[str, str]:

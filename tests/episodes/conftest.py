@@ -7,6 +7,7 @@ import pytest
 from limberjack.data import Dataset, Kept, collect, load
 
 from .collected import ARM, PENDULUM, copy, of_64
+from .collected import damaged as damaged_content
 
 
 @pytest.fixture(scope="session")
@@ -36,7 +37,5 @@ def damaged(pendulums: Dataset, tmp_path: Path) -> Path:
     """A copy of a dataset, a byte of whose first file has changed."""
     path = pendulums.shards[0].path
     folder = copy(path.parents[1], tmp_path / "damaged")
-    content = bytearray(path.read_bytes())
-    content[len(content) // 3] ^= 1
-    (folder / "episodes" / path.name).write_bytes(content)
+    (folder / "episodes" / path.name).write_bytes(damaged_content(path.read_bytes()))
     return folder

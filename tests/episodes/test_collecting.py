@@ -5,6 +5,7 @@ import dataclasses
 import errno
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -18,14 +19,14 @@ import pytest
 
 from limberjack import report
 from limberjack.data import Kept, collect, load
-from limberjack.episodes.collecting import _episodes
+from limberjack.episodes.manifest import file_name
 from limberjack.policies import PolicyError
 from limberjack.utils import files
 from limberjack.workers import WorkError, prepare
 from tests.policies import saved_models
 from tests.workers.killing import kill_workers_of
 
-from .collected import ARM, PENDULUM, assert_equal, hashes, made
+from .collected import ARM, PENDULUM, assert_equal, hashes, made, of_64, recipe_for, whole_hashes
 
 _SAVED = "a saved model"
 _STATM = Path("/proc/self/statm")
@@ -34,7 +35,14 @@ _STATM = Path("/proc/self/statm")
 def _collect(out: Path, seeds: range, policy: object = "random", **kwargs: Any) -> dict[str, str]:
     """The hashes of a collection of pendulums."""
     domain, task, seconds = PENDULUM
-    arguments = {"num_threads": 1, "time_limit": seconds, **kwargs}
+    arguments = {
+        "num_threads": 1,
+        "time_limit": seconds,
+        "file_mb": of_64(
+            (domain, task, kwargs.get("time_limit", seconds)), kwargs.get("kept", Kept())
+        ),
+        **kwargs,
+    }
     collect(domain, task, policy, seeds, out=out, **arguments)
     return hashes(out)
 
@@ -69,29 +77,88 @@ def test_episodes_are_those_of_their_seeds_with_everything_that_was_asked_for(
     dataset = load(tmp_path)
     recipe, first = made(ARM, range(62, 64), kept)
     assert dataset.recipe == recipe
+    assert len(dataset.shards) == 1
     for one, other in zip([*first, *made(ARM, range(64, 66), kept)[1]], dataset, strict=True):
         assert_equal(one, other)
 
 
 def test_a_rerun_gives_equal_bytes(whole: dict[str, str], tmp_path: Path) -> None:
     assert _collect(tmp_path, range(130)) == whole
-    times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
     assert _collect(tmp_path, range(130)) == whole
-    assert {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == times
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == times
 
 
 def test_two_workers_and_two_shards_give_equal_bytes(whole: dict[str, str], tmp_path: Path) -> None:
     _collect(tmp_path, range(130), workers=2, shard=(1, 2))
     _collect(tmp_path, range(130), shard=(2, 2))
     assert hashes(tmp_path) == whole
+    assert not (tmp_path / "dataset.json").exists()
+    records = [path.name for path in (tmp_path / "parts").iterdir()]
+    assert sorted(records) == ["dataset-1-of-2.json", "dataset-2-of-2.json"]
     assert _collect(tmp_path, range(130)) == whole
+    _collect(tmp_path / "one", range(130))
+    (tmp_path / "one" / "run.json").unlink()
+    one = whole_hashes(tmp_path / "one")
+    shutil.rmtree(tmp_path / "one")
+    assert whole_hashes(tmp_path) == one
+
+
+@pytest.mark.parametrize(
+    ("policy", "block", "files"),
+    [
+        ("random", 150, [range(140, 150), range(150, 300), range(300, 310)]),
+        ("tests.episodes.policies:Remembering", 5, [range(62, 65), range(65, 69)]),  # one by one
+    ],
+)
+def test_a_file_of_more_episodes_than_are_played_together_has_equal_bytes(
+    policy: str, block: int, files: list[range], tmp_path: Path
+) -> None:
+    domain, task, seconds = PENDULUM
+    recipe = recipe_for(PENDULUM, Kept(), policy)
+    file_mb = (block + 0.5) * recipe._group_nbytes / 1e6
+    seeds = range(files[0].start, files[-1].stop)
+
+    def gather(folder: str, **how: Any) -> None:
+        out = tmp_path / folder
+        how = {"num_threads": 1, "file_mb": file_mb, **how}
+        collect(domain, task, policy, seeds, out=out, time_limit=seconds, **how)
+
+    gather("one")
+    assert list(hashes(tmp_path / "one")) == [file_name(one) for one in files]
+    assert load(tmp_path / "one").seeds == list(seeds)
+    gather("workers", workers=2)
+    for k in (3, 1, 2):
+        gather("shards", shard=(k, 3))
+    # A file has seeds of two shards, which are divided at a multiple of 64.
+    assert list((tmp_path / "shards" / "parts").glob("seeds-*.part"))
+    gather("shards")
+    for name in ("workers", "shards"):
+        assert whole_hashes(tmp_path / name) == whole_hashes(tmp_path / "one")
+
+
+@pytest.mark.parametrize("file_mb", [0, -1.0, float("nan"), "large", None])
+def test_the_size_of_a_file_is_a_positive_number(file_mb: Any, tmp_path: Path) -> None:
+    with pytest.raises((TypeError, ValueError), match=r"file_mb is .*; expected a"):
+        _collect(tmp_path / "new", range(2), file_mb=file_mb)
+    assert not (tmp_path / "new").exists()
+
+
+def test_files_of_another_size_are_another_dataset(tmp_path: Path) -> None:
+    _collect(tmp_path, range(2), file_mb=1.0)
+    with pytest.raises(
+        ValueError, match=r"another dataset .*, whose file_mb is 1.0 and 2.0: choose"
+    ):
+        _collect(tmp_path, range(4), file_mb=2.0)
 
 
 def test_seeds_may_follow_others(whole: dict[str, str], tmp_path: Path) -> None:
-    first = _collect(tmp_path, range(64))
-    assert _collect(tmp_path, range(64, 130)) == whole
+    first = _collect(tmp_path / "two", range(64))
+    assert _collect(tmp_path / "two", range(64, 130)) == whole
     assert first.items() <= whole.items()
-    assert len(load(tmp_path)) == 130
+    assert len(load(tmp_path / "two")) == 130
+    _collect(tmp_path / "one", range(130))
+    assert whole_hashes(tmp_path / "two") == whole_hashes(tmp_path / "one")
 
 
 def test_a_policy_that_plays_one_episode_at_a_time_gives_equal_bytes(tmp_path: Path) -> None:
@@ -127,11 +194,12 @@ def of_kind(
 
     def gather(folder: str, **how: Any) -> dict[str, str]:
         out = tmp_path / folder
-        collect(domain, task, name, seeds, out=out, time_limit=seconds, **how)
-        return hashes(out)
+        file_mb = of_64((domain, task, seconds))
+        collect(domain, task, name, seeds, out=out, time_limit=seconds, file_mb=file_mb, **how)
+        return hashes(out) if "shard" in how else whole_hashes(out)
 
     expected = gather("one", num_threads=2)
-    assert len(expected) == 3
+    assert len(expected) == 3 + 2
     return gather, expected
 
 
@@ -141,7 +209,7 @@ def test_bytes_are_equal_for_each_kind_of_policy_in_shards_and_in_an_executor(
     gather, expected = of_kind
     for number in (3, 1, 2):
         found = gather("shards", shard=(number, 3), num_threads=1)
-    assert found == expected
+    assert found.items() < expected.items()
     assert gather("shards", num_threads=1) == expected
     with concurrent.futures.ThreadPoolExecutor(4) as executor:
         assert gather("executor", executor=executor) == expected
@@ -167,7 +235,7 @@ def test_a_planners_episodes_have_equal_bytes_on_four_workers(tmp_path: Path) ->
     for name, how in ways.items():
         out = tmp_path / name
         collect(domain, task, "planner", range(62, 66), out=out, time_limit=seconds, **how)
-    assert hashes(tmp_path / "four") == hashes(tmp_path / "one")
+    assert whole_hashes(tmp_path / "four") == whole_hashes(tmp_path / "one")
 
 
 @pytest.mark.parametrize("kills", [4, pytest.param(20, marks=pytest.mark.slow)])
@@ -180,7 +248,7 @@ def test_bytes_are_equal_after_workers_were_killed_at_random_moments(
     killed = kill_workers_of(monkeypatch, most=kills)
     assert _collect(tmp_path / "killed", seeds, policy, workers=2) == expected
     assert killed == [kills]
-    assert not list((tmp_path / "killed").glob(".*"))
+    assert whole_hashes(tmp_path / "killed") == whole_hashes(tmp_path / "one")
 
 
 def test_a_worker_out_of_memory_is_replaced_twice_and_named_the_third_time(
@@ -216,7 +284,7 @@ def test_workers_of_another_identity_write_nothing(
             return dataclasses.replace(setup, identity={**setup.identity, "versions": versions})
 
         monkeypatch.setattr("limberjack.workers.scale.prepare", other)
-        with pytest.raises(ValueError, match=rf"is refused: its {field}.* is '"):
+        with pytest.raises(WorkError, match=rf"is refused: its {field}.* is '"):
             _collect(tmp_path, range(3), workers=1)
         assert hashes(tmp_path) == {}
 
@@ -228,17 +296,19 @@ from pathlib import Path
 from tests.episodes.policies import Killing
 from limberjack.data import collect
 collect("pendulum", "swingup", "tests.episodes.policies:Killing", range(200), out=Path(sys.argv[1]),
-        time_limit=0.2, num_threads=1)
+        time_limit=0.2, num_threads=1, file_mb=float(sys.argv[2]))
 """
 
 
-def test_a_collection_that_was_killed_continues_to_equal_bytes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("files", [4, 1])
+def test_a_collection_that_was_killed_continues_to_equal_bytes(files: int, tmp_path: Path) -> None:
+    file_mb = str(of_64(PENDULUM) if files == 4 else 100.0)
     root = str(Path(__file__).parents[2])
     path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
 
     def run(out: Path, **variables: str) -> int:
         return subprocess.run(
-            [sys.executable, "-c", _PROGRAM, str(out)],
+            [sys.executable, "-c", _PROGRAM, str(out), file_mb],
             env={**os.environ, "PYTHONPATH": path, **variables},
             timeout=120,
         ).returncode
@@ -246,9 +316,11 @@ def test_a_collection_that_was_killed_continues_to_equal_bytes(tmp_path: Path) -
     assert run(tmp_path / "whole") == 0
     for seed in ("70", "130"):
         assert run(tmp_path / "killed", KILL_AT_SEED=seed) == -signal.SIGKILL
-    assert len(hashes(tmp_path / "killed")) < len(hashes(tmp_path / "whole")) == 4
+    assert len(hashes(tmp_path / "killed")) < len(hashes(tmp_path / "whole")) == files
+    with pytest.raises(ValueError, match=r"no dataset.json yet: .* repeat the call|no complete fi"):
+        load(tmp_path / "killed")
     assert run(tmp_path / "killed") == 0
-    assert hashes(tmp_path / "killed") == hashes(tmp_path / "whole")
+    assert whole_hashes(tmp_path / "killed") == whole_hashes(tmp_path / "whole")
     calls = json.loads((tmp_path / "killed" / "run.json").read_text())["calls"]
     assert [call["ended"] is None for call in calls] == [True, True, False]
 
@@ -265,7 +337,8 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path: Path, whole: dict[str
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, handler)
     assert caught.value.errno == errno.EFBIG
-    assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
+    left = [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")]
+    assert sorted(left) == ["episodes", "parts", "run.json"]
     assert _collect(tmp_path, range(130)) == whole
 
 
@@ -291,7 +364,7 @@ def test_a_driver_whose_unfinished_file_is_removed_by_another_one_says_so(
     finish, ran = files.Partial.finish, []
 
     def late(partial: files.Partial) -> None:
-        if partial.path.suffix == ".parquet" and not ran:
+        if partial.path.suffix == ".part" and not ran:
             ran.append(partial)
             assert _collect(tmp_path, range(130)) == whole
         finish(partial)
@@ -325,7 +398,7 @@ def test_episodes_of_a_processor_that_rounds_differently_are_not_continued(
     (tmp_path / log).write_text(json.dumps(content))
     with pytest.raises(ValueError, match=r"with canary '0', and this call has '.*--any-processor"):
         _collect(tmp_path, range(128, 192))
-    for path in tmp_path.glob("seeds-0000000064-*"):
+    for path in tmp_path.glob("episodes/seeds-0000000064-*"):
         path.unlink()
     assert _collect(tmp_path, range(130), any_processor=True) == whole
 
@@ -354,7 +427,7 @@ def test_memory_does_not_grow_with_the_number_of_episodes(tmp_path: Path) -> Non
 def test_compressing_runs_beside_the_simulation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from limberjack.data import collecting, parquet
+    from limberjack.episodes import collecting, parquet
 
     events: list[str] = []
     encode = parquet.encode
@@ -365,12 +438,14 @@ def test_compressing_runs_beside_the_simulation(
         events.append("compressed")
         return encode(*arguments)
 
-    def episodes(recipe: Any, setup: Any, seeds: Any, on_steps: Any = None) -> Any:
+    play_seeds = collecting.play_seeds
+
+    def play(*arguments: Any, **kwargs: Any) -> Any:
         events.append("simulate")
-        return _episodes(recipe, setup, seeds, on_steps)
+        return play_seeds(*arguments, **kwargs)
 
     monkeypatch.setattr(collecting, "encode", slow)
-    monkeypatch.setattr(collecting, "_episodes", episodes)
+    monkeypatch.setattr(collecting, "play_seeds", play)
     _collect(tmp_path, range(128))
     assert events.index("compressed") > [i for i, e in enumerate(events) if e == "simulate"][1]
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from limberjack.data import Batch, Dataset, collect, inform, load, replay
-from limberjack.episodes.dataset import _score
 from limberjack.episodes.parquet import Shard, encode
 
 from .collected import PENDULUM, assert_equal, copy, hashes, made, put
@@ -107,7 +106,7 @@ def test_a_part_is_a_dataset(pendulums: Dataset) -> None:
         part.episode(16)
     assert len(pendulums.part(3, 4).shards) == 2
     assert part.part(0, 18).seeds == [17]
-    assert replay(part, 1) is None
+    assert replay(part, num_threads=1) is None
 
 
 @pytest.mark.parametrize(("k", "n"), [(2, 2), (-1, 2), (0, 71), (0, 0)])
@@ -249,7 +248,7 @@ def test_a_dataset_of_format_1_is_read(tmp_path: Path) -> None:
 
 def test_a_dataset_of_format_1_is_replayed() -> None:
     # Other versions of MuJoCo and other processors may give other last bits.
-    difference = replay(load(_FORMAT_1), 1)
+    difference = replay(load(_FORMAT_1), num_threads=1)
     gap = re.search(r"differs by up to ([-+.e\d]+)", difference or "differs by up to 0.")
     assert gap is not None, difference
     assert float(gap[1].rstrip(".")) < 1e-9
@@ -302,15 +301,6 @@ def test_returns_are_reported_by_kind_of_start(arms: Dataset) -> None:
     starts = {episode.start for episode in arms}
     assert set(information.strata) == starts
     assert sum(part.episodes for part in information.strata.values()) == 2
-
-
-def test_an_episode_that_diverged_is_no_success(pendulums: Dataset) -> None:
-    episode = pendulums.episode(0)
-    perfect = dataclasses.replace(episode, rewards=np.ones(10))
-    assert _score(perfect).success
-    diverged = _score(dataclasses.replace(perfect, diverged=True))
-    assert diverged.diverged
-    assert not diverged.success
 
 
 def test_damage_anywhere_is_found(damaged: Path) -> None:

@@ -6,9 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from limberjack.episodes.episode import Episode
+from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.figures import Figures
-from limberjack.episodes.recipe import Kept
 
 from .collected import ARM, EVERYTHING, made
 

@@ -1,5 +1,6 @@
 """Films from Python; tests of the command are in cli/test_record.py."""
 
+import dataclasses
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -8,11 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import recording, suite
+from limberjack import suite
+from limberjack.data import Dataset, Kept, collect, film, load
+from limberjack.episodes.films import record
+from limberjack.episodes.parquet import encode
 from limberjack.mujoco.camera import RenderingError
 from limberjack.rl.control import Environment
 from limberjack.utils.files import Hold
 from tests import plain_domain
+
+from .collected import ARM, put
 
 _SIZE: dict[str, Any] = {"height": 32, "width": 48}
 
@@ -56,7 +62,7 @@ def films(monkeypatch: pytest.MonkeyPatch) -> list[_Frames]:
 def test_a_film_of_a_function_is_that_of_its_environment(
     films: list[_Frames], tmp_path: Path
 ) -> None:
-    path = recording.record(plain_domain.make, out=tmp_path / "film.mp4", seed=3, **_SIZE)
+    path = record(plain_domain.make, out=tmp_path / "film.mp4", seed=3, **_SIZE)
     assert path == tmp_path / "film.mp4"
     assert list(tmp_path.iterdir()) == [path]
     environment = plain_domain.make(3)
@@ -71,9 +77,7 @@ def test_a_film_of_a_function_is_that_of_its_environment(
 def test_rows_of_a_function_begin_with_their_own_seeds(
     films: list[_Frames], tmp_path: Path
 ) -> None:
-    recording.record(
-        plain_domain.make, out=tmp_path / "film.mp4", seed=3, rows=4, seconds=0.04, **_SIZE
-    )
+    record(plain_domain.make, out=tmp_path / "film.mp4", seed=3, rows=4, seconds=0.04, **_SIZE)
     first = films[0].frames[0]
     assert len(films[0].frames) == 3
     for row, (top, left) in enumerate([(0, 0), (0, 24), (16, 0), (16, 24)]):
@@ -87,7 +91,7 @@ def test_rows_of_a_function_begin_with_their_own_seeds(
 def test_seconds_cut_an_episode_short_and_do_not_lengthen_that_of_a_function(
     seconds: float | None, frames: int, films: list[_Frames], tmp_path: Path
 ) -> None:
-    recording.record(plain_domain.make, out=tmp_path / "film.gif", seconds=seconds, **_SIZE)
+    record(plain_domain.make, out=tmp_path / "film.gif", seconds=seconds, **_SIZE)
     assert len(films[0].frames) == frames
 
 
@@ -96,9 +100,9 @@ def test_an_environment_without_a_time_limit_is_filmed_for_some_seconds_or_refus
 ) -> None:
     out = tmp_path / "film.mp4"
     with pytest.raises(ValueError, match="no time limit, so the film would never end: give its"):
-        recording.record(plain_domain.endless, out=out, **_SIZE)
+        record(plain_domain.endless, out=out, **_SIZE)
     for rows in (1, 2):
-        recording.record(plain_domain.endless, out=out, seconds=0.1, rows=rows, **_SIZE)
+        record(plain_domain.endless, out=out, seconds=0.1, rows=rows, **_SIZE)
     assert [len(film.frames) for film in films] == [6, 6]
 
 
@@ -106,7 +110,7 @@ def test_progress_is_reported_before_the_first_step_and_after_each(
     films: list[_Frames], tmp_path: Path
 ) -> None:
     reported: list[tuple[int, int, float]] = []
-    recording.record(
+    record(
         plain_domain.make,
         out=tmp_path / "film.mp4",
         seconds=0.06,
@@ -145,8 +149,8 @@ _ready, _ready_for_batches = _Turning(), _TurningBatch()
 def test_a_policy_may_be_an_object_or_class(films: list[_Frames], tmp_path: Path) -> None:
     out = tmp_path / "film.mp4"
     for policy in (_Turning, _Turning(), lambda observation: np.array([2.0])):
-        recording.record(plain_domain.make, out=out, policy=policy, seconds=0.04, **_SIZE)
-    recording.record(plain_domain.make, out=out, policy=_Turning, seconds=0.04, rows=2, **_SIZE)
+        record(plain_domain.make, out=out, policy=policy, seconds=0.04, **_SIZE)
+    record(plain_domain.make, out=out, policy=_Turning, seconds=0.04, rows=2, **_SIZE)
     frames = [film.frames for film in films]
     np.testing.assert_array_equal(frames[0], frames[1])
     np.testing.assert_array_equal(frames[0], frames[2])
@@ -154,7 +158,7 @@ def test_a_policy_may_be_an_object_or_class(films: list[_Frames], tmp_path: Path
         with pytest.raises(
             ValueError, match="give its class, so that each row has an object of its own"
         ):
-            recording.record(plain_domain.make, out=out, policy=policy, rows=2, **_SIZE)
+            record(plain_domain.make, out=out, policy=policy, rows=2, **_SIZE)
 
 
 def test_a_film_is_written_where_it_was_asked_for_though_the_policy_moves(
@@ -165,7 +169,7 @@ def test_a_film_is_written_where_it_was_asked_for_though_the_policy_moves(
         return np.array([2.0])
 
     monkeypatch.chdir(tmp_path)
-    recording.record(plain_domain.make, out="film.mp4", policy=moving, seconds=0.02, **_SIZE)
+    record(plain_domain.make, out="film.mp4", policy=moving, seconds=0.02, **_SIZE)
     assert (tmp_path / "film.mp4").exists()
 
 
@@ -191,7 +195,7 @@ def test_arguments_that_cannot_be_filmed_are_refused_and_leave_nothing(
 ) -> None:
     what = {"domain": plain_domain.make, "out": tmp_path / "film.mp4", **_SIZE, **kwargs}
     with pytest.raises((TypeError, ValueError), match=message):
-        recording.record(**what)
+        record(**what)
     assert not list(tmp_path.iterdir())
 
 
@@ -200,8 +204,8 @@ def test_one_film_is_written_by_one_process_at_a_time(films: list[_Frames], tmp_
     out = tmp_path / "film.mp4"
     with Hold(out):
         with pytest.raises(ValueError, match=f"another process writes to {out}: wait for it"):
-            recording.record(plain_domain.make, out=out, **_SIZE)
-        recording.record(plain_domain.make, out=tmp_path / "other.mp4", seconds=0.02, **_SIZE)
+            record(plain_domain.make, out=out, **_SIZE)
+        record(plain_domain.make, out=tmp_path / "other.mp4", seconds=0.02, **_SIZE)
     assert [path.name for path in tmp_path.iterdir()] == ["other.mp4"]
 
 
@@ -210,7 +214,7 @@ def test_a_file_that_is_no_film_is_not_replaced(content: bytes, tmp_path: Path) 
     path = tmp_path / "film.mp4"
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"film\.mp4, and the file of that name is no film"):
-        recording.record(plain_domain.make, out=path, seconds=0.04, **_SIZE)
+        record(plain_domain.make, out=path, seconds=0.04, **_SIZE)
     assert path.read_bytes() == content
     assert list(tmp_path.iterdir()) == [path]
 
@@ -221,9 +225,9 @@ def test_a_pipe_or_a_link_to_nothing_is_not_replaced(tmp_path: Path) -> None:
     os.mkfifo(pipe)
     link.symlink_to(tmp_path / "nothing")
     with pytest.raises(ValueError, match=r"pipe\.gif is a pipe; expected a regular file"):
-        recording.record(plain_domain.make, out=pipe, seconds=0.04, **_SIZE)
+        record(plain_domain.make, out=pipe, seconds=0.04, **_SIZE)
     with pytest.raises(FileNotFoundError, match=r"link\.gif"):
-        recording.record(plain_domain.make, out=link, seconds=0.04, **_SIZE)
+        record(plain_domain.make, out=link, seconds=0.04, **_SIZE)
     assert pipe.is_fifo()
     assert link.is_symlink()
 
@@ -231,5 +235,39 @@ def test_a_pipe_or_a_link_to_nothing_is_not_replaced(tmp_path: Path) -> None:
 def test_an_earlier_film_is_replaced(films: list[_Frames], tmp_path: Path) -> None:
     for name, beginning in (("a.mp4", b"\0\0\0\x20ftypisom"), ("b.gif", b"GIF89a"), ("c.gif", b"")):
         (tmp_path / name).write_bytes(beginning)
-        recording.record(plain_domain.make, out=tmp_path / name, seconds=0.04, **_SIZE)
+        record(plain_domain.make, out=tmp_path / name, seconds=0.04, **_SIZE)
     assert len(films) == 3
+
+
+# Films of recorded episodes, which are encoded.
+
+_VIEW: dict[str, Any] = {"height": 64, "width": 64, "camera": 0}
+
+
+def test_states_and_seeds_give_the_same_film(arms: Dataset, tmp_path: Path) -> None:
+    domain, task, seconds = ARM
+    collect(domain, task, "random", [64], out=tmp_path / "bare", time_limit=seconds, kept=Kept())
+    shown: list[tuple[int, int, float]] = []
+    from_states = film(
+        arms, 64, out=tmp_path / "states.gif", on_progress=lambda *s: shown.append(s), **_VIEW
+    )
+    from_seed = film(load(tmp_path / "bare"), 64, out=tmp_path / "seed.gif", **_VIEW)
+    assert from_states.read_bytes() == from_seed.read_bytes()
+    assert shown[-1] == (5, 5, arms.episode(64).total)
+
+
+def test_a_film_of_other_rewards_than_the_recorded_ones_is_refused(
+    pendulums: Dataset, tmp_path: Path
+) -> None:
+    episode = pendulums.episode(69)
+    forged = dataclasses.replace(episode, rewards=episode.rewards + 1)
+    name = "seeds-0000000069-0000000070.parquet"
+    put(tmp_path, name, encode(pendulums.recipe, [forged]))
+    with pytest.raises(ValueError, match=r"seed 69 has return .* here, and .* in the dataset"):
+        film(load(tmp_path, allow_gaps=True), 69, out=tmp_path / "film.gif", **_VIEW)
+    assert [path.name for path in tmp_path.iterdir()] == ["episodes"]
+
+
+def test_an_episode_that_is_not_there_is_refused(arms: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="there is no episode of seed 3; the first is 63"):
+        film(arms, 3, out=tmp_path / "film.gif")

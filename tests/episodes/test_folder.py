@@ -1,31 +1,55 @@
 """The folder of a dataset: what is missing, what is written, and what is refused."""
 
+import dataclasses
 import json
 import os
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
-from limberjack.episodes.folder import Folder, blocks, shards_in
+from limberjack.data import load
+from limberjack.episodes.folder import Folder, blocks, check_distinct
+from limberjack.episodes.manifest import Manifest
 from limberjack.episodes.parquet import Shard, encode
+from limberjack.episodes.recipe import Recipe
 from limberjack.utils import files
 
-from .collected import PENDULUM, hashes, made
+from .collected import PENDULUM, hashes, made, of_64, put, whole_hashes
 
-_RECIPE, _EPISODES = made(PENDULUM, range(60, 70))
-_OTHER, _ = made(PENDULUM, range(1), policy="zero")
+_FIRST, _EPISODES = made(PENDULUM, range(60, 70))
+_RECIPE = dataclasses.replace(_FIRST, file_mb=of_64(PENDULUM))
+_SMALL = dataclasses.replace(_FIRST, file_mb=of_64(PENDULUM) / 16)  # of 4 episodes
+_OTHER = dataclasses.replace(made(PENDULUM, range(1), policy="zero")[0], file_mb=_RECIPE.file_mb)
 
 
-def _content(first: int, end: int) -> bytes:
-    return encode(_RECIPE, _EPISODES[first - 60 : end - 60])
+def _content(first: int, end: int, recipe: Recipe = _RECIPE) -> bytes:
+    return encode(recipe, _EPISODES[first - 60 : end - 60])
+
+
+def _add(folder: Folder, *seeds: range, recipe: Recipe = _RECIPE) -> None:
+    for some in seeds:
+        folder.add(some, _content(some.start, some.stop, recipe))
+
+
+def _gather(
+    out: Path, seeds: Sequence[int], units: Sequence[range], shard: tuple[int, int] | None = None
+) -> None:
+    """Collects episodes into small files, played in some units."""
+    own = [seed for unit in units for seed in unit]
+    with Folder(out, _SMALL, shard) as folder:
+        assert folder.plan(seeds, own if shard else None) == own
+        _add(folder, *units, recipe=_SMALL)
+        folder.finish()
 
 
 def test_blocks_are_split_at_multiples_of_64_and_at_gaps() -> None:
-    assert list(blocks([])) == []
-    assert list(blocks(range(60, 130))) == [range(60, 64), range(64, 128), range(128, 130)]
-    assert list(blocks([1, 2, 5, 63, 64])) == [
+    assert list(blocks([], 64)) == []
+    assert list(blocks(range(60, 130), 64)) == [range(60, 64), range(64, 128), range(128, 130)]
+    assert list(blocks(range(5), 1)) == [range(seed, seed + 1) for seed in range(5)]
+    assert list(blocks([1, 2, 5, 63, 64], 64)) == [
         range(1, 3),
         range(5, 6),
         range(63, 64),
@@ -36,8 +60,8 @@ def test_blocks_are_split_at_multiples_of_64_and_at_gaps() -> None:
 def test_a_whole_file_is_written_at_once(tmp_path: Path) -> None:
     with Folder(tmp_path, _RECIPE) as folder:
         assert folder.plan(range(60, 66)) == list(range(60, 66))
-        folder.add(range(60, 64), _content(60, 64))
-        assert [path.name for path in tmp_path.iterdir()] == ["seeds-0000000060-0000000064.parquet"]
+        _add(folder, range(60, 64))
+        assert list(hashes(tmp_path)) == ["seeds-0000000060-0000000064.parquet"]
     with Folder(tmp_path, _RECIPE) as folder:
         assert folder.plan(range(58, 70)) == [58, 59, *range(64, 70)]
 
@@ -45,40 +69,172 @@ def test_a_whole_file_is_written_at_once(tmp_path: Path) -> None:
 def test_parts_are_kept_until_their_file_is_complete(tmp_path: Path) -> None:
     with Folder(tmp_path, _RECIPE) as folder:
         folder.plan(range(60, 63))
-        folder.add(range(61, 62), _content(61, 62))
-        folder.add(range(60, 61), _content(60, 61))
+        _add(folder, range(61, 62), range(60, 61))
     assert hashes(tmp_path) == {}
+    assert sorted(path.suffix for path in (tmp_path / "parts").iterdir()) == [".part"] * 2
     with Folder(tmp_path, _RECIPE) as folder:
         assert folder.plan(range(60, 63)) == [62]
-        folder.add(range(62, 63), _content(62, 63))
-    (path,) = tmp_path.iterdir()
+        _add(folder, range(62, 63))
+        folder.finish()
+    (path,) = (tmp_path / "episodes").iterdir()
     assert path.read_bytes() == _content(60, 63)
+    assert not (tmp_path / "parts").exists()
+
+
+def test_a_file_is_joined_from_parts_that_are_cut_anywhere(tmp_path: Path) -> None:
+    seeds = range(60, 70)  # in files of 60 to 63, 64 to 67, and 68 to 69
+    for name, units in {
+        "whole": [range(60, 64), range(64, 68), range(68, 70)],
+        "single": [range(seed, seed + 1) for seed in seeds],
+        "parts": [range(60, 62), range(62, 64), range(64, 65), range(65, 68), range(68, 70)],
+    }.items():
+        _gather(tmp_path / name, seeds, units)
+        assert whole_hashes(tmp_path / name) == whole_hashes(tmp_path / "whole")
+    # Parts of calls with fewer seeds, of which one has seeds of two files.
+    out = tmp_path / "other"
+    with Folder(out, _RECIPE) as folder:
+        folder.plan(range(64, 70))
+        _add(folder, range(64, 69))
+    with Folder(out, _RECIPE) as folder:
+        assert folder.plan(range(64, 66)) == []
+        assert list(hashes(out)) == ["seeds-0000000064-0000000066.parquet"]
+        assert folder.plan(range(64, 70)) == [69]
+        _add(folder, range(69, 70))
+        folder.finish()
+    assert (out / "episodes/seeds-0000000066-0000000070.parquet").read_bytes() == _content(66, 70)
+    assert load(out).seeds == list(range(64, 70))
+    assert not (out / "parts").exists()
+
+
+def test_seeds_that_are_added_to_a_block_have_a_file_of_their_own(tmp_path: Path) -> None:
+    _gather(tmp_path, range(60, 63), [range(60, 63)])
+    before = hashes(tmp_path)
+    _gather(tmp_path, range(63, 66), [range(63, 64), range(64, 66)])
+    assert before.items() < hashes(tmp_path).items()
+    assert list(hashes(tmp_path)) == [
+        "seeds-0000000060-0000000063.parquet",
+        "seeds-0000000063-0000000064.parquet",
+        "seeds-0000000064-0000000066.parquet",
+    ]
+    assert load(tmp_path).seeds == list(range(60, 66))
+    with Folder(tmp_path, _SMALL) as folder:
+        assert folder.plan(range(58, 70)) == [58, 59, 66, 67, 68, 69]
+
+
+def test_the_manifest_is_written_if_something_has_changed(tmp_path: Path) -> None:
+    _gather(tmp_path, range(60, 62), [range(60, 62)])
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+    _gather(tmp_path, range(60, 62), [])
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == times
+    manifest = Manifest.read(tmp_path / "dataset.json")
+    assert manifest is not None
+    assert manifest.wanted == [range(60, 62)]
+    _gather(tmp_path, [60, 64], [range(64, 65)])
+    manifest = Manifest.read(tmp_path / "dataset.json")
+    assert manifest is not None
+    assert manifest.wanted == [range(60, 62), range(64, 65)]
+
+
+def test_shards_in_any_order_leave_the_rest_to_the_process_without_a_shard(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seeds, units = range(60, 70), [range(60, 66), range(66, 70)]
+    _gather(tmp_path / "one", seeds, [range(60, 64), range(64, 68), range(68, 70)])
+    out = tmp_path / "shards"
+    for k in (2, 1):
+        _gather(out, seeds, [*blocks(units[k - 1], 4)], (k, 2))
+        assert (out / "parts" / f"dataset-{k}-of-2.json").exists()
+    # The file of seeds 64 to 67 has those of both.
+    assert sorted(path.name for path in (out / "parts").glob("*.part")) == [
+        "seeds-0000000064-0000000066.part",
+        "seeds-0000000066-0000000068.part",
+    ]
+    assert not (out / "dataset.json").exists()
+    hashed: list[Path] = []
+    monkeypatch.setattr(
+        "limberjack.episodes.folder.sha256_of", lambda path: hashed.append(path) or "0"
+    )
+    with Folder(out, _SMALL) as folder:
+        assert folder.plan(seeds) == []
+    assert [path.name for path in hashed] == ["seeds-0000000064-0000000068.parquet"]
+    monkeypatch.undo()
+    _gather(out, seeds, [])
+    assert whole_hashes(out) == whole_hashes(tmp_path / "one")
+
+
+def test_a_shard_opens_one_file_of_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for first in (60, 64):
+        _gather(tmp_path, range(60, first + 4), [range(first, first + 4)])
+    opened: list[str] = []
+
+    def opening(path: Path) -> Shard:
+        opened.append(path.name)
+        return Shard(path)
+
+    monkeypatch.setattr("limberjack.episodes.folder.Shard", opening)
+    _gather(tmp_path, range(60, 70), [range(68, 70)], (3, 3))
+    assert opened == [
+        "seeds-0000000060-0000000064.parquet",
+        "seeds-0000000068-0000000070.parquet",
+    ]
+
+
+def test_a_shard_that_was_killed_before_its_end_is_made_up_for(tmp_path: Path) -> None:
+    seeds, units = range(60, 70), [range(60, 64), range(64, 68), range(68, 70)]
+    _gather(tmp_path / "one", seeds, units)
+    with Folder(tmp_path / "shards", _SMALL, (1, 2)) as folder:
+        folder.plan(seeds, range(60, 68))
+        _add(folder, units[0], recipe=_SMALL)
+    _gather(tmp_path / "shards", seeds, units[2:], (2, 2))
+    _gather(tmp_path / "shards", seeds, units[1:2])
+    assert whole_hashes(tmp_path / "shards") == whole_hashes(tmp_path / "one")
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"format": 2}', "[" * 100_000])
+def test_damaged_words_of_a_shard_are_refused_by_name(text: str, tmp_path: Path) -> None:
+    _gather(tmp_path, range(60, 64), [range(60, 64)], (1, 2))
+    path = tmp_path / "parts" / "dataset-1-of-2.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=f"{path} is damaged or no list of a dataset's files"):
+        Folder(tmp_path, _SMALL)
+
+
+def test_a_file_with_another_name_than_its_seeds_is_refused(tmp_path: Path) -> None:
+    path = put(tmp_path, "seeds-0000000060-0000000063.parquet", _content(60, 64))
+    with pytest.raises(ValueError, match=f"{path} has the episodes of seeds-0000000060-0000000064"):
+        Folder(tmp_path, _RECIPE)
 
 
 def test_a_process_that_died_between_parts_and_file_is_made_up_for(tmp_path: Path) -> None:
     with Folder(tmp_path, _RECIPE) as folder:
         folder.plan(range(60, 63))
-        for seed in (60, 61):
-            folder.add(range(seed, seed + 1), _content(seed, seed + 1))
+        _add(folder, range(60, 61), range(61, 62))
+    parts = {path: path.read_bytes() for path in (tmp_path / "parts").iterdir()}
     with Folder(tmp_path, _RECIPE) as folder:
         assert folder.plan(range(60, 62)) == []
-    (path,) = tmp_path.iterdir()
+    (path,) = (tmp_path / "episodes").iterdir()
     assert path.read_bytes() == _content(60, 62)
+    for part, content in parts.items():  # as if it had died before it removed them
+        part.write_bytes(content)
+    with Folder(tmp_path, _RECIPE) as folder:
+        assert folder.plan(range(60, 62)) == []
+        folder.finish()
+    assert not (tmp_path / "parts").exists()
 
 
 def test_files_that_a_killed_process_left_unfinished_are_removed(tmp_path: Path) -> None:
     (tmp_path / "parts").mkdir()
     left = [
-        tmp_path / ".seeds-0000000060-0000000064.77.parquet",
-        tmp_path / "parts" / ".seeds-0000000061-0000000062.77.parquet",
+        tmp_path / "parts" / ".seeds-0000000060-0000000064.77.part",
+        tmp_path / "parts" / ".seeds-0000000061-0000000062.77.part",
     ]
-    other = tmp_path / ".seeds-0000000128-0000000192.78.parquet"  # of another process, maybe
+    other = tmp_path / "parts" / ".seeds-0000000128-0000000192.78.part"  # of another process, maybe
     for path in (*left, other):
         path.write_bytes(b"PAR1")
     with Folder(tmp_path, _RECIPE) as folder:
         folder.plan(range(60, 64))
         folder.log({"began": "now"})
-    assert set(tmp_path.iterdir()) == {other, tmp_path / "run.json"}
+    assert list((tmp_path / "parts").iterdir()) == [other]
 
 
 def test_a_dataset_that_may_not_fit_is_refused_before_the_start(
@@ -87,7 +243,7 @@ def test_a_dataset_that_may_not_fit_is_refused_before_the_start(
     class Usage(NamedTuple):
         free: int
 
-    needed = _RECIPE.most_nbytes(episodes=3, files=1)
+    needed = _RECIPE.most_nbytes(episodes=6, files=2)  # with a file that is joined from parts
     with Folder(tmp_path, _RECIPE) as folder:
         monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(needed - 1))
         with pytest.raises(ValueError, match=r"3 episodes may take .* MB, and .* has .* MB left: "):
@@ -101,11 +257,14 @@ def test_a_dataset_that_may_not_fit_is_refused_before_the_start(
 def test_a_folder_with_another_dataset_is_refused_by_name(parts: bool, tmp_path: Path) -> None:
     with Folder(tmp_path, _RECIPE) as folder:
         folder.plan(range(60, 62))
-        end = 61 if parts else 62
-        folder.add(range(60, end), _content(60, end))
+        _add(folder, range(60, 61 if parts else 62))
     for _ in range(2):  # the lock is released
-        with pytest.raises(ValueError, match=r"seeds-.*policy is 'random' and 'zero': choose"):
-            Folder(tmp_path, _OTHER)
+        with (
+            pytest.raises(ValueError, match=r"seeds-.*policy is 'random' and 'zero': choose"),
+            Folder(tmp_path, _OTHER) as folder,
+        ):
+            folder.plan(range(60, 62))
+    assert hashes(tmp_path).keys() == set() if parts else {"seeds-0000000060-0000000062.parquet"}
 
 
 def test_a_second_writer_is_refused_and_shards_are_not(tmp_path: Path) -> None:
@@ -119,20 +278,21 @@ def test_a_second_writer_is_refused_and_shards_are_not(tmp_path: Path) -> None:
 
 
 def test_files_of_different_datasets_are_told_apart(tmp_path: Path) -> None:
-    (tmp_path / "seeds-0000000000-0000000001.parquet").write_bytes(
-        encode(_OTHER, made(PENDULUM, range(1), policy="zero")[1])
-    )
-    (tmp_path / "seeds-0000000060-0000000061.parquet").write_bytes(_content(60, 61))
+    other = encode(_OTHER, made(PENDULUM, range(1), policy="zero")[1])
+    paths = [
+        put(tmp_path, "seeds-0000000000-0000000001.parquet", other),
+        put(tmp_path, "seeds-0000000060-0000000061.parquet", _content(60, 61)),
+    ]
     with pytest.raises(ValueError, match="of different datasets, whose policy is 'zero' and"):
-        shards_in(tmp_path)
+        check_distinct([Shard(path) for path in paths])
 
 
 def test_a_seed_that_two_files_have_is_refused(tmp_path: Path) -> None:
     for first, end in ((60, 63), (62, 64)):
         name = f"seeds-{first:010}-{end:010}.parquet"
-        (tmp_path / name).write_bytes(_content(first, end))
+        put(tmp_path, name, _content(first, end))
     with pytest.raises(ValueError, match="both have the episode of seed 62: remove one"):
-        shards_in(tmp_path)
+        Folder(tmp_path, _RECIPE)
 
 
 def test_calls_are_logged_beside_the_files(tmp_path: Path) -> None:
@@ -157,20 +317,19 @@ def test_a_damaged_log_is_refused(text: str, tmp_path: Path) -> None:
 def test_a_part_is_written_though_another_shard_removes_their_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write, removed = Folder._write, 0
+    write, removed = Folder._replace_once, 0
 
-    def later(folder: Folder, path: Path, content: bytes) -> None:
+    def later(folder: Folder, path: Path, fill: Any) -> None:
         nonlocal removed
         if not removed:
             removed += 1
-            path.parent.rmdir()  # as another shard does that has joined its parts
-        write(folder, path, content)
+            path.parent.rmdir()  # as the process without a shard does in the end
+        write(folder, path, fill)
 
-    monkeypatch.setattr(Folder, "_write", later)
+    monkeypatch.setattr(Folder, "_replace_once", later)
     with Folder(tmp_path, _RECIPE, (1, 2)) as folder:
         folder.plan(range(60, 62))
-        for seed in (60, 61):
-            folder.add(range(seed, seed + 1), _content(seed, seed + 1))
+        _add(folder, range(60, 61), range(61, 62))
     assert removed == 1
     assert list(hashes(tmp_path)) == ["seeds-0000000060-0000000062.parquet"]
 
@@ -180,8 +339,7 @@ def test_parts_of_another_shard_may_disappear_while_a_folder_is_opened(
 ) -> None:
     with Folder(tmp_path, _RECIPE, (1, 2)) as folder:
         folder.plan(range(60, 63))
-        for seed in (60, 61):
-            folder.add(range(seed, seed + 1), _content(seed, seed + 1))
+        _add(folder, range(60, 61), range(61, 62))
 
     def vanishing(path: Path) -> Shard:
         if path.name.startswith("seeds-0000000060"):
@@ -202,9 +360,9 @@ def test_without_locks_a_second_writer_is_noticed_as_it_logs_its_call(
         folder.plan(range(60, 70))
         folder.log({"began": number})
     with pytest.raises(OSError, match=f"another process writes to {tmp_path}: end one of"):
-        first.add(range(60, 64), _content(60, 64))
+        _add(first, range(60, 64))
     assert hashes(tmp_path) == {}
-    second.add(range(60, 64), _content(60, 64))
+    _add(second, range(60, 64))
     second.log({"began": 1, "ended": "later"})
     calls = json.loads((tmp_path / "run.json").read_text())["calls"]
     assert calls == [{"began": 0}, {"began": 1, "ended": "later"}]
@@ -220,7 +378,9 @@ def test_a_log_of_something_else_is_refused_and_stays(text: str, tmp_path: Path)
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no special files")
 def test_a_pipe_in_the_place_of_a_file_is_refused_at_once(tmp_path: Path) -> None:
-    for name in ("run.json", "run-1-of-2.json", "seeds-0000000000-0000000064.parquet"):
+    (tmp_path / "episodes").mkdir()
+    episodes = "episodes/seeds-0000000000-0000000064.parquet"
+    for name in ("run.json", "run-1-of-2.json", "dataset.json", episodes):
         os.mkfifo(tmp_path / name)
         with pytest.raises(ValueError, match=f"{name} is a pipe; expected a regular file"):
             Folder(tmp_path, _RECIPE)
@@ -228,10 +388,13 @@ def test_a_pipe_in_the_place_of_a_file_is_refused_at_once(tmp_path: Path) -> Non
 
 
 def test_hidden_files_of_others_are_not_removed(tmp_path: Path) -> None:
-    names = (".seeds-mine.parquet", ".seeds-0000000060-0000000064.mine.parquet")
+    names = (".seeds-mine.part", ".seeds-0000000060-0000000064.mine.part", "mine.txt")
+    (tmp_path / "parts").mkdir()
     for name in names:
-        (tmp_path / name).write_text("mine")
+        (tmp_path / "parts" / name).write_text("mine")
     with Folder(tmp_path, _RECIPE) as folder:
         folder.plan(range(60, 64))
         folder.log({"began": "now"})
-    assert {path.name for path in tmp_path.iterdir()} == {*names, "run.json"}
+        _add(folder, range(60, 64))
+        folder.finish()
+    assert {path.name for path in (tmp_path / "parts").iterdir()} == {*names}

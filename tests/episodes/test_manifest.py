@@ -10,7 +10,14 @@ from typing import Any
 import pytest
 
 from limberjack.data import Dataset, collect, load
-from limberjack.episodes.manifest import CARD_LINE, Manifest, file_name, named_seeds, united, without
+from limberjack.episodes.manifest import (
+    CARD_LINE,
+    Manifest,
+    file_name,
+    named_seeds,
+    united,
+    without,
+)
 
 from .collected import PENDULUM, copy, hashes
 

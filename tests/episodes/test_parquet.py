@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from limberjack.episodes.episode import Kept
 from limberjack.episodes.parquet import Shard, columns_of, encode, episode_of, join
-from limberjack.episodes.recipe import Kept
 
 from .collected import ARM, EVERYTHING, PENDULUM, assert_equal, made
 

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from limberjack import suite
-from limberjack.episodes.recipe import Column, Kept, Recipe, recipe_of
+from limberjack.episodes.episode import Kept
+from limberjack.episodes.recipe import Column, Recipe, recipe_of
 from limberjack.suite import ALL_TASKS
 
 from .collected import ARM, EVERYTHING, PENDULUM, made

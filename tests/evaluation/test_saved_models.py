@@ -13,7 +13,7 @@ from limberjack import policies, suite
 from limberjack.data import collect
 from limberjack.evaluation import evaluate
 from limberjack.policies import Actor, PolicyError
-from tests.episodes.collected import hashes
+from tests.episodes.collected import hashes, of_64, whole_hashes
 from tests.rollouts import run_episode
 
 _REASON = "needs the extra 'sb3'"
@@ -131,15 +131,18 @@ def test_workers_and_shards_play_a_saved_model_to_the_same_files(tmp_path: Path)
         "workers-4": {"workers": 4},
         "shards": {"num_threads": 1},
     }
+    file_mb = of_64(("humanoid", "stand", 0.1))
     for number in (1, 2, 3):
-        evaluate(*played, out=tmp_path / "shards", time_limit=0.1, shard=(number, 3))
-        collect(*played, out=tmp_path / "data-shards", time_limit=0.1, shard=(number, 3))
+        part: dict[str, Any] = {"time_limit": 0.1, "shard": (number, 3)}
+        evaluate(*played, out=tmp_path / "shards", **part)
+        collect(*played, out=tmp_path / "data-shards", file_mb=file_mb, **part)
     for name, options in {"one": {"num_threads": 1}, **how}.items():
         evaluate(*played, out=tmp_path / name, time_limit=0.1, **options)
-        collect(*played, out=tmp_path / f"data-{name}", time_limit=0.1, **options)
+        out = tmp_path / f"data-{name}"
+        collect(*played, out=out, time_limit=0.1, file_mb=file_mb, **options)
     for name in how:
         assert _files(tmp_path / name) == _files(tmp_path / "one")
-        assert hashes(tmp_path / f"data-{name}") == hashes(tmp_path / "data-one")
+        assert whole_hashes(tmp_path / f"data-{name}") == whole_hashes(tmp_path / "data-one")
     assert len(hashes(tmp_path / "data-one")) == 3
 
 

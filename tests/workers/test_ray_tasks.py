@@ -14,7 +14,7 @@ import pytest
 from limberjack.data import collect
 from limberjack.evaluation import evaluate
 from limberjack.workers import State, Unit, WorkError, open_workers, prepare, units_of
-from tests.episodes.collected import hashes
+from tests.episodes.collected import hashes, of_64, whole_hashes
 
 from .playing import TASK, pid
 
@@ -171,10 +171,11 @@ def test_a_ray_that_does_not_start_is_one_line(monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.parametrize("policy", ["random", f"{_POLICIES}:Memory", f"{_POLICIES}:BatchedMemory"])
 def test_datasets_have_equal_bytes_on_ray(policy: str, tmp_path: Path) -> None:
-    gather = functools.partial(collect, *TASK, policy, range(60, 200), time_limit=0.1)
+    how = {"time_limit": 0.1, "file_mb": of_64((*TASK, 0.1))}
+    gather = functools.partial(collect, *TASK, policy, range(60, 200), **how)
     gather(out=tmp_path / "one", num_threads=1)
     gather(out=tmp_path / "ray", ray="local", workers=2)
-    assert hashes(tmp_path / "ray") == hashes(tmp_path / "one")
+    assert whole_hashes(tmp_path / "ray") == whole_hashes(tmp_path / "one")
     assert len(hashes(tmp_path / "one")) == 4
 
 
@@ -189,4 +190,4 @@ def test_a_dataset_has_equal_bytes_though_a_worker_dies(
     deaths.write_text("xx")
     gather(out=tmp_path / "ray", ray="local", workers=2, time_limit=0.1)
     assert deaths.read_text() == ""
-    assert hashes(tmp_path / "ray") == hashes(tmp_path / "one")
+    assert whole_hashes(tmp_path / "ray") == whole_hashes(tmp_path / "one")

@@ -281,19 +281,19 @@ class Dataset:
             for shard in self.shards
         }
 
-    def changed_file(self) -> str | None:
-        """A sentence on the first file with another SHA-256 than the manifest's; None if none has.
+    def verify(self) -> None:
+        """Compares the SHA-256 of the files with the manifest's, if there is one.
 
-        Files without an entry, as those of format 1, are passed over.
+        Raises:
+          ValueError: a file has another one.
         """
         for shard in self.shards:
             listed = self._files.get(shard.path.name)
             if listed is not None and sha256_of(shard.path) != listed.sha256:
-                return (
+                raise ValueError(
                     f"{shard.path} has another SHA-256 than in {MANIFEST}: remove it, and collect "
                     "its seeds again"
                 )
-        return None
 
     def batches(self, size: int, *, seed: int | None = None) -> Iterator[Batch]:
         """All transitions once, in batches; the last one may be smaller.
@@ -429,9 +429,8 @@ def inform(dataset: Dataset, *, verify: bool = False) -> Information:
     Raises:
       ValueError: a file is damaged, or is another one than the manifest lists.
     """
-    changed = dataset.changed_file() if verify else None
-    if changed is not None:
-        raise ValueError(changed)
+    if verify:
+        dataset.verify()
     scores = [Score.of(episode) for episode in dataset]
     paths = [shard.path for shard in dataset.shards]
     return Information(

@@ -121,6 +121,7 @@ class Folder:
             raise
         self._logged: bytes | None = None  # the content of run.json, once this process wrote it
         self._made: dict[str, File] = {}  # files that this process wrote, by name
+        self._there: list[range] = []  # the seeds of files that were finished before
         self._wanted: list[range] = []
         self._own: list[range] = []  # the wanted seeds that this process plays
         self._targets: list[range] = []  # files to be written, in the order of their seeds
@@ -196,7 +197,9 @@ class Folder:
             dataset; nothing was changed.
         """
         size = self._recipe.block
-        there = united(_seeds_of(path) for path in self._finished())
+        self._there = there = united(_seeds_of(path) for path in self._finished())
+        self._part_of.clear()
+        self._seeds_in.clear()
         self._wanted = list(_runs(seeds))
         self._own = self._wanted if own is None else list(_runs(own))
         lacking = without(self._wanted, there)
@@ -204,7 +207,7 @@ class Folder:
         self._targets = [one for one in targets if _is_within(one, self._own)]
         self._left = {one.start: len(one) for one in self._targets}
         mine = without(self._own, there)
-        useless = self._take_parts(mine, there)
+        useless = self._take_parts(mine)
         missing = [seed for run in mine for seed in run if seed not in self._part_of]
         largest = max(map(len, self._targets), default=0)  # is here twice while it is joined
         needed = self._recipe.most_nbytes(len(missing) + largest, len(self._targets) + 1)
@@ -220,7 +223,7 @@ class Folder:
             self._join(target)
         return missing
 
-    def _take_parts(self, mine: Sequence[range], finished: Sequence[range]) -> list[Path]:
+    def _take_parts(self, mine: Sequence[range]) -> list[Path]:
         """Takes the parts that have some of these seeds; returns those of finished files."""
         useless: list[Path] = []
         for path in _named(self._parts, _ENDING):
@@ -228,14 +231,14 @@ class Folder:
             if _meets(seeds, mine):
                 with contextlib.suppress(FileNotFoundError):  # another process has joined it
                     self._take(self._opened(path))
-            elif self._shard is None and _is_within(seeds, finished):
+            elif self._shard is None and _is_within(seeds, self._there):
                 useless.append(path)
         return useless
 
     def _take(self, part: Shard) -> None:
         """Counts a part's episodes for the files to which they belong."""
         for seed in part.seeds:
-            if seed in self._part_of:
+            if seed in self._part_of or _range_with(seed, self._there) is not None:
                 continue
             self._part_of[seed] = part
             self._seeds_in[part.path] += 1

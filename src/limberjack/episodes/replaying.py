@@ -3,8 +3,8 @@
     difference = replay(load("data"))       # None if every bit is equal
 
 Everything is compared: observations, rewards, ends, states, model fields and kinds of starts, as
-they were kept, and the SHA-256 of the files with those in the manifest. Numbers are promised to be
-equal for equal versions on one kind of processor.
+they were kept; and before that, the files' SHA-256 with those in the manifest. Numbers are promised
+to be equal for equal versions on one kind of processor.
 """
 
 import contextlib
@@ -45,11 +45,9 @@ def replay(
 
     Raises:
       ValueError: there is no such task, its episodes differ in form, `make` is missing or another
-        function, or a file is damaged.
+        function, or a file is damaged or has another SHA-256 than the manifest lists.
     """
-    changed = dataset.changed_file()
-    if changed is not None:
-        return changed
+    dataset.verify()
     recipe = dataset.recipe
     compared = 0  # episodes
     steps = 0  # of the running ones
