@@ -285,8 +285,8 @@ def test_workers_of_another_identity_write_nothing(
 
         monkeypatch.setattr("limberjack.workers.scale.prepare", other)
         with pytest.raises(WorkError, match=rf"is refused: its {field}.* is '"):
-            _collect(tmp_path, range(3), workers=1)
-        assert hashes(tmp_path) == {}
+            _collect(tmp_path / field, range(3), workers=1)
+        assert hashes(tmp_path / field) == {}
 
 
 # Kills the process in the reset of the 100th episode, if it has never done so before.
