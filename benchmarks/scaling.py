@@ -15,11 +15,11 @@ from collections.abc import Callable
 from typing import Annotated
 
 import typer
+from limberjack.recording.solving import solve
 from report import Json, Quick, Row, at_most, finish, spread
 
 from limberjack.evaluation import evaluate
 from limberjack.evaluation.missing import play_unit
-from limberjack.recording.solving import solve
 from limberjack.utils.cores import usable_cores
 from limberjack.workers import Unit, Workers, open_workers, prepare, units_of
 

@@ -15,10 +15,11 @@ import pytest
 import typer.testing
 from limberjack.recording.episodes import Recording, record_episode
 
-from limberjack import data, report, suite
+from limberjack import data, suite
 from limberjack.cli import app
 from limberjack.episodes.parquet import encode
 from limberjack.mujoco.camera import RenderingError
+from limberjack.mujoco.fingerprint import versions
 
 _SOLVE = ["solve", "manipulator", "bring_ball", "--time-limit", "0.1", "--threads", "1"]
 
@@ -54,7 +55,7 @@ def test_a_recording_of_another_patch_version_is_replayed(tmp_path: Path) -> Non
     assert result.exit_code == 0, result.stderr
     assert "every bit the same" in result.stdout
     written = json.loads((tmp_path / "again" / "result.json").read_text(encoding="utf-8"))
-    assert written["versions"] == report.versions()
+    assert written["versions"] == versions()
 
 
 def test_replay_writes_what_a_run_writes_but_not_over_the_recordings_own(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ import pytest
 from limberjack import report
 from limberjack.data import Kept, collect, load
 from limberjack.episodes.manifest import file_name
+from limberjack.mujoco.fingerprint import versions
 from limberjack.policies import PolicyError
 from limberjack.utils import files
 from limberjack.workers import WorkError, prepare
@@ -379,7 +380,7 @@ def test_episodes_of_other_versions_are_not_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _collect(tmp_path, range(2))
-    before, actual = hashes(tmp_path), report.versions()
+    before, actual = hashes(tmp_path), versions()
     monkeypatch.setattr(report, "versions", lambda: {**actual, "mujoco": "4.7.0"})
     here = actual["mujoco"]
     message = rf"another dataset .*, whose versions.mujoco is '{here}' and '4.7.0': choose another"

@@ -18,6 +18,7 @@ import pytest
 
 from limberjack import policies, report, suite
 from limberjack.evaluation import Evaluation, evaluate
+from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import PolicyError
 from limberjack.rl import control
 from limberjack.rl.control import Environment
@@ -68,9 +69,9 @@ def test_the_result_has_all_that_is_needed_to_run_it_again(tmp_path: Path) -> No
     assert (result["seeds"], result["episodes_asked_for"]) == ("5:9", 4)
     assert (result["time_limit"], result["control_timestep"]) == (0.1, 0.01)
     assert result["success"] == {"last_steps": 100, "mean_reward_at_least": 0.9}
-    assert result["versions"] == report.versions()
+    assert result["versions"] == versions()
     model = suite.load("manipulator", "bring_ball").physics.model._model
-    assert result["fingerprint"] == report.fingerprint(model)
+    assert result["fingerprint"] == fingerprint(model)
     assert [episode["seed"] for episode in result["episodes"]] == [5, 6, 7, 8]
     for episode in result["episodes"]:
         assert episode.keys() == {"seed", "return", "length", "start", "final_reward", "success"}
@@ -196,7 +197,7 @@ def test_a_policy_in_a_package_is_hashed_with_all_of_it(
 def test_an_evaluation_continues_with_another_patch_version(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    expected, now = _evaluate(seeds=range(3)), report.versions()
+    expected, now = _evaluate(seeds=range(3)), versions()
     _evaluate(seeds=range(2), out=tmp_path)
     assert "versions_of_episodes" not in _result(tmp_path)
     later = {**now, "mujoco": now["mujoco"] + "1"}

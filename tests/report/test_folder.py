@@ -66,11 +66,3 @@ def test_a_result_that_is_a_pipe_or_a_folder_is_refused_by_name(tmp_path: Path) 
     path.mkdir()
     with pytest.raises(IsADirectoryError, match=r"result\.json"):
         check_folder(tmp_path, _RUN)
-
-
-def test_recordings_of_other_episodes_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "episode-3.npz").write_text("")
-    check_folder(tmp_path, _RUN, ["episode-2.npz", "episode-3.npz"])
-    for own in ([], ["episode-2.npz"]):
-        with pytest.raises(ValueError, match=r"holds episode-3\.npz, an episode of another `limb"):
-            check_folder(tmp_path, _RUN, own)

@@ -10,18 +10,19 @@ import pytest
 
 from limberjack import report, suite
 from limberjack.episodes import Episode
+from limberjack.mujoco.fingerprint import fingerprint, versions
 
 _EPISODES = [Episode(4, None, np.array([0.25, 0.5])), Episode(5, "in_hand", np.array([1.0]))]
 
 
 _PRINT_FINGERPRINT = """
 from limberjack import report, suite
-print(report.fingerprint(suite.load("manipulator", "insert_peg").physics.model._model))
+print(fingerprint(suite.load("manipulator", "insert_peg").physics.model._model))
 """
 
 
 def _fingerprint(domain: str, task: str) -> str:
-    return report.fingerprint(suite.load(domain, task).physics.model._model)
+    return fingerprint(suite.load(domain, task).physics.model._model)
 
 
 def test_a_result_lists_episodes_versions_and_fingerprint(tmp_path: Path) -> None:
@@ -34,7 +35,7 @@ def test_a_result_lists_episodes_versions_and_fingerprint(tmp_path: Path) -> Non
             {"seed": 4, "return": 0.75, "length": 2},
             {"seed": 5, "return": 1.0, "length": 1, "start": "in_hand"},
         ],
-        "versions": report.versions(),
+        "versions": versions(),
         "fingerprint": "abc",
     }
 
@@ -47,7 +48,7 @@ def test_a_result_is_valid_json_whatever_the_return(tmp_path: Path) -> None:
 
 
 def test_versions_name_what_numbers_depend_on() -> None:
-    assert set(report.versions()) == {"limberjack", "mujoco", "numpy", "python"}
+    assert set(versions()) == {"limberjack", "mujoco", "numpy", "python"}
 
 
 def test_a_fingerprint_is_the_same_in_every_process() -> None:
@@ -82,7 +83,7 @@ def test_each_model_has_its_own_fingerprint() -> None:
 )
 def test_a_fingerprint_notices_a_change_of(change: object) -> None:
     physics = suite.load("humanoid", "walk").physics
-    before = report.fingerprint(physics.model._model)
+    before = fingerprint(physics.model._model)
     assert callable(change)
     change(physics.model.ptr)
-    assert report.fingerprint(physics.model._model) != before
+    assert fingerprint(physics.model._model) != before

@@ -4,8 +4,7 @@ import re
 
 import pytest
 
-from limberjack import suite
-from limberjack.policies import actors
+from limberjack import policies, suite
 from limberjack.workers.factories import factory_of
 from limberjack.workers.identity import (
     advice_on,
@@ -48,7 +47,7 @@ def test_identities_of_policies_differ_in_their_names_and_hashes() -> None:
     factory = factory_of(*TASK)
     environment = factory.make(0)
     one, other = (
-        identity_of(factory, actors.find(name, environment), environment)
+        identity_of(factory, policies.find(name, environment), environment)
         for name in ("zero", "random")
     )
     assert {name for name in one if one[name] != other[name]} == {"policy", "policy_sha256"}

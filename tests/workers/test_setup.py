@@ -33,8 +33,8 @@ def test_a_setup_is_small_and_opens_what_was_prepared() -> None:
     here = _copy(setup).opened()
     assert vectorisable(here.environment).step_limit == 10
     assert vectorisable(here.full_length).step_limit == 1000
-    assert here.found.name == "random"
-    assert here.found.sha256 == setup.identity["policy_sha256"]
+    assert here.actor.name == "random"
+    assert here.actor.sha256 == setup.identity["policy_sha256"]
 
 
 def test_a_setup_is_opened_once_in_each_thread() -> None:
@@ -147,6 +147,6 @@ def test_a_domain_of_your_own_is_registered_where_it_is_opened(
         suite.unregister("swinging")
     monkeypatch.delitem(sys.modules, "swinging")
     try:
-        assert pickle.loads(pickled).opened().found.name == "random"
+        assert pickle.loads(pickled).opened().actor.name == "random"
     finally:
         suite.unregister("swinging")

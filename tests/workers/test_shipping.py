@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from limberjack import suite
-from limberjack.policies import PolicyError, actors
+from limberjack import policies, suite
+from limberjack.policies import Actor, PolicyError
 from limberjack.workers.shipping import ship, unpack
 from tests.policies import saved_models
 
@@ -19,13 +19,13 @@ from . import playing
 from .playing import TASK
 
 
-def _unpacked(shipped: Any) -> actors.Found:
+def _unpacked(shipped: Any) -> Actor:
     return unpack(pickle.loads(pickle.dumps(shipped)), suite.load(*TASK), None)
 
 
 @pytest.mark.parametrize("name", ["zero", "random", "tests.workers.playing:BatchedMemory"])
 def test_a_policy_has_the_same_hash_on_both_sides(name: str) -> None:
-    expected = actors.find(name, suite.load(*TASK))
+    expected = policies.find(name, suite.load(*TASK))
     found = _unpacked(ship(name))
     assert (found.name, found.sha256) == (name, expected.sha256)
 
@@ -49,15 +49,16 @@ def test_each_thread_has_an_object_of_its_own() -> None:
     environment, shipped = suite.load(*TASK), ship("tests.workers.playing:memory")
     with concurrent.futures.ThreadPoolExecutor(1) as executor:
         found = executor.submit(unpack, shipped, environment, None).result()
-        assert found.alone is not None
-        found.alone(environment.action_spec(), 0)(environment.reset().observation)
+        assert found.plays_alone
+        observation = environment.reset().observation
+        found.begin_alone(environment, 0)(observation)
         assert not hasattr(playing.memory, "steps")
         message = "'tests.workers.playing:locked' is an object that cannot be copied"
         with pytest.raises(PolicyError, match=message):
             executor.submit(
                 unpack, ship("tests.workers.playing:locked"), environment, None
             ).result()
-    assert unpack(ship("tests.workers.playing:locked"), environment, None).alone is not None
+    assert unpack(ship("tests.workers.playing:locked"), environment, None).plays_alone
 
 
 def test_a_process_without_the_module_imports_what_was_shipped(
@@ -73,7 +74,7 @@ def test_a_process_without_the_module_imports_what_was_shipped(
     )
     monkeypatch.syspath_prepend(tmp_path)
     name = "shipped_policies.acting:act"
-    sha256 = actors.find(name, suite.load(*TASK)).sha256
+    sha256 = policies.find(name, suite.load(*TASK)).sha256
     (tmp_path / "shipped.pickle").write_bytes(pickle.dumps(ship(name)))
     program = """
 import pickle, sys
@@ -98,7 +99,7 @@ print(shipped_policies.acting.act({"velocity": 2.0}), shipped_policies.acting.__
 def test_a_saved_model_is_shipped_as_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     name = saved_models.install(monkeypatch, tmp_path)
     humanoid = suite.load("humanoid", "stand")
-    expected = actors.find(name, humanoid)
+    expected = policies.find(name, humanoid)
     shipped = ship(name)
     Path(name.removeprefix("sb3:")).unlink()
     found = unpack(shipped, humanoid, None)

@@ -9,6 +9,7 @@ import typer
 
 from limberjack.cli.output import FAILED, complain, console, misuse_reported, visible
 from limberjack.cli.summaries import add_summaries, summaries_table
+from limberjack.utils.facts import title_of
 from limberjack.utils.requirements import is_of_mujoco
 
 if TYPE_CHECKING:
@@ -40,7 +41,6 @@ def reading_reported(name: str) -> Iterator[None]:
 
 def print_information(information: "Information") -> None:
     """Prints the figures of a dataset."""
-    from limberjack import report
 
     facts, kept = information.recipe.facts, information.recipe.kept
     rows = summaries_table("policy")
@@ -50,7 +50,7 @@ def print_information(information: "Information") -> None:
     observed = "float32" if kept.float32 else "float64"
     more = [name for name in ("flat", "states") if getattr(kept, name)]
     lines = [
-        f"{report.title_of(facts)}: {len(seeds)} episodes of seeds {seeds[0]} to "
+        f"{title_of(facts)}: {len(seeds)} episodes of seeds {seeds[0]} to "
         f"{seeds[-1]}, {information.steps:,} steps of {facts['control_timestep']:g} s",
         f"{size / 1e6:,.1f} MB in {len(information.files)} files, {size / information.steps:.0f} "
         f"bytes a step; {', '.join([f'observations in {observed}', *more])}",

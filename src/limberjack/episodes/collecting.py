@@ -33,7 +33,7 @@ from limberjack.episodes.recipe import FILE_MB, UNIT, Recipe, recipe_of
 from limberjack.episodes.starts import Starts
 from limberjack.episodes.units import OnEnded, play_seeds, play_unit
 from limberjack.policies import Actor, PolicyError
-from limberjack.report import Facts
+from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnProgress, OnState, Scale, Setup, Unit, shard_of
 from limberjack.workers.factories import Factory, Make, factory_of

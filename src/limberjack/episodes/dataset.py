@@ -32,8 +32,8 @@ from limberjack.episodes.manifest import (
 from limberjack.episodes.parquet import Shard
 from limberjack.episodes.recipe import Recipe
 from limberjack.episodes.statistics import Score, Summary, strata, summarise
-from limberjack.report import Facts
 from limberjack.rl.guards import at_least_one
+from limberjack.utils.facts import Facts
 
 __all__ = ["Batch", "Dataset", "Information", "inform", "load"]
 

@@ -43,7 +43,7 @@ from limberjack.episodes.manifest import (
 )
 from limberjack.episodes.parquet import Shard, join
 from limberjack.episodes.recipe import Recipe
-from limberjack.report import Facts
+from limberjack.utils.facts import Facts
 from limberjack.utils.files import Hold, replacing
 from limberjack.utils.regular import read_regular
 

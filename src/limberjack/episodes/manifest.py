@@ -20,7 +20,7 @@ from pathlib import Path
 
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.recipe import FORMAT, Recipe, is_whole, seeds_of
-from limberjack.report import Facts, title_of
+from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.regular import open_regular
 
 __all__ = [

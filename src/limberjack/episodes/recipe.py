@@ -21,15 +21,16 @@ import dm_env
 import numpy as np
 from dm_env import specs
 
-from limberjack import policies, report
+from limberjack import policies
 from limberjack.episodes.episode import Kept
-from limberjack.report import Facts
+from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.builds import Build
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.row_step import as_mapping
+from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import SEEDS
 from limberjack.workers.factories import Factory, Make, factory_of
 from limberjack.workers.identity import first_difference
@@ -325,11 +326,11 @@ def _factory(recipe: Recipe, make: Make | None) -> Factory:
 
 def other_versions(recipe: Recipe, environment: dm_env.Environment | None) -> str:
     """A sentence on versions, and a model, that differ from the recorded ones; empty if none do."""
-    recorded, here = recipe.facts["versions"], report.versions()
+    recorded, here = recipe.facts["versions"], versions()
     other = [f"{n} {recorded.get(n)}, here {v}" for n, v in here.items() if recorded.get(n) != v]
     if environment is not None:
         model = _inside(environment).physics.model._model
-        if report.fingerprint(model) != recipe.facts["fingerprint"]:
+        if fingerprint(model) != recipe.facts["fingerprint"]:
             other.append("a model with another fingerprint")
     return f" It was collected with {'; '.join(other)}." if other else ""
 

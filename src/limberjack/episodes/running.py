@@ -23,13 +23,14 @@ from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.playing import OnStep, Recorded, Step, play
 from limberjack.episodes.starts import Starts
 from limberjack.episodes.units import OnEnded, play_seeds, play_unit
+from limberjack.mujoco.fingerprint import fingerprint
 from limberjack.policies import Actor
 from limberjack.policies.built_in import PLANNER
-from limberjack.report import Facts
 from limberjack.report.folder import RESULT
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
 from limberjack.rl.rows import RowsEnvironment
+from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnProgress, Scale, Unit, shard_of, units_of
 from limberjack.workers.factories import Make, factory_of
@@ -135,7 +136,7 @@ class Run:
                 "step: leave it at 1"
             )
         self.step_limit = inner.step_limit
-        self._fingerprint = report.fingerprint(inner.physics.model._model)
+        self._fingerprint = fingerprint(inner.physics.model._model)
         seconds = inner.step_limit * inner.control_timestep()
         facts = {
             **self._factory.facts,

@@ -24,8 +24,8 @@ from limberjack.evaluation import results
 from limberjack.evaluation.missing import Here, play_with
 from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.store import Store
-from limberjack.report import Facts
 from limberjack.rl.guards import at_least_one
+from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnProgress, OnState, Scale, Setup, shard_of
 from limberjack.workers.factories import Make, factory_of

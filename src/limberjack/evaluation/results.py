@@ -13,7 +13,7 @@ from limberjack import report
 from limberjack.episodes import statistics
 from limberjack.episodes.statistics import Score, Summary
 from limberjack.evaluation.store import PAGE, PICTURE, RESULT
-from limberjack.report import Facts
+from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.files import replacing
 
 __all__ = ["Evaluation", "write"]
@@ -72,7 +72,7 @@ class Evaluation:
           ImportError: matplotlib is not installed.
         """
         facts = self.facts
-        name = report.title_of(facts)
+        name = title_of(facts)
         title = f"{name}, policy {self.policy}"
         by_policy = {name: [score.total for score in self.scores[name]] for name in self.scores}
         by_start: dict[str, list[float]] = {}

@@ -32,7 +32,7 @@ from typing import BinaryIO, TypeGuard
 
 from limberjack.episodes.statistics import Score
 from limberjack.policies import Actor
-from limberjack.report import Facts
+from limberjack.utils.facts import Facts
 from limberjack.utils.files import Hold, appending, flush_folder
 from limberjack.utils.regular import read_regular
 from limberjack.utils.seeds import SEEDS
@@ -409,7 +409,7 @@ def _entry(text: bytes) -> Facts | None:
 
 
 def _are_versions(value: object) -> bool:
-    """Whether a value has the form of `report.versions()`."""
+    """Whether a value has the form of `versions()`."""
     return isinstance(value, dict) and all(isinstance(one, str) for one in value.values())
 
 

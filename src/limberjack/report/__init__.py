@@ -1,6 +1,6 @@
 """Files of a run or an evaluation: result.json, return.png, video.mp4 and report.html.
 
-    from limberjack.report import Recorder, fingerprint
+    from limberjack.report import Recorder, Step
 
 No display is needed; matplotlib and ffmpeg are imported when they are used.
 """
@@ -10,28 +10,17 @@ from limberjack.report.evaluation_page import write_evaluation_page
 from limberjack.report.labels import Label, Labels, labels_of
 from limberjack.report.page import write_page
 from limberjack.report.recorder import Recorder
-from limberjack.report.result import (
-    Facts,
-    Played,
-    fingerprint,
-    title_of,
-    versions,
-    write_result,
-)
+from limberjack.report.result import Played, write_result
 from limberjack.report.trace import Step, Trace
 
 __all__ = [
-    "Facts",
     "Label",
     "Labels",
     "Played",
     "Recorder",
     "Step",
     "Trace",
-    "fingerprint",
     "labels_of",
-    "title_of",
-    "versions",
     "write_distribution_plot",
     "write_evaluation_page",
     "write_page",

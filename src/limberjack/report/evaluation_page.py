@@ -13,7 +13,7 @@ import numpy as np
 
 from limberjack.report import parts
 from limberjack.report.chart import line_chart, steps_of
-from limberjack.report.result import Facts, title_of
+from limberjack.utils.facts import Facts, title_of
 
 __all__ = ["write_evaluation_page"]
 

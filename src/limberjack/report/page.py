@@ -17,9 +17,10 @@ import numpy as np
 
 from limberjack.report import parts
 from limberjack.report.chart import Line, line_chart, steps_of
-from limberjack.report.result import Facts, Played, title_of
+from limberjack.report.result import Played
 from limberjack.report.trace import Trace
 from limberjack.report.units import Label
+from limberjack.utils.facts import Facts, title_of
 
 __all__ = ["write_page"]
 

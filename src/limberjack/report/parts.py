@@ -13,7 +13,7 @@ import string
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from limberjack.report.result import Facts
+from limberjack.utils.facts import Facts
 from limberjack.utils.files import replacing
 
 __all__ = ["card", "cards", "facts_of", "figures", "header", "section", "table", "write_document"]

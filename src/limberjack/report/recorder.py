@@ -23,9 +23,10 @@ from limberjack.report.folder import PLOT as _PLOT
 from limberjack.report.folder import RESULT as _RESULT
 from limberjack.report.folder import check_folder
 from limberjack.report.page import write_page
-from limberjack.report.result import Facts, Played, as_result, title_of, write_result
+from limberjack.report.result import Played, as_result, write_result
 from limberjack.report.trace import Step, Trace
 from limberjack.rl.control import Environment
+from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.files import Hold, Partial
 from limberjack.video import Film, Rendered
 
@@ -127,7 +128,7 @@ class Recorder:
         Args:
           run: the facts of the run; has 'domain', 'task', 'policy' and 'control_timestep'.
           episodes: those that ended; without any there is neither plot nor page.
-          model_fingerprint: see `report.fingerprint`.
+          model_fingerprint: see `fingerprint`.
 
         Raises:
           OSError: a file cannot be written.

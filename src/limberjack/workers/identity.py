@@ -18,11 +18,12 @@ from pathlib import Path
 import dm_env
 import numpy as np
 
-from limberjack import policies, report
+from limberjack import policies
+from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import Actor
-from limberjack.report import Facts
 from limberjack.rl.control import Environment, PhysicsError
 from limberjack.rl.copies import control_of
+from limberjack.utils.facts import Facts
 from limberjack.workers.factories import Factory
 
 __all__ = [
@@ -65,8 +66,8 @@ def identity_of(
         "time_limit": None if limit is None else limit * control_timestep,
         "control_timestep": control_timestep,
         "action_repeat": inner.action_repeat if action_repeat is None else action_repeat,
-        "versions": report.versions(),
-        "fingerprint": report.fingerprint(inner.physics.model._model),
+        "versions": versions(),
+        "fingerprint": fingerprint(inner.physics.model._model),
     }
 
 

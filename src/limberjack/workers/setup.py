@@ -22,8 +22,8 @@ import dm_env
 
 from limberjack import policies
 from limberjack.policies import ROWS, Actor, PolicyError
-from limberjack.report import Facts
 from limberjack.rl.builds import Build
+from limberjack.utils.facts import Facts
 from limberjack.workers.factories import Factory, Make, factory_of
 from limberjack.workers.identity import (
     advice_on,
