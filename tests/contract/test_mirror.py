@@ -8,6 +8,7 @@ from .source import PACKAGE, REPOSITORY, SOURCE, modules, tree
 _TESTS = REPOSITORY / "tests"
 # Modules without tests under their name, and why.
 _EXCEPTIONS = {
+    "data.py": "the public names of datasets, which tests/episodes uses",
     "__main__.py": "one line, which every command that is called as a program runs",
     "gpu/backend.py": "imports packages; test_layers.py tests what it raises without them",
     "cli/gallery.py": "prints the paths that test_gallery.py looks for",
@@ -23,6 +24,7 @@ _BESIDES = {
 }  # fmt: skip
 # Modules in a mirroring folder that test more than one module.
 _ACROSS = {
+    "episodes/test_readers.py",
     "evaluation/test_saved_models.py",
     "gpu/test_exactness.py",
     "gym/test_env_kinds.py",

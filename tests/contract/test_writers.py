@@ -46,7 +46,7 @@ _OTHERS = {
     # Into memory, or a file that `limberjack.episodes.folder` has made with `replacing`.
     ("limberjack.episodes.parquet", "pq.ParquetWriter"),
     ("limberjack.episodes.parquet", "writer.write_table"),
-    ("limberjack.recording.npz", "zipfile.ZipFile"),  # reads
+    ("limberjack.episodes.folder", "path.write_bytes"),
     ("limberjack.sb3", "zipfile.ZipFile"),
 }
 
@@ -74,7 +74,7 @@ def _writes(call: ast.Call) -> ast.expr | None:
         return call.args[0]
     if name in _BY_FULL_NAME:
         return call.func
-    if last == "open" and name not in ("scale.open", "self.scale.open", "archive.open"):
+    if last == "open" and name not in ("scale.open", "self._scale.open", "archive.open"):
         own = 1 if name in ("open", "io.open") else 0
         modes = [*call.args[own : own + 1], *(k.value for k in call.keywords if k.arg == "mode")]
         if not modes:

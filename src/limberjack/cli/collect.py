@@ -112,11 +112,9 @@ def _collect(
         part = shard_named(shard, out)
     search_working_directory(policy)
     with reading_reported("collect"):
-        from limberjack import data
-
+        data = importlib.import_module("limberjack.data")
         if format is _Format.MINARI:
-            # Raises if its extra is missing.
-            importlib.import_module("limberjack.episodes.to_minari")
+            importlib.import_module("limberjack.episodes.to_minari")  # for its extra
     with (
         rows_reported(),
         show_units() as progress,

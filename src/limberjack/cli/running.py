@@ -35,7 +35,7 @@ def scale_of(
     threads: int | None = None,
     any_processor: bool = False,
 ) -> "Scale":
-    """Who plays, as the options say; the state of the workers is shown."""
+    """The workers that the options ask for; their state is shown."""
     from limberjack.workers import Scale
 
     return Scale(workers, None, ray, threads, any_processor, progress.show_state)

@@ -53,7 +53,7 @@ _OnProgress = Callable[[int, int, float], object]
 
 
 class View(TypedDict):
-    """How a film shows its episodes; the attributes are arguments of `record`."""
+    """Appearance of a film; the attributes are arguments of `record`."""
 
     camera: NotRequired[int | str]
     height: NotRequired[int]

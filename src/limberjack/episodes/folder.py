@@ -336,8 +336,9 @@ class Folder:
             self._replace(path, lambda partial: partial.write_text(record.text(), "utf-8"))
 
     def _file(self, path: Path) -> File:
-        """What the manifest says of a file; it is read again if neither this process nor another
-        one that finished has kept that.
+        """The entry of a file in the manifest.
+
+        The file is read again if no process that finished has kept it.
         """
         file = self._made.get(path.name) or self._records.get(path.name)
         if file is not None and file.nbytes == path.stat().st_size:
