@@ -33,7 +33,7 @@ help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-14s %s\n", $$1, $$2 }' Makefile
 
 demo: $(VENV)/installed-demo  ## Let the planner bring a ball home; video, report and numbers in demo/
-	$(BIN)/limberjack solve manipulator bring_ball --seed 1003 --out demo
+	$(BIN)/limberjack solve manipulator bring_ball --seeds 1003 --out demo
 	@echo "Open $(CURDIR)/demo/report.html to see it."
 
 docs: $(VENV)/installed-docs  ## Build the documentation as a site in site/

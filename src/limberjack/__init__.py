@@ -21,7 +21,7 @@ from types import FrameType
 
 __all__ = ["__version__", "install_as_dm_control", "show"]
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _INTERRUPTED = 130  # exit status, as shells report what Ctrl-C ended
 
