@@ -570,9 +570,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return (slice, start, stop, step)", "return (slice, start, stop)"),
         ("starts == -1, 0, 1)", "starts == -1, 1, 1)"),
     ],
-    "mujoco/physics_state.py": [
-        ("        np.copyto(item, part)\n", "        np.copyto(item, part[..., :1])\n"),
-        ("    if state.shape != shape:", "    if state.size != np.prod(shape):"),
+    "mujoco/engine.py": [
+        ("            np.copyto(item, part)\n", "            np.copyto(item, part[..., :1])\n"),
+        ("        if state.shape != shape:", "        if state.size != np.prod(shape):"),
     ],
     "mujoco/wrapper/textures.py": [
         ("    sizes[is_textures] = 0\n", ""),

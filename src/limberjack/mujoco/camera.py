@@ -9,10 +9,11 @@ The pixels equal dm_control's. Every picture is a fresh array. Creating and movi
 computing its matrix do not need OpenGL; only pictures do (see `rendering`).
 """
 
+import inspect
 import threading
 import weakref
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -23,6 +24,7 @@ from limberjack.mujoco.rendering import Contexts, RenderingError, call, contexts
 from limberjack.mujoco.viewpoints import FREE_CAMERA, Drawable, checked_size, view_of
 from limberjack.mujoco.wrapper import MjvCamera, MjvOption, MjvScene
 from limberjack.mujoco.wrapper.visual import RenderFlag
+from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
     "Camera",
@@ -32,14 +34,17 @@ __all__ = [
     "MovableCamera",
     "Pose",
     "RenderingError",
+    "SceneCallback",
     "Selected",
     "TextOverlay",
+    "check_names",
     "contexts",
+    "picture_spec",
     "render",
 ]
 
 # Called with the physics and the scene.
-_SceneCallback = Callable[..., None]
+SceneCallback = Callable[..., None]
 
 _EVERYTHING = mujoco.mjtCatBit.mjCAT_ALL.value
 # The default visualisation options of `render`.
@@ -92,7 +97,7 @@ class Camera:
         width: int = 320,
         camera_id: int | str = FREE_CAMERA,
         max_geom: int | None = None,
-        scene_callback: _SceneCallback | None = None,
+        scene_callback: SceneCallback | None = None,
     ) -> None:
         """Makes a camera; does not need OpenGL.
 
@@ -268,7 +273,7 @@ class MovableCamera(Camera):
         height: int = 240,
         width: int = 320,
         max_geom: int | None = None,
-        scene_callback: _SceneCallback | None = None,
+        scene_callback: SceneCallback | None = None,
     ) -> None:
         """Starts at the pose of the model's free camera; arguments are those of `Camera`."""
         super().__init__(physics, height, width, FREE_CAMERA, max_geom, scene_callback)
@@ -305,7 +310,7 @@ def render(
     segmentation: bool = False,
     scene_option: mujoco.MjvOption | None = None,
     render_flag_overrides: Mapping[RenderFlag, bool] | None = None,
-    scene_callback: _SceneCallback | None = None,
+    scene_callback: SceneCallback | None = None,
     quality: str = "full",
 ) -> np.ndarray:
     """A picture as from a new `Camera`; scenes are cached for later pictures.
@@ -336,6 +341,46 @@ def render(
     return picture
 
 
+# The keyword arguments of `render`, with their defaults.
+_KEYWORDS = {p.name: p.default for p in list(inspect.signature(render).parameters.values())[1:]}
+_OF_STYLE = ("overlays", "depth", "segmentation", "render_flag_overrides", "quality")
+
+
+def check_names(given: Iterable[str]) -> None:
+    """Raises TypeError for the name of a keyword that `render` does not accept."""
+    for name in given:
+        if name not in _KEYWORDS:
+            raise TypeError(
+                f"render got an unexpected keyword argument {name!r}."
+                f"{did_you_mean(name, _KEYWORDS)} It takes: {', '.join(_KEYWORDS)}."
+            )
+
+
+# Any: arguments of `render`, each with its own type.
+def picture_spec(physics: Drawable, given: Mapping[str, Any]) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and dtype of the picture that `render` returns for these arguments; draws nothing.
+
+    Args:
+      physics: a single simulation.
+      given: keyword arguments of `render`.
+
+    Raises:
+      ValueError: there is no such camera or quality, the size is not positive or too large for the
+        model, or the arguments are incompatible.
+      TypeError: there is no such keyword.
+    """
+    check_names(given)
+    how = {**_KEYWORDS, **given}
+    Style.of(**{name: how[name] for name in _OF_STYLE})  # validates these arguments
+    size = how["height"], how["width"]
+    Camera(physics, *size, camera_id=how["camera_id"], max_geom=1)  # validates the others
+    if how["depth"]:
+        return size, np.dtype(np.float32)
+    if how["segmentation"]:
+        return (*size, 2), np.dtype(np.int32)
+    return (*size, 3), np.dtype(np.uint8)
+
+
 def _may_have_changed(physics: Drawable) -> bool:
     """Whether the model's height fields, textures or meshes may differ from the last upload.
 
@@ -350,7 +395,7 @@ def _contents(physics: Drawable, view: MjvCamera, option: mujoco.MjvOption) -> t
 
 
 def _with_callback(
-    contents: tuple, physics: Drawable, scene: MjvScene, callback: _SceneCallback
+    contents: tuple, physics: Drawable, scene: MjvScene, callback: SceneCallback
 ) -> None:
     """Updates the scene and applies the callback, in the caller's thread."""
     mujoco.mjv_updateScene(*contents, scene)

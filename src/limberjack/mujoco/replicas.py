@@ -22,8 +22,8 @@ from typing import Any, Generic, NoReturn, TypeVar
 import mujoco
 import numpy as np
 
-from limberjack.mujoco import drawing
 from limberjack.mujoco.batch_simulation import BatchSimulation
+from limberjack.mujoco.camera import check_names
 from limberjack.mujoco.lazy_batch import check_callbacks
 from limberjack.mujoco.simulation import STATE, Rows, read_field
 from limberjack.rl.contract import PhysicsError
@@ -138,7 +138,7 @@ class Replicas(Generic[_P]):
           ValueError, TypeError: see `picture_spec`.
           RenderingError: OpenGL is not available.
         """
-        drawing.check_names(kwargs)
+        check_names(kwargs)
         numbers = range(self.num_envs) if rows is None else rows.tolist()
         if not numbers:
             shape, dtype = self.picture_spec(**kwargs)
@@ -152,8 +152,8 @@ class Replicas(Generic[_P]):
 
     # Any: each keyword has its own type.
     def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
-        """Shape and dtype of a row's picture; see `drawing.picture_spec`."""
-        return drawing.picture_spec(self.single, kwargs)
+        """Shape and dtype of a row's picture; see `camera.picture_spec`."""
+        return self.single.picture_spec(**kwargs)
 
     def shown(self, row: int) -> _P:
         """A single simulation that looks like a row, valid until the next call."""
