@@ -600,9 +600,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            if (out > _ROUNDED).any():", "            if (out > _ROUNDED).all():"),
         ("not all(map(_is_harmless, own_fields))", "not any(map(_is_harmless, own_fields))"),
     ],
-    "mujoco/leaving.py": [
-        ("    _is_leaving = True\n", ""),
-        ("    _staying.add(threading.get_ident())\n", ""),
+    "mujoco/exit_guard.py": [
+        ("    _is_exiting = True\n", ""),
+        ("    _waiting.add(threading.get_ident())\n", ""),
         ("    while _others_simulate() and", "    while False and"),
         ("        frame = frame.f_back\n", "        frame = None\n"),
         ('    "limberjack.rl.",\n', ""),

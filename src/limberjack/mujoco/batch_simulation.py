@@ -19,9 +19,9 @@ import mujoco.batch
 import numpy as np
 
 from limberjack.mujoco.allocating import allocating, data_of
+from limberjack.mujoco.exit_guard import pass_exit_guard
 from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.lazy_batch import LazyBatch, check_callbacks
-from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.model_values import derived_fields
 from limberjack.mujoco.read_only import ReadOnly
 from limberjack.mujoco.simulation import (
@@ -133,14 +133,14 @@ class BatchSimulation(CountsWarnings):
 
     def reset(self, keyframe: int | None = None, rows: Rows = None) -> None:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         check_callbacks()
         key = -1 if keyframe is None else keyframe
         self._living().official.reset(rows, key, stage=_NOTHING)
 
     def get_state(self, signature: int) -> np.ndarray:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         model, state = self._model._model, self.state
         parts = np.empty((len(state), mujoco.mj_stateSize(model, signature)))
         for whole, part in zip(state, parts, strict=True):
@@ -149,7 +149,7 @@ class BatchSimulation(CountsWarnings):
 
     def set_state(self, state: np.ndarray, signature: int) -> None:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         data = data_of(self._model._model)
         for row, part in zip(self.state, state, strict=True):
             mujoco.mj_setState(self._model._model, data, row, STATE)
@@ -182,7 +182,7 @@ class BatchSimulation(CountsWarnings):
 
     def load(self, saved: Mapping[str, np.ndarray], rows: Rows = None) -> None:
         """See `Simulation`. States that MuJoCo would reject diverge at the next step."""
-        begin()
+        pass_exit_guard()
         check_callbacks()
         lazy = self._living()
         index = slice(None) if rows is None else rows
@@ -198,7 +198,7 @@ class BatchSimulation(CountsWarnings):
 
         Quantities that depend on accelerations are unavailable afterwards.
         """
-        begin()
+        pass_exit_guard()
         lazy = self._living()
         try:
             return call(lazy.official)

@@ -30,8 +30,8 @@ import mujoco.batch
 import numpy as np
 
 from limberjack.mujoco import midphase, row_fields
+from limberjack.mujoco.exit_guard import pass_exit_guard
 from limberjack.mujoco.index import Axes, FieldIndexer
-from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.simulation import (
     FORWARD,
     LOAD,
@@ -148,7 +148,7 @@ class LazyBatch:
 
     def set_const(self, rows: Rows) -> None:
         """Recomputes the constants of rows' models after their fields were set (mj_setConst)."""
-        begin()
+        pass_exit_guard()
         self._fields.set_const(rows)
 
     def shown(self, name: str) -> np.ndarray:
@@ -162,7 +162,7 @@ class LazyBatch:
         self.before_call[...] = self.state
 
     def _run(self, kind: int, rows: Rows) -> None:
-        begin()
+        pass_exit_guard()
         batch = self.official
         if kind == START:
             with self._fields.without_actuation(rows):

@@ -13,8 +13,8 @@ from typing import Self
 import mujoco
 import numpy as np
 
+from limberjack.mujoco.exit_guard import pass_exit_guard
 from limberjack.mujoco.index import FieldIndexer
-from limberjack.mujoco.leaving import begin
 from limberjack.mujoco.simulation import (
     ACTUATION,
     FORWARD,
@@ -83,7 +83,7 @@ class SingleSimulation(CountsWarnings):
         """Records the call `step(nstep)`, and returns the arguments of `advance` that make it."""
         if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
             nstep = checked_steps(nstep)
-        begin()
+        pass_exit_guard()
         model, data = self._wrapper._model, self._data
         if self._flags_before is not None:
             model = self._model()
@@ -98,19 +98,19 @@ class SingleSimulation(CountsWarnings):
     def begin_step_whole(self, nstep: int) -> Advance:
         """Records the call `step_whole(nstep)`, and returns the arguments of `advance`."""
         nstep = checked_steps(nstep)
-        begin()
+        pass_exit_guard()
         self._remember(-nstep)
         return self._model(), self._data, 0, nstep, 0
 
     def forward(self, rows: Rows = None) -> None:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         self._remember(FORWARD)
         mujoco.mj_forward(self._model(), self._data)
 
     def forward_without_actuation(self, rows: Rows = None) -> None:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         model = self._model()
         shared = self._wrapper._shared
         self._remember(START)
@@ -128,7 +128,7 @@ class SingleSimulation(CountsWarnings):
 
     def reset(self, keyframe: int | None = None, rows: Rows = None) -> None:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         if keyframe is None:
             mujoco.mj_resetData(self._model(), self._data)
         else:
@@ -137,7 +137,7 @@ class SingleSimulation(CountsWarnings):
 
     def get_state(self, signature: int) -> np.ndarray:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         model = self._model()
         state = np.empty(mujoco.mj_stateSize(model, signature))
         mujoco.mj_getState(model, self._data, state, signature)
@@ -145,7 +145,7 @@ class SingleSimulation(CountsWarnings):
 
     def set_state(self, state: np.ndarray, signature: int) -> None:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         mujoco.mj_setState(self._model(), self._data, state, signature)
 
     def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
