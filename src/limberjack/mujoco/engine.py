@@ -219,9 +219,12 @@ class Physics(_control.Physics):
         vars(self).pop("named", None)
         self._data = RowsData(self._simulation)
 
-    def _refuse_rows(self, what: str, instead: str) -> None:
-        if self._simulation.num_envs is not None:
+    def _single(self, what: str, instead: str) -> SingleSimulation:
+        """The simulation; raises TypeError if it is a batch, with the call to use instead."""
+        simulation = self._simulation
+        if type(simulation) is not SingleSimulation:
             raise TypeError(f"the physics of a batch does not support {what}: {instead}")
+        return simulation
 
     def identity(self, varying: Sequence[str] = ()) -> dict[str, object]:
         """Facts that must match for a saved state to load; see `limberjack.mujoco.identity`."""
@@ -233,9 +236,11 @@ class Physics(_control.Physics):
         Raises:
           ValueError: there is no such field, or it is part of the model's structure.
         """
-        nominal = fields.nominal(self._data.model._model, names)
+        return fields.nominal(self._data.model._model, names)
+
+    def recompute_constants_of(self, names: Sequence[str]) -> None:
+        """Makes starts that set these fields recompute the constants derived from them, if any."""
         self._simulation.sets_constants = fields.have_constants(names)
-        return nominal
 
     # Stepping.
 
@@ -248,16 +253,19 @@ class Physics(_control.Physics):
 
         Raises:
           ValueError: `nstep` is not a whole number of at least 1; nothing was stepped.
+          TypeError: these are the rows of a batch.
           PhysicsError: the simulation diverged.
         """
+        simulation = self._simulation
+        if type(simulation) is not SingleSimulation:
+            simulation = self._single("step()", "call step(actions) of its BatchEnvironment")
         if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
             nstep = checked_steps(nstep)
-        simulation = self._simulation
         earlier = simulation.set_warnings_aside()
         if self.legacy_step:
-            simulation.step(nstep)
+            advance(*simulation.begin_step(nstep))
         else:
-            simulation.step_whole(nstep)
+            advance(*simulation.begin_step_whole(nstep))
         if earlier is not None or simulation.has_warned():
             self._check_warnings(earlier)
 
@@ -277,8 +285,8 @@ class Physics(_control.Physics):
         Raises:
           ValueError: `nstep` is not a whole number of at least 1; nothing was stepped.
         """
+        simulation = self._single("step_in_parts()", "call step(actions) of its BatchEnvironment")
         nstep = checked_steps(nstep)
-        simulation = cast(SingleSimulation, self._simulation)
         earlier = simulation.set_warnings_aside()
         record = simulation.begin_step if self.legacy_step else simulation.begin_step_whole
         run = functools.partial(advance, *record(nstep))
@@ -303,8 +311,9 @@ class Physics(_control.Physics):
 
         Raises:
           ValueError: there is no such keyframe.
-          TypeError: `keyframe_id` is not a whole number.
+          TypeError: `keyframe_id` is not a whole number, or these are the rows of a batch.
         """
+        self._single("reset()", "call reset(rows) of its BatchEnvironment")
         if keyframe_id is not None and not isinstance(keyframe_id, int | np.integer):
             raise TypeError(
                 f"keyframe_id is {keyframe_id!r}; expected a keyframe's number, or None"
@@ -411,15 +420,14 @@ class Physics(_control.Physics):
         Args:
           share_model: whether both use one model, so that edits affect both.
         """
-        self._refuse_rows("copy()", "take a snapshot() of its BatchEnvironment, or deepcopy it")
+        instead = "take a snapshot() of its BatchEnvironment, or deepcopy it"
+        simulation = self._single("copy()", instead).copy(share_model)
         new = type(self).__new__(type(self))
-        simulation = cast(SingleSimulation, self._simulation).copy(share_model)
         new.__setstate__((simulation, self._settings()))
         return new
 
     def __getstate__(self) -> tuple[Simulation, dict[str, object]]:
-        self._refuse_rows("pickling", "pickle its BatchEnvironment")
-        return self._simulation, self._settings()
+        return self._single("pickling", "pickle its BatchEnvironment"), self._settings()
 
     def __setstate__(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
         self.become(state)
@@ -499,7 +507,7 @@ class Physics(_control.Physics):
         Returns:
           (height, width, 3) uint8 unless `depth` or `segmentation` is set.
         """
-        self._refuse_rows("render()", "call render(rows, ...) of its BatchEnvironment")
+        self._single("render()", "call render(rows, ...) of its BatchEnvironment")
         what = height, width, camera_id, overlays, depth, segmentation
         how = scene_option, render_flag_overrides, scene_callback, quality
         return camera.render(self, *what, *how)

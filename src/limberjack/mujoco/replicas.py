@@ -22,10 +22,9 @@ from typing import Any, Generic, NoReturn, TypeVar
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.batch_simulation import BatchSimulation
+from limberjack.mujoco.batch_simulation import BatchSimulation, check_callbacks
 from limberjack.mujoco.camera import check_names
-from limberjack.mujoco.lazy_batch import check_callbacks
-from limberjack.mujoco.simulation import STATE, Rows, read_field
+from limberjack.mujoco.simulation import STATE, Call, Rows, read_field
 from limberjack.rl.contract import PhysicsError
 from limberjack.utils.arrays import AnyArray, any_of
 
@@ -113,13 +112,14 @@ class Replicas(Generic[_P]):
         self.simulation.forward_without_actuation(rows)
 
     def step(self, rows: Rows, nstep: int) -> np.ndarray:
-        """Advances rows, None for all, by time steps; returns a divergence mask, (num_envs,)."""
+        """Advances rows, None for all, by time steps; returns a divergence mask, (num_envs,).
+
+        `check` comes first, before anything that belongs to the step.
+        """
         simulation = self.simulation
         simulation.warnings[...] = 0
-        if self.physics.legacy_step:
-            simulation.step(nstep, rows)
-        else:
-            simulation.step_whole(nstep, rows)
+        call = Call.STEP if self.physics.legacy_step else Call.STEP_WHOLE
+        simulation.advance(call, nstep, rows)
         if not any_of(simulation.warnings):
             return np.zeros(self.num_envs, bool)
         diverged = np.any(simulation.warnings, axis=-1)

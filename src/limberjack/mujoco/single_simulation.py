@@ -14,21 +14,18 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.exit_guard import pass_exit_guard
-from limberjack.mujoco.index import FieldIndexer
 from limberjack.mujoco.simulation import (
     ACTUATION,
-    FORWARD,
-    LOAD,
     MOST_AT_ONCE,
-    NOT_FIELDS,
-    START,
     STATE,
+    Call,
     CountsWarnings,
     Field,
     Rows,
     can_be_repeated,
     checked_steps,
     is_bad_state,
+    model_fields,
     read_field,
     write_field,
 )
@@ -48,7 +45,6 @@ class SingleSimulation(CountsWarnings):
     """One simulation; see `limberjack.mujoco.simulation.Simulation`."""
 
     num_envs: int | None = None
-    indexer = FieldIndexer
     sets_constants = False
 
     def __init__(self, data: MjData) -> None:
@@ -62,8 +58,8 @@ class SingleSimulation(CountsWarnings):
         self._flags_before: int | None = None
         self._model_of_opt: mujoco.MjModel | None = None
         self._opt = mujoco.MjOption()
-        # The last call and the state before it.
-        self._call = LOAD
+        # The last call, its count, and the state before it.
+        self._call, self._count = Call.LOAD, 1
         self._before = np.empty(mujoco.mj_stateSize(self._wrapper._model, STATE))
 
     @property
@@ -87,7 +83,7 @@ class SingleSimulation(CountsWarnings):
         model, data = self._wrapper._model, self._data
         if self._flags_before is not None:
             model = self._model()
-        self._call = nstep
+        self._call, self._count = Call.STEP, nstep
         mujoco.mj_getState(model, data, self._before, STATE)
         if model is not self._model_of_opt:  # accessing `opt` creates a new object each time
             self._model_of_opt, self._opt = model, model.opt
@@ -99,13 +95,13 @@ class SingleSimulation(CountsWarnings):
         """Records the call `step_whole(nstep)`, and returns the arguments of `advance`."""
         nstep = checked_steps(nstep)
         pass_exit_guard()
-        self._remember(-nstep)
+        self._remember(Call.STEP_WHOLE, nstep)
         return self._model(), self._data, 0, nstep, 0
 
     def forward(self, rows: Rows = None) -> None:
         """See `Simulation`."""
         pass_exit_guard()
-        self._remember(FORWARD)
+        self._remember(Call.FORWARD)
         mujoco.mj_forward(self._model(), self._data)
 
     def forward_without_actuation(self, rows: Rows = None) -> None:
@@ -113,7 +109,7 @@ class SingleSimulation(CountsWarnings):
         pass_exit_guard()
         model = self._model()
         shared = self._wrapper._shared
-        self._remember(START)
+        self._remember(Call.START)
         if shared is not None:
             mujoco.mj_forward(shared.passive, self._data)
             return
@@ -133,7 +129,7 @@ class SingleSimulation(CountsWarnings):
             mujoco.mj_resetData(self._model(), self._data)
         else:
             mujoco.mj_resetDataKeyframe(self._model(), self._data, keyframe)
-        self._remember(LOAD)
+        self._remember(Call.LOAD)
 
     def get_state(self, signature: int) -> np.ndarray:
         """See `Simulation`."""
@@ -155,7 +151,8 @@ class SingleSimulation(CountsWarnings):
             "state": self.get_state(STATE),
             "sensordata": self._data.sensordata.copy(),
             "before": self._before.copy(),
-            "call": np.array(self._call),
+            "call": np.array(int(self._call)),
+            "count": np.array(self._count),
         }
         saved |= {name: np.array(read_field(model, name)) for name in fields}
         return {name: value[None] for name, value in saved.items()}
@@ -168,14 +165,14 @@ class SingleSimulation(CountsWarnings):
         """
         state = saved["state"][0]
         _check(self._wrapper._model, state)
-        fields = {name: value[0] for name, value in saved.items() if name not in NOT_FIELDS}
+        fields = {name: value[0] for name, value in model_fields(saved).items()}
         if fields:
             self.set_fields(fields)
         earlier = self.set_warnings_aside()
         if not self._repeat(saved, state):
             self.set_state(state, STATE)
             mujoco.mj_step1(self._model(), self._data)
-            self._remember(LOAD)
+            self._remember(Call.LOAD)
             if "sensordata" in saved:
                 self._data.sensordata[...] = saved["sensordata"][0]
         self.warnings[...] = 0 if earlier is None else earlier
@@ -185,19 +182,20 @@ class SingleSimulation(CountsWarnings):
 
         It does not if the state or the model was changed after that call.
         """
-        call = int(saved["call"][0]) if "call" in saved else LOAD
-        if not can_be_repeated(call):
+        if "call" not in saved or not can_be_repeated(saved["call"][0], saved["count"][0]):
             return False
+        count = int(saved["count"][0])
         self.set_state(saved["before"][0], STATE)
-        if 0 < call < LOAD:
-            mujoco.mj_step1(self._model(), self._data)  # the first half of its first step
-            self.step(call)
-        elif call == FORWARD:
-            self.forward()
-        elif call == START:
-            self.forward_without_actuation()
-        else:
-            self.step_whole(-call)
+        match Call(int(saved["call"][0])):
+            case Call.STEP:
+                mujoco.mj_step1(self._model(), self._data)  # the first half of its first step
+                self.step(count)
+            case Call.FORWARD:
+                self.forward()
+            case Call.START:
+                self.forward_without_actuation()
+            case _:
+                self.step_whole(count)
         return self.get_state(STATE).tobytes() == state.tobytes()
 
     def copy(self, share_model: bool) -> Self:
@@ -208,16 +206,17 @@ class SingleSimulation(CountsWarnings):
         """
         new = type(self).__new__(type(self))
         data = self.data._make_copy(share_model=share_model)
-        new.__setstate__((data, self.sets_constants, self._call, self._before.copy()))
+        new.__setstate__((data, *self.__getstate__()[1:]))
         return new
 
-    def __getstate__(self) -> tuple[MjData, bool, int, np.ndarray]:
-        return self.data, self.sets_constants, self._call, self._before.copy()
+    def __getstate__(self) -> tuple[MjData, bool, Call, int, np.ndarray]:
+        return self.data, self.sets_constants, self._call, self._count, self._before.copy()
 
-    def __setstate__(self, state: tuple[MjData, bool, int, np.ndarray]) -> None:
-        data, sets_constants, call, before = state
+    def __setstate__(self, state: tuple[MjData, bool, Call, int, np.ndarray]) -> None:
+        data, sets_constants, call, count, before = state
         self.__init__(data)
-        self.sets_constants, self._call, self._before = sets_constants, call, before
+        self.sets_constants, self._before = sets_constants, before
+        self._call, self._count = call, count
         _check(data.model._model, self.get_state(STATE))
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
@@ -239,14 +238,12 @@ class SingleSimulation(CountsWarnings):
         """See `Fields`; without a batch axis."""
         return getattr(self._data, name), False
 
-    field_for_names = data_field
-
     def model_field(self, name: str) -> Field:
         """See `Fields`; without a batch axis, and writable unless it is part of the structure."""
         return getattr(self._wrapper, name), False
 
-    def _remember(self, call: int) -> None:
-        self._call = call
+    def _remember(self, call: Call, count: int = 1) -> None:
+        self._call, self._count = call, count
         mujoco.mj_getState(self._wrapper._model, self._data, self._before, STATE)
 
     def _model(self) -> mujoco.MjModel:

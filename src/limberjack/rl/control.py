@@ -177,6 +177,7 @@ class Environment(dm_env.Environment):
         if randomize:
             self._randomizer = Randomizer(randomize, self._simulated)
             check_not_randomized(task, self._randomizer.fields)
+            self._simulated.recompute_constants_of(self._randomizer.fields)
         self._frames = Frames.of(pixels, self._simulated)
         self.reward_terms: dict[str, Quantity] = {}  # of the last step, by name
         self.randomization: dict[str, np.ndarray] = {}  # drawn for this episode, by field
