@@ -64,14 +64,12 @@ class Transitions:
         return self._in_form(time_step.observation), self._drawn(begun)
 
     def step(self, actions: npt.ArrayLike) -> Step:
-        """Step every row.
+        """Step every row, after `check_begun` or `checked`.
 
         Raises:
-          ResetNeeded: an episode has ended, and the mode leaves the reset to the user.
           ValueError, TypeError, PhysicsError: see `Batch.step`.
         """
         batch = self.batch
-        self.check_begun()
         time_step = batch.step(actions)
         observation = self._in_form(time_step.observation)
         step_type = time_step.step_type

@@ -200,6 +200,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._check_begun()
         self._workers.check_idle()
         if len(self._parts) == 1:
+            self._parts[0].check_begun()
             return self._parts[0].step(actions)
         if np.shape(actions) != self.action_space.shape:
             raise ValueError(
@@ -209,8 +210,10 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         # All of them are checked before any row is stepped.
         halves = zip(self._parts, self.halves, strict=True)
         checked = [part.checked(np.asarray(actions)[rows]) for part, rows in halves]
+        steps: list[Step] = []
         try:
-            steps = [part.step(given) for part, given in zip(self._parts, checked, strict=True)]
+            for part, given in zip(self._parts, checked, strict=True):
+                steps.append(part.step(given))
         except BaseException:  # the other half's step is lost
             for part in self._parts:
                 part.restart()
