@@ -564,8 +564,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("for name in before.keys() | after.keys()", "for name in before.keys()"),
         ("any(name in inputs or name.startswith", "all(name in inputs or name.startswith"),
         ("kinds = np.ndarray | int | float", "kinds = int | float"),
-    ],
-    "mujoco/identity.py": [
         ('        "names": zlib.crc32(official.names),\n', ""),
         (
             "kept[tuple(varying)] = _numbers(official, varying)",
@@ -586,7 +584,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("    sizes[is_textures] = 0\n", ""),
         ("return light if _is_like(light, model) else model", "return light"),
     ],
-    "mujoco/compiled.py": [
+    "mujoco/wrapper/sharing.py": [
         ("    _last_used.pop(source, None)\n", ""),
         ("in kept[:-1]:", "in kept:"),
     ],
@@ -598,7 +596,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             '("contype", "conaffinity", "condim", "priority")',
             '("contype", "conaffinity", "condim")',
         ),
-        ("return any(name in inputs or", "return all(name in inputs or"),
         ("[: len(shape)]", "[:1]"),
     ],
     "mujoco/midphase.py": [

@@ -33,9 +33,8 @@ from limberjack.mujoco.camera import (
     Selected,
     TextOverlay,
 )
-from limberjack.mujoco.compiled import compiled
-from limberjack.mujoco.identity import identity
 from limberjack.mujoco.index import NamedIndexStructs
+from limberjack.mujoco.model_values import derived_fields, identity
 from limberjack.mujoco.pictures import Overlay
 from limberjack.mujoco.rows_view import RowsData
 from limberjack.mujoco.simulation import (
@@ -47,6 +46,7 @@ from limberjack.mujoco.simulation import (
     described,
 )
 from limberjack.mujoco.single_simulation import SingleSimulation, advance
+from limberjack.mujoco.wrapper.sharing import compiled
 from limberjack.mujoco.wrapper.visual import RenderFlag
 from limberjack.rl import control as _control
 from limberjack.rl.contract import Nested
@@ -227,7 +227,7 @@ class Physics(_control.Physics):
         return simulation
 
     def identity(self, varying: Sequence[str] = ()) -> dict[str, object]:
-        """Facts that must match for a saved state to load; see `limberjack.mujoco.identity`."""
+        """Facts that must match for a saved state to load; see `model_values.identity`."""
         return identity(self._simulation.model, varying)
 
     def nominal_fields(self, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -240,7 +240,7 @@ class Physics(_control.Physics):
 
     def recompute_constants_of(self, names: Sequence[str]) -> None:
         """Makes starts that set these fields recompute the constants derived from them, if any."""
-        self._simulation.sets_constants = fields.have_constants(names)
+        self._simulation.sets_constants = bool(derived_fields(names))
 
     # Stepping.
 

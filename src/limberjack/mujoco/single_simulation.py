@@ -38,6 +38,7 @@ __all__ = ["Advance", "SingleSimulation", "advance"]
 # A model, its data, and the numbers of second halves, whole time steps and first halves to make.
 Advance = tuple[mujoco.MjModel, mujoco.MjData, int, int, int]
 
+_STEP = Call.STEP  # every step reads it, and an attribute of an enum takes longer
 _RUNGE_KUTTA = mujoco.mjtIntegrator.mjINT_RK4.value
 
 
@@ -83,7 +84,7 @@ class SingleSimulation(CountsWarnings):
         model, data = self._wrapper._model, self._data
         if self._flags_before is not None:
             model = self._model()
-        self._call, self._count = Call.STEP, nstep
+        self._call, self._count = _STEP, nstep
         mujoco.mj_getState(model, data, self._before, STATE)
         if model is not self._model_of_opt:  # accessing `opt` creates a new object each time
             self._model_of_opt, self._opt = model, model.opt
