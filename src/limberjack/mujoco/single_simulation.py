@@ -16,7 +16,6 @@ import numpy as np
 from limberjack.mujoco.exit_guard import pass_exit_guard
 from limberjack.mujoco.simulation import (
     ACTUATION,
-    MOST_AT_ONCE,
     STATE,
     Call,
     CountsWarnings,
@@ -70,16 +69,18 @@ class SingleSimulation(CountsWarnings):
 
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        advance(*self.begin_step(nstep))
+        advance(*self.begin_step(checked_steps(nstep)))
 
     def step_whole(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        advance(*self.begin_step_whole(nstep))
+        advance(*self.begin_step_whole(checked_steps(nstep)))
 
     def begin_step(self, nstep: int) -> Advance:
-        """Records the call `step(nstep)`, and returns the arguments of `advance` that make it."""
-        if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
-            nstep = checked_steps(nstep)
+        """Records the call `step(nstep)`, and returns the arguments of `advance` that make it.
+
+        Args:
+          nstep: a result of `checked_steps`.
+        """
         pass_exit_guard()
         model, data = self._wrapper._model, self._data
         if self._flags_before is not None:
@@ -93,8 +94,7 @@ class SingleSimulation(CountsWarnings):
         return model, data, 1, nstep - 1, 1
 
     def begin_step_whole(self, nstep: int) -> Advance:
-        """Records the call `step_whole(nstep)`, and returns the arguments of `advance`."""
-        nstep = checked_steps(nstep)
+        """Records the call `step_whole(nstep)`; the argument and result are as of `begin_step`."""
         pass_exit_guard()
         self._remember(Call.STEP_WHOLE, nstep)
         return self._model(), self._data, 0, nstep, 0
