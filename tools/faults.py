@@ -179,6 +179,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        self._memory.load(np.arange(self._num_rows), self._starts)\n", ""),
     ],
     "rl/control.py": [
+        ("begun = step or not getattr", "begun = not getattr"),
+        ("stream is getattr(task", "stream is not getattr(task"),
         (
             "        for name, value in self._first_values().items():\n",
             "        for name, value in ():\n",
@@ -269,8 +271,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("np.full(shape, None) if like.dtype == object else ", ""),
     ],
     "rl/represented.py": [
-        ("if waits and not step else", "if waits else"),
-        ("stream is getattr(task", "stream is not getattr(task"),
         ("known == list(range(known[0], known[0] + len(known)))", "known"),
     ],
     "report/chart.py": [

@@ -41,9 +41,9 @@ from limberjack.gym.observations import (
     Observation,
     Part,
     action_space,
+    observations_of,
     specs_of_one_row,
 )
-from limberjack.gym.pixels import observations_of
 from limberjack.gym.states import states_of_rows
 from limberjack.gym.transitions import Step, Transitions
 from limberjack.rl.batch_contract import Batch
