@@ -265,7 +265,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "gym/halves.py": [
         ("half, future = self._sent[0]", "half, future = self._sent[-1]"),
-        ("list(dict.fromkeys(name for part in parts if part for name in part))", "list(given)"),
+        ("dict.fromkeys(name for part in dicts for name in part)", "list(given)"),
         ("shape = (size, *like.shape[1:])", "shape = like.shape"),
         ("        if self._process != os.getpid():  # forked", "        if False:  # forked"),
         ("np.full(shape, None) if like.dtype == object else ", ""),

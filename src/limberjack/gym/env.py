@@ -27,7 +27,7 @@ from gymnasium.wrappers import TimeLimit
 
 from limberjack import suite
 from limberjack.gym import arguments
-from limberjack.gym.observations import Info, Observation, Part, action_space, observations_of
+from limberjack.gym.observations import AnyObservation, Info, Part, action_space, observations_of
 from limberjack.gym.single import Single
 from limberjack.gym.states import State, state_of_one
 from limberjack.rl import control
@@ -200,7 +200,7 @@ class Env(gymnasium.Env):
 
     def reset(
         self, *, seed: int | None = None, options: Info | None = None
-    ) -> tuple[Observation, Info]:
+    ) -> tuple[AnyObservation, Info]:
         """Begin an episode; return its first observation and info.
 
         Args:
@@ -248,7 +248,7 @@ class Env(gymnasium.Env):
         info = {"randomization": drawn} if drawn else {}
         return self._observations.of_one(observation), info
 
-    def step(self, action: npt.ArrayLike) -> tuple[Observation, float, bool, bool, Info]:
+    def step(self, action: npt.ArrayLike) -> tuple[AnyObservation, float, bool, bool, Info]:
         """Apply the action; return observation, reward, terminated, truncated and info.
 
         Raises:

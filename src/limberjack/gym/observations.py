@@ -24,6 +24,7 @@ from limberjack.rl.pixels import PIXELS_KEY, Pixels
 
 __all__ = [
     "STATE_KEY",
+    "AnyObservation",
     "Info",
     "Observation",
     "Observations",
@@ -40,8 +41,10 @@ STATE_KEY = "state"  # the name of the flat array beside the pictures
 _BOUND = mujoco.mjMAXVAL
 
 
-# Any: an array, or a dict of arrays, depending on the arguments of an environment.
-Observation = Any
+# Depends on the arguments of an environment: flat, or a dict.
+Observation = np.ndarray | dict[str, np.ndarray]
+# Any: the same for users, who know which one they asked for.
+AnyObservation = Any
 # Any: as in Gymnasium.
 Info = dict[str, Any]
 
@@ -154,7 +157,7 @@ class PixelObservations(Observations):
         return pixels if self._only else self._with(super().of_batch(observation, buffer), pixels)
 
     def _with(self, state: Observation, pixels: np.ndarray) -> dict[str, np.ndarray]:
-        named = {STATE_KEY: state} if self.flat else state
+        named = {STATE_KEY: state} if isinstance(state, np.ndarray) else state
         return {**named, PIXELS_KEY: pixels}
 
 

@@ -54,7 +54,6 @@ from limberjack.mujoco.simulation import (
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.integer_fields import check_values, is_checked, rows_field
 from limberjack.mujoco.wrapper.model import fixed_field, is_structure
-from limberjack.utils.arrays import AnyArray
 
 __all__ = ["BatchSimulation", "check_callbacks"]
 
@@ -153,7 +152,7 @@ class BatchSimulation(CountsWarnings):
         return self._state
 
     @property
-    def own_fields(self) -> Mapping[str, AnyArray]:
+    def own_fields(self) -> Mapping[str, row_fields.OwnField]:
         """Per-row model fields by name, indexed by row, live; see `row_fields`."""
         self._adopt()
         return self._fields.own
@@ -438,7 +437,7 @@ def check_callbacks() -> None:
             )
 
 
-def _check_rows(model: mujoco.MjModel, values: Mapping[str, AnyArray], count: int) -> None:
+def _check_rows(model: mujoco.MjModel, values: Mapping[str, np.ndarray], count: int) -> None:
     """Raises ValueError if a row's values of the model's fields make its model invalid.
 
     Args:

@@ -26,7 +26,7 @@ from limberjack.mujoco.batch_simulation import BatchSimulation, check_callbacks
 from limberjack.mujoco.camera import check_names
 from limberjack.mujoco.simulation import STATE, Call, Rows, read_field
 from limberjack.rl.contract import PhysicsError
-from limberjack.utils.arrays import AnyArray, any_of
+from limberjack.utils.arrays import any_of
 
 __all__ = ["Replicas"]
 
@@ -175,6 +175,6 @@ class Replicas(Generic[_P]):
 
     def _take_fields(self, one: _P, row: int) -> None:
         """Copies a row's own model fields to a single simulation."""
-        own: Mapping[str, AnyArray] = self.simulation.own_fields
+        own = self.simulation.own_fields
         if own:
             one.simulation.set_fields({name: values[row] for name, values in own.items()})

@@ -235,7 +235,7 @@ def checked_signature(sig: int) -> int:
     return bits
 
 
-def can_be_repeated(call: AnyArray, count: AnyArray) -> AnyArray:
+def can_be_repeated(call: np.ndarray, count: np.ndarray) -> np.ndarray:
     """Whether recorded calls, one or (n,), lead to a state; a damaged one may never return."""
     takes_steps = (call == Call.STEP) | (call == Call.STEP_WHOLE)
     is_forward = (call == Call.START) | (call == Call.FORWARD)
