@@ -215,7 +215,7 @@ class _Batch(_Contest):
         self._batch.reset()
         self._random = np.random.RandomState(_SEED)
         physics: Any = self._batch.physics
-        model, official = physics.simulation.model._model, physics.simulation._lazy.official
+        model, official = physics.simulation.model._model, physics.simulation._official
         data = mujoco.MjData(model)
         draw = _bare(model, data, *size)
 

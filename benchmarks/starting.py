@@ -166,7 +166,7 @@ def _one_load(domain: str, task: str) -> dict[str, float]:
     load = _loader(peers.OURS, domain, task)
     seconds = {"compile": _timed(_compiler(domain, task))[0]}
     gc.collect()
-    if importlib.import_module("limberjack.mujoco.compiled").drop_unused():
+    if importlib.import_module("limberjack.mujoco.wrapper.sharing").drop_unused():
         raise RuntimeError(f"a model is still in use before {domain}:{task} is loaded")
     seconds["load"], environment = _timed(load)
     seconds["reset"], _ = _timed(environment.reset)

@@ -81,6 +81,6 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 @pytest.fixture(params=["own", "shared"])
 def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes rows share an `MjData`, as in a large batch, or not, as in a small one."""
-    from limberjack.mujoco import lazy_batch  # after the renderer is chosen
+    from limberjack.mujoco import batch_simulation  # after the renderer is chosen
 
-    monkeypatch.setattr(lazy_batch, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])
+    monkeypatch.setattr(batch_simulation, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])

@@ -179,6 +179,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("        self._memory.load(np.arange(self._num_rows), self._starts)\n", ""),
     ],
     "rl/control.py": [
+        ("begun = step or not getattr", "begun = not getattr"),
+        ("stream is getattr(task", "stream is not getattr(task"),
         (
             "        for name, value in self._first_values().items():\n",
             "        for name, value in ():\n",
@@ -263,14 +265,12 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     ],
     "gym/halves.py": [
         ("half, future = self._sent[0]", "half, future = self._sent[-1]"),
-        ("list(dict.fromkeys(name for part in parts if part for name in part))", "list(given)"),
+        ("dict.fromkeys(name for part in dicts for name in part)", "list(given)"),
         ("shape = (size, *like.shape[1:])", "shape = like.shape"),
         ("        if self._process != os.getpid():  # forked", "        if False:  # forked"),
         ("np.full(shape, None) if like.dtype == object else ", ""),
     ],
     "rl/represented.py": [
-        ("if waits and not step else", "if waits else"),
-        ("stream is getattr(task", "stream is not getattr(task"),
         ("known == list(range(known[0], known[0] + len(known)))", "known"),
     ],
     "report/chart.py": [
@@ -476,25 +476,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("qpos[start + 3 : start + 7]", "qpos[start : start + 4]"),
         ("axis = random.randn(3)", "axis = random.rand(3)"),
     ],
-    "mujoco/lazy_batch.py": [
-        ('self._fields.write("sensor_needstage", self._disabled, _NEVER)', "pass"),
-        ("            self.before_call[rows] = self.state[rows]\n", ""),
-        ("            self.last_call[rows] = kind\n", ""),
-        ("batch.step(rows, kind, _UP_TO_VELOCITY)", "batch.step(rows, kind)"),
-        ("for live in (self.state, self.warning)]", "for live in (self.state,)]"),
-        ("        np.copyto(self.state, self.before_call)\n", ""),
-        ("            self._set_readings(loaded, readings[loaded])\n", "            pass\n"),
-        ("        if name in _OF_SENSORS:\n", "        if name == _READINGS:\n"),
-        ("read &= self._disabled\n", "read = self._disabled.copy()\n"),
-        ("        if self._was_called:\n            self._replay()\n\n", "\n"),
-        ("is_good = ~is_bad_state(self._model, state[~is_reached])", "is_good = left >= 0"),
-        ("        np.copyto(self.warning, counted)\n", ""),
-        ("return can_be & same.all(axis=-1)", "return can_be"),
-        ("if sets_constants:\n            new", "if False:\n            new"),
-        ("        new._replay()\n", ""),
-        ("if model.nplugin or remembered or _any_callback():", "if model.nplugin or remembered:"),
-        ("late & np.isin(model.sensor_type, _WITHOUT_EFFECT)", "late"),
-    ],
     "mujoco/row_fields.py": [
         ("            flags |= ACTUATION\n", ""),
         ("            flags[...] = before\n", "            pass\n"),
@@ -505,8 +486,35 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return values if numbers.ndim else values[None]", "return values"),
     ],
     "mujoco/batch_simulation.py": [
-        ("self._call(-checked_steps(nstep), rows)", "self._call(checked_steps(nstep), rows)"),
-        ("self._call(START, rows)", "self._call(FORWARD, rows)"),
+        ("            self._before[rows] = self._state[rows]\n", ""),
+        (
+            "            self._calls[rows], self._counts[rows] = call, count\n",
+            "            self._calls[rows] = call\n",
+        ),
+        ("self._official.step(rows, count, _UP_TO_VELOCITY)", "self._official.step(rows, count)"),
+        ("for live in (self._state, self._warning)]", "for live in (self._state,)]"),
+        ("        np.copyto(self._state, self._before)\n", ""),
+        ("            self._set_readings(loaded, readings[loaded])\n", "            pass\n"),
+        (
+            "rows[(calls == call) & (counts == count)]",
+            "rows[calls == call]",
+        ),
+        ("is_good = ~is_bad_state(self._light, state)", "is_good = left >= 0"),
+        ("        np.copyto(self._warning, counted)\n", ""),
+        ("return can_be & same.all(axis=-1)", "return can_be"),
+        (
+            "        if self.sets_constants:\n            self._fields",
+            "        if False:\n            self._fields",
+        ),
+        (
+            "        self._replay()\n        if readings is not None:\n",
+            "        if readings is not None:\n",
+        ),
+        (
+            "self.advance(Call.STEP_WHOLE, checked_steps(nstep), rows)",
+            "self.advance(Call.STEP, checked_steps(nstep), rows)",
+        ),
+        ("self.advance(Call.START, 1, rows)", "self.advance(Call.FORWARD, 1, rows)"),
         ("key = -1 if keyframe is None else keyframe", "key = -1"),
         (
             "mujoco.mj_extractState(model, whole, STATE, part, signature)",
@@ -514,14 +522,14 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("self.set_constants(None if row is None else np.array([row]))", "pass"),
         ("        self.set_constants(rows)\n", ""),
-        ("            lazy.forget_calls()\n", "            pass\n"),
+        ("            self._calls[:] = Call.LOAD\n", ""),
         ("ReadOnly.of(field, _COMMON.format(name)) if is_array else field, False", "field, False"),
         ("            forget()\n", "            pass\n"),
     ],
     "mujoco/single_simulation.py": [
         ("return model, data, 1, nstep - 1, 1", "return model, data, 1, nstep, 1"),
         ("if self._opt.integrator == _RUNGE_KUTTA:", "if False:"),
-        ("        self._remember(-nstep)\n", "        self._remember(nstep)\n"),
+        ("self._remember(Call.STEP_WHOLE, nstep)", "self._remember(Call.STEP, nstep)"),
         ("            opt.disableflags = self._flags_before | ACTUATION\n", ""),
         ("            self._data.sensordata[...] = saved[", "            _ = saved["),
         ("self.warnings[...] = 0 if earlier is None else earlier", "self.warnings[...] = 0"),
@@ -531,8 +539,8 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             "            pass  # the",
         ),
         (
-            "(data, self.sets_constants, self._call, self._before.copy())",
-            "(data, self.sets_constants, self._call, self._before)",
+            "self.data, self.sets_constants, self._call, self._count, self._before.copy()",
+            "self.data, self.sets_constants, self._call, self._count, self._before",
         ),
         ("        _check(data.model._model, self.get_state(STATE))\n", ""),
         ("            model.opt.disableflags = self._flags_before\n", ""),
@@ -577,8 +585,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("for name in before.keys() | after.keys()", "for name in before.keys()"),
         ("any(name in inputs or name.startswith", "all(name in inputs or name.startswith"),
         ("kinds = np.ndarray | int | float", "kinds = int | float"),
-    ],
-    "mujoco/identity.py": [
         ('        "names": zlib.crc32(official.names),\n', ""),
         (
             "kept[tuple(varying)] = _numbers(official, varying)",
@@ -591,15 +597,15 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("return (slice, start, stop, step)", "return (slice, start, stop)"),
         ("starts == -1, 0, 1)", "starts == -1, 1, 1)"),
     ],
-    "mujoco/physics_state.py": [
-        ("        np.copyto(item, part)\n", "        np.copyto(item, part[..., :1])\n"),
-        ("    if state.shape != shape:", "    if state.size != np.prod(shape):"),
+    "mujoco/engine.py": [
+        ("            np.copyto(item, part)\n", "            np.copyto(item, part[..., :1])\n"),
+        ("        if state.shape != shape:", "        if state.size != np.prod(shape):"),
     ],
     "mujoco/wrapper/textures.py": [
         ("    sizes[is_textures] = 0\n", ""),
         ("return light if _is_like(light, model) else model", "return light"),
     ],
-    "mujoco/compiled.py": [
+    "mujoco/wrapper/sharing.py": [
         ("    _last_used.pop(source, None)\n", ""),
         ("in kept[:-1]:", "in kept:"),
     ],
@@ -611,7 +617,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
             '("contype", "conaffinity", "condim", "priority")',
             '("contype", "conaffinity", "condim")',
         ),
-        ("return any(name in inputs or", "return all(name in inputs or"),
         ("[: len(shape)]", "[:1]"),
     ],
     "mujoco/midphase.py": [
@@ -621,9 +626,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("            if (out > _ROUNDED).any():", "            if (out > _ROUNDED).all():"),
         ("not all(map(_is_harmless, own_fields))", "not any(map(_is_harmless, own_fields))"),
     ],
-    "mujoco/leaving.py": [
-        ("    _is_leaving = True\n", ""),
-        ("    _staying.add(threading.get_ident())\n", ""),
+    "mujoco/exit_guard.py": [
+        ("    _is_exiting = True\n", ""),
+        ("    _waiting.add(threading.get_ident())\n", ""),
         ("    while _others_simulate() and", "    while False and"),
         ("        frame = frame.f_back\n", "        frame = None\n"),
         ('    "limberjack.rl.",\n', ""),

@@ -12,7 +12,7 @@ import typer.testing
 
 from limberjack import suite
 from limberjack.cli import app
-from limberjack.mujoco import compiled
+from limberjack.mujoco.wrapper import sharing
 
 
 def _invoke(*arguments: str) -> Any:
@@ -24,7 +24,7 @@ def _invoke(*arguments: str) -> Any:
 def _models_kept() -> Iterator[None]:
     """The models of all tasks stay compiled; the package keeps fewer, and each list needs all."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiled, "_MOST_KEPT", 2**30)
+        patch.setattr(sharing, "_MOST_KEPT", 2**30)
         yield
 
 

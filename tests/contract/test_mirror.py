@@ -28,6 +28,7 @@ _ACROSS = {
     "evaluation/test_saved_models.py",
     "gpu/test_exactness.py",
     "gym/test_env_kinds.py",
+    "gym/test_pixels.py",
     "gym/test_registration.py",
     "mujoco/test_camera_beside_dm_control.py",
     "planner/test_costs.py",

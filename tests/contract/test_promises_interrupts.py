@@ -14,7 +14,7 @@ import pytest
 
 import limberjack
 from limberjack import suite
-from limberjack.mujoco import compiled
+from limberjack.mujoco.wrapper import sharing
 from tests.laws.episodes import DOMAINS, Task, actions, bits, load, play
 
 _PACKAGE = os.path.dirname(limberjack.__file__) + os.sep
@@ -169,8 +169,8 @@ def test_a_load_interrupted_anywhere_can_be_repeated(task: Task) -> None:
 
 def test_a_first_load_interrupted_anywhere_can_be_repeated() -> None:
     def compile_and_begin() -> None:
-        compiled._in_use.clear()
-        compiled.drop_unused()
+        sharing._in_use.clear()
+        sharing.drop_unused()
         suite.load("stacker", "stack_2", {"random": 0}).reset()
 
     expected = replayed(load(("stacker", "stack_2")))

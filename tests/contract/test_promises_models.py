@@ -13,7 +13,7 @@ import pytest
 
 from limberjack import mujoco as lj_mujoco
 from limberjack import suite
-from limberjack.mujoco import compiled
+from limberjack.mujoco.wrapper import sharing
 from tests.laws.episodes import DOMAINS, Task, bits, load, play, snapshot
 from tests.representatives import REPRESENTATIVES
 
@@ -171,7 +171,7 @@ def test_an_unused_model_is_freed() -> None:
     physics.model.ptr.opt.timestep = _TIMESTEP  # the other one goes on sharing
     assert twin.timestep() != _TIMESTEP
     del physics, twin
-    compiled.drop_unused()  # which are kept for the next load
+    sharing.drop_unused()  # which are kept for the next load
     gc.collect()
     assert kept() is None
 

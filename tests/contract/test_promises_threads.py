@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from limberjack import mujoco, suite
-from limberjack.mujoco import compiled
+from limberjack.mujoco.wrapper import sharing
 from limberjack.suite import stacker
 from tests.laws.episodes import DOMAINS, Task, bits, load, play
 
@@ -50,8 +50,8 @@ def test_threads_may_load_a_task_at_the_same_moment(switching_often: None) -> No
 
     with futures.ThreadPoolExecutor(_THREADS) as pool:
         for _ in range(3):
-            compiled._in_use.clear()
-            compiled.drop_unused()
+            sharing._in_use.clear()
+            sharing.drop_unused()
             assert list(pool.map(load_and_reset, range(_THREADS))) == [expected] * _THREADS
 
 
@@ -168,7 +168,7 @@ def test_an_environment_made_in_one_thread_is_used_in_another() -> None:
 def test_threads_may_load_more_models_than_are_kept(
     switching_often: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiled, "_MOST_KEPT", 2**20)
+    monkeypatch.setattr(sharing, "_MOST_KEPT", 2**20)
 
     def load_some(number: int) -> None:
         for i in range(200):

@@ -21,7 +21,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from limberjack import gym
-from limberjack.mujoco import lazy_batch
+from limberjack.mujoco import batch_simulation
 from limberjack.rl.randomize import scale
 from tests.oracle import twins
 from tests.oracle.oracle import BOTH, ours, theirs
@@ -121,7 +121,7 @@ def _batches(task: Task, part: int) -> Tally:
     expected = play.of_dm_control(range(max(_SIZES)))
     for num_envs, threads, mode in itertools.product(_SIZES, _THREADS, _MODES):
         where = f"{play.where}, {num_envs} rows, {threads} threads, {mode.value}"
-        with mock.patch.object(lazy_batch, "_A_FEW", max(_SIZES) - 1):
+        with mock.patch.object(batch_simulation, "_A_FEW", max(_SIZES) - 1):
             found = play.of_batch(num_envs, threads, mode)
         tally.add_rows(found, expected.some(range(num_envs)), where)
     return tally

@@ -34,7 +34,7 @@ def test_the_layout_has_each_part_in_order_without_gaps() -> None:
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 @pytest.mark.parametrize("flat", [True, False])
 def test_a_row_of_a_batch_is_the_observation_of_one_simulation(flat: bool, dtype: str) -> None:
-    observations = Observations(_SPECS, flat, dtype)
+    observations: Any = Observations(_SPECS, flat, dtype)
     together = observations.of_batch(_batched(), observations.buffer(_ROWS))
     for row in range(_ROWS):
         one = observations.of_one(_row(_batched(), row))
@@ -51,7 +51,7 @@ def test_a_row_of_a_batch_is_the_observation_of_one_simulation(flat: bool, dtype
 
 @pytest.mark.parametrize("flat", [True, False])
 def test_the_flat_array_is_read_back_by_the_layout(flat: bool) -> None:
-    observations = Observations(_SPECS, flat=True, dtype="float64")
+    observations: Any = Observations(_SPECS, flat=True, dtype="float64")
     joined = observations.of_batch(_batched(), observations.buffer(_ROWS))
     assert joined.shape == (_ROWS, _SIZE)
     for name, columns, shape in observations.layout:
@@ -61,7 +61,7 @@ def test_the_flat_array_is_read_back_by_the_layout(flat: bool) -> None:
 
 @pytest.mark.parametrize("flat", [True, False])
 def test_one_simulations_observation_is_in_arrays_of_its_own(flat: bool) -> None:
-    observations = Observations(_SPECS, flat, "float64")
+    observations: Any = Observations(_SPECS, flat, "float64")
     memory = _row(_batched(), 0)  # views of the batch's arrays
     one = observations.of_one(memory)
     before = one.copy() if flat else {name: np.array(value) for name, value in one.items()}
@@ -74,7 +74,7 @@ def test_one_simulations_observation_is_in_arrays_of_its_own(flat: bool) -> None
 @pytest.mark.parametrize("flat", [True, False])
 @pytest.mark.parametrize("rows", [[0, 2], [1], [2]])
 def test_copies_of_rows_are_those_rows_and_do_not_change_later(flat: bool, rows: list[int]) -> None:
-    observations = Observations(_SPECS, flat, "float64")
+    observations: Any = Observations(_SPECS, flat, "float64")
     batched = _batched()
     together = observations.of_batch(batched, observations.buffer(_ROWS))
     copies = observations.copies_of_rows(together, np.array(rows))
@@ -90,7 +90,7 @@ def test_copies_of_rows_are_those_rows_and_do_not_change_later(flat: bool, rows:
 
 
 def test_without_a_flat_array_there_is_no_buffer_and_numbers_of_the_type_are_not_copied() -> None:
-    observations = Observations(_SPECS, flat=False, dtype="float64")
+    observations: Any = Observations(_SPECS, flat=False, dtype="float64")
     batched = _batched()
     assert observations.buffer(_ROWS) is None
     assert observations.of_batch(batched, None)["limbs"] is batched["limbs"]
@@ -103,7 +103,7 @@ def test_other_types_of_numbers_are_refused(dtype: Any) -> None:
 
 
 def test_a_task_that_observes_nothing_has_an_empty_array() -> None:
-    observations = Observations({}, flat=True, dtype="float64")
+    observations: Any = Observations({}, flat=True, dtype="float64")
     assert observations.layout == ()
     assert observations.of_one({}).shape == observations.space.shape == (0,)
 

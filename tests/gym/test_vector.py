@@ -5,10 +5,14 @@ import gc
 import logging
 import os
 import pickle
+import sys
+import traceback
+from pathlib import Path
 from typing import Any
 
 import dm_env
 import gymnasium
+import mujoco.batch
 import numpy as np
 import pytest
 from dm_env import specs
@@ -16,6 +20,7 @@ from gymnasium import error
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
+import limberjack
 from limberjack import gym, rl, suite
 from limberjack.rl import control
 from limberjack.rl.batch_contract import Batch
@@ -24,6 +29,7 @@ from .gym_episodes import MODES, TASKS, assert_same, falling_env, falling_envs, 
 
 _NO_OPENGL = os.environ.get("MUJOCO_GL") == "disable"
 _WALK = ("humanoid", "walk")
+_PACKAGE = Path(limberjack.__file__).parent
 
 
 def _envs(num_envs: int = 3, task: tuple[str, str] = _WALK, **kwargs: Any) -> gym.VectorEnv:
@@ -660,3 +666,29 @@ def test_make_vec_and_gymnasiums_own_vector_environments_agree() -> None:
 def test_a_misspelt_argument_is_answered_with_the_right_one() -> None:
     with pytest.raises(TypeError, match=r"no argument 'time_limt'\. Did you mean 'time_limit'\?"):
         gym.load_vector("humanoid", "walk", 2, time_limt=1)
+
+
+_MOST_FRAMES = 7  # of ours, from a step of a vector environment to MuJoCo's
+
+
+@pytest.mark.parametrize(
+    "how", [{}, {"pipelined": True}, {"action_repeat": 2}, {"autoreset_mode": "Disabled"}], ids=str
+)
+def test_a_step_passes_few_functions_before_it_reaches_mujoco(
+    how: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    envs = _envs(4, **how)
+    envs.reset(seed=0)
+    official, frames = mujoco.batch.Batch.step, []
+
+    def step(*args: Any, **kwargs: Any) -> Any:
+        stack = traceback.extract_stack(sys._getframe(1))
+        names = [frame.name for frame in stack if Path(frame.filename).is_relative_to(_PACKAGE)]
+        frames.append(names)
+        return official(*args, **kwargs)
+
+    monkeypatch.setattr(mujoco.batch.Batch, "step", step)
+    envs.step(np.zeros((4, 21)))
+    assert len(frames) == (2 if how.keys() & {"pipelined", "action_repeat"} else 1)
+    for names in frames:
+        assert 1 < len(names) <= _MOST_FRAMES, names

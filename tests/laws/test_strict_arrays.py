@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.simulation import Fields
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.utils.arrays import rows_of_a_batch
@@ -30,14 +29,9 @@ class _Strict:
     def data_field(self, name: str) -> tuple[Any, bool]:
         return StrictArray(self._fields.data_field(name)[0]), True
 
-    field_for_names = data_field
-
     def model_field(self, name: str) -> tuple[Any, bool]:
         field, has_rows = self._fields.model_field(name)
         return StrictArray(field) if isinstance(field, np.ndarray) else field, has_rows
-
-    def indexer(self, name: str, field: Any, axes: Axes, batch: bool) -> FieldIndexer:
-        return FieldIndexer(name, field, axes, batch)
 
 
 @pytest.mark.parametrize("task", TASKS)

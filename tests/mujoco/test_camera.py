@@ -12,12 +12,17 @@ import pytest
 
 from limberjack.mujoco import Physics, wrapper
 from limberjack.mujoco.camera import (
+    FREE_CAMERA,
     Camera,
     MovableCamera,
     Pose,
     RenderingError,
     TextOverlay,
+    check_names,
+    checked_size,
+    picture_spec,
     render,
+    view_of,
 )
 
 from .furnished import FURNISHED, KINDS, SIZE, add_box, furnished
@@ -275,3 +280,129 @@ def test_incompatible_arguments_are_refused(kwargs: dict[str, Any], word: str) -
         with pytest.raises(ValueError, match=word):
             draw(**kwargs)
     np.testing.assert_array_equal(physics.render(**SIZE), expected)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("size", [{}, SIZE], ids=["the size by default", "another size"])
+def test_the_spec_is_the_shape_and_the_type_of_the_picture(kind: str, size: dict[str, Any]) -> None:
+    physics = furnished()
+    if not size:
+        physics.model.vis.global_.offheight = 240
+        physics.model.vis.global_.offwidth = 320
+    given = {**size, **KINDS[kind]}
+    picture = render(physics, **given)
+    assert picture_spec(physics, given) == (picture.shape, picture.dtype)
+    np.testing.assert_array_equal(picture, physics.render(**given))
+
+
+def test_a_spec_is_known_without_drawing(monkeypatch: pytest.MonkeyPatch) -> None:
+    physics = furnished()
+    monkeypatch.setattr("limberjack.mujoco.camera.Camera.render", None)  # so that it would fail
+    assert picture_spec(physics, SIZE) == ((96, 128, 3), np.dtype(np.uint8))
+    assert picture_spec(physics, {**SIZE, "depth": True}) == ((96, 128), np.dtype(np.float32))
+    segmented = picture_spec(physics, {**SIZE, "segmentation": True})
+    assert segmented == ((96, 128, 2), np.dtype(np.int32))
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"camera_id": "wal"}, ValueError, "wal"),
+        ({"camera_id": 3}, ValueError, "camera"),
+        ({"height": 201}, ValueError, "201"),
+        ({"width": 0}, ValueError, "width"),
+        ({"quality": "fsat"}, ValueError, "Did you mean 'fast'"),
+        ({"depth": True, "segmentation": True}, ValueError, "cannot both be true"),
+        ({"hieght": 20}, TypeError, r"unexpected keyword argument 'hieght'.*'height'"),
+    ],
+)
+def test_a_spec_is_refused_where_a_picture_would_be(
+    given: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    physics = furnished()
+    with pytest.raises(error, match=message):
+        picture_spec(physics, {**SIZE, **given})
+
+
+def test_keywords_are_those_of_render_and_a_wrong_one_is_answered_with_all_of_them() -> None:
+    check_names({})
+    check_names(dict.fromkeys(("height", "camera_id", "scene_callback", "quality")))
+    with pytest.raises(TypeError, match=r"'physics'.* It takes: height, width, camera_id, over"):
+        check_names({"height": 1, "physics": None})
+
+
+_TWO_CAMERAS = """
+<mujoco>
+  <visual><global offwidth="64" offheight="48"/></visual>
+  <worldbody>
+    <geom size=".1"/>
+    <camera name="side"/>
+    <camera name="above" pos="0 0 1"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture
+def physics() -> Physics:
+    return Physics.from_xml_string(_TWO_CAMERAS)
+
+
+@pytest.mark.parametrize(("camera_id", "number"), [("side", 0), ("above", 1), (0, 0), (1, 1)])
+def test_a_camera_of_the_model_is_given_by_name_or_number(
+    physics: Physics, camera_id: int | str, number: int
+) -> None:
+    view = view_of(physics, camera_id)
+    assert view.fixedcamid == number
+    assert view.type == mujoco.mjtCamera.mjCAMERA_FIXED
+
+
+def test_the_free_camera_is_where_mujoco_puts_it(physics: Physics) -> None:
+    view, expected = view_of(physics, FREE_CAMERA), mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(physics.model.ptr, expected)
+    assert view.type == mujoco.mjtCamera.mjCAMERA_FREE
+    assert view.distance == expected.distance
+    assert view.lookat.tolist() == expected.lookat.tolist()
+
+
+@pytest.mark.parametrize("camera_id", [2, -2])
+def test_a_camera_that_does_not_exist_is_refused(physics: Physics, camera_id: int) -> None:
+    with pytest.raises(ValueError, match=f"camera_id is {camera_id}; .* the model has 2 cameras"):
+        view_of(physics, camera_id)
+
+
+def test_a_size_that_fits_the_buffer_is_returned_as_ints(physics: Physics) -> None:
+    assert checked_size(physics, 48, 64) == (48, 64)
+    assert checked_size(physics, True, 1) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ((0, 1), "image height is 0; expected a whole number of pixels, from 1 to 48"),
+        ((1, -3), "image width is -3; expected"),
+        ((1.5, 1), "image height is 1.5; expected"),
+        ((49, 1), "image height 49 > 48"),
+        ((1, 65), 'image width 65 > 64.*offwidth="65"'),
+    ],
+)
+def test_a_size_that_the_model_cannot_have_is_refused(
+    physics: Physics, size: tuple[Any, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        checked_size(physics, *size)
+
+
+@pytest.mark.parametrize("camera_id", [None, 0.5, ["side"]])
+def test_a_camera_that_is_neither_a_name_nor_a_number_is_refused(
+    physics: Physics, camera_id: Any
+) -> None:
+    with pytest.raises(TypeError, match=r"camera_id is .*; expected the name or the number"):
+        view_of(physics, camera_id)
+
+
+def test_an_unknown_style_or_position_of_text_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"style is 'bigg'.*Did you mean 'big'"):
+        TextOverlay(style="bigg")
+    with pytest.raises(ValueError, match="position is 'centre'"):
+        TextOverlay(position="centre")

@@ -1,4 +1,4 @@
-"""Tests of limberjack.mujoco.engine: a Physics by itself."""
+"""Tests of limberjack.mujoco.engine: a Physics, its state as one array, and its controls' spec."""
 
 import logging
 import pickle
@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from limberjack.mujoco import Physics, engine, wrapper
+from limberjack import suite
+from limberjack.mujoco import Physics, action_spec, engine, wrapper
 from limberjack.rl import control
 
 _PENDULUM = """
@@ -39,6 +40,29 @@ _PENDULUM = """
     <key name="down"/>
   </keyframe>
 </mujoco>
+"""
+_FILTERED = """
+<mujoco>
+  <worldbody><body><joint name="hinge"/><geom size=".1" pos=".5 0 0"/></body></worldbody>
+  <actuator><general joint="hinge" dyntype="filter" dynprm=".1"/></actuator>
+</mujoco>
+"""
+_VELOCITY = mujoco.mjtState.mjSTATE_QVEL.value
+_WARM_START = mujoco.mjtState.mjSTATE_WARMSTART.value
+_ACTUATED = """
+<mujoco>
+  <worldbody>
+    <body><joint name="hinge"/><joint name="slide" type="slide"/><geom size=".1"/></body>
+  </worldbody>
+  {actuators}
+</mujoco>
+"""
+_ACTUATORS = """
+<actuator>
+  <motor joint="hinge" ctrllimited="true" ctrlrange="-2 3"/>
+  <motor joint="slide"/>
+  <motor joint="slide" ctrllimited="false" ctrlrange="-1 1"/>
+</actuator>
 """
 _INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION.value
 
@@ -463,3 +487,115 @@ def test_named_is_made_once_and_follows_the_simulation(physics: Physics) -> None
     named.model.geom_size["puck", 0] = 0.75
     assert physics.data.qpos[0] == 0.25
     assert physics.model.geom_size[1, 0] == 0.75
+
+
+def test_setting_the_state_sets_positions_velocities_and_activations() -> None:
+    physics = Physics.from_xml_string(_FILTERED)
+    physics.set_state(np.array([0.1, 0.2, 0.3]))
+    assert (physics.data.qpos[0], physics.data.qvel[0], physics.data.act[0]) == (0.1, 0.2, 0.3)
+    assert physics.get_state().tolist() == physics.state().tolist() == [0.1, 0.2, 0.3]
+
+
+def test_a_batch_has_a_row_for_each_simulation() -> None:
+    batch = Physics.from_xml_string(_FILTERED).replicate(2, 1).physics
+    state = np.arange(6.0).reshape(2, 3)
+    batch.set_state(state)
+    np.testing.assert_array_equal(batch.get_state(), state)
+    np.testing.assert_array_equal(batch.get_state(_VELOCITY), state[:, 1:2])
+    batch.set_state(np.array([[7.0], [8.0]]), _VELOCITY)
+    np.testing.assert_array_equal(batch.data.qvel, [[7.0], [8.0]])
+    assert batch.get_state(_WARM_START).shape == (2, 1)
+
+
+@pytest.mark.parametrize("shape", [(2,), (4,), (1, 3)])
+def test_a_state_of_another_shape_is_refused_and_changes_nothing(shape: tuple[int, ...]) -> None:
+    physics = Physics.from_xml_string(_FILTERED)
+    with pytest.raises(ValueError, match=r"Expected \(3,\)"):
+        physics.set_state(np.ones(shape))
+    assert not physics.get_state().any()
+
+
+@pytest.mark.parametrize("rows", [None, 2])
+@pytest.mark.parametrize("sig", [-1, 2**15, 2**31, 2**70, 1.5, "qpos", [1]])
+def test_unknown_parts_of_a_state_are_refused(sig: Any, rows: int | None) -> None:
+    physics = Physics.from_xml_string(_FILTERED)
+    if rows is not None:
+        physics = physics.replicate(rows, 1).physics
+    for use in (physics.get_state, lambda sig: physics.set_state(np.ones(3), sig)):
+        with pytest.raises((ValueError, TypeError), match=r"sig is .*; expected bits of mujoco"):
+            use(sig)
+    assert not physics.get_state().any()
+
+
+def test_parts_of_a_state_are_bits_or_their_names() -> None:
+    physics = Physics.from_xml_string(_FILTERED)
+    assert physics.get_state(0).shape == (0,)
+    assert physics.get_state(np.int64(_VELOCITY)).shape == (1,)  # pyright: ignore[reportArgumentType]
+    assert physics.get_state(mujoco.mjtState.mjSTATE_QVEL).shape == (1,)  # pyright: ignore[reportArgumentType]
+    whole = 2**mujoco.mjtState.mjNSTATE.value - 1
+    physics.set_state(physics.get_state(whole), whole)
+
+
+def test_a_subclass_may_name_other_parts_of_the_state() -> None:
+    class Positions(Physics):
+        def _physics_state_items(self) -> list[np.ndarray]:
+            return [self.data.qpos]
+
+    physics = Positions.from_xml_string(_FILTERED)
+    physics.set_state(np.array([0.5]))
+    assert physics.get_state().tolist() == [0.5]
+
+
+def _actuated(actuators: str) -> Physics:
+    return Physics.from_xml_string(_ACTUATED.format(actuators=actuators))
+
+
+def test_bounds_are_those_of_limited_actuators_and_else_mujocos_maximum() -> None:
+    spec = action_spec(_actuated(_ACTUATORS))
+    assert spec.shape == (3,)
+    assert spec.dtype == float
+    np.testing.assert_array_equal(spec.minimum, [-2.0, -mujoco.mjMAXVAL, -mujoco.mjMAXVAL])
+    np.testing.assert_array_equal(spec.maximum, [3.0, mujoco.mjMAXVAL, mujoco.mjMAXVAL])
+
+
+def test_a_model_without_actuators_takes_an_empty_action() -> None:
+    spec = action_spec(_actuated(""))
+    assert spec.shape == (0,)
+    assert spec.generate_value().shape == (0,)
+
+
+def test_bounds_that_are_edited_are_those_of_the_next_spec_alone() -> None:
+    physics = _actuated(_ACTUATORS)
+    before = action_spec(physics)
+    physics.model.actuator_ctrlrange[0] = -0.5, 0.25
+    after = action_spec(physics)
+    assert (before.minimum[0], before.maximum[0]) == (-2.0, 3.0)
+    assert (after.minimum[0], after.maximum[0]) == (-0.5, 0.25)
+
+
+# Targets of the quadruped's joints have ranges of their own, and lqr has no limits.
+_OTHER_LIMITS = ("lqr", "quadruped")
+
+
+@pytest.mark.parametrize("task", suite.ALL_TASKS, ids="-".join)
+def test_the_suites_actuators_are_limited_to_1_or_as_the_model_says(task: tuple[str, str]) -> None:
+    physics = suite.load(*task).physics
+    spec = action_spec(physics)
+    assert spec.shape == (physics.model.nu,)
+    limited = physics.model.actuator_ctrllimited.astype(bool)
+    if task[0] in _OTHER_LIMITS:
+        expected = np.where(
+            limited[:, None], physics.model.actuator_ctrlrange, (-mujoco.mjMAXVAL, mujoco.mjMAXVAL)
+        )
+    else:
+        expected = np.tile([-1.0, 1.0], (physics.model.nu, 1))
+    np.testing.assert_array_equal(spec.minimum, expected[:, 0])
+    np.testing.assert_array_equal(spec.maximum, expected[:, 1])
+
+
+def test_rendering_a_batch_suggests_the_call_for_its_rows(physics: Physics) -> None:
+    rows = physics.replicate(2, 1).physics
+    with pytest.raises(
+        TypeError, match=r"not support render\(\): call render\(rows, \.\.\.\) of its Batch"
+    ):
+        rows.render()

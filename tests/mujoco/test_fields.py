@@ -98,22 +98,6 @@ def test_an_unknown_field_is_refused_with_a_suggestion() -> None:
         fields.check_randomizable("body_mas")
 
 
-@pytest.mark.parametrize(
-    ("names", "expected"),
-    [
-        (["geom_rgba"], False),
-        (["body_mass"], True),
-        (["geom_rgba", "body_mass"], True),
-        (["opt.gravity", "geom_rgba"], True),
-        ([], False),
-    ],
-)
-def test_constants_follow_if_any_of_the_fields_is_one_that_they_depend_on(
-    names: list[str], expected: bool
-) -> None:
-    assert fields.have_constants(names) is expected
-
-
 @pytest.mark.parametrize("name", ["hfield_data", "mesh_vert", "skin_rgba"])
 def test_data_that_all_rows_share_may_not_be_randomised(name: str) -> None:
     with pytest.raises(ValueError, match=f"'{name}' is data of a texture, .*all rows share"):

@@ -104,7 +104,7 @@ _WITH_TREES |= {"dog:fetch", "quadruped:escape"}
 )
 def test_the_suites_other_worlds_do_without(domain: str, task: str) -> None:
     batch = suite.load_batch(domain, task, 2, num_threads=1, seed=0)
-    trees = batch.physics.simulation._lazy.official.expand("body_bvhadr")
+    trees = batch.physics.simulation._official.expand("body_bvhadr")
     np.testing.assert_array_equal(trees[:, 0], -1)
     assert (trees[:, 1:] >= 0).any()
     assert batch.physics.model.body_bvhadr[0] == 0  # what users see is the model

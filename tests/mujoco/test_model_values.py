@@ -1,4 +1,4 @@
-"""`checksums` of a model's fields, and detection of changed fields."""
+"""`checksums` of a model's fields, detection of changed fields, and a model's identity."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from limberjack.mujoco.model_values import changed_fields, checksums, derived_fields
+from limberjack import mujoco as mujoco_layer
+from limberjack import suite
+from limberjack.mujoco.model_values import changed_fields, checksums, derived_fields, identity
 
 from .furnished import FURNISHED
 
@@ -84,3 +86,64 @@ def test_fields_that_mujoco_recomputes_from_a_mass_are_derived_fields(
     changed = set(changed_fields(before, checksums(model)))
     assert {"body_mass", "body_subtreemass"} <= changed
     assert changed - {"body_mass"} <= derived_fields(["body_mass"])
+
+
+def _walker() -> suite.humanoid.Physics:
+    return suite.load("humanoid", "walk").physics
+
+
+def test_equal_models_have_equal_identities_shared_or_not() -> None:
+    shared, own = _walker(), _walker()
+    own.model.ptr  # noqa: B018  # from here on a copy of its own
+    assert own.model._shared is None
+    assert identity(shared.model) == identity(own.model)
+
+
+@pytest.mark.parametrize("field", ["body_mass", "geom_friction", "dof_damping", "opt.gravity"])
+def test_a_model_with_other_numbers_has_another_identity(field: str) -> None:
+    physics, expected = _walker(), identity(_walker().model)
+    struct = physics.model.opt if field.startswith("opt.") else physics.model
+    getattr(struct, field.removeprefix("opt."))[-1] += 1e-9
+    changed = identity(physics.model)
+    assert {name for name in expected if changed[name] != expected[name]} == {
+        "numbers of the model"
+    }
+    assert identity(physics.model, (field,)) == identity(_walker().model, (field,))
+
+
+def test_colours_do_not_count() -> None:
+    physics = _walker()
+    physics.model.mat_rgba[:] = 0.5
+    assert identity(physics.model) == identity(_walker().model)
+
+
+def test_the_patch_of_mujocos_version_does_not_count() -> None:
+    assert mujoco.__version__.startswith(f"{identity(_walker().model)['MuJoCo']}.")
+
+
+def test_a_model_with_other_names_has_another_identity() -> None:
+    one, other = (
+        mujoco_layer.Physics.from_xml_string(
+            f'<mujoco><worldbody><body name="{name}"><freejoint/><geom size="1"/></body>'
+            "</worldbody></mujoco>"
+        )
+        for name in ("ball", "bell")
+    )
+    changed, expected = identity(one.model), identity(other.model)
+    assert {name for name in expected if changed[name] != expected[name]} == {"names"}
+
+
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        (["geom_rgba"], False),
+        (["body_mass"], True),
+        (["geom_rgba", "body_mass"], True),
+        (["opt.gravity", "geom_rgba"], True),
+        ([], False),
+    ],
+)
+def test_constants_follow_if_any_of_the_fields_is_one_that_they_depend_on(
+    names: list[str], expected: bool
+) -> None:
+    assert bool(derived_fields(names)) is expected

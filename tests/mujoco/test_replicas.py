@@ -83,7 +83,7 @@ def test_rows_begin_and_step_as_single_simulations(legacy_step: bool) -> None:
 def test_the_physics_are_of_the_same_class_and_run_alike() -> None:
     physics = _Pole.from_xml_string(_XML)
     physics.legacy_step = False
-    physics.nominal_fields(["body_mass"])
+    physics.recompute_constants_of(["body_mass"])
     rows = physics.replicate(_NUM_ENVS, 1, ())
     for each in (rows.physics, rows.single, rows.textured):
         assert type(each) is _Pole

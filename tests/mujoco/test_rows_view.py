@@ -213,7 +213,7 @@ def test_an_option_that_differs_by_row_has_an_axis() -> None:
     with pytest.raises(ValueError, match=r"opt\.wind is shared"):
         options.wind[0] = 1.0
     options.gravity[1] = 0.0
-    physics.step()
+    physics.simulation.step(1)
     velocity = physics.velocity()
     np.testing.assert_array_equal(velocity[2], velocity[0])
     assert (velocity[1] != velocity[0]).any()

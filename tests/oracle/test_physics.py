@@ -300,6 +300,7 @@ def test_physics_has_dm_controls_public_names_and_few_of_its_own() -> None:
         "nominal_fields",
         "num_envs",
         "picture_spec",
+        "recompute_constants_of",
         "render_rows",
         "replicate",
         "seen_through",

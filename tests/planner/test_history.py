@@ -38,7 +38,7 @@ def _played(physics: Any, history: History) -> list[list[np.ndarray]]:
     live = []
     for step in range(_MOMENTS):
         physics.set_control(np.full((4, 5), 0.3 * step - 0.4))
-        physics.step(5)
+        physics.simulation.step(5)
         history.record(step)
         live.append(_seen(physics))
     return live
@@ -47,7 +47,7 @@ def _played(physics: Any, history: History) -> list[list[np.ndarray]]:
 def test_what_was_noted_is_what_was_seen() -> None:
     physics = _batch()
     history = History(physics.simulation, _MOMENTS)
-    seen = physics.seen_through(history)
+    seen = history.read_by(physics)
     _seen(seen)
     assert not history.is_complete
     for _ in range(2):  # a second time with the same arrays
@@ -64,7 +64,7 @@ def test_what_is_asked_for_late_is_the_present_and_said_to_be_missing() -> None:
     physics = _batch()
     history = History(physics.simulation, _MOMENTS)
     live = _played(physics, history)
-    seen = physics.seen_through(history)
+    seen = history.read_by(physics)
     np.testing.assert_array_equal(seen.position(), np.tile(live[-1][5], (_MOMENTS, 1)))
     assert not history.is_complete
     history.begin()
@@ -74,7 +74,7 @@ def test_what_is_asked_for_late_is_the_present_and_said_to_be_missing() -> None:
 def test_what_the_rows_have_in_common_is_the_models() -> None:
     physics = _batch()
     history = History(physics.simulation, _MOMENTS)
-    seen = physics.seen_through(history)
+    seen = history.read_by(physics)
     assert seen.named.model.body_mass["ball"].shape == ()
     assert seen.model.nu == 5
     assert history.is_complete
@@ -82,18 +82,20 @@ def test_what_the_rows_have_in_common_is_the_models() -> None:
 
 def test_it_cannot_be_stepped() -> None:
     physics = _batch()
-    seen = physics.seen_through(History(physics.simulation, _MOMENTS))
-    with pytest.raises(AttributeError, match="can be read, not stepped"):
+    seen = History(physics.simulation, _MOMENTS).read_by(physics)
+    with pytest.raises(TypeError, match=r"does not support step\(\)"):
         seen.step(1)
+    with pytest.raises(AttributeError, match="can be read, not stepped"):
+        seen.simulation.step(1)
 
 
 def test_of_what_is_read_by_names_no_more_is_noted_than_that() -> None:
     physics = _batch()
     history = History(physics.simulation, _MOMENTS)
-    named = physics.seen_through(history).named.data
+    named = history.read_by(physics).named.data
 
     def whole() -> np.ndarray:
-        kept = history._kept["field_for_names", "site_xpos"]
+        kept = history._kept["data by names", "site_xpos"]
         return np.array(kept.reshape(*kept.shape[:2], -1, 3))
 
     sites = ["grasp", "ball"]
@@ -114,7 +116,7 @@ def test_of_what_is_read_by_names_no_more_is_noted_than_that() -> None:
 def test_another_part_of_a_field_is_said_to_be_missing_until_it_is_noted() -> None:
     physics = _batch()
     history = History(physics.simulation, _MOMENTS)
-    named = physics.seen_through(history).named.data
+    named = history.read_by(physics).named.data
     named.xmat["ball", "xx"]
     _played(physics, history)
     assert history.is_complete
@@ -138,14 +140,14 @@ def test_all_steps_at_once_are_noted_as_one_after_the_other() -> None:
         History(physics.simulation, _MOMENTS),
         History(physics.simulation, _MOMENTS),
     )
-    seen = [physics.seen_through(history) for history in (one_by_one, at_once)]
+    seen = [history.read_by(physics) for history in (one_by_one, at_once)]
     for physics_of in seen:
         _seen(physics_of)
     records: dict[str, list[np.ndarray]] = {}
     one_by_one.begin()
     at_once.begin()
     for step in range(_MOMENTS):
-        physics.step(5)
+        physics.simulation.step(5)
         one_by_one.record(step)
         for field in at_once.fields:
             records.setdefault(field, []).append(np.array(getattr(physics.data, field)))

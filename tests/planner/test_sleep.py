@@ -46,7 +46,7 @@ def test_a_row_forgets_what_lay_still_before_and_where_a_target_was() -> None:
         found = _rolled_out(used, second)
         for name, values in expected.items():
             np.testing.assert_array_equal(found[name], values, name)
-        assert (used.simulation._lazy.official.bind("tree_asleep") >= 0).any()
+        assert (used.simulation._official.bind("tree_asleep") >= 0).any()
 
 
 def test_nothing_sleeps_in_the_suites_own_models() -> None:

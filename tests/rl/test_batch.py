@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from limberjack import mujoco, suite
-from limberjack.mujoco import lazy_batch
+from limberjack.mujoco import batch_simulation
 from limberjack.rl import control
 from limberjack.rl.batch import BatchEnvironment
 from limberjack.suite import base
@@ -299,7 +299,7 @@ def test_use_from_two_threads_at_once_is_refused() -> None:
 def test_a_forked_child_has_the_same_future_and_exits_with_status_0(
     a_few: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lazy_batch, "_A_FEW", a_few)
+    monkeypatch.setattr(batch_simulation, "_A_FEW", a_few)
     batch = suite.load_batch("manipulator", "insert_peg", 6, 2, 0)
     batch.reset()
     actions = np.random.RandomState(0).uniform(-1, 1, (20, *batch.action_spec().shape))

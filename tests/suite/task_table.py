@@ -21,7 +21,6 @@ from limberjack.registry.row import Row
 
 __all__ = ["TASKS"]
 
-# fmt: off
 TASKS = (
 """
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from limberjack.gpu import model_fields
 from limberjack.gpu.batch import DeviceBatch
-from limberjack.mujoco.simulation import LOAD, STATE
+from limberjack.mujoco.simulation import STATE, without_calls
 from limberjack.rl.randomize import stream_beside
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.arrays import AnyArray
@@ -35,12 +35,8 @@ def of_rows(batch: DeviceBatch, rows: np.ndarray) -> Snapshot:
     like = batch.starts.batch.snapshot([0])
     official = batch.environment.physics.model._model
     states = _states(official, fields, len(rows))
-    physics = {
-        "state": states,
-        "sensordata": fields.get("sensordata", np.zeros((len(rows), official.nsensordata))),
-        "before": states.copy(),
-        "call": np.full(len(rows), LOAD),
-    }
+    readings = fields.get("sensordata", np.zeros((len(rows), official.nsensordata)))
+    physics = without_calls({"state": states, "sensordata": readings})
     for name in like.physics.keys() - physics.keys():
         nominal = model_fields.values(official, name)
         is_nominal = fields[name] == nominal.astype(np.float32)  # else kept in double precision

@@ -28,7 +28,6 @@ from limberjack.gpu import contacts, graphs, model_fields
 from limberjack.gpu.backend import mujoco_warp, torch, warp
 from limberjack.gpu.sizes import Sizes
 from limberjack.gpu.tensors import constant, device_array
-from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.simulation import Field
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.mujoco.wrapper.model import fixed_field, is_structure
@@ -196,12 +195,6 @@ class WarpSimulation:
         if name not in self.late:
             self.late[name] = live.clone()
         return device_array(self.late[name]), True
-
-    field_for_names = data_field
-
-    def indexer(self, name: str, field: AnyArray, axes: Axes, batch: bool) -> FieldIndexer:
-        """See `Fields`."""
-        return FieldIndexer(name, field, axes, batch)
 
     def model_field(self, name: str) -> Field:
         """See `Fields`. Integers stay in NumPy: tasks use them as indices."""

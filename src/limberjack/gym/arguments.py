@@ -8,7 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from limberjack.mujoco.drawing import check_names
+from limberjack.mujoco.camera import check_names
 from limberjack.rl.pixels import cameras_of, render_arguments
 from limberjack.utils.keywords import keywords
 from limberjack.utils.seeds import checked_seed

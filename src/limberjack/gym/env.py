@@ -27,8 +27,7 @@ from gymnasium.wrappers import TimeLimit
 
 from limberjack import suite
 from limberjack.gym import arguments
-from limberjack.gym.observations import Info, Observation, Part, action_space
-from limberjack.gym.pixels import observations_of
+from limberjack.gym.observations import AnyObservation, Info, Part, action_space, observations_of
 from limberjack.gym.single import Single
 from limberjack.gym.states import State, state_of_one
 from limberjack.rl import control
@@ -37,7 +36,7 @@ from limberjack.rl.builds import Build, Make, holder_of
 from limberjack.rl.copies import difference
 from limberjack.rl.memory import is_of_the_suite
 from limberjack.rl.pixels import render_cameras
-from limberjack.rl.represented import of_environment, represented
+from limberjack.rl.represented import represented
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.seeds import checked_seed
 
@@ -201,7 +200,7 @@ class Env(gymnasium.Env):
 
     def reset(
         self, *, seed: int | None = None, options: Info | None = None
-    ) -> tuple[Observation, Info]:
+    ) -> tuple[AnyObservation, Info]:
         """Begin an episode; return its first observation and info.
 
         Args:
@@ -249,7 +248,7 @@ class Env(gymnasium.Env):
         info = {"randomization": drawn} if drawn else {}
         return self._observations.of_one(observation), info
 
-    def step(self, action: npt.ArrayLike) -> tuple[Observation, float, bool, bool, Info]:
+    def step(self, action: npt.ArrayLike) -> tuple[AnyObservation, float, bool, bool, Info]:
         """Apply the action; return observation, reward, terminated, truncated and info.
 
         Raises:
@@ -314,9 +313,7 @@ class Env(gymnasium.Env):
             self._played.close()
 
     def __repr__(self) -> str:
-        played = self._played
-        is_single = isinstance(played, Single)
-        return represented(self, played.description() if is_single else of_environment(played))
+        return represented(self, self._played.description())
 
     __str__ = __repr__  # Gymnasium's wrappers show it within their own
 

@@ -10,11 +10,13 @@ import os
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 __all__ = ["Workers", "joined"]
+
+_T = TypeVar("_T")  # arrays, or dicts of them
 
 
 class Workers:
@@ -86,8 +88,7 @@ def _when_it_is_its_turn(
         return job(*given)
 
 
-# Any: arrays, or dicts of them.
-def joined(parts: Sequence[Any], sizes: Sequence[int]) -> Any:
+def joined(parts: Sequence[_T | None], sizes: Sequence[int]) -> _T:
     """Arrays, or equally named dicts of them, one after the other along the first axis.
 
     Args:
@@ -97,13 +98,16 @@ def joined(parts: Sequence[Any], sizes: Sequence[int]) -> Any:
     """
     given = next(part for part in parts if part is not None)
     if isinstance(given, dict):
-        names = list(dict.fromkeys(name for part in parts if part for name in part))
-        return {name: joined([(part or {}).get(name) for part in parts], sizes) for name in names}
+        dicts = [part if isinstance(part, dict) else {} for part in parts]
+        names = dict.fromkeys(name for part in dicts for name in part)
+        named = {name: joined([part.get(name) for part in dicts], sizes) for name in names}
+        return cast(_T, named)
+    like = cast(np.ndarray, given)
     filled = [
-        _nothing(given, size) if part is None else part
+        _nothing(like, size) if part is None else cast(np.ndarray, part)
         for part, size in zip(parts, sizes, strict=True)
     ]
-    return np.concatenate(filled)
+    return cast(_T, np.concatenate(filled))
 
 
 def _nothing(like: np.ndarray, size: int) -> np.ndarray:

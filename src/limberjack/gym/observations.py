@@ -1,8 +1,11 @@
-"""Observations in the form of Gymnasium: a dict or one flat array, of one number type.
+"""Observations in the form of Gymnasium: a dict or one flat array of numbers, and pictures.
 
 layout = Observations(environment.observation_spec(), flat=True, dtype="float32").layout
 for name, columns, shape in layout:
     print(name, flat_observation[..., columns].reshape(*leading, *shape))
+
+Pictures are uint8, 'pixels' in the dict of observations. With `flat` the other observations are
+'state' beside them; with `only=True` the observation is the array of pictures itself.
 """
 
 import collections
@@ -17,15 +20,31 @@ from dm_env import specs
 from gymnasium import spaces
 
 from limberjack.rl.action_specs import open_bounds
+from limberjack.rl.pixels import PIXELS_KEY, Pixels
 
-__all__ = ["Info", "Observation", "Observations", "Part", "action_space", "specs_of_one_row"]
+__all__ = [
+    "STATE_KEY",
+    "AnyObservation",
+    "Info",
+    "Observation",
+    "Observations",
+    "Part",
+    "PixelObservations",
+    "action_space",
+    "observations_of",
+    "specs_of_one_row",
+]
+
+STATE_KEY = "state"  # the name of the flat array beside the pictures
 
 # A state beyond this has diverged in MuJoCo's terms, so no observation is larger.
 _BOUND = mujoco.mjMAXVAL
 
 
-# Any: an array, or a dict of arrays, depending on the arguments of an environment.
-Observation = Any
+# Depends on the arguments of an environment: flat, or a dict.
+Observation = np.ndarray | dict[str, np.ndarray]
+# Any: the same for users, who know which one they asked for.
+AnyObservation = Any
 # Any: as in Gymnasium.
 Info = dict[str, Any]
 
@@ -103,6 +122,61 @@ class Observations:
 
     def _box(self, shape: tuple[int, ...]) -> spaces.Box:
         return spaces.Box(-_BOUND, _BOUND, shape, self.dtype.type)
+
+
+class PixelObservations(Observations):
+    """The form of observations with pictures.
+
+    `layout` has the parts of the flat array, none of which is a picture.
+    """
+
+    def __init__(
+        self, of_one: Mapping[str, specs.Array], flat: bool, dtype: npt.DTypeLike, only: bool
+    ) -> None:
+        """Take the specs of one simulation's observations; `only` keeps the pictures alone."""
+        numbers = {} if only else {n: s for n, s in of_one.items() if n != PIXELS_KEY}
+        super().__init__(numbers, flat, dtype)
+        self._only = only
+        box = spaces.Box(0, 255, of_one[PIXELS_KEY].shape, np.uint8)
+        if only:
+            self.space = box
+            return
+        parts = {STATE_KEY: self.space} if flat else self.space.spaces
+        self.space = spaces.Dict(collections.OrderedDict({**parts, PIXELS_KEY: box}))
+
+    def of_one(self, observation: Mapping[str, np.ndarray]) -> Observation:
+        """One simulation's observation, in arrays of its own."""
+        pixels = np.asarray(observation[PIXELS_KEY])
+        return pixels if self._only else self._with(super().of_one(observation), pixels)
+
+    def of_batch(
+        self, observation: Mapping[str, np.ndarray], buffer: np.ndarray | None
+    ) -> Observation:
+        """A batch's observation in arrays of its own; with a buffer, all but the pictures in it."""
+        pixels = observation[PIXELS_KEY]
+        return pixels if self._only else self._with(super().of_batch(observation, buffer), pixels)
+
+    def _with(self, state: Observation, pixels: np.ndarray) -> dict[str, np.ndarray]:
+        named = {STATE_KEY: state} if isinstance(state, np.ndarray) else state
+        return {**named, PIXELS_KEY: pixels}
+
+
+def observations_of(
+    of_one: Mapping[str, specs.Array], flat: bool, dtype: npt.DTypeLike, pixels: Pixels | None
+) -> Observations:
+    """The form of observations with these specs.
+
+    They have pictures unless `pixels` is None, or if there are some from a wrapper.
+
+    Raises:
+      ValueError: `dtype` is neither float64 nor float32.
+    """
+    if pixels is not None:
+        return PixelObservations(of_one, flat, dtype, pixels.only)
+    seen = of_one.get(PIXELS_KEY)
+    if seen is None or seen.dtype != np.uint8:
+        return Observations(of_one, flat, dtype)
+    return PixelObservations(of_one, flat, dtype, only=len(of_one) == 1)
 
 
 def specs_of_one_row(batched: Mapping[str, specs.Array]) -> dict[str, specs.Array]:

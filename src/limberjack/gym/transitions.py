@@ -11,7 +11,7 @@ import numpy.typing as npt
 from gymnasium import error
 from gymnasium.vector import AutoresetMode
 
-from limberjack.gym.observations import Info, Observation, Observations
+from limberjack.gym.observations import AnyObservation, Info, Observation, Observations
 from limberjack.gym.states import States
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.guards import check_actions
@@ -20,7 +20,7 @@ from limberjack.utils.arrays import Quantity, any_of
 __all__ = ["Info", "Step", "Transitions"]
 
 # Observation, reward, terminated, truncated, info.
-Step = tuple[Observation, np.ndarray, np.ndarray, np.ndarray, Info]
+Step = tuple[AnyObservation, np.ndarray, np.ndarray, np.ndarray, Info]
 
 _FIRST, _LAST = int(dm_env.StepType.FIRST), int(dm_env.StepType.LAST)
 
@@ -64,14 +64,12 @@ class Transitions:
         return self._in_form(time_step.observation), self._drawn(begun)
 
     def step(self, actions: npt.ArrayLike) -> Step:
-        """Step every row.
+        """Step every row, after `check_begun` or `checked`.
 
         Raises:
-          ResetNeeded: an episode has ended, and the mode leaves the reset to the user.
           ValueError, TypeError, PhysicsError: see `Batch.step`.
         """
         batch = self.batch
-        self.check_begun()
         time_step = batch.step(actions)
         observation = self._in_form(time_step.observation)
         step_type = time_step.step_type
@@ -162,7 +160,7 @@ class Transitions:
             info |= {"success": success & rows, "_success": rows}
         return info
 
-    def _in_form(self, observation: Observation) -> Observation:
+    def _in_form(self, observation: Mapping[str, np.ndarray]) -> Observation:
         if self._copies:
             buffer = self._observations.buffer(self.batch.num_envs)
             return self._observations.of_batch(observation, buffer)

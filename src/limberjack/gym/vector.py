@@ -23,7 +23,7 @@ the policy computes the actions of the other half:
 import math
 from collections.abc import Mapping, Sequence
 from copy import copy as copy_of
-from typing import Any, SupportsIndex
+from typing import Any, SupportsIndex, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -37,13 +37,13 @@ from limberjack import suite
 from limberjack.gym import arguments, attributes
 from limberjack.gym.halves import Workers, joined
 from limberjack.gym.observations import (
+    AnyObservation,
     Info,
-    Observation,
     Part,
     action_space,
+    observations_of,
     specs_of_one_row,
 )
-from limberjack.gym.pixels import observations_of
 from limberjack.gym.states import states_of_rows
 from limberjack.gym.transitions import Step, Transitions
 from limberjack.rl.batch_contract import Batch
@@ -51,6 +51,8 @@ from limberjack.rl.guards import at_least_one
 from limberjack.rl.represented import represented
 
 __all__ = ["VectorEnv", "load_vector"]
+
+_T = TypeVar("_T")
 
 
 class VectorEnv(gymnasium_vector.VectorEnv):
@@ -152,7 +154,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         *,
         seed: SupportsIndex | Sequence[SupportsIndex | None] | None = None,
         options: Mapping[str, object] | None = None,
-    ) -> tuple[Observation, Info]:
+    ) -> tuple[AnyObservation, Info]:
         """Begin an episode in every row, or in some; return the observations and info.
 
         Args:
@@ -184,7 +186,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
             )
         ]
         self._was_reset = True
-        observations, infos = zip(*results, strict=True)
+        observations, infos = [seen for seen, _ in results], [info for _, info in results]
         return self._joined(observations), self._joined(infos)
 
     def step(self, actions: npt.ArrayLike) -> Step:
@@ -200,6 +202,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._check_begun()
         self._workers.check_idle()
         if len(self._parts) == 1:
+            self._parts[0].check_begun()
             return self._parts[0].step(actions)
         if np.shape(actions) != self.action_space.shape:
             raise ValueError(
@@ -209,14 +212,21 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         # All of them are checked before any row is stepped.
         halves = zip(self._parts, self.halves, strict=True)
         checked = [part.checked(np.asarray(actions)[rows]) for part, rows in halves]
+        steps: list[Step] = []
         try:
-            steps = [part.step(given) for part, given in zip(self._parts, checked, strict=True)]
+            for part, given in zip(self._parts, checked, strict=True):
+                steps.append(part.step(given))
         except BaseException:  # the other half's step is lost
             for part in self._parts:
                 part.restart()
             raise
-        observation, *flags, info = (self._joined(parts) for parts in zip(*steps, strict=True))
-        return observation, flags[0], flags[1], flags[2], info
+        return (
+            self._joined([step[0] for step in steps]),
+            self._joined([step[1] for step in steps]),
+            self._joined([step[2] for step in steps]),
+            self._joined([step[3] for step in steps]),
+            self._joined([step[4] for step in steps]),
+        )
 
     def send(self, actions: npt.ArrayLike, half: int) -> None:
         """Begin to step a half, and return at once; `recv` returns the result.
@@ -324,7 +334,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
         self._workers.check_idle()
         return vars(self)
 
-    def _joined(self, parts: Sequence[Observation]) -> Observation:
+    def _joined(self, parts: Sequence[_T]) -> _T:
         return parts[0] if len(parts) == 1 else joined(parts, [b.num_envs for b in self.batches])
 
     def _check_open(self) -> None:

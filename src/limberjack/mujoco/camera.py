@@ -4,27 +4,31 @@
     rgb = camera.render()
     metres = camera.render(depth=True)
     numbers = camera.render(segmentation=True)[..., 0]
+    physics.render(overlays=[TextOverlay("reward", "0.93", position="bottom left")])
 
 The pixels equal dm_control's. Every picture is a fresh array. Creating and moving a camera and
 computing its matrix do not need OpenGL; only pictures do (see `rendering`).
 """
 
+import inspect
+import operator
 import threading
 import weakref
 from collections.abc import Callable, Iterable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.overlays import TextOverlay
 from limberjack.mujoco.pictures import Overlay, Style, draw, finished
 from limberjack.mujoco.rendering import Contexts, RenderingError, call, contexts
-from limberjack.mujoco.viewpoints import FREE_CAMERA, Drawable, checked_size, view_of
-from limberjack.mujoco.wrapper import MjvCamera, MjvOption, MjvScene
+from limberjack.mujoco.wrapper import MjData, MjModel, MjvCamera, MjvOption, MjvScene
+from limberjack.mujoco.wrapper.util import to_binary_string
 from limberjack.mujoco.wrapper.visual import RenderFlag
+from limberjack.utils.suggest import did_you_mean
 
 __all__ = [
+    "FREE_CAMERA",
     "Camera",
     "CameraMatrices",
     "Contexts",
@@ -32,15 +36,22 @@ __all__ = [
     "MovableCamera",
     "Pose",
     "RenderingError",
+    "SceneCallback",
     "Selected",
     "TextOverlay",
+    "check_names",
+    "checked_size",
     "contexts",
+    "picture_spec",
     "render",
+    "view_of",
 ]
 
+_T = TypeVar("_T")
 # Called with the physics and the scene.
-_SceneCallback = Callable[..., None]
+SceneCallback = Callable[..., None]
 
+FREE_CAMERA = -1  # used in place of a camera id
 _EVERYTHING = mujoco.mjtCatBit.mjCAT_ALL.value
 # The default visualisation options of `render`.
 _DEFAULT_OPTION = MjvOption()
@@ -49,6 +60,27 @@ _spare_scenes: weakref.WeakKeyDictionary[mujoco.MjModel, list[MjvScene]] = (
     weakref.WeakKeyDictionary()
 )
 _MOST_SPARE_SCENES = 4
+_FONTS = {
+    "normal": mujoco.mjtFont.mjFONT_NORMAL,
+    "shadow": mujoco.mjtFont.mjFONT_SHADOW,
+    "big": mujoco.mjtFont.mjFONT_BIG,
+}
+_POSITIONS = {
+    "top left": mujoco.mjtGridPos.mjGRID_TOPLEFT,
+    "top right": mujoco.mjtGridPos.mjGRID_TOPRIGHT,
+    "bottom left": mujoco.mjtGridPos.mjGRID_BOTTOMLEFT,
+    "bottom right": mujoco.mjtGridPos.mjGRID_BOTTOMRIGHT,
+}
+
+
+class Drawable(Protocol):
+    """A simulation that can be drawn, such as `mujoco.Physics`."""
+
+    @property
+    def model(self) -> MjModel: ...
+
+    @property
+    def data(self) -> MjData: ...
 
 
 class Selected(NamedTuple):
@@ -92,7 +124,7 @@ class Camera:
         width: int = 320,
         camera_id: int | str = FREE_CAMERA,
         max_geom: int | None = None,
-        scene_callback: _SceneCallback | None = None,
+        scene_callback: SceneCallback | None = None,
     ) -> None:
         """Makes a camera; does not need OpenGL.
 
@@ -268,7 +300,7 @@ class MovableCamera(Camera):
         height: int = 240,
         width: int = 320,
         max_geom: int | None = None,
-        scene_callback: _SceneCallback | None = None,
+        scene_callback: SceneCallback | None = None,
     ) -> None:
         """Starts at the pose of the model's free camera; arguments are those of `Camera`."""
         super().__init__(physics, height, width, FREE_CAMERA, max_geom, scene_callback)
@@ -295,6 +327,101 @@ class MovableCamera(Camera):
         self._render_camera.elevation = elevation
 
 
+class TextOverlay:
+    """A title and text drawn in a corner of a picture."""
+
+    __slots__ = ("body", "position", "style", "title")
+
+    def __init__(
+        self,
+        title: str = "",
+        body: str = "",
+        style: str = "normal",
+        position: str = "top left",
+    ) -> None:
+        """Creates an overlay.
+
+        Args:
+          title: the left column.
+          body: the right column.
+          style: 'normal', 'shadow' or 'big'.
+          position: 'top left', 'top right', 'bottom left' or 'bottom right'.
+
+        Raises:
+          ValueError: an unknown style or position.
+        """
+        self.title = title
+        self.body = body
+        self.style = _one_of("style", style, _FONTS)
+        self.position = _one_of("position", position, _POSITIONS)
+
+    def draw(self, context: mujoco.MjrContext, rect: mujoco.MjrRect) -> None:
+        """Draws the text; called on the rendering thread."""
+        title, body = to_binary_string(self.title), to_binary_string(self.body)
+        mujoco.mjr_overlay(self.style, self.position, rect, title, body, context)
+
+
+def _one_of(what: str, name: str, values: Mapping[str, _T]) -> _T:
+    """The value with the given name; raises ValueError if there is none."""
+    if name not in values:
+        choices = ", ".join(map(repr, values))
+        raise ValueError(
+            f"{what} is {name!r}; expected one of: {choices}.{did_you_mean(name, values)}"
+        )
+    return values[name]
+
+
+def checked_size(physics: Drawable, height: int, width: int) -> tuple[int, int]:
+    """Height and width as ints; ValueError unless they fit the model's off-screen buffer."""
+    limits = physics.model._model.vis.global_
+    sizes = []
+    for name, value, limit in (("height", height, "offheight"), ("width", width, "offwidth")):
+        most = getattr(limits, limit)
+        try:
+            size = operator.index(value)
+        except TypeError:
+            size = 0
+        if size < 1:
+            raise ValueError(
+                f"image {name} is {value!r}; expected a whole number of pixels, from 1 to {most}"
+            )
+        if size > most:
+            raise ValueError(
+                f"image {name} {size} > {most}, the {name} of the model's off-screen buffer. Use "
+                f'less, or enlarge it: <visual><global {limit}="{size}"/></visual> in the MJCF'
+            )
+        sizes.append(size)
+    return sizes[0], sizes[1]
+
+
+def view_of(physics: Drawable, camera_id: int | str) -> MjvCamera:
+    """The view of a camera, given by name or number, or of the free camera."""
+    model = physics.model._model
+    if isinstance(camera_id, str):
+        number: int = physics.model.name2id(camera_id, "camera")
+    else:
+        try:
+            number = operator.index(camera_id)
+        except TypeError:
+            raise TypeError(
+                f"camera_id is {camera_id!r}; expected the name or the number of a camera, or -1, "
+                "the free camera"
+            ) from None
+    if not FREE_CAMERA <= number < model.ncam:
+        raise ValueError(
+            f"camera_id is {number}; expected a name, or a number from -1, the free camera, to "
+            f"{model.ncam - 1}: the model has {model.ncam} cameras"
+        )
+    view = MjvCamera()
+    view.fixedcamid = number
+    if number == FREE_CAMERA:
+        view.type = mujoco.mjtCamera.mjCAMERA_FREE
+        mujoco.mjv_defaultFreeCamera(model, view)
+    else:
+        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+    return view
+
+
 def render(
     physics: Drawable,
     height: int = 240,
@@ -305,7 +432,7 @@ def render(
     segmentation: bool = False,
     scene_option: mujoco.MjvOption | None = None,
     render_flag_overrides: Mapping[RenderFlag, bool] | None = None,
-    scene_callback: _SceneCallback | None = None,
+    scene_callback: SceneCallback | None = None,
     quality: str = "full",
 ) -> np.ndarray:
     """A picture as from a new `Camera`; scenes are cached for later pictures.
@@ -336,6 +463,46 @@ def render(
     return picture
 
 
+# The keyword arguments of `render`, with their defaults.
+_KEYWORDS = {p.name: p.default for p in list(inspect.signature(render).parameters.values())[1:]}
+_OF_STYLE = ("overlays", "depth", "segmentation", "render_flag_overrides", "quality")
+
+
+def check_names(given: Iterable[str]) -> None:
+    """Raises TypeError for the name of a keyword that `render` does not accept."""
+    for name in given:
+        if name not in _KEYWORDS:
+            raise TypeError(
+                f"render got an unexpected keyword argument {name!r}."
+                f"{did_you_mean(name, _KEYWORDS)} It takes: {', '.join(_KEYWORDS)}."
+            )
+
+
+# Any: arguments of `render`, each with its own type.
+def picture_spec(physics: Drawable, given: Mapping[str, Any]) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and dtype of the picture that `render` returns for these arguments; draws nothing.
+
+    Args:
+      physics: a single simulation.
+      given: keyword arguments of `render`.
+
+    Raises:
+      ValueError: there is no such camera or quality, the size is not positive or too large for the
+        model, or the arguments are incompatible.
+      TypeError: there is no such keyword.
+    """
+    check_names(given)
+    how = {**_KEYWORDS, **given}
+    Style.of(**{name: how[name] for name in _OF_STYLE})  # validates these arguments
+    size = how["height"], how["width"]
+    Camera(physics, *size, camera_id=how["camera_id"], max_geom=1)  # validates the others
+    if how["depth"]:
+        return size, np.dtype(np.float32)
+    if how["segmentation"]:
+        return (*size, 2), np.dtype(np.int32)
+    return (*size, 3), np.dtype(np.uint8)
+
+
 def _may_have_changed(physics: Drawable) -> bool:
     """Whether the model's height fields, textures or meshes may differ from the last upload.
 
@@ -350,7 +517,7 @@ def _contents(physics: Drawable, view: MjvCamera, option: mujoco.MjvOption) -> t
 
 
 def _with_callback(
-    contents: tuple, physics: Drawable, scene: MjvScene, callback: _SceneCallback
+    contents: tuple, physics: Drawable, scene: MjvScene, callback: SceneCallback
 ) -> None:
     """Updates the scene and applies the callback, in the caller's thread."""
     mujoco.mjv_updateScene(*contents, scene)

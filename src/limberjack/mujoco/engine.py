@@ -7,42 +7,47 @@
     physics.step()
     frame = physics.render(240, 320, camera_id="fixed")
 
-A domain subclasses it with the quantities its tasks measure. Stepping is done by `simulation.py`,
-name lookup by `index.py` and drawing by `camera.py`.
+A domain subclasses it with the quantities its tasks measure. A `Physics` has one simulation or a
+batch of them, which steps, saves and loads (`simulation.py`); a batch's arrays have a leading axis.
+Names are looked up by `index.py` and pictures drawn by `camera.py`. `action_spec` describes a
+model's controls.
 """
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NoReturn, Self, cast
 
+import mujoco
 import numpy as np
+from dm_env import specs
 
-from limberjack.mujoco import (
-    camera,
-    drawing,
-    fields,
-    index,
-    physics_state,
-    replicas,
-    wrapper,
-)
-from limberjack.mujoco.action_spec import action_spec
+from limberjack.mujoco import camera, fields, index, replicas, wrapper
 from limberjack.mujoco.camera import (
     Camera,
     CameraMatrices,
     Contexts,
     MovableCamera,
     Pose,
+    SceneCallback,
     Selected,
     TextOverlay,
 )
-from limberjack.mujoco.compiled import compiled
-from limberjack.mujoco.identity import identity
 from limberjack.mujoco.index import NamedIndexStructs
+from limberjack.mujoco.model_values import derived_fields, identity
+from limberjack.mujoco.pictures import Overlay
 from limberjack.mujoco.rows_view import RowsData
-from limberjack.mujoco.simulation import MOST_AT_ONCE, Fields, Simulation, checked_steps, described
+from limberjack.mujoco.simulation import (
+    MOST_AT_ONCE,
+    Fields,
+    Simulation,
+    checked_signature,
+    checked_steps,
+    described,
+)
 from limberjack.mujoco.single_simulation import SingleSimulation, advance
+from limberjack.mujoco.wrapper.sharing import compiled
+from limberjack.mujoco.wrapper.visual import RenderFlag
 from limberjack.rl import control as _control
 from limberjack.rl.contract import Nested
 from limberjack.utils.log import log
@@ -214,12 +219,15 @@ class Physics(_control.Physics):
         vars(self).pop("named", None)
         self._data = RowsData(self._simulation)
 
-    def _refuse_rows(self, what: str, instead: str) -> None:
-        if self._simulation.num_envs is not None:
+    def _single(self, what: str, instead: str) -> SingleSimulation:
+        """The simulation; raises TypeError if it is a batch, with the call to use instead."""
+        simulation = self._simulation
+        if type(simulation) is not SingleSimulation:
             raise TypeError(f"the physics of a batch does not support {what}: {instead}")
+        return simulation
 
     def identity(self, varying: Sequence[str] = ()) -> dict[str, object]:
-        """Facts that must match for a saved state to load; see `limberjack.mujoco.identity`."""
+        """Facts that must match for a saved state to load; see `model_values.identity`."""
         return identity(self._simulation.model, varying)
 
     def nominal_fields(self, names: Sequence[str]) -> dict[str, np.ndarray]:
@@ -228,9 +236,11 @@ class Physics(_control.Physics):
         Raises:
           ValueError: there is no such field, or it is part of the model's structure.
         """
-        nominal = fields.nominal(self._data.model._model, names)
-        self._simulation.sets_constants = fields.have_constants(names)
-        return nominal
+        return fields.nominal(self._data.model._model, names)
+
+    def recompute_constants_of(self, names: Sequence[str]) -> None:
+        """Makes starts that set these fields recompute the constants derived from them, if any."""
+        self._simulation.sets_constants = bool(derived_fields(names))
 
     # Stepping.
 
@@ -243,16 +253,19 @@ class Physics(_control.Physics):
 
         Raises:
           ValueError: `nstep` is not a whole number of at least 1; nothing was stepped.
+          TypeError: these are the rows of a batch.
           PhysicsError: the simulation diverged.
         """
+        simulation = self._simulation
+        if type(simulation) is not SingleSimulation:
+            simulation = self._single("step()", "call step(actions) of its BatchEnvironment")
         if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
             nstep = checked_steps(nstep)
-        simulation = self._simulation
         earlier = simulation.set_warnings_aside()
         if self.legacy_step:
-            simulation.step(nstep)
+            advance(*simulation.begin_step(nstep))
         else:
-            simulation.step_whole(nstep)
+            advance(*simulation.begin_step_whole(nstep))
         if earlier is not None or simulation.has_warned():
             self._check_warnings(earlier)
 
@@ -272,8 +285,8 @@ class Physics(_control.Physics):
         Raises:
           ValueError: `nstep` is not a whole number of at least 1; nothing was stepped.
         """
+        simulation = self._single("step_in_parts()", "call step(actions) of its BatchEnvironment")
         nstep = checked_steps(nstep)
-        simulation = cast(SingleSimulation, self._simulation)
         earlier = simulation.set_warnings_aside()
         record = simulation.begin_step if self.legacy_step else simulation.begin_step_whole
         run = functools.partial(advance, *record(nstep))
@@ -298,8 +311,9 @@ class Physics(_control.Physics):
 
         Raises:
           ValueError: there is no such keyframe.
-          TypeError: `keyframe_id` is not a whole number.
+          TypeError: `keyframe_id` is not a whole number, or these are the rows of a batch.
         """
+        self._single("reset()", "call reset(rows) of its BatchEnvironment")
         if keyframe_id is not None and not isinstance(keyframe_id, int | np.integer):
             raise TypeError(
                 f"keyframe_id is {keyframe_id!r}; expected a keyframe's number, or None"
@@ -353,8 +367,47 @@ class Physics(_control.Physics):
 
     # State.
 
-    get_state = physics_state.get_state
-    set_state = physics_state.set_state
+    def get_state(self, sig: int | None = None) -> np.ndarray:
+        """The state as one array, (..., size).
+
+        Args:
+          sig: the components to include, as `mujoco.mjtState` bits. The default is dm_control's
+            state: positions, velocities, activations and plugin states. It lacks the solver's warm
+            start; `mjSTATE_INTEGRATION` is everything a step depends on.
+
+        Raises:
+          ValueError, TypeError: `sig` has other bits, or is not a whole number.
+        """
+        if sig is None:
+            return np.concatenate(self._physics_state_items(), axis=-1)
+        return self._simulation.get_state(checked_signature(sig))
+
+    def set_state(self, physics_state: np.ndarray, sig: int | None = None) -> None:
+        """Sets the state to an array from `get_state(sig)`; does not recompute derived quantities.
+
+        Args:
+          physics_state: (..., size).
+          sig: as for `get_state`.
+
+        Raises:
+          ValueError, TypeError: the array has another shape, or see `get_state`; nothing is
+            changed.
+        """
+        if sig is not None:
+            sig = checked_signature(sig)
+        state = np.asarray(physics_state, float)
+        items = self._physics_state_items()
+        sizes = [item.shape[-1] for item in items]
+        size = sum(sizes) if sig is None else mujoco.mj_stateSize(self.model._model, sig)
+        shape = (*items[0].shape[:-1], size)
+        if state.shape != shape:
+            raise ValueError(f"Input physics state has shape {state.shape}. Expected {shape}.")
+        if sig is not None:
+            self._simulation.set_state(state, sig)
+            return
+        parts = np.split(state, np.cumsum(sizes)[:-1], axis=-1)
+        for item, part in zip(items, parts, strict=True):
+            np.copyto(item, part)
 
     def _physics_state_items(self) -> list[np.ndarray]:
         data = self._data._data
@@ -367,15 +420,14 @@ class Physics(_control.Physics):
         Args:
           share_model: whether both use one model, so that edits affect both.
         """
-        self._refuse_rows("copy()", "take a snapshot() of its BatchEnvironment, or deepcopy it")
+        instead = "take a snapshot() of its BatchEnvironment, or deepcopy it"
+        simulation = self._single("copy()", instead).copy(share_model)
         new = type(self).__new__(type(self))
-        simulation = cast(SingleSimulation, self._simulation).copy(share_model)
         new.__setstate__((simulation, self._settings()))
         return new
 
     def __getstate__(self) -> tuple[Simulation, dict[str, object]]:
-        self._refuse_rows("pickling", "pickle its BatchEnvironment")
-        return self._simulation, self._settings()
+        return self._single("pickling", "pickle its BatchEnvironment"), self._settings()
 
     def __setstate__(self, state: tuple[SingleSimulation, dict[str, object]]) -> None:
         self.become(state)
@@ -424,7 +476,41 @@ class Physics(_control.Physics):
 
     # Drawing.
 
-    render = drawing.render
+    def render(
+        self,
+        height: int = 240,
+        width: int = 320,
+        camera_id: int | str = -1,
+        overlays: Iterable[Overlay] = (),
+        depth: bool = False,
+        segmentation: bool = False,
+        scene_option: mujoco.MjvOption | None = None,
+        render_flag_overrides: Mapping[RenderFlag, bool] | None = None,
+        scene_callback: SceneCallback | None = None,
+        quality: str = "full",
+    ) -> np.ndarray:
+        """A picture of the current state; see `limberjack.mujoco.camera.Camera.render`.
+
+        Args:
+          height: pixels.
+          width: pixels.
+          camera_id: name or number of a camera of the model; -1 is the free camera.
+          overlays: `TextOverlay`s to draw on an RGB picture.
+          depth: return depth in metres, (height, width) float32, instead of RGB.
+          segmentation: return object id and `mjtObj` type, (height, width, 2) int32, -1 for the
+            background, instead of RGB.
+          scene_option: visualisation options, a `wrapper.MjvOption`.
+          render_flag_overrides: rendering flags by name, such as {'wireframe': True}.
+          scene_callback: called with the physics and the scene before it is drawn.
+          quality: 'full', as in dm_control, or 'fast', without shadows, reflections and sky.
+
+        Returns:
+          (height, width, 3) uint8 unless `depth` or `segmentation` is set.
+        """
+        self._single("render()", "call render(rows, ...) of its BatchEnvironment")
+        what = height, width, camera_id, overlays, depth, segmentation
+        how = scene_option, render_flag_overrides, scene_callback, quality
+        return camera.render(self, *what, *how)
 
     # Any: each keyword has its own type.
     def render_rows(self, rows: np.ndarray | None, **kwargs: Any) -> np.ndarray:
@@ -432,10 +518,20 @@ class Physics(_control.Physics):
         return self.render(**kwargs)[None]
 
     def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:  # as above
-        """Shape and dtype of the picture that `render` returns; see `drawing.picture_spec`."""
-        return drawing.picture_spec(self, kwargs)
+        """Shape and dtype of the picture that `render` returns; see `camera.picture_spec`."""
+        return camera.picture_spec(self, kwargs)
 
     @property
     def contexts(self) -> Contexts:
         """The OpenGL and MuJoCo rendering contexts, as `contexts.gl` and `contexts.mujoco`."""
         return camera.contexts(self)
+
+
+def action_spec(physics: Physics) -> specs.BoundedArray:
+    """Spec of the controls, (nu,); an unlimited control is bounded by MuJoCo's maximum value."""
+    model = physics.model._model
+    limited = model.actuator_ctrllimited.ravel().astype(bool)[:, None]
+    bounds = np.where(limited, model.actuator_ctrlrange, [-mujoco.mjMAXVAL, mujoco.mjMAXVAL])
+    return specs.BoundedArray(
+        shape=(model.nu,), dtype=float, minimum=bounds[:, 0], maximum=bounds[:, 1]
+    )

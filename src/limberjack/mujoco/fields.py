@@ -22,7 +22,6 @@ __all__ = [
     "axes_of",
     "check_randomizable",
     "fields_of_rows",
-    "have_constants",
     "nominal",
     "of_floats",
 ]
@@ -222,12 +221,6 @@ def nominal(model: mujoco.MjModel, names: Iterable[str]) -> dict[str, np.ndarray
         check_randomizable(name)
         values[name] = np.array(operator.attrgetter(name)(model))
     return values
-
-
-def have_constants(names: Iterable[str]) -> bool:
-    """Whether constants of the model are derived from any of these fields (mj_setConst)."""
-    inputs = mujoco.MjModel._setconst_inputs
-    return any(name in inputs or name.startswith("opt.") for name in names)
 
 
 @functools.cache

@@ -347,7 +347,7 @@ class NamedIndexStructs(NamedTuple):
         """The structs of a `Fields` (Any, because its module imports this one)."""
         return cls(
             NamedFields("MjModel", source.model_field, names),
-            NamedFields("MjData", source.field_for_names, names, source.indexer),
+            NamedFields("MjData", source.data_field, names),
         )
 
 

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Self
 
 import numpy as np
+import numpy.typing as npt
 
 from limberjack.utils.arrays import AnyArray
 
@@ -103,7 +104,7 @@ class _Guarded(np.ndarray):
         return np.ndarray.flat.__get__(self) if self.flags.writeable else _Flat(self)
 
     @flat.setter
-    def flat(self, value: AnyArray) -> None:
+    def flat(self, value: npt.ArrayLike) -> None:
         self.flat[...] = value
 
     # Any: of a ufunc, each with its own type.
@@ -120,11 +121,11 @@ class _Guarded(np.ndarray):
                 return function(*plain, **kwargs)
             inputs[0]._change(lambda array: function(array, *plain[1:], **kwargs))
             return None
-        given: list[AnyArray] = [_plain(out) for out in outs]
+        given: list[object] = [_plain(out) for out in outs]
         guarded = [i for i, out in enumerate(outs) if _is_view(out)]
         if len(guarded) > 1:
             raise ValueError(_TWO)
-        results: list[AnyArray] = []
+        results: list[object] = []
 
         def write(array: np.ndarray | None = None) -> None:
             for i in guarded:
@@ -225,16 +226,16 @@ class _Flat:
         self._array = array
         self._plain = array.view(np.ndarray).flat
 
-    def __setitem__(self, key: AnyArray, value: AnyArray) -> None:
+    def __setitem__(self, key: slice | int, value: npt.ArrayLike) -> None:
         self._array._change(lambda array: array.flat.__setitem__(key, value))
 
-    def __getitem__(self, key: AnyArray) -> AnyArray:
+    def __getitem__(self, key: slice | int) -> np.ndarray:
         return self._plain[key]
 
-    def __iter__(self) -> Iterator[AnyArray]:
+    def __iter__(self) -> Iterator[np.generic]:
         return iter(self._plain)
 
-    def __next__(self) -> AnyArray:
+    def __next__(self) -> np.generic:
         return next(self._plain)
 
     def __len__(self) -> int:
@@ -267,7 +268,7 @@ class ReadOnlyStruct:
     """A read-only view of a struct, such as `mujoco.MjOption`."""
 
     def __init__(
-        self, struct: object, name: str, own: Mapping[str, AnyArray] | None = None
+        self, struct: object, name: str, own: Mapping[str, np.ndarray] | None = None
     ) -> None:
         """Wraps a struct.
 

@@ -22,12 +22,11 @@ from typing import Any, Generic, NoReturn, TypeVar
 import mujoco
 import numpy as np
 
-from limberjack.mujoco import drawing
-from limberjack.mujoco.batch_simulation import BatchSimulation
-from limberjack.mujoco.lazy_batch import check_callbacks
-from limberjack.mujoco.simulation import STATE, Rows, read_field
+from limberjack.mujoco.batch_simulation import BatchSimulation, check_callbacks
+from limberjack.mujoco.camera import check_names
+from limberjack.mujoco.simulation import STATE, Call, Rows, read_field
 from limberjack.rl.contract import PhysicsError
-from limberjack.utils.arrays import AnyArray, any_of
+from limberjack.utils.arrays import any_of
 
 __all__ = ["Replicas"]
 
@@ -113,13 +112,14 @@ class Replicas(Generic[_P]):
         self.simulation.forward_without_actuation(rows)
 
     def step(self, rows: Rows, nstep: int) -> np.ndarray:
-        """Advances rows, None for all, by time steps; returns a divergence mask, (num_envs,)."""
+        """Advances rows, None for all, by time steps; returns a divergence mask, (num_envs,).
+
+        `check` comes first, before anything that belongs to the step.
+        """
         simulation = self.simulation
         simulation.warnings[...] = 0
-        if self.physics.legacy_step:
-            simulation.step(nstep, rows)
-        else:
-            simulation.step_whole(nstep, rows)
+        call = Call.STEP if self.physics.legacy_step else Call.STEP_WHOLE
+        simulation.advance(call, nstep, rows)
         if not any_of(simulation.warnings):
             return np.zeros(self.num_envs, bool)
         diverged = np.any(simulation.warnings, axis=-1)
@@ -138,7 +138,7 @@ class Replicas(Generic[_P]):
           ValueError, TypeError: see `picture_spec`.
           RenderingError: OpenGL is not available.
         """
-        drawing.check_names(kwargs)
+        check_names(kwargs)
         numbers = range(self.num_envs) if rows is None else rows.tolist()
         if not numbers:
             shape, dtype = self.picture_spec(**kwargs)
@@ -152,8 +152,8 @@ class Replicas(Generic[_P]):
 
     # Any: each keyword has its own type.
     def picture_spec(self, **kwargs: Any) -> tuple[tuple[int, ...], np.dtype]:
-        """Shape and dtype of a row's picture; see `drawing.picture_spec`."""
-        return drawing.picture_spec(self.single, kwargs)
+        """Shape and dtype of a row's picture; see `camera.picture_spec`."""
+        return self.single.picture_spec(**kwargs)
 
     def shown(self, row: int) -> _P:
         """A single simulation that looks like a row, valid until the next call."""
@@ -175,6 +175,6 @@ class Replicas(Generic[_P]):
 
     def _take_fields(self, one: _P, row: int) -> None:
         """Copies a row's own model fields to a single simulation."""
-        own: Mapping[str, AnyArray] = self.simulation.own_fields
+        own = self.simulation.own_fields
         if own:
             one.simulation.set_fields({name: values[row] for name, values in own.items()})

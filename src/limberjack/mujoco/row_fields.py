@@ -17,18 +17,19 @@ There are two implementations, and MuJoCo does not allow both in one batch:
 
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import EllipsisType
 from typing import Protocol
 
 import mujoco
 import mujoco.batch
 import numpy as np
+import numpy.typing as npt
 
 from limberjack.mujoco.allocating import copy_of, data_of
 from limberjack.mujoco.read_only import ReadOnly
 from limberjack.mujoco.simulation import ACTUATION, Rows, read_field, write_field
-from limberjack.utils.arrays import AnyArray
 
-__all__ = ["Expanded", "RowFields", "RowModels", "of"]
+__all__ = ["Expanded", "OwnField", "RowFields", "RowModels", "of"]
 
 _READ_ONLY = (
     "{} of the model is read-only, since each row of this batch has a model of its own: set it in "
@@ -36,19 +37,30 @@ _READ_ONLY = (
 )
 
 
+_Index = int | slice | np.ndarray | EllipsisType
+
+
+class OwnField(Protocol):
+    """Values of a model field by row, (num_envs, ...): an array, or an object with its brackets."""
+
+    def __getitem__(self, rows: _Index, /) -> np.ndarray: ...
+
+    def __setitem__(self, rows: _Index, values: npt.ArrayLike, /) -> None: ...
+
+
 class RowFields(Protocol):
     """Per-row model fields; see the module's docstring."""
 
     @property
-    def own(self) -> Mapping[str, AnyArray]:
-        """The fields by name, live: arrays, or objects with the brackets of an array."""
+    def own(self) -> Mapping[str, OwnField]:
+        """The fields by name, live."""
         ...
 
     def shown(self, name: str) -> np.ndarray:
         """One of the own fields as an array, (num_envs, ...), that stays current."""
         ...
 
-    def write(self, name: str, index: AnyArray, values: AnyArray) -> None:
+    def write(self, name: str, index: _Index, values: npt.ArrayLike) -> None:
         """Sets elements of a field, which need not be an own one, in every row."""
         ...
 
@@ -76,14 +88,14 @@ class Expanded:
 
     def __init__(self, batch: mujoco.batch.Batch, names: Iterable[str]) -> None:
         self._batch = batch
-        self.own: dict[str, AnyArray] = {name: batch.expand(name) for name in names}
+        self.own: dict[str, np.ndarray] = {name: batch.expand(name) for name in names}
         self._disableflags: np.ndarray = batch.expand("opt.disableflags")
 
     def shown(self, name: str) -> np.ndarray:
         """See `RowFields`; writable."""
         return self.own[name]
 
-    def write(self, name: str, index: AnyArray, values: AnyArray) -> None:
+    def write(self, name: str, index: _Index, values: npt.ArrayLike) -> None:
         """See `RowFields`."""
         self._batch.expand(name)[:, index] = values
 
@@ -130,7 +142,7 @@ class RowModels:
         """See `RowFields`; read-only."""
         return ReadOnly.of(self.own[name].array, _READ_ONLY.format(name))
 
-    def write(self, name: str, index: AnyArray, values: AnyArray) -> None:
+    def write(self, name: str, index: _Index, values: npt.ArrayLike) -> None:
         """See `RowFields`."""
         for model in self._models:
             read_field(model, name)[index] = values
@@ -175,7 +187,7 @@ class _Values:
             self._array = self[:]
         return self._array
 
-    def __getitem__(self, rows: AnyArray) -> np.ndarray:
+    def __getitem__(self, rows: _Index, /) -> np.ndarray:
         numbers = self._numbers[rows]
         first = np.asarray(read_field(self._models[0], self._name))
         values = np.empty((*numbers.shape, *first.shape), first.dtype)
@@ -184,7 +196,7 @@ class _Values:
             each[i] = read_field(self._models[number], self._name)
         return values
 
-    def __setitem__(self, rows: AnyArray, values: AnyArray) -> None:
+    def __setitem__(self, rows: _Index, values: npt.ArrayLike, /) -> None:
         numbers = self._numbers[rows]
         shape = np.shape(read_field(self._models[0], self._name))
         values = np.broadcast_to(values, (*numbers.shape, *shape))

@@ -122,7 +122,7 @@ class RowsModel(MjModel):
             raise AttributeError(f"a batch has no model.{name}(...): use physics.named.model")
         return ReadOnlyStruct(field, name, self._own_parts(name))
 
-    def _own_parts(self, struct: str) -> dict[str, AnyArray]:
+    def _own_parts(self, struct: str) -> dict[str, np.ndarray]:
         """Per-row fields of a struct of the model, such as the gravity of `opt`."""
         prefix, own = f"{struct}.", getattr(self._fields, "own_fields", ())
         return {

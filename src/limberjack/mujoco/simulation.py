@@ -12,10 +12,13 @@
 Arrays have a leading batch axis in a batch. `rows` are sorted row numbers, None for all; a single
 simulation is one row. Names, tasks and rendering are handled elsewhere.
 
-Calls are recorded, so that a simulation has the same quantities after loading as when it was saved:
-quantities that depend on accelerations belong to the last time step, not to the state after it.
+The last `Call` is recorded, so that a simulation has the same quantities after loading as when it
+was saved: quantities that depend on accelerations belong to the last time step, not to the state
+after it. Only this file and the two implementations know the form of a record: `model_fields` and
+`without_calls` serve others.
 """
 
+import enum
 import operator
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -23,19 +26,15 @@ from typing import Protocol
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.index import Axes, FieldIndexer
 from limberjack.mujoco.wrapper.core import MjModel
 from limberjack.utils.arrays import AnyArray
 from limberjack.utils.log import log
 
 __all__ = [
     "ACTUATION",
-    "FORWARD",
-    "LOAD",
     "MOST_AT_ONCE",
-    "NOT_FIELDS",
-    "START",
     "STATE",
+    "Call",
     "CountsWarnings",
     "Field",
     "Fields",
@@ -46,28 +45,34 @@ __all__ = [
     "checked_steps",
     "described",
     "is_bad_state",
+    "model_fields",
     "read_field",
+    "without_calls",
     "write_field",
 ]
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION.value  # everything a time step depends on
 ACTUATION = mujoco.mjtDisableBit.mjDSBL_ACTUATION.value
 
-# Codes of a simulation's last call: a number of steps (`step`), a negative number of steps
-# (`step_whole`), or one of these.
-START = 0  # `forward_without_actuation`
-LOAD = np.iinfo(np.int64).max  # `load` of a state alone
-FORWARD = np.iinfo(np.int64).min  # `forward`
-
 MOST_AT_ONCE = 2**31 - 1  # time steps that MuJoCo takes in one call
 _STATE_BITS = mujoco.mjtState.mjNSTATE.value
 _MOST_STEPS = 100_000  # far more than a control step has
 
-# Keys in the result of `save` other than model fields.
-NOT_FIELDS = ("state", "sensordata", "before", "call")
+# Keys in the result of `save` other than model fields; the last three record the last call.
+_STATES = ("state", "sensordata", "before", "call", "count")
 
 Rows = np.ndarray | None
 Field = tuple[AnyArray, bool]  # an array, and whether it has a leading batch axis
+
+
+class Call(enum.IntEnum):
+    """The kinds of a simulation's last call; a count of time steps, at least 1, goes with it."""
+
+    LOAD = 0  # `load` of a state alone
+    START = 1  # `forward_without_actuation`
+    FORWARD = 2
+    STEP = 3
+    STEP_WHOLE = 4
 
 
 class Fields(Protocol):
@@ -87,14 +92,6 @@ class Fields(Protocol):
 
     def model_field(self, name: str) -> Field:
         """A field of MjModel, and whether it has a leading batch axis."""
-        ...
-
-    def field_for_names(self, name: str) -> Field:
-        """Like `data_field`, for a field that is read only through its `indexer`."""
-        ...
-
-    def indexer(self, name: str, field: AnyArray, axes: Axes, batch: bool) -> FieldIndexer:
-        """The named indexer of such a field; the arguments are those of `FieldIndexer`."""
         ...
 
 
@@ -205,7 +202,7 @@ class CountsWarnings:
 
 
 def checked_steps(nstep: int) -> int:
-    """A number of time steps, at least 1; other numbers stand for other calls, or for none.
+    """A number of time steps, at least 1.
 
     Raises:
       ValueError: it is smaller, or not a whole number.
@@ -238,9 +235,27 @@ def checked_signature(sig: int) -> int:
     return bits
 
 
-def can_be_repeated(call: AnyArray) -> AnyArray:
-    """Whether recorded calls, a code or (n,), lead to a state; a damaged one may never return."""
-    return (call != LOAD) & ((call == FORWARD) | (abs(call) <= _MOST_STEPS))
+def can_be_repeated(call: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Whether recorded calls, one or (n,), lead to a state; a damaged one may never return."""
+    takes_steps = (call == Call.STEP) | (call == Call.STEP_WHOLE)
+    is_forward = (call == Call.START) | (call == Call.FORWARD)
+    return is_forward | (takes_steps & (count >= 1) & (count <= _MOST_STEPS))
+
+
+def model_fields(saved: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The model fields in the result of `save`."""
+    return {name: value for name, value in saved.items() if name not in _STATES}
+
+
+def without_calls(saved: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The result of `save` as if its state had just been loaded, by no recorded call.
+
+    Args:
+      saved: 'state', and any other part of the result of `save`.
+    """
+    state = saved["state"]
+    calls = {"call": np.full(len(state), Call.LOAD), "count": np.ones(len(state), int)}
+    return {**saved, "before": state.copy(), **calls}
 
 
 def is_bad_state(model: mujoco.MjModel, state: np.ndarray) -> np.ndarray:

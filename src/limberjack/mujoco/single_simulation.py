@@ -13,22 +13,18 @@ from typing import Self
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.index import FieldIndexer
-from limberjack.mujoco.leaving import begin
+from limberjack.mujoco.exit_guard import pass_exit_guard
 from limberjack.mujoco.simulation import (
     ACTUATION,
-    FORWARD,
-    LOAD,
-    MOST_AT_ONCE,
-    NOT_FIELDS,
-    START,
     STATE,
+    Call,
     CountsWarnings,
     Field,
     Rows,
     can_be_repeated,
     checked_steps,
     is_bad_state,
+    model_fields,
     read_field,
     write_field,
 )
@@ -41,6 +37,7 @@ __all__ = ["Advance", "SingleSimulation", "advance"]
 # A model, its data, and the numbers of second halves, whole time steps and first halves to make.
 Advance = tuple[mujoco.MjModel, mujoco.MjData, int, int, int]
 
+_STEP = Call.STEP  # every step reads it, and an attribute of an enum takes longer
 _RUNGE_KUTTA = mujoco.mjtIntegrator.mjINT_RK4.value
 
 
@@ -48,7 +45,6 @@ class SingleSimulation(CountsWarnings):
     """One simulation; see `limberjack.mujoco.simulation.Simulation`."""
 
     num_envs: int | None = None
-    indexer = FieldIndexer
     sets_constants = False
 
     def __init__(self, data: MjData) -> None:
@@ -62,8 +58,8 @@ class SingleSimulation(CountsWarnings):
         self._flags_before: int | None = None
         self._model_of_opt: mujoco.MjModel | None = None
         self._opt = mujoco.MjOption()
-        # The last call and the state before it.
-        self._call = LOAD
+        # The last call, its count, and the state before it.
+        self._call, self._count = Call.LOAD, 1
         self._before = np.empty(mujoco.mj_stateSize(self._wrapper._model, STATE))
 
     @property
@@ -73,21 +69,23 @@ class SingleSimulation(CountsWarnings):
 
     def step(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        advance(*self.begin_step(nstep))
+        advance(*self.begin_step(checked_steps(nstep)))
 
     def step_whole(self, nstep: int, rows: Rows = None) -> None:
         """See `Simulation`."""
-        advance(*self.begin_step_whole(nstep))
+        advance(*self.begin_step_whole(checked_steps(nstep)))
 
     def begin_step(self, nstep: int) -> Advance:
-        """Records the call `step(nstep)`, and returns the arguments of `advance` that make it."""
-        if type(nstep) is not int or not 1 <= nstep <= MOST_AT_ONCE:
-            nstep = checked_steps(nstep)
-        begin()
+        """Records the call `step(nstep)`, and returns the arguments of `advance` that make it.
+
+        Args:
+          nstep: a result of `checked_steps`.
+        """
+        pass_exit_guard()
         model, data = self._wrapper._model, self._data
         if self._flags_before is not None:
             model = self._model()
-        self._call = nstep
+        self._call, self._count = _STEP, nstep
         mujoco.mj_getState(model, data, self._before, STATE)
         if model is not self._model_of_opt:  # accessing `opt` creates a new object each time
             self._model_of_opt, self._opt = model, model.opt
@@ -96,24 +94,23 @@ class SingleSimulation(CountsWarnings):
         return model, data, 1, nstep - 1, 1
 
     def begin_step_whole(self, nstep: int) -> Advance:
-        """Records the call `step_whole(nstep)`, and returns the arguments of `advance`."""
-        nstep = checked_steps(nstep)
-        begin()
-        self._remember(-nstep)
+        """Records the call `step_whole(nstep)`; the argument and result are as of `begin_step`."""
+        pass_exit_guard()
+        self._remember(Call.STEP_WHOLE, nstep)
         return self._model(), self._data, 0, nstep, 0
 
     def forward(self, rows: Rows = None) -> None:
         """See `Simulation`."""
-        begin()
-        self._remember(FORWARD)
+        pass_exit_guard()
+        self._remember(Call.FORWARD)
         mujoco.mj_forward(self._model(), self._data)
 
     def forward_without_actuation(self, rows: Rows = None) -> None:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         model = self._model()
         shared = self._wrapper._shared
-        self._remember(START)
+        self._remember(Call.START)
         if shared is not None:
             mujoco.mj_forward(shared.passive, self._data)
             return
@@ -128,16 +125,16 @@ class SingleSimulation(CountsWarnings):
 
     def reset(self, keyframe: int | None = None, rows: Rows = None) -> None:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         if keyframe is None:
             mujoco.mj_resetData(self._model(), self._data)
         else:
             mujoco.mj_resetDataKeyframe(self._model(), self._data, keyframe)
-        self._remember(LOAD)
+        self._remember(Call.LOAD)
 
     def get_state(self, signature: int) -> np.ndarray:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         model = self._model()
         state = np.empty(mujoco.mj_stateSize(model, signature))
         mujoco.mj_getState(model, self._data, state, signature)
@@ -145,7 +142,7 @@ class SingleSimulation(CountsWarnings):
 
     def set_state(self, state: np.ndarray, signature: int) -> None:
         """See `Simulation`."""
-        begin()
+        pass_exit_guard()
         mujoco.mj_setState(self._model(), self._data, state, signature)
 
     def save(self, rows: Rows, fields: Sequence[str]) -> dict[str, np.ndarray]:
@@ -155,7 +152,8 @@ class SingleSimulation(CountsWarnings):
             "state": self.get_state(STATE),
             "sensordata": self._data.sensordata.copy(),
             "before": self._before.copy(),
-            "call": np.array(self._call),
+            "call": np.array(int(self._call)),
+            "count": np.array(self._count),
         }
         saved |= {name: np.array(read_field(model, name)) for name in fields}
         return {name: value[None] for name, value in saved.items()}
@@ -168,14 +166,14 @@ class SingleSimulation(CountsWarnings):
         """
         state = saved["state"][0]
         _check(self._wrapper._model, state)
-        fields = {name: value[0] for name, value in saved.items() if name not in NOT_FIELDS}
+        fields = {name: value[0] for name, value in model_fields(saved).items()}
         if fields:
             self.set_fields(fields)
         earlier = self.set_warnings_aside()
         if not self._repeat(saved, state):
             self.set_state(state, STATE)
             mujoco.mj_step1(self._model(), self._data)
-            self._remember(LOAD)
+            self._remember(Call.LOAD)
             if "sensordata" in saved:
                 self._data.sensordata[...] = saved["sensordata"][0]
         self.warnings[...] = 0 if earlier is None else earlier
@@ -185,19 +183,20 @@ class SingleSimulation(CountsWarnings):
 
         It does not if the state or the model was changed after that call.
         """
-        call = int(saved["call"][0]) if "call" in saved else LOAD
-        if not can_be_repeated(call):
+        if "call" not in saved or not can_be_repeated(saved["call"][0], saved["count"][0]):
             return False
+        count = int(saved["count"][0])
         self.set_state(saved["before"][0], STATE)
-        if 0 < call < LOAD:
-            mujoco.mj_step1(self._model(), self._data)  # the first half of its first step
-            self.step(call)
-        elif call == FORWARD:
-            self.forward()
-        elif call == START:
-            self.forward_without_actuation()
-        else:
-            self.step_whole(-call)
+        match Call(int(saved["call"][0])):
+            case Call.STEP:
+                mujoco.mj_step1(self._model(), self._data)  # the first half of its first step
+                self.step(count)
+            case Call.FORWARD:
+                self.forward()
+            case Call.START:
+                self.forward_without_actuation()
+            case _:
+                self.step_whole(count)
         return self.get_state(STATE).tobytes() == state.tobytes()
 
     def copy(self, share_model: bool) -> Self:
@@ -208,16 +207,17 @@ class SingleSimulation(CountsWarnings):
         """
         new = type(self).__new__(type(self))
         data = self.data._make_copy(share_model=share_model)
-        new.__setstate__((data, self.sets_constants, self._call, self._before.copy()))
+        new.__setstate__((data, *self.__getstate__()[1:]))
         return new
 
-    def __getstate__(self) -> tuple[MjData, bool, int, np.ndarray]:
-        return self.data, self.sets_constants, self._call, self._before.copy()
+    def __getstate__(self) -> tuple[MjData, bool, Call, int, np.ndarray]:
+        return self.data, self.sets_constants, self._call, self._count, self._before.copy()
 
-    def __setstate__(self, state: tuple[MjData, bool, int, np.ndarray]) -> None:
-        data, sets_constants, call, before = state
+    def __setstate__(self, state: tuple[MjData, bool, Call, int, np.ndarray]) -> None:
+        data, sets_constants, call, count, before = state
         self.__init__(data)
-        self.sets_constants, self._call, self._before = sets_constants, call, before
+        self.sets_constants, self._before = sets_constants, before
+        self._call, self._count = call, count
         _check(data.model._model, self.get_state(STATE))
 
     def set_fields(self, values: Mapping[str, np.ndarray], row: int | None = None) -> None:
@@ -239,14 +239,12 @@ class SingleSimulation(CountsWarnings):
         """See `Fields`; without a batch axis."""
         return getattr(self._data, name), False
 
-    field_for_names = data_field
-
     def model_field(self, name: str) -> Field:
         """See `Fields`; without a batch axis, and writable unless it is part of the structure."""
         return getattr(self._wrapper, name), False
 
-    def _remember(self, call: int) -> None:
-        self._call = call
+    def _remember(self, call: Call, count: int = 1) -> None:
+        self._call, self._count = call, count
         mujoco.mj_getState(self._wrapper._model, self._data, self._before, STATE)
 
     def _model(self) -> mujoco.MjModel:

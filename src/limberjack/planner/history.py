@@ -1,7 +1,7 @@
 """`History`: a record of a batch's simulations at several steps, read as one batch.
 
     history = History(rollouts.simulation, steps=25)
-    seen = rollouts.physics.seen_through(history)  # the same kind of Physics, to be read only
+    seen = history.read_by(rollouts.physics)  # the same kind of Physics, to be read only
     for step in range(25):
         rollouts.simulation.step(2)
         history.record(step)
@@ -18,12 +18,13 @@ from typing import Any, NoReturn
 import numpy as np
 
 from limberjack.mujoco.batch_simulation import BatchSimulation
-from limberjack.mujoco.index import Axes, FieldIndexer
+from limberjack.mujoco.index import Axes, FieldIndexer, NamedFields, NamedIndexStructs, Names
 
 __all__ = ["History"]
 
 _Field = tuple[np.ndarray, bool]  # and whether each simulation has values of its own
 _Key = tuple[str, str]  # what reads a field, and its name
+_DATA, _BY_NAMES, _MODEL = "data", "data by names", "model"
 
 
 class History:
@@ -59,7 +60,7 @@ class History:
         """Records all steps; `values_of` gives columns of a field, (steps, num_envs, columns)."""
 
         def of_key(key: _Key, part: slice) -> np.ndarray:
-            return self._now(key, part) if key[0] == "model_field" else values_of(key[1], part)
+            return self._now(key, part) if key[0] == _MODEL else values_of(key[1], part)
 
         for kept, values in self._pairs(of_key):
             np.copyto(kept, values)
@@ -74,13 +75,13 @@ class History:
 
     def _now(self, key: _Key, part: slice) -> np.ndarray:
         """Columns of a field's current values, (num_envs, columns), live."""
-        live = getattr(self._simulation, key[0])(key[1])[0]
+        live, _ = self._live_field(key)
         return live.reshape(len(live), -1)[:, part]
 
     @property
     def fields(self) -> list[str]:
         """The fields of the data that are recorded."""
-        return list(dict.fromkeys(name for read, name in self._kept if read != "model_field"))
+        return list(dict.fromkeys(name for read, name in self._kept if read != _MODEL))
 
     @property
     def model(self) -> Any:  # Any: a `wrapper.MjModel`, or a model of rows
@@ -89,28 +90,45 @@ class History:
 
     def data_field(self, name: str) -> _Field:
         """A field of the data, one row per simulation and step."""
-        return self._field(self._simulation.data_field, name)
-
-    def field_for_names(self, name: str) -> _Field:
-        """As `data_field`; its `indexer` records what of it is read."""
-        return self._field(self._simulation.field_for_names, name)
+        return self._field((_DATA, name))
 
     def model_field(self, name: str) -> _Field:
         """A field of the model, and whether each row has values of its own."""
-        return self._field(self._simulation.model_field, name)
+        return self._field((_MODEL, name))
 
-    def _field(self, read: Callable[[str], _Field], name: str) -> _Field:
-        live, has_rows = read(name)
+    def read_by(self, physics: Any) -> Any:  # of the domain's own class
+        """The batch's physics evaluated on the recorded states.
+
+        Of a field that it reads by names, only the columns that it reads are recorded.
+        """
+
+        def field(name: str) -> _Field:
+            return self._field((_BY_NAMES, name))
+
+        seen, names = physics.seen_through(self), Names(self.model.structure)
+        seen.named = NamedIndexStructs(
+            NamedFields("MjModel", self.model_field, names),
+            NamedFields("MjData", field, names, self._indexer),
+        )
+        return seen
+
+    def _live_field(self, key: _Key) -> _Field:
+        read, name = key
+        if read == _MODEL:
+            return self._simulation.model_field(name)
+        return self._simulation.data_field(name)
+
+    def _field(self, key: _Key) -> _Field:
+        live, has_rows = self._live_field(key)
         if not has_rows:
             return live, False
-        key = read.__name__, name
         if key not in self._kept:
             # Until it is recorded the current values stand for all steps.
             rows = live.reshape(len(live), -1)
             self._kept[key] = np.repeat(rows[None], self._steps, axis=0)
             self._wanted[key] = np.zeros(rows.shape[1], bool)
             self.is_complete = False
-        if live.ndim == 1 or read != self._simulation.field_for_names:
+        if live.ndim == 1 or key[0] != _BY_NAMES:
             self.want(key, slice(None))
         return self._kept[key].reshape(-1, *live.shape[1:]), True
 
@@ -122,10 +140,8 @@ class History:
             wanted[columns] = True
             self._parts[key] = _parts_of(wanted)
 
-    def indexer(self, name: str, field: np.ndarray, axes: Axes, batch: bool) -> FieldIndexer:
-        """The index of a field by names."""
-        live = self._simulation.field_for_names(name)[0]
-        return _Recorded(self, self._simulation.indexer(name, live, axes, True), name, field, axes)
+    def _indexer(self, name: str, field: np.ndarray, axes: Axes, batch: bool) -> FieldIndexer:
+        return _Recorded(self, (_BY_NAMES, name), field, axes)
 
     def __getattr__(self, name: str) -> NoReturn:
         raise AttributeError(
@@ -136,33 +152,26 @@ class History:
 class _Recorded(FieldIndexer):
     """The index of a recorded field: what it reads by names is recorded from then on."""
 
-    __slots__ = ("_history", "_live")
+    __slots__ = ("_history", "_key")
 
-    def __init__(
-        self, history: History, live: FieldIndexer, name: str, field: np.ndarray, axes: Axes
-    ) -> None:
-        super().__init__(name, field, axes, batch=True)
-        self._history, self._live = history, live
+    def __init__(self, history: History, key: _Key, field: np.ndarray, axes: Axes) -> None:
+        super().__init__(key[1], field, axes, batch=True)
+        self._history, self._key = history, key
 
     def _resolve(self, key: object) -> tuple[np.ndarray, Any]:  # Any: what NumPy indexes with
         array, index = super()._resolve(key)
         numbers = np.arange(array[0].size).reshape(array.shape[1:])
-        _ = self._live[key]  # so that the batch computes it
-        self._history.want(("field_for_names", self._name), numbers[None][index].ravel())
+        self._history.want(self._key, numbers[None][index].ravel())
         return array, index
 
-    def _want_all(self) -> None:
-        np.asarray(self._live)
-        self._history.want(("field_for_names", self._name), slice(None))
-
     def __getattr__(self, name: str) -> Any:  # attributes of the array
-        self._want_all()
+        self._history.want(self._key, slice(None))
         return getattr(self._field, name)
 
     def __array__(
         self, dtype: type | np.dtype | None = None, copy: bool | None = None
     ) -> np.ndarray:
-        self._want_all()
+        self._history.want(self._key, slice(None))
         return super().__array__(dtype, copy)
 
 

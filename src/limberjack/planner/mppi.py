@@ -25,7 +25,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.simulation import NOT_FIELDS
+from limberjack.mujoco.simulation import model_fields, without_calls
 from limberjack.planner.control_law import ControlLaw
 from limberjack.planner.cost import Cost, cost_for
 from limberjack.planner.planning_model import enable_sleep, planning_model_of
@@ -96,7 +96,7 @@ class Planner:
         self._steps = max(1, round(settings.horizon / env.control_timestep()))
         states = -(-self._steps // settings.cost_interval)
         threads = usable_cores() if num_threads is None else num_threads
-        self._fields = tuple(n for n in env.snapshot().physics if n not in NOT_FIELDS)
+        self._fields = tuple(model_fields(env.snapshot().physics))
         self._rollouts = {
             size: Rollouts(rolled_out, size, threads, self._fields, states)
             for size in self._budget.sizes
@@ -168,9 +168,8 @@ class Planner:
 
     def _set_state(self) -> dict[str, np.ndarray]:
         """Updates the cost in the environment's state; returns that state, to be loaded."""
-        saved = self._env.physics.simulation.save(None, self._fields)
-        # Not how the environment has got there, which takes other time steps here.
-        saved = {name: value for name, value in saved.items() if name not in ("before", "call")}
+        # The call that led to the state has other time steps here.
+        saved = without_calls(self._env.physics.simulation.save(None, self._fields))
         self._now.simulation.load(saved)
         self._cost.update(self._now)
         return saved

@@ -15,7 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from limberjack.mujoco.simulation import NOT_FIELDS
+from limberjack.mujoco.simulation import model_fields
 from limberjack.planner.history import History
 
 __all__ = ["Budget", "Rollouts"]
@@ -43,7 +43,7 @@ class Rollouts:
         replicas = physics.replicate(samples, num_threads, own_fields)
         self.physics, self.simulation = replicas.physics, replicas.simulation
         self.history = History(self.simulation, states)
-        self.seen = self.physics.seen_through(self.history)
+        self.seen = self.history.read_by(self.physics)
         self._records: dict[str, np.ndarray] = {}  # of `roll_out`, written over by the next one
 
     def load(self, saved: Mapping[str, np.ndarray]) -> None:
@@ -52,8 +52,7 @@ class Rollouts:
         Quantities that follow from the state are those of before, until they are stepped.
         """
         simulation = self.simulation
-        values = {name: value[0] for name, value in saved.items() if name not in NOT_FIELDS}
-        simulation.set_fields(values)
+        simulation.set_fields({name: value[0] for name, value in model_fields(saved).items()})
         if simulation.remembers:  # such as the time for which bodies have been at rest
             simulation.reset()
         simulation.state[...] = saved["state"]

@@ -4,7 +4,6 @@ from limberjack.registry.row import Row
 
 __all__ = ["TASKS"]
 
-# fmt: off
 TASKS = (
     Row("acrobot", "swingup", ("benchmarking",), 1000, 2),
     Row("acrobot", "swingup_sparse", ("benchmarking",), 1000, 2),

@@ -45,7 +45,7 @@ from limberjack.rl.given_state import checked_states, state_sizes
 from limberjack.rl.memory import Memory, remembered
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels, render_arguments, render_cameras
 from limberjack.rl.randomize import Randomizer, show_drawn
-from limberjack.rl.represented import Description, of_batch, represented
+from limberjack.rl.represented import Description, represented
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.stagger import Stagger, check_limit
@@ -500,10 +500,14 @@ class BatchEnvironment:
 
     def description(self) -> Description:
         """The parts of the batch's `repr`."""
-        return of_batch(self)
+        steps = self._counter.steps.tolist()
+        begun = not self._begins.all() or any(steps)
+        return Description(
+            self.name, self.num_envs, self._streams.seeds, steps if begun else [], self.step_limit
+        )
 
     def __repr__(self) -> str:
-        return represented(self, of_batch(self))
+        return represented(self, self.description())
 
     def __getstate__(self) -> dict[str, object]:
         """State for an equal batch: for pickling, deep copies and spawned processes."""

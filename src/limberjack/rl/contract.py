@@ -146,6 +146,10 @@ class SimulatedPhysics(Drawn, Protocol):
         """Current model values of the fields to be randomised."""
         ...
 
+    def recompute_constants_of(self, names: Sequence[str]) -> None:
+        """Makes starts that set these fields recompute the constants derived from them."""
+        ...
+
     def identity(self, varying: Sequence[str] = ()) -> dict[str, object]:
         """Facts that must match for a saved row to load."""
         ...

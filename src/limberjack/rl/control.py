@@ -48,7 +48,7 @@ from limberjack.rl.memory import put_back, remembered, stand_in
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY, flatten_observation, specs_of
 from limberjack.rl.pixels import Frames, PixelOptions, Pixels
 from limberjack.rl.randomize import Draw, Randomizer, stream_beside
-from limberjack.rl.represented import of_environment, represented
+from limberjack.rl.represented import Description, represented
 from limberjack.rl.reward_terms import reward_and_terms
 from limberjack.rl.snapshot import Snapshot, as_snapshot, origin_of
 from limberjack.rl.stream_fields import check_not_randomized, set_stream_fields
@@ -177,6 +177,7 @@ class Environment(dm_env.Environment):
         if randomize:
             self._randomizer = Randomizer(randomize, self._simulated)
             check_not_randomized(task, self._randomizer.fields)
+            self._simulated.recompute_constants_of(self._randomizer.fields)
         self._frames = Frames.of(pixels, self._simulated)
         self.reward_terms: dict[str, Quantity] = {}  # of the last step, by name
         self.randomization: dict[str, np.ndarray] = {}  # drawn for this episode, by field
@@ -532,8 +533,18 @@ class Environment(dm_env.Environment):
             return observation
         return self._frames.observe(self._simulated, observation, is_step=False)
 
+    def description(self) -> Description:
+        """The parts of the `repr`, also of an environment that is only half made."""
+        task = getattr(self, "_task", None)
+        stream, seed = self._seeded
+        is_first = stream is not None and stream is getattr(task, "random", None)
+        step = getattr(self, "_step_count", 0)
+        begun = step or not getattr(self, "_reset_next_step", True)
+        name, limit = self._name or type(task).__name__, getattr(self, "_step_limit", math.inf)
+        return Description(name, None, [seed if is_first else None], [step] if begun else [], limit)
+
     def __repr__(self) -> str:
-        return represented(self, of_environment(self))
+        return represented(self, self.description())
 
     def __deepcopy__(self, memo: dict[int, object]) -> Self:
         exact_copies(self, memo)

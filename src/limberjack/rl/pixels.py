@@ -46,7 +46,7 @@ _V = TypeVar("_V")
 _P = TypeVar("_P")
 
 
-PixelOptions = Mapping[str, Any]  # Any: the attributes of `Pixels`, checked by `Pixels.of`
+PixelOptions = Mapping[str, object]  # the attributes of `Pixels`, checked by `Pixels.of`
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,7 +98,8 @@ class Pixels:
                     f"pixels has no option {name!r}.{did_you_mean(name, known)} It takes: "
                     f"{', '.join(known)}."
                 )
-        return cls(**options)
+        arguments: dict[str, Any] = dict(options)  # each of its own type, which is checked
+        return cls(**arguments)
 
     # Any: each keyword has its own type.
     @property

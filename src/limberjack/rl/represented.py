@@ -9,15 +9,11 @@ stream. `repr` also works for an object that is closed or only half made.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
-from limberjack.rl.contract import Task
-from limberjack.rl.endings import Counter
-from limberjack.rl.streams import Streams
-
-__all__ = ["Description", "of_batch", "of_environment", "represented"]
+__all__ = ["Description", "represented"]
 
 _MOST_SEEDS = 4  # that are listed one by one
 
@@ -30,51 +26,6 @@ class Description(NamedTuple):
     seeds: Sequence[object]  # one for each row; anything but a whole number is not known
     steps: Sequence[int]  # of each row's episode; empty before the first reset
     step_limit: float = math.inf
-
-
-class _Environment(Protocol):
-    """The class attributes of a `control.Environment`; others may be missing."""
-
-    _name: str
-    _seeded: tuple[object, object]
-
-
-class _Batch(Protocol):
-    """The attributes of a `BatchEnvironment`."""
-
-    num_envs: int
-    _name: str
-    _task: Task
-    _streams: Streams
-    _counter: Counter
-    _begins: np.ndarray
-
-
-def of_environment(env: _Environment) -> Description:
-    """The description of a single environment, also of one that is only half made."""
-    task = getattr(env, "_task", None)
-    stream, seed = env._seeded
-    is_first = stream is not None and stream is getattr(task, "random", None)
-    step, waits = getattr(env, "_step_count", 0), getattr(env, "_reset_next_step", True)
-    return Description(
-        env._name or type(task).__name__,
-        None,
-        [seed if is_first else None],
-        [] if waits and not step else [step],
-        getattr(env, "_step_limit", math.inf),
-    )
-
-
-def of_batch(batch: _Batch) -> Description:
-    """The description of a batch."""
-    steps = batch._counter.steps.tolist()
-    return Description(
-        batch._name or type(batch._task).__name__,
-        batch.num_envs,
-        batch._streams.seeds,
-        [] if batch._begins.all() and not any(steps) else steps,
-        batch._counter.step_limit,
-    )
 
 
 def represented(what: object, first: Description, *others: Description) -> str:

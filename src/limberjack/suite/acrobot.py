@@ -14,9 +14,15 @@ from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Balance", "Physics", "get_model_and_assets", "swingup",
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Balance",
+    "Physics",
+    "get_model_and_assets",
+    "swingup",
     "swingup_sparse",
-]  # fmt: skip
+]
 
 _DEFAULT_TIME_LIMIT = 10  # seconds
 _MARGIN = 1  # metres from the target's surface at which the smooth reward is 0.1

@@ -11,8 +11,14 @@ from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "BallInCup", "Physics", "catch", "get_model_and_assets",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "BallInCup",
+    "Physics",
+    "catch",
+    "get_model_and_assets",
+]
 
 _DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds

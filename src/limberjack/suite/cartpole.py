@@ -16,9 +16,19 @@ from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Balance", "Physics", "balance", "balance_sparse",
-    "get_model_and_assets", "swingup", "swingup_sparse", "three_poles", "two_poles",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Balance",
+    "Physics",
+    "balance",
+    "balance_sparse",
+    "get_model_and_assets",
+    "swingup",
+    "swingup_sparse",
+    "three_poles",
+    "two_poles",
+]
 
 _DEFAULT_TIME_LIMIT = 10  # seconds
 _FAST = 5  # rad/s; at this velocity of a pole its term is a tenth

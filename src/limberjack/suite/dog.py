@@ -19,9 +19,21 @@ from limberjack.utils import arrays, containers, rewards, xml_tools
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Fetch", "Move", "Physics", "Stand", "fetch",
-    "get_model_and_assets", "make_model", "run", "stand", "trot", "walk",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Fetch",
+    "Move",
+    "Physics",
+    "Stand",
+    "fetch",
+    "get_model_and_assets",
+    "make_model",
+    "run",
+    "stand",
+    "trot",
+    "walk",
+]
 
 _DEFAULT_TIME_LIMIT = 15  # seconds
 _CONTROL_TIMESTEP = 0.015  # seconds

@@ -16,9 +16,17 @@ from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Physics", "Spin", "Turn", "get_model_and_assets", "spin",
-    "turn_easy", "turn_hard",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Physics",
+    "Spin",
+    "Turn",
+    "get_model_and_assets",
+    "spin",
+    "turn_easy",
+    "turn_hard",
+]
 
 _DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds

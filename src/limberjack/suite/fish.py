@@ -15,9 +15,16 @@ from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Physics", "Swim", "Upright", "get_model_and_assets",
-    "swim", "upright",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Physics",
+    "Swim",
+    "Upright",
+    "get_model_and_assets",
+    "swim",
+    "upright",
+]
 
 _DEFAULT_TIME_LIMIT = 40  # seconds
 _CONTROL_TIMESTEP = 0.04  # seconds

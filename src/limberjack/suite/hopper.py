@@ -16,9 +16,15 @@ from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Hopper", "Physics", "get_model_and_assets", "hop",
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Hopper",
+    "Physics",
+    "get_model_and_assets",
+    "hop",
     "stand",
-]  # fmt: skip
+]
 
 _DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds

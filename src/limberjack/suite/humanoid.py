@@ -19,9 +19,17 @@ from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Humanoid", "Physics", "get_model_and_assets", "run",
-    "run_pure_state", "stand", "walk",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Humanoid",
+    "Physics",
+    "get_model_and_assets",
+    "run",
+    "run_pure_state",
+    "stand",
+    "walk",
+]
 
 _DEFAULT_TIME_LIMIT = 25  # seconds
 _CONTROL_TIMESTEP = 0.025  # seconds

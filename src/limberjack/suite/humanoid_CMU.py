@@ -14,9 +14,16 @@ from limberjack.utils import containers
 from limberjack.utils.arrays import Quantity
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "HumanoidCMU", "Physics", "get_model_and_assets", "run",
-    "stand", "walk",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "HumanoidCMU",
+    "Physics",
+    "get_model_and_assets",
+    "run",
+    "stand",
+    "walk",
+]
 
 _DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds

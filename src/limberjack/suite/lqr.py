@@ -20,9 +20,15 @@ from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "LQRLevel", "Physics", "get_model_and_assets", "lqr_2_1",
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "LQRLevel",
+    "Physics",
+    "get_model_and_assets",
+    "lqr_2_1",
     "lqr_6_2",
-]  # fmt: skip
+]
 
 _DEFAULT_TIME_LIMIT = float("inf")  # seconds
 _CONTROL_COST_COEF = 0.1

@@ -11,8 +11,14 @@ from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Physics", "SwingUp", "get_model_and_assets", "swingup",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Physics",
+    "SwingUp",
+    "get_model_and_assets",
+    "swingup",
+]
 
 _DEFAULT_TIME_LIMIT = 20  # seconds
 _ANGLE_BOUND = 8  # degrees from the vertical within which the pole counts as upright

@@ -13,9 +13,15 @@ from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Physics", "PointMass", "easy", "get_model_and_assets",
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Physics",
+    "PointMass",
+    "easy",
+    "get_model_and_assets",
     "hard",
-]  # fmt: skip
+]
 
 _DEFAULT_TIME_LIMIT = 20  # seconds
 _PARALLEL = 0.9  # cosine of the angle between two directions above which both are too similar

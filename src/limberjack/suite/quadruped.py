@@ -23,9 +23,19 @@ from limberjack.suite.base import Kwargs, Seed
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Escape", "Fetch", "Move", "Physics", "escape", "fetch",
-    "make_model", "run", "walk",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Escape",
+    "Fetch",
+    "Move",
+    "Physics",
+    "escape",
+    "fetch",
+    "make_model",
+    "run",
+    "walk",
+]
 
 _DEFAULT_TIME_LIMIT = 20  # seconds
 _CONTROL_TIMESTEP = 0.02  # seconds

@@ -12,9 +12,15 @@ from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Physics", "Reacher", "easy", "get_model_and_assets",
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Physics",
+    "Reacher",
+    "easy",
+    "get_model_and_assets",
     "hard",
-]  # fmt: skip
+]
 
 _DEFAULT_TIME_LIMIT = 20  # seconds
 _BIG_TARGET = 0.05  # metres; radius

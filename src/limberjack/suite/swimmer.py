@@ -17,9 +17,16 @@ from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards, xml_tools
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Physics", "Swimmer", "get_model_and_assets", "swimmer",
-    "swimmer6", "swimmer15",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Physics",
+    "Swimmer",
+    "get_model_and_assets",
+    "swimmer",
+    "swimmer6",
+    "swimmer15",
+]
 
 _DEFAULT_TIME_LIMIT = 30  # seconds
 _CONTROL_TIMESTEP = 0.03  # seconds

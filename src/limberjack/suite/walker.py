@@ -17,9 +17,16 @@ from limberjack.suite.utils import randomizers
 from limberjack.utils import arrays, containers, rewards
 
 __all__ = [
-    "OBSERVATIONS", "PICTURES", "SUITE", "Physics", "PlanarWalker", "get_model_and_assets", "run",
-    "stand", "walk",
-]  # fmt: skip
+    "OBSERVATIONS",
+    "PICTURES",
+    "SUITE",
+    "Physics",
+    "PlanarWalker",
+    "get_model_and_assets",
+    "run",
+    "stand",
+    "walk",
+]
 
 _DEFAULT_TIME_LIMIT = 25  # seconds
 _CONTROL_TIMESTEP = 0.025  # seconds

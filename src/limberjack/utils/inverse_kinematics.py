@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from limberjack.mujoco import Physics
-from limberjack.mujoco.leaving import begin
+from limberjack.mujoco.exit_guard import pass_exit_guard
 from limberjack.utils.log import log
 
 __all__ = ["IKResult", "nullspace_method", "qpos_from_site_pose"]
@@ -174,7 +174,7 @@ class _Search:
         rows = 3 * ((target_pos is not None) + (target_quat is not None))
         self.difference = np.empty(rows)
         self._jacobian = np.empty((rows, self._model.nv))
-        begin()
+        pass_exit_guard()
         mujoco.mj_fwdPosition(self._model, self._data)
 
     def error(self) -> np.float64:
@@ -205,7 +205,7 @@ class _Search:
         """Moves joints by a displacement of the given degrees of freedom."""
         displacement = np.zeros(self._model.nv)
         displacement[dofs] = update
-        begin()
+        pass_exit_guard()
         mujoco.mj_integratePos(self._model, self._data.qpos, displacement, 1)
         mujoco.mj_fwdPosition(self._model, self._data)
 

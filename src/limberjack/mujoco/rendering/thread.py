@@ -20,7 +20,7 @@ from typing import Any, Generic, TypeVar, cast
 
 import mujoco
 
-from limberjack.mujoco import leaving
+from limberjack.mujoco import exit_guard
 from limberjack.mujoco.rendering.backends import Backend, RenderingError
 from limberjack.mujoco.rendering.canvases import Canvases
 
@@ -181,7 +181,7 @@ class _Process:
     def _started_thread(self) -> _RenderingThread:
         if self._is_exiting:
             if threading.current_thread().daemon:
-                leaving.stay()  # an error would be printed
+                exit_guard.wait_forever()  # an error would be printed
             raise RenderingError("the interpreter is exiting: nothing can be rendered any more")
         with self._start:
             if self._thread is None:

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.allocating import data_of
-from limberjack.mujoco.leaving import begin
+from limberjack.mujoco.exit_guard import pass_exit_guard
 from limberjack.mujoco.wrapper.model import MjModel, object_type_number
 
 __all__ = ["MjData", "moving_object"]
@@ -102,7 +102,7 @@ class MjData:
         model = self._model._model
         if model is self._data.model:
             return self._data
-        begin()
+        pass_exit_guard()
         # The official data refers to the model it was created from, which has been replaced.
         data = data_of(model)
         mujoco.mj_copyData(data, model, self._data)
@@ -164,7 +164,7 @@ class MjData:
                 f"`contact_id` must be between 0 and {self._data.ncon - 1} (inclusive), got: "
                 f"{contact_id}."
             )
-        begin()
+        pass_exit_guard()
         model, data = self._model._model, self._data
         # The parts of a step's second half on which contact forces depend.
         mujoco.mj_fwdActuation(model, data)

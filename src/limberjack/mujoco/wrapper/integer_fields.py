@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.allocating import copy_of, data_of
-from limberjack.mujoco.leaving import begin
+from limberjack.mujoco.exit_guard import pass_exit_guard
 from limberjack.mujoco.read_only import Checked, ReadOnly
 
 __all__ = [
@@ -144,7 +144,7 @@ def _write(model: mujoco.MjModel, name: str, values: np.ndarray) -> None:
     before = getattr(model, name)
     if before.tobytes() == values.tobytes():
         return
-    begin()
+    pass_exit_guard()
     _CHECKS[name](model, name, values)
     if name not in _OF_GEOMS:
         np.copyto(before, values)

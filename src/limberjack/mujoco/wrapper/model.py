@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 from limberjack.mujoco.allocating import allocating, copy_of
-from limberjack.mujoco.leaving import begin
+from limberjack.mujoco.exit_guard import pass_exit_guard
 from limberjack.mujoco.wrapper import util
 from limberjack.mujoco.wrapper.integer_fields import (
     FIXED,
@@ -125,7 +125,7 @@ class MjModel(CopyOnWrite):
           ValueError: MuJoCo's error message about the model.
           MemoryError: there is no memory for it.
         """
-        begin()
+        pass_exit_guard()
         text = util.to_native_string(xml_string)
         size = len(text) + sum(map(len, (assets or {}).values()))
         with allocating("a model compiled from its files", size):
@@ -136,7 +136,7 @@ class MjModel(CopyOnWrite):
     @classmethod
     def from_byte_string(cls, byte_string: bytes) -> "MjModel":
         """Reads a model in binary format (MJB), as from `to_bytes`."""
-        begin()
+        pass_exit_guard()
         name = "model.mjb"
         with allocating("a model in binary format", len(byte_string)):
             return cls(mujoco.MjModel.from_binary_path(name, {name: byte_string}))
@@ -144,7 +144,7 @@ class MjModel(CopyOnWrite):
     @classmethod
     def from_xml_path(cls, xml_path: str) -> "MjModel":
         """Compiles an MJCF or URDF file."""
-        begin()
+        pass_exit_guard()
         with allocating("a model compiled from its files", _size_of(xml_path)):
             model = mujoco.MjModel.from_xml_path(str(xml_path))
         _last_compiled["model"] = model
@@ -153,18 +153,18 @@ class MjModel(CopyOnWrite):
     @classmethod
     def from_binary_path(cls, binary_path: str) -> "MjModel":
         """Reads a file in binary format (MJB), as from `save_binary`."""
-        begin()
+        pass_exit_guard()
         with allocating("a model in binary format", _size_of(binary_path)):
             return cls(mujoco.MjModel.from_binary_path(str(binary_path)))
 
     def save_binary(self, binary_path: str) -> None:
         """Writes the model to a file in MuJoCo's binary format (MJB)."""
-        begin()
+        pass_exit_guard()
         mujoco.mj_saveModel(self._model, str(binary_path), None)
 
     def to_bytes(self) -> bytes:
         """The model in MuJoCo's binary format (MJB)."""
-        begin()
+        pass_exit_guard()
         buffer = np.zeros(mujoco.mj_sizeModel(self._model), np.uint8)
         mujoco.mj_saveModel(self._model, None, buffer)
         return buffer.tobytes()
@@ -264,7 +264,7 @@ def save_last_parsed_model_to_xml(xml_path: str, check_model: MjModel | None = N
 
 def object_type_number(object_type: str | int) -> int:
     """An object type's number from its name or number."""
-    begin()
+    pass_exit_guard()
     if not isinstance(object_type, str):
         return int(object_type)
     kind = int(mujoco.mju_str2Type(object_type))

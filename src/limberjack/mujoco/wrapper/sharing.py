@@ -1,16 +1,19 @@
 """Compiled models shared by simulations, with copy-on-write.
 
-    shared = SharedModel(official)
+    shared = compiled(source, compile_it)             # again from the cache, if it was compiled
     first, second = wrapper.MjModel(shared), wrapper.MjModel(shared)
     first.body_mass[1] = 2.0     # `first` now has its own copy
 
-A suite model takes 12 MB, nearly all of it the sky texture. Simulations of the same source share
-one `SharedModel`; see `compiled`. Any access through an `MjModel` that could lead to a change (a
-writable array, a nested struct, `ptr`) copies the model first (`CopyOnWrite`). Code of this package
-that only reads uses `model._model`.
+A suite model takes 12 MB, nearly all of it the sky texture, and 70 ms to compile. Simulations of
+the same source share one `SharedModel`. The most recently used ones stay in a cache, up to a total
+size, even if no simulation uses them. Any access through an `MjModel` that could lead to a change
+(a writable array, a nested struct, `ptr`) copies the model first (`CopyOnWrite`). Code of this
+package that only reads uses `model._model`.
 """
 
 import functools
+import weakref
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import mujoco
@@ -18,9 +21,9 @@ import mujoco
 from limberjack.mujoco.allocating import copy_of
 from limberjack.mujoco.wrapper.textures import without_textures
 
-__all__ = ["CopyOnWrite", "SharedModel"]
+__all__ = ["CopyOnWrite", "SharedModel", "compiled", "drop_unused"]
 
-
+_MOST_KEPT = 128 * 2**20  # bytes; total size of the cached models
 # Types that cannot be changed in place, so returning them needs no copy.
 _IMMUTABLE = (int, float, str, bytes)
 
@@ -30,7 +33,7 @@ class SharedModel:
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model
-        self.checksums: dict[tuple[str, ...], dict[str, int]] = {}  # of `mujoco.identity`
+        self.checksums: dict[tuple[str, ...], dict[str, int]] = {}  # of `model_values`
 
     @functools.cached_property
     def light(self) -> mujoco.MjModel:
@@ -87,3 +90,31 @@ class CopyOnWrite:
         """A field; if it is mutable, the model is copied first."""
         value = getattr(self._model, name)
         return value if isinstance(value, _IMMUTABLE) else getattr(self.own(), name)
+
+
+_in_use: "weakref.WeakValueDictionary[Hashable, SharedModel]" = weakref.WeakValueDictionary()
+_last_used: dict[Hashable, SharedModel] = {}  # the most recent one last
+
+
+def compiled(source: Hashable, compile_it: Callable[[], mujoco.MjModel]) -> SharedModel:
+    """The cached model for this source, compiled by `compile_it` if necessary."""
+    shared = _in_use.get(source)
+    if shared is None:
+        shared = _in_use[source] = SharedModel(compile_it())
+    # Other threads may do the same at any point, so nothing relies on the entries found before.
+    _last_used.pop(source, None)
+    _last_used[source] = shared
+    kept = [(name, mujoco.mj_sizeModel(each.model)) for name, each in tuple(_last_used.items())]
+    total = sum(size for _, size in kept)
+    for name, size in kept[:-1]:
+        if total <= _MOST_KEPT:
+            break
+        _last_used.pop(name, None)
+        total -= size
+    return shared
+
+
+def drop_unused() -> int:
+    """Drops cached models that no simulation uses; returns how many are still in use."""
+    _last_used.clear()
+    return len(_in_use)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.mujoco import leaving, wrapper
+from limberjack.mujoco import exit_guard, wrapper
 from tests.programs import run
 
 _PROGRAM = """
@@ -49,17 +49,17 @@ def test_the_exit_waits_no_longer_than_two_seconds() -> None:
 def test_threads_that_do_not_simulate_are_not_waited_for() -> None:
     program = """
         import threading, time
-        from limberjack.mujoco import leaving
+        from limberjack.mujoco import exit_guard
 
         def idle():
             threading.Event().wait()
 
-        for target in (idle, leaving.stay):
+        for target in (idle, exit_guard.wait_forever):
             threading.Thread(target=target, daemon=True).start()
         time.sleep(0.1)
         began = time.monotonic()
-        leaving._wait_for_others()
-        print(time.monotonic() - began < leaving._LONGEST_WAIT / 2)
+        exit_guard._wait_for_others()
+        print(time.monotonic() - began < exit_guard._LONGEST_WAIT / 2)
     """
     assert run(program) == "True\n"
 
@@ -87,15 +87,15 @@ def _stay() -> NoReturn:
 
 
 @pytest.fixture
-def leaving_calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def calls_at_exit(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The functions of MuJoCo that are called while the process seems to exit."""
     calls: list[str] = []
     places = [(mujoco, name) for name in dir(mujoco) if name.startswith(("mj_", "mju_"))]
     places += [(mujoco.batch.Batch, name) for name in ("forward", "reset", "set_const", "step")]
     for owner, name in places:
         monkeypatch.setattr(owner, name, lambda *_, name=name, **__: calls.append(name))
-    monkeypatch.setattr(leaving, "_is_leaving", True)
-    monkeypatch.setattr(leaving, "stay", _stay)
+    monkeypatch.setattr(exit_guard, "_is_exiting", True)
+    monkeypatch.setattr(exit_guard, "wait_forever", _stay)
     return calls
 
 
@@ -122,7 +122,7 @@ def test_a_daemon_stays_before_it_calls_mujoco(
     environment: Any = suite.load("quadruped", "fetch")
     if kind == "batch":
         environment = suite.load_batch("quadruped", "fetch", 2, 1, 0)
-    calls = request.getfixturevalue("leaving_calls")  # after the loads
+    calls = request.getfixturevalue("calls_at_exit")  # after the loads
     with concurrent.futures.ThreadPoolExecutor(1) as executor, pytest.raises(_StayError):
         executor.submit(call, environment.physics).result()
     assert calls == []

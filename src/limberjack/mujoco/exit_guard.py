@@ -1,4 +1,4 @@
-"""Safe interpreter exit while threads are simulating.
+"""The exit guard: a safe exit of the interpreter while threads are simulating.
 
 MuJoCo's functions release the GIL. If one returns in a daemon thread during interpreter shutdown,
 Python ends the thread inside MuJoCo's bindings, which crashes the process. Therefore the exit waits
@@ -11,7 +11,7 @@ import threading
 import time
 from types import FrameType
 
-__all__ = ["begin", "stay"]
+__all__ = ["pass_exit_guard", "wait_forever"]
 
 # Prefixes of the modules whose functions call MuJoCo or, as a step does, functions that may.
 _SIMULATING = (
@@ -22,33 +22,33 @@ _SIMULATING = (
 )
 _LONGEST_WAIT = 2.0  # seconds; a step takes milliseconds
 
-_is_leaving = False
-_staying: set[int] = set()  # ids of threads that wait for the end of the process
+_is_exiting = False
+_waiting: set[int] = set()  # ids of threads that wait for the end of the process
 
 
-def begin() -> None:
+def pass_exit_guard() -> None:
     """To be called before MuJoCo is; during exit, blocks every thread but the main one forever."""
-    if _is_leaving and threading.current_thread() is not threading.main_thread():
-        stay()
+    if _is_exiting and threading.current_thread() is not threading.main_thread():
+        wait_forever()
 
 
-def stay() -> None:
+def wait_forever() -> None:
     """Blocks this thread, a daemon, until the process ends; the exit does not wait for it."""
-    _staying.add(threading.get_ident())
+    _waiting.add(threading.get_ident())
     threading.Event().wait()
 
 
 @atexit.register
 def _wait_for_others() -> None:
-    global _is_leaving
-    _is_leaving = True
+    global _is_exiting
+    _is_exiting = True
     end = time.monotonic() + _LONGEST_WAIT
     while _others_simulate() and time.monotonic() < end:
         time.sleep(0.001)
 
 
 def _others_simulate() -> bool:
-    elsewhere = _staying | {threading.get_ident()}
+    elsewhere = _waiting | {threading.get_ident()}
     frames = sys._current_frames().items()
     return any(_simulates(frame) for thread, frame in frames if thread not in elsewhere)
 
