@@ -22,6 +22,7 @@ from limberjack.cli.options import (
     TaskName,
     Threads,
     TimeLimit,
+    Vectorised,
     Workers,
     chosen_seeds,
     named_environment,
@@ -100,6 +101,7 @@ def _collect(
     ray: Ray = None,
     shard: Shard = None,
     any_processor: AnyProcessor = False,
+    vectorised: Vectorised = None,
 ) -> None:
     """Collect the episodes of a policy into Parquet files, in the folder episodes of DIR.
 
@@ -137,6 +139,7 @@ def _collect(
             ray=ray,
             shard=part,
             any_processor=any_processor,
+            vectorised=vectorised,
             on_progress=progress.show,
             on_state=progress.show_state,
             command=command_line(),

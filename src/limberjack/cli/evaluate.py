@@ -20,6 +20,7 @@ from limberjack.cli.options import (
     TaskName,
     Threads,
     TimeLimit,
+    Vectorised,
     Workers,
     chosen_seeds,
     named_environment,
@@ -65,6 +66,7 @@ def _evaluate(
     ray: Ray = None,
     shard: Shard = None,
     any_processor: AnyProcessor = False,
+    vectorised: Vectorised = None,
 ) -> None:
     """Measure the returns of a policy: mean with its interval, median and success rate.
 
@@ -99,6 +101,7 @@ def _evaluate(
             ray=ray,
             shard=part,
             any_processor=any_processor,
+            vectorised=vectorised,
             on_progress=progress.show,
             on_state=progress.show_state,
             command=command_line(),

@@ -31,6 +31,7 @@ __all__ = [
     "TaskName",
     "Threads",
     "TimeLimit",
+    "Vectorised",
     "Workers",
     "chosen_seeds",
     "finite",
@@ -98,6 +99,15 @@ ActionRepeat = Annotated[
         min=1,
         help="Control steps per action; the environment's own by default, mostly 1. Returns and "
         "lengths still count control steps.",
+    ),
+]
+Vectorised = Annotated[
+    bool | None,
+    typer.Option(
+        "--vectorised/--no-vectorised",
+        help="Step all rows with one call of the task's code, or complete environments; by default "
+        "the first where that changes no number.",
+        show_default=False,
     ),
 ]
 Workers = Annotated[

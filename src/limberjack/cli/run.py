@@ -14,6 +14,7 @@ from limberjack.cli.options import (
     TaskName,
     Threads,
     TimeLimit,
+    Vectorised,
     chosen_seeds,
     finite,
     named_environment,
@@ -43,6 +44,7 @@ def _run(
     time_limit: TimeLimit = None,
     action_repeat: ActionRepeat = None,
     threads: Threads = None,
+    vectorised: Vectorised = None,
 ) -> None:
     """Run episodes of a task and show their returns.
 
@@ -68,7 +70,7 @@ def _run(
                 out=out,
                 time_limit=finite(time_limit),
                 action_repeat=action_repeat or 1,
-                scale=scale_of(progress, threads=threads),
+                scale=scale_of(progress, threads=threads, vectorised=vectorised),
                 replaces=True,
                 command=command_line(),
             )

@@ -34,11 +34,12 @@ def scale_of(
     ray: str | None = None,
     threads: int | None = None,
     any_processor: bool = False,
+    vectorised: bool | None = None,
 ) -> "Scale":
     """The workers that the options ask for; their state is shown."""
     from limberjack.workers import Scale
 
-    return Scale(workers, None, ray, threads, any_processor, progress.show_state)
+    return Scale(workers, None, ray, threads, any_processor, progress.show_state, vectorised)
 
 
 def finish(run: "Run", progress: Units, out: Path | None) -> int:

@@ -33,6 +33,7 @@ from limberjack.episodes.recipe import FILE_MB, UNIT, Recipe, recipe_of
 from limberjack.episodes.starts import Starts
 from limberjack.episodes.units import OnEnded, play_seeds, play_unit
 from limberjack.policies import Actor, PolicyError
+from limberjack.rl.builds import Build
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnProgress, OnState, Scale, Setup, Unit, shard_of
@@ -59,6 +60,7 @@ def collect(
     ray: str | None = None,
     shard: tuple[int, int] | None = None,
     any_processor: bool = False,
+    vectorised: bool | None = None,
     replaces: bool = False,
     on_progress: OnProgress | None = None,
     on_state: OnState | None = None,
@@ -85,6 +87,7 @@ def collect(
         differently.
       on_progress: called as episodes are played and saved, as by `evaluate`.
       on_state: called with the state of the workers.
+      vectorised: as for `evaluate`.
       replaces: discard a dataset of another recipe that is here; by default it is an error.
       on_step: called as episodes begin in this process, and after each step.
       on_ended: called with each episode that ends in this process.
@@ -101,7 +104,7 @@ def collect(
     """
     wanted, directory = _checked_seeds(seeds), Path(out).absolute()  # a policy may move
     asked = wanted if shard is None else shard_of(wanted, *shard)
-    scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
+    scale = Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised)
     factory = factory_of(domain, task, time_limit)
     with contextlib.closing(checked_environment(factory, wanted, is_kept=True)) as environment:
         acting = _found(policy, environment, num_threads) if actor is None else actor
@@ -125,8 +128,8 @@ def collect(
             with _Saving(folder, recipe, len(asked), missing, on_progress) as saving:
                 units = [*_units(missing, 1 if acting.plays_alone else UNIT, recipe)]
                 if setup is None:
-                    here = _Here(factory, environment, acting, recipe, num_threads)
-                    here.full = factory_of(domain, task) if isinstance(domain, str) else factory
+                    full = factory_of(domain, task) if isinstance(domain, str) else factory
+                    here = _Here(factory.build(environment), full, acting, recipe, scale)
                     here.play(units, saving, on_step, on_ended)
                 else:
                     with scale.open(len(missing)) as opened:
@@ -154,17 +157,17 @@ class _Here:
 
     def __init__(
         self,
-        factory: Factory,
-        environment: dm_env.Environment,
+        build: Build,
+        full_length: Factory,
         actor: Actor,
         recipe: Recipe,
-        num_threads: int | None,
+        scale: Scale,
     ) -> None:
-        self.full = factory  # makes environments with the task's own time limit
-        self._build = factory.build(environment)
+        self._build = build
+        self._full_length = full_length  # makes environments with the task's own time limit
         self._actor = actor
         self._recipe = recipe
-        self._num_threads = num_threads
+        self._scale = scale
 
     def play(
         self,
@@ -178,7 +181,8 @@ class _Here:
             if on_step is not None:
                 on_step(step)
 
-        with contextlib.closing(Starts(self.full.build(self.full.make(0)))) as starts:
+        full = self._full_length
+        with contextlib.closing(Starts(full.build(full.make(0)))) as starts:
             for unit in units:
                 played = play_seeds(
                     self._build,
@@ -186,7 +190,8 @@ class _Here:
                     self._actor,
                     unit,
                     self._recipe.kept,
-                    num_threads=self._num_threads,
+                    num_threads=self._scale.num_threads,
+                    vectorised=self._scale.vectorised,
                     action_repeat=self._recipe.facts["action_repeat"],
                     on_step=watch,
                     on_ended=on_ended,

@@ -82,6 +82,7 @@ def batch_for(
     episodes: int,
     num_threads: int | None = None,
     on_divergence: str = "end",
+    vectorised: bool | None = None,
 ) -> Batch:
     """A batch in which an actor can play so many episodes: vectorised if that changes no number.
 
@@ -90,15 +91,16 @@ def batch_for(
       actor: one that plays alone gets one row, a complete environment.
       episodes: at least 1.
       num_threads: number of threads that step the rows; by default one per usable core.
-      on_divergence: see `rl.batch_of`.
+      on_divergence, vectorised: see `rl.batch_of`.
 
     Raises:
-      ValueError, TypeError: the environments cannot be made or do not agree in their specs.
+      ValueError, TypeError: the environments cannot be made or do not agree in their specs, or
+        `vectorised` is True and cannot be.
     """
     how = {"seed": 0, "action_repeat": 1, "on_divergence": on_divergence}
     if actor.plays_alone:
         return batch_of(build, 1, 1, vectorised=False, **how)
-    return batch_of(build, min(ROWS, episodes), num_threads, **how)
+    return batch_of(build, min(ROWS, episodes), num_threads, vectorised=vectorised, **how)
 
 
 def play(

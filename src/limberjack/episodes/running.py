@@ -213,6 +213,7 @@ class Run:
             ray=scale.ray,
             shard=self._shard,
             any_processor=scale.any_processor,
+            vectorised=scale.vectorised,
             replaces=self._replaces and (self._out / RESULT).exists(),
             on_progress=on_progress,
             on_state=scale.on_state,
@@ -284,6 +285,7 @@ class Run:
                     kept,
                     num_threads=threads,
                     action_repeat=self._action_repeat,
+                    vectorised=self._scale.vectorised,
                     on_step=on_step,
                     on_ended=on_ended,
                 )

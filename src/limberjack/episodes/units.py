@@ -28,6 +28,7 @@ def play_seeds(
     *,
     num_threads: int | None = None,
     action_repeat: int = 1,
+    vectorised: bool | None = None,
     on_step: OnStep | None = None,
     on_ended: OnEnded | None = None,
 ) -> list[Episode]:
@@ -41,12 +42,14 @@ def play_seeds(
       kept: what is kept of each step besides rewards; None for nothing.
       num_threads: that step a batch; None for all usable cores.
       action_repeat: control steps per action.
+      vectorised: see `rl.batch_of`.
       on_step: called as episodes begin, and after each step.
       on_ended: called with each episode as it ends.
     """
     episodes: list[Episode] = []
     how = {"action_repeat": action_repeat, "on_step": on_step}
-    with contextlib.closing(batch_for(build, actor, len(seeds), num_threads)) as batch:
+    batch = batch_for(build, actor, len(seeds), num_threads, vectorised=vectorised)
+    with contextlib.closing(batch):
         for ended in play(batch, actor, seeds, kept, **how):
             for one in ended:
                 episode = dataclasses.replace(one, start=starts.kind(one.seed))
@@ -65,6 +68,10 @@ def play_unit(setup: Setup, seeds: Sequence[int], kept: Kept | None = None) -> l
       kept: what is kept of each step besides rewards; None for nothing.
     """
     here = setup.opened()
-    how = {"num_threads": here.num_threads, "action_repeat": setup.action_repeat}
+    how = {
+        "num_threads": here.num_threads,
+        "action_repeat": setup.action_repeat,
+        "vectorised": setup.vectorised,
+    }
     with contextlib.closing(Starts(here.full_build)) as starts:
         return play_seeds(here.build, starts, here.actor, seeds, kept, **how)

@@ -51,6 +51,7 @@ def evaluate(
     ray: str | None = None,
     shard: tuple[int, int] | None = None,
     any_processor: bool = False,
+    vectorised: bool | None = None,
     on_progress: OnProgress | None = None,
     on_state: OnState | None = None,
     command: str = "",
@@ -83,6 +84,8 @@ def evaluate(
         of its own in `out`. A call without it joins the files of all shards.
       any_processor: accept workers, and episodes in the folder, of processors that round
         differently. The result then names the processor of each episode.
+      vectorised: None vectorises the task if that changes no number; True raises the reason if it
+        would; False plays in complete environments.
       on_progress: called before a policy's first step, and after each step and episode, with the
         name of the policy, the number of finished episodes of all policies, and how many episodes'
         worth of steps the running ones have played. With workers, called after each unit of up to
@@ -103,7 +106,7 @@ def evaluate(
         at_least_one("action_repeat", action_repeat)
     directory = None if out is None else Path(out).absolute()  # a policy may change folders
     mine = asked if shard is None else _of_shard(asked, shard, directory)
-    scale = Scale(workers, executor, ray, num_threads, any_processor, on_state)
+    scale = Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised)
     factory = factory_of(domain, task, time_limit)
     environment = checked_environment(factory, asked, is_kept=directory is not None)
     actor = policies.find(policy, environment, num_threads=num_threads)
@@ -125,6 +128,7 @@ def evaluate(
                 step_limit=step_limit_of(environment) or math.inf,
                 num_threads=num_threads,
                 action_repeat=repeat,
+                vectorised=vectorised,
                 on_progress=on_progress,
             )
             with contextlib.closing(starts):

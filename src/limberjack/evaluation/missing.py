@@ -34,6 +34,7 @@ class Here:
         step_limit: float = math.inf,
         num_threads: int | None = None,
         action_repeat: int = 1,
+        vectorised: bool | None = None,
         on_progress: OnProgress | None = None,
     ) -> None:
         """Takes what the episodes of all policies have in common.
@@ -46,6 +47,7 @@ class Here:
           step_limit: of the episodes.
           num_threads: that step a batch; None for all usable cores.
           action_repeat: control steps per action.
+          vectorised: see `rl.batch_of`.
           on_progress: called before a policy's first step, and after each step and episode.
         """
         self._store = store
@@ -55,6 +57,7 @@ class Here:
         self._step_limit = step_limit
         self._num_threads = num_threads
         self._action_repeat = action_repeat
+        self._vectorised = vectorised
         self._on_progress = on_progress
         self._finished = 0  # episodes, including those of earlier calls
         self._steps = 0  # of unfinished episodes
@@ -72,9 +75,10 @@ class Here:
             if step.count:
                 self._report(actor.name)
 
-        with contextlib.closing(
-            batch_for(self._build, actor, len(missing), self._num_threads)
-        ) as batch:
+        batch = batch_for(
+            self._build, actor, len(missing), self._num_threads, vectorised=self._vectorised
+        )
+        with contextlib.closing(batch):
             watch = None if self._on_progress is None else on_step
             how = {"action_repeat": self._action_repeat, "on_step": watch}
             self._report(actor.name)

@@ -38,6 +38,7 @@ class Scale:
       num_threads: of this process, or of each worker.
       any_processor: accept workers whose processors round differently.
       on_state: called with the state of the workers.
+      vectorised: see `rl.batch_of`.
     """
 
     workers: int | None = None
@@ -46,6 +47,7 @@ class Scale:
     num_threads: int | None = None
     any_processor: bool = False
     on_state: OnState | None = None
+    vectorised: bool | None = None
 
     def __post_init__(self) -> None:
         """Raises ValueError or TypeError unless the numbers are whole and at least 1."""
@@ -102,6 +104,7 @@ class Scale:
             action_repeat=action_repeat,
             num_threads=self._threads_each(episodes),
             any_processor=self.any_processor,
+            vectorised=self.vectorised,
         )
 
     def open(self, episodes: int) -> contextlib.AbstractContextManager[Workers]:

@@ -94,6 +94,7 @@ class Setup:
       num_threads: threads of each worker; None for as many as the work can occupy.
       any_processor: accept workers with another fingerprint or canary.
       action_repeat: control steps per action.
+      vectorised: see `rl.batch_of`; it changes no number.
     """
 
     made: _Made
@@ -104,6 +105,7 @@ class Setup:
     num_threads: int | None = None
     any_processor: bool = False
     action_repeat: int = 1
+    vectorised: bool | None = None
 
     @functools.cached_property
     def key(self) -> str:
@@ -176,6 +178,7 @@ def prepare(
     action_repeat: int = 1,
     num_threads: int | None = None,
     any_processor: bool = False,
+    vectorised: bool | None = None,
 ) -> Setup:
     """The setup of a task and a policy, for workers.
 
@@ -206,6 +209,7 @@ def prepare(
         num_threads=num_threads,
         any_processor=any_processor,
         action_repeat=action_repeat,
+        vectorised=vectorised,
         **of_policy,
     )
     try:

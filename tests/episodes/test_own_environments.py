@@ -1,0 +1,128 @@
+"""Environments of a user's own, of any class, through the whole journey."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from limberjack import data
+from limberjack.data import Kept
+from limberjack.episodes.films import record
+from limberjack.evaluation import evaluate
+from limberjack.mujoco.camera import RenderingError
+from limberjack.rl import control
+from limberjack.rl.copies import control_of
+from tests.rl import odd_environments as odd
+
+
+def remembering(seed: int) -> Any:
+    """A task with undeclared memory."""
+    return odd.of_task(odd.LastAction, seed)
+
+
+def noisy(seed: int) -> Any:
+    """A task that draws in the hooks of a step."""
+    return odd.of_task(odd.Noisy, seed)
+
+
+def delaying(seed: int) -> Any:
+    """A subclass whose step is its own."""
+    return odd.of_class(odd.Delaying, seed)
+
+
+def pictured(seed: int) -> Any:
+    """Stacked pictures."""
+    pixels = {"camera": -1, "height": 8, "width": 8, "frame_stack": 2}
+    return odd.environment(odd.LastAction, seed, pixels=pixels)
+
+
+_MAKES = [remembering, noisy, delaying, odd.nested, odd.scaled, odd.distracting, odd.randomized]
+_MAKES += [odd.shifting, odd.flat, odd.measuring]
+
+
+def _rewards(make: Any, seed: int, actions: np.ndarray, repeat: int = 1) -> list[float]:
+    env, rewards = make(seed), []
+    time_step = env.reset()
+    for action in actions[::repeat]:
+        for _ in range(repeat):
+            if not time_step.last():
+                time_step = env.step(action)
+                rewards.append(time_step.reward)
+    return rewards
+
+
+@pytest.mark.parametrize("make", _MAKES, ids=lambda make: make.__name__)
+def test_episodes_of_any_environment_are_kept_and_replayed(make: Any, tmp_path: Path) -> None:
+    data.collect(make, None, "random", range(3), out=tmp_path, num_threads=1, kept=Kept(True))
+    dataset = data.load(tmp_path)
+    for episode in dataset:
+        assert episode.rewards.tolist() == _rewards(make, episode.seed, episode.actions)
+        assert episode.observations
+        assert len(episode.states) == episode.length + 1
+    assert data.replay(dataset, make, num_threads=1) is None
+    scores = evaluate(make, None, "random", range(3), num_threads=1).scores["random"]
+    assert [score.total for score in scores] == [episode.total for episode in dataset]
+
+
+def test_workers_collect_the_same_bytes(tmp_path: Path) -> None:
+    for folder, how in (("here", {"num_threads": 1}), ("there", {"workers": 2})):
+        data.collect(remembering, None, "random", range(62, 67), out=tmp_path / folder, **how)
+    files = [
+        {path.name: path.read_bytes() for path in (tmp_path / folder / "episodes").iterdir()}
+        for folder in ("here", "there")
+    ]
+    assert files[0] == files[1]
+
+
+@pytest.mark.parametrize("repeat", [2, 3])
+def test_repeated_actions_and_their_pictures_are_kept_and_replayed(
+    repeat: int, tmp_path: Path
+) -> None:
+    try:
+        pictured(0).reset()
+    except RenderingError as error:
+        pytest.skip(f"no pictures can be drawn here: {error}")
+    data.collect(
+        pictured, None, "random", range(2), out=tmp_path, num_threads=1, action_repeat=repeat
+    )
+    dataset = data.load(tmp_path)
+    for episode in dataset:
+        expected = _rewards(pictured, episode.seed, episode.actions, repeat)
+        assert episode.rewards.tolist() == expected
+        assert episode.observations["pixels"].dtype == np.uint8
+    assert data.replay(dataset, pictured, num_threads=1) is None
+
+
+def test_a_dataset_names_its_function_and_runs_nothing_by_that_name(tmp_path: Path) -> None:
+    data.collect(remembering, None, "zero", [0], out=tmp_path, num_threads=1)
+    dataset = data.load(tmp_path)
+    facts = dataset.recipe.facts
+    assert facts["environment"] == f"{__name__}:remembering"
+    assert len(facts["environment_sha256"]) == 64
+    with pytest.raises(ValueError, match=r"environments that .*:remembering makes: give that func"):
+        data.replay(dataset)
+    with pytest.raises(ValueError, match="noisy is not the function that made the episodes' envir"):
+        data.replay(dataset, noisy)
+
+
+def test_what_cannot_be_named_is_not_kept(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="cannot be distinguished from other functions"):
+        data.collect(lambda seed: remembering(seed), out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_episode_of_a_users_environment_is_filmed(tmp_path: Path) -> None:
+    pytest.importorskip("imageio_ffmpeg", reason="needs the extra 'video'")
+    view: Any = {"height": 32, "width": 32, "camera": -1}
+    try:
+        record(delaying, out=tmp_path / "policy.gif", policy="random", rows=2, **view)
+    except RenderingError as error:
+        pytest.skip(f"no pictures can be drawn here: {error}")
+    for kept in (Kept(), Kept(states=True)):
+        out = tmp_path / f"{kept.states}"
+        data.collect(delaying, None, "random", [3], out=out, num_threads=1, kept=kept)
+        data.film(data.load(out), 3, delaying, out=tmp_path / f"{kept.states}.gif", **view)
+    assert (tmp_path / "True.gif").read_bytes() == (tmp_path / "False.gif").read_bytes()
+    inner = control_of(delaying(3))
+    assert isinstance(inner, control.Environment)
