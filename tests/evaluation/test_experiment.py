@@ -23,6 +23,7 @@ from limberjack.policies import PolicyError
 from limberjack.rl import control
 from limberjack.rl.control import Environment
 from tests import plain_domain
+from tests.rl import odd_environments
 from tests.rollouts import run_episode
 
 _SHORT = {"time_limit": 0.1, "num_threads": 1}
@@ -141,12 +142,31 @@ def test_a_folder_with_other_results_is_refused_and_left_alone(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-@pytest.mark.parametrize("name", ["result.json", "report.html", "returns.png", "episode-3.npz"])
+@pytest.mark.parametrize("name", ["result.json", "report.html", "returns.png"])
 def test_the_folder_of_another_command_is_refused(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text("{}")
     with pytest.raises(ValueError, match=rf"holds {name} but no episodes.jsonl"):
         _evaluate(out=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_the_folder_of_a_dataset_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "dataset.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"holds a dataset, dataset\.json: choose another folder"):
+        _evaluate(out=tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["dataset.json"]
+
+
+def test_rows_can_be_asked_for_and_change_no_number() -> None:
+    rows = _evaluate("random", vectorised=False)
+    assert rows.scores == _evaluate("random", vectorised=True).scores
+    assert _evaluate("random", vectorised=False, workers=1).scores == rows.scores
+    with pytest.raises(ValueError, match="LastAction"):
+        evaluate(_remembering, seeds=range(2), vectorised=True)
+
+
+def _remembering(seed: int) -> control.Environment:
+    return odd_environments.of_task(odd_environments.LastAction, seed)
 
 
 def _moving(observation: Any) -> np.ndarray:

@@ -30,6 +30,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import BinaryIO, TypeGuard
 
+from limberjack.episodes.manifest import MANIFEST
 from limberjack.episodes.statistics import Score
 from limberjack.policies import Actor
 from limberjack.utils.facts import Facts
@@ -342,6 +343,8 @@ def check_folder(directory: Path, identity: Mapping[str, object]) -> None:
       OSError: the folder's result cannot be read.
     """
     others = [name for name in (RESULT, PAGE, PICTURE) if os.path.lexists(directory / name)]
+    if os.path.lexists(directory / MANIFEST):
+        raise ValueError(f"{directory} holds a dataset, {MANIFEST}: choose another folder")
     if others and not any(directory.glob("episodes*.jsonl")):
         raise ValueError(
             f"{directory} holds {others[0]} but no {EPISODES}, so it is not the folder of an "
