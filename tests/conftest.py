@@ -6,8 +6,10 @@ import ctypes.util
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -84,3 +86,11 @@ def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
     from limberjack.mujoco import batch_simulation  # after the renderer is chosen
 
     monkeypatch.setattr(batch_simulation, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])
+
+
+@pytest.fixture(scope="session")
+def theirs() -> Callable[[str], ModuleType]:
+    """`theirs("mujoco")` is dm_control's module; skips where dm_control is not installed."""
+    # Any: the module is found on pytest's path alone.
+    oracle: Any = pytest.importorskip("tests.oracle.oracle")
+    return oracle.theirs
