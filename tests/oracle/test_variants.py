@@ -22,9 +22,7 @@ from .same import assert_same, assert_same_outcome, assert_same_pair
 pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
 _Task = tuple[str, str]
-# Beside the features of `tests.representatives`: a model for each row, fields drawn for each
-# stream and no time limit, activations.
-_VARIED = {*FEATURES.values(), ("quadruped", "escape"), ("lqr", "lqr_2_1"), ("dog", "walk")}
+_VARIED = set(FEATURES.values())
 
 
 def _or_slow(tasks: Sequence[tuple[Any, ...]], kept: Collection[_Task]) -> list[Any]:
