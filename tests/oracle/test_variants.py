@@ -38,7 +38,7 @@ partly_observable = pytest.mark.parametrize(
 )
 
 _STEPS = 60
-_STARTS = 60
+_STARTS = 40
 # Fields that a start may change: the state, and what of the model is drawn for each episode.
 _START_FIELDS = (
     "data.qpos",
@@ -278,7 +278,7 @@ def test_many_starts_are_the_same(domain: str, task: str) -> None:
 @every_model
 def test_a_start_after_steps_forgets_them_as_dm_control_does(domain: str, task: str) -> None:
     env = twins.load(domain, task, seed=42)
-    for start in range(20):
+    for start in range(10):
         env.where = f"{domain}:{task}, seed 42, start {start}"
         _play(env, kind="bang-bang", steps=3)
         env.reset()
