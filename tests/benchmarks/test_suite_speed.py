@@ -26,7 +26,7 @@ def test_every_task_has_a_class() -> None:
 
 
 def _measured(file: Path, *sections: str) -> tuple[str, str]:
-    """What a quick run of some sections prints, and the text of its JSON."""
+    """The output of a quick run of some sections, and the text of its JSON."""
     options = [part for name in sections for part in ("--only", name)]
     done = run_benchmark(
         "suite_speed.py", "--quick", "--without-peers", *options, "--json", str(file)
@@ -37,7 +37,7 @@ def _measured(file: Path, *sections: str) -> tuple[str, str]:
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """What a quick run prints, and the text of its JSON."""
+    """The output of a quick run, and the text of its JSON."""
     file = tmp_path_factory.mktemp("benchmarks") / "results" / "quick.json"
     return _measured(file, "batch", "size")
 
