@@ -18,8 +18,8 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check \
 	--constraint constraints.txt --editable
 
 # One worker per core, each with whole files: what the tests of a file share is made once. At most
-# four, because some tests use all cores themselves.
-IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --memory
+# four, because some tests use all cores themselves. tests/conftest.py orders the files.
+IN_PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder --memory
 
 export PYTHONUNBUFFERED = 1
 
@@ -49,7 +49,8 @@ test-slow: $(VENV)/installed-test  ## Run the slow tests
 
 test-exactness: $(VENV)/installed-test  ## Compare every task with dm_control at length; resumable
 	$(BIN)/python -m tests.exactness
-	$(BIN)/python -m pytest -m 'slow or not slow' $(IN_PARALLEL) tests/oracle/test_variants.py
+	$(BIN)/python -m pytest -m 'slow or not slow' $(IN_PARALLEL) \
+		tests/oracle/test_variants.py tests/oracle/test_frames.py
 
 test-training: $(VENV)/installed-training  ## Run the tests of Stable-Baselines3 and the examples
 	$(BIN)/python -m pytest tests/test_sb3.py tests/evaluation/test_saved_models.py \

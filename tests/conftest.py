@@ -6,8 +6,10 @@ import ctypes.util
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -27,10 +29,32 @@ if sys.platform == "linux" and "MUJOCO_GL" not in os.environ:
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# The files that take longest, which run first: a process that began one of them last would keep the
+# others waiting. Renew the list with `pytest --durations 0`.
+LONGEST = (
+    "oracle/test_batches.py",
+    "oracle/test_frames.py",
+    "clients/test_clients.py",
+    "test_tutorial_package.py",
+    "laws/test_snapshots.py",
+    "laws/test_batches.py",
+    "contract/test_promises_process.py",
+    "workers/test_pool.py",
+    "evaluation/test_experiment.py",
+    "oracle/test_shipped.py",
+    "laws/test_episodes.py",
+    "cli/test_process.py",
+    "oracle/test_episodes.py",
+    "oracle/test_variants.py",
+    "oracle/test_models.py",
+    "oracle/test_named.py",
+)
+_TESTS = Path(__file__).parent
+_FIRST = {_TESTS / name: number for number, name in enumerate(LONGEST)}
+
 # The folders in which all tests of a task run one after the other.
 _BY_TASK = {
-    Path(__file__).parent / folder
-    for folder in ("contract", "docs", "gym", "laws", "mujoco", "oracle", "rl")
+    _TESTS / folder for folder in ("contract", "docs", "gym", "laws", "mujoco", "oracle", "rl")
 }
 
 
@@ -47,19 +71,23 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Sorts the tests in each file by task, in some folders.
+    """Puts the longest files first, and sorts the tests in each file by task, in some folders.
 
     The package keeps the models of a few tasks compiled. In this order they are those in use.
     """
     places: dict[object, int] = {}
 
-    def place(item: pytest.Item) -> tuple[int, int]:
+    def place(item: pytest.Item) -> tuple[int, int, int]:
         call = getattr(item, "callspec", None)  # None without parameters
         task = None
         if call and not _BY_TASK.isdisjoint(item.path.parents):
             task = str((call.params.get("domain"), call.params.get("task")))
         file = places.setdefault(item.path, len(places))
-        return file, places.setdefault((item.path, task), len(places))
+        return (
+            _FIRST.get(item.path, len(_FIRST)),
+            file,
+            places.setdefault((item.path, task), len(places)),
+        )
 
     items.sort(key=place)
 
@@ -84,3 +112,11 @@ def share(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
     from limberjack.mujoco import batch_simulation  # after the renderer is chosen
 
     monkeypatch.setattr(batch_simulation, "_A_FEW", {"own": 1_000, "shared": 0}[request.param])
+
+
+@pytest.fixture(scope="session")
+def theirs() -> Callable[[str], ModuleType]:
+    """`theirs("mujoco")` is dm_control's module; skips where dm_control is not installed."""
+    # Any: the module is found on pytest's path alone.
+    oracle: Any = pytest.importorskip("tests.oracle.oracle")
+    return oracle.theirs

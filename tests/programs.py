@@ -1,5 +1,6 @@
 """Runs programs in separate Python processes, to isolate their effects from the tests' process."""
 
+import json
 import os
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import limberjack
 
-__all__ = ["INSTALL", "error_of", "run", "run_benchmark"]
+__all__ = ["INSTALL", "errors_of", "run", "run_benchmark"]
 
 _SOURCE = Path(limberjack.__file__).parents[1]
 _BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -62,14 +63,19 @@ def _environment(first: Path | None = None) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": os.pathsep.join(places + ([known] if known else []))}
 
 
-def error_of(statement: str, path: Path | None = None) -> tuple[str, str]:
-    """Type and message of the error that a statement raises after the installation."""
-    program = f"""
-    {INSTALL}
-    try:
-        {statement}
-    except Exception as error:
-        print(type(error).__name__, error, sep="\\n")
+def errors_of(*statements: str) -> list[tuple[str, str]]:
+    """Type and message of the error that each statement raises, in one process, after the
+    installation as dm_control.
     """
-    kind, message = run(program, path=path).split("\n", 1)
-    return kind, message
+    program = f"""
+    import json, sys
+    {INSTALL}
+    for statement in sys.argv[1:]:
+        try:
+            exec(statement, {{}})
+        except Exception as error:
+            print(json.dumps([type(error).__name__, str(error)]))
+    """
+    errors = [json.loads(line) for line in run(program, *statements).splitlines()]
+    assert len(errors) == len(statements), f"not every statement raises: {errors}"
+    return [(kind, message) for kind, message in errors]

@@ -1,9 +1,12 @@
 """Representative tasks, for tests that depend on a feature rather than on the task.
 
-    from tests.representatives import REPRESENTATIVES
+    from tests.representatives import REPRESENTATIVES, in_turn
 
     @pytest.mark.parametrize("task", REPRESENTATIVES)
     def test_a_picture_has_the_size_asked_for(task: Task) -> None: ...
+
+    @pytest.mark.parametrize(("size", "task"), in_turn(SIZES))
+    def test_a_picture_has_any_size(size: int, task: Task) -> None: ...
 
 Numbers and laws are tested for all tasks; pictures, Gymnasium's options, snapshots, memory and
 rejected input only for these, so that a new domain adds little test time. A task with a feature
@@ -11,9 +14,13 @@ that none of these has is added here. `contract/test_representatives.py` checks 
 its feature.
 """
 
+import itertools
+from collections.abc import Iterable
+from typing import Any
+
 import pytest
 
-__all__ = ["FEATURES", "PAIRS", "REPRESENTATIVES", "Task"]
+__all__ = ["FEATURES", "PAIRS", "REPRESENTATIVES", "USUAL", "Task", "in_turn"]
 
 Task = tuple[str, str]
 
@@ -23,8 +30,27 @@ FEATURES: dict[str, Task] = {
     "model fields set at each start, and kinds of starts": ("manipulator", "insert_peg"),
     "starts that are rejected, and starts at the goal": ("manipulator", "bring_ball"),
     "many bodies that touch, and a goal of several terms": ("stacker", "stack_4"),
+    "a model for each row": ("quadruped", "escape"),
+    "fields drawn for each stream, and no time limit": ("lqr", "lqr_2_1"),
+    "activations": ("dog", "walk"),
 }
 
 # For tests that take a task, and for those that take a domain and a task.
 REPRESENTATIVES = [pytest.param(task, id=":".join(task)) for task in FEATURES.values()]
 PAIRS = [pytest.param(*task, id=":".join(task)) for task in FEATURES.values()]
+# Without lqr, which has one actuator, no control step of its own, and a model for each stream.
+USUAL = [pytest.param(task, id=":".join(task)) for task in FEATURES.values() if task[0] != "lqr"]
+
+
+def in_turn(choices: Iterable[Any]) -> list[Any]:
+    """Each choice with one of the representatives, in turn, and each of these at least once.
+
+    For choices that do not depend on the task, instead of their product with the tasks.
+    """
+    choices = list(choices)
+    count = max(len(choices), len(FEATURES))
+    pairs = zip(itertools.cycle(choices), itertools.cycle(FEATURES.values()), strict=False)
+    return [
+        pytest.param(choice, task, id=f"{getattr(choice, '__name__', choice)}-{':'.join(task)}")
+        for choice, task in itertools.islice(pairs, count)
+    ]

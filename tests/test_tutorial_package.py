@@ -7,16 +7,19 @@ import json
 import os
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+import limberjack
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
 from tests import tutorial
 from tests.programs import run
 
 _TESTS = Path(__file__).parent
+_SOURCE = Path(limberjack.__file__).parents[1]
 _ID = "my_package.swing:limberjack/swing-swing_up-v0"
 
 
@@ -40,8 +43,8 @@ def _call(python: Path, *command: str, **variables: str) -> "subprocess.Complete
     )
 
 
-def _limberjack(python: Path, *arguments: str) -> str:
-    done = _call(python, "limberjack", *arguments)
+def _limberjack(python: Path, *arguments: str, **variables: str) -> str:
+    done = _call(python, "limberjack", *arguments, **variables)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -74,13 +77,18 @@ def test_every_command_takes_it_by_its_entry_point(python: Path, tmp_path: Path)
 
 
 def test_commands_take_a_module_that_registers(tmp_path: Path) -> None:
-    python = tutorial.environment(tmp_path, with_entry_point=False)
+    # On the path of this process's interpreter, without an entry point.
+    tutorial.install(tmp_path, with_entry_point=False)
+    places = [str(tmp_path), str(_SOURCE), os.environ.get("PYTHONPATH")]
+    python, path = Path(sys.executable), os.pathsep.join(filter(None, places))
     run_it = ["run", tutorial.DOMAIN, tutorial.TASK, "--time-limit", "0.1"]
-    refused = _call(python, "limberjack", *run_it)
+    refused = _call(python, "limberjack", *run_it, PYTHONPATH=path)
     assert refused.returncode == 2
     assert "Domain 'swing' does not exist" in refused.stderr
-    assert "above" in _limberjack(python, "--import", tutorial.MODULE, *run_it, "--seed", "1")
-    assert "swing_up" in _limberjack(python, "--import", tutorial.MODULE, "list")
+    imported = ["--import", tutorial.MODULE]
+    ran = _limberjack(python, *imported, *run_it, "--seeds", "1", PYTHONPATH=path)
+    assert "above" in ran
+    assert "swing_up" in _limberjack(python, *imported, "list", PYTHONPATH=path)
 
 
 @pytest.mark.parametrize(

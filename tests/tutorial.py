@@ -55,14 +55,13 @@ def install(site: Path, with_entry_point: bool = True, registers: bool = True) -
         (metadata / "entry_points.txt").write_text(lines, encoding="utf-8")
 
 
-def environment(folder: Path, with_entry_point: bool = True) -> Path:
+def environment(folder: Path) -> Path:
     """The interpreter of a new virtual environment, into which pip has installed the package.
 
     Limberjack and what it needs are those of this process.
 
     Args:
       folder: an empty directory for the environment.
-      with_entry_point: whether the package's metadata names the domain.
     """
     made = folder / "environment"
     venv.create(made, symlinks=sys.platform != "win32")
@@ -72,21 +71,17 @@ def environment(folder: Path, with_entry_point: bool = True) -> Path:
     places = [sysconfig.get_path("purelib"), Path(limberjack.__file__).parents[1]]
     (site / "tests.pth").write_text("\n".join(map(str, places)), encoding="utf-8")
     pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet"]
-    wheel = _wheel(folder, with_entry_point)
-    subprocess.run(
-        [*pip, "--disable-pip-version-check", "--no-index", "--no-deps", str(wheel)], check=True
-    )
+    options = ["--disable-pip-version-check", "--no-index", "--no-deps"]
+    subprocess.run([*pip, *options, str(_wheel(folder))], check=True)
     return python
 
 
-def _wheel(folder: Path, with_entry_point: bool) -> Path:
+def _wheel(folder: Path) -> Path:
     """The package as a wheel."""
     content = folder / "content"
     content.mkdir()
     install(content)
     metadata = content / "my_package-1.0.dist-info"
-    if not with_entry_point:
-        (metadata / "entry_points.txt").unlink()
     facts = "Wheel-Version: 1.0\nGenerator: tests\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
     (metadata / "WHEEL").write_text(facts, encoding="utf-8")
     (metadata / "RECORD").touch()

@@ -7,6 +7,7 @@ packages' names, begin with an underscore are private, and have no page.
 """
 
 import ast
+import functools
 import importlib
 import inspect
 from pathlib import Path
@@ -25,6 +26,7 @@ documented for those who change Limberjack.
 """
 
 
+@functools.cache  # each page with names from other modules asks again
 def modules() -> dict[str, Path]:
     """The public modules by dotted name, packages before what is in them."""
     found = {}

@@ -12,6 +12,9 @@ import pytest
 import limberjack
 from tests.programs import run_benchmark
 
+# They take seconds each, and share their report and options with the one in test_suite_speed.py.
+pytestmark = pytest.mark.slow
+
 _SOURCE = Path(limberjack.__file__).parents[1]
 _TASKS = ["humanoid:stand", "humanoid:walk"]  # of a quick run
 
@@ -82,7 +85,6 @@ def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[st
         assert str(path) not in quick[1]
 
 
-@pytest.mark.slow
 def test_memory_stays_flat_over_steps_and_loads() -> None:
     # A tenth of the benchmark's own work.
     done = run_benchmark("memory.py", "--steps", "100000", "--loads", "500", "--cycles", "300")

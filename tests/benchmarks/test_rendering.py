@@ -10,6 +10,9 @@ from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
 from tests.programs import run_benchmark
 
+# It takes seconds, and shares its report and options with the one in test_suite_speed.py.
+pytestmark = pytest.mark.slow
+
 _HAS_DM_CONTROL = importlib.util.find_spec("dm_control") is not None
 
 

@@ -3,7 +3,12 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from tests.programs import run_benchmark
+
+# It takes seconds, and shares its report and options with the one in test_suite_speed.py.
+pytestmark = pytest.mark.slow
 
 _TASKS = ["walker:walk", "manipulator:bring_ball", "humanoid:walk", "cartpole:swingup"]
 

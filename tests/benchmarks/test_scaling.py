@@ -3,7 +3,12 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from tests.programs import run_benchmark
+
+# It takes seconds, and shares its report and options with the one in test_suite_speed.py.
+pytestmark = pytest.mark.slow
 
 
 def test_a_quick_run_compares_workers_with_one_process(tmp_path: Path) -> None:

@@ -17,8 +17,6 @@ from tests.programs import run_benchmark
 from tests.representatives import PAIRS
 
 _SOURCE = Path(limberjack.__file__).parents[1]
-
-
 _BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
@@ -33,6 +31,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     return done.stdout, file.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow  # test_suite_speed.py runs the same report and options
 def test_one_command_prints_every_measure_with_its_bar(quick: tuple[str, str]) -> None:
     table, text = quick
     bars = {row["measure"]: row["bar"] and row["bar"]["limit"] for row in json.loads(text)["rows"]}
@@ -48,6 +47,7 @@ def test_one_command_prints_every_measure_with_its_bar(quick: tuple[str, str]) -
         assert measure in table
 
 
+@pytest.mark.slow  # test_suite_speed.py runs the same report and options
 def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[str, str]) -> None:
     document = json.loads(quick[1])
     assert document["versions"]["limberjack"] == limberjack.__version__

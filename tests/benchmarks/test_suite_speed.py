@@ -1,11 +1,21 @@
-"""The benchmark of the whole suite runs and reports its measurements; figures are not tested."""
+"""The benchmark of the whole suite runs and reports its measurements; figures are not tested.
+
+Of the benchmarks, `make test` runs this one, for all that share its report and options; `make
+test-slow` runs every one.
+"""
 
 import json
+import socket
+import sys
 from pathlib import Path
 
+import pytest
+
+import limberjack
 from limberjack import suite
 from tests.programs import run_benchmark
 
+_SOURCE = Path(limberjack.__file__).parents[1]
 _CLASSES = Path(__file__).parents[2] / "benchmarks" / "results" / "classes.json"
 
 
@@ -15,20 +25,49 @@ def test_every_task_has_a_class() -> None:
     assert all(microseconds > 0 for microseconds in classes.values())
 
 
-def test_batches_memory_and_lines_are_measured(tmp_path: Path) -> None:
-    file = tmp_path / "quick.json"
-    sections = [part for name in ("batch", "memory", "size") for part in ("--only", name)]
+def _measured(file: Path, *sections: str) -> tuple[str, str]:
+    """The output of a quick run of some sections, and the text of its JSON."""
+    options = [part for name in sections for part in ("--only", name)]
     done = run_benchmark(
-        "suite_speed.py", "--quick", "--without-peers", *sections, "--json", str(file)
+        "suite_speed.py", "--quick", "--without-peers", *options, "--json", str(file)
     )
     assert done.returncode == 0, done.stderr
-    rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
-    assert [row["measure"] for row in rows] == [
-        "batch / bare Batch",
-        *["memory"] * 2,
-        *["lines"] * 2,
-    ]
+    return done.stdout, file.read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+    """The output of a quick run, and the text of its JSON."""
+    file = tmp_path_factory.mktemp("benchmarks") / "results" / "quick.json"
+    return _measured(file, "batch", "size")
+
+
+def test_one_command_prints_every_measure_with_its_bar(quick: tuple[str, str]) -> None:
+    table, text = quick
+    rows = json.loads(text)["rows"]
+    assert [row["measure"] for row in rows] == ["batch / bare Batch", *["lines"] * 2]
     assert all(row["bar"] is not None and row["value"] is not None for row in rows)
+    for row in rows:
+        assert row["measure"] in table
+        assert f"= {row['bar']['limit']:g}" in table
     (batch, *_) = rows
     assert batch["details"]["class"] in ("heavy", "toy")
     assert batch["subject"] == f"{':'.join(suite.ALL_TASKS[0])}, N=64"
+
+
+def test_the_json_names_versions_and_machine_but_no_host_or_path(quick: tuple[str, str]) -> None:
+    document = json.loads(quick[1])
+    assert document["versions"]["limberjack"] == limberjack.__version__
+    assert {"python", "numpy"} < document["versions"].keys()
+    assert document["machine"]["cores"] >= 1
+    assert document["settings"]["quick"] is True
+    assert f'"{socket.gethostname()}"' not in quick[1]
+    for path in (Path.home(), _SOURCE, sys.prefix):
+        assert str(path) not in quick[1]
+
+
+@pytest.mark.slow
+def test_the_memory_of_all_tasks_is_measured(tmp_path: Path) -> None:
+    rows = json.loads(_measured(tmp_path / "quick.json", "memory")[1])["rows"]
+    assert [row["measure"] for row in rows] == ["memory"] * 2
+    assert all(row["bar"] is not None and row["value"] is not None for row in rows)

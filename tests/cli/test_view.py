@@ -145,6 +145,7 @@ def test_a_tunnel_and_a_name_that_is_allowed_are_let_in(
         assert "access-control-allow-origin" not in answer.headers
 
 
+@pytest.mark.slow  # tests/viewer/test_guard.py shortens the limit
 def test_half_sent_handshakes_are_closed_after_ten_seconds(served: SimpleNamespace) -> None:
     half = head("/state", {"Host": f"localhost:{served.port}", **served.good})[:-4]
     took: list[float] = []

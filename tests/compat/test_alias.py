@@ -8,7 +8,7 @@ import pytest
 
 import limberjack
 from tests.contract.extras import MISSING
-from tests.programs import INSTALL, error_of, run
+from tests.programs import INSTALL, errors_of, run
 
 # Modules that programs for dm_control import, and the names they use.
 IMPORTED = {
@@ -359,37 +359,32 @@ def test_a_blocked_import_is_unblocked() -> None:
     run(program)
 
 
-@pytest.mark.parametrize(
-    "statement",
-    [
+def test_a_domain_that_does_not_exist_is_an_import_error_that_lists_the_domains() -> None:
+    statements = (
         "from dm_control.suite import carousel",
         "import dm_control.suite.carousel",
         "from dm_control.suite.carousel import Physics",
         "import limberjack.suite.carousel",
-    ],
-)
-def test_a_domain_that_does_not_exist_is_an_import_error_that_lists_the_domains(
-    statement: str,
-) -> None:
-    kind, message = error_of(statement)
-    assert kind == "ModuleNotFoundError"
-    assert "'suite.carousel'" in message
-    assert "Available domains: acrobot, ball_in_cup, cartpole," in message
-    assert "install dm_control itself" in message
+    )
+    for kind, message in errors_of(*statements):
+        assert kind == "ModuleNotFoundError"
+        assert "'suite.carousel'" in message
+        assert "Available domains: acrobot, ball_in_cup, cartpole," in message
+        assert "install dm_control itself" in message
 
 
 def test_an_unknown_name_brings_a_suggestion() -> None:
-    for statement in (
+    *attributes, (_, humanoid), (_, nothing) = errors_of(
         "from dm_control.utils import reward",
         "import dm_control.utils.reward",
-    ):
-        kind, message = error_of(statement)
+        "from dm_control.suite import humanoidd",
+        "from dm_control import nothing",
+    )
+    for kind, message in attributes:
         assert kind == "ModuleNotFoundError"
         assert "Did you mean 'rewards'?" in message
-    _, message = error_of("from dm_control.suite import humanoidd")
-    assert "Did you mean 'humanoid'?" in message
-    _, message = error_of("from dm_control import nothing")
-    assert "No module named 'limberjack.nothing'" in message
+    assert "Did you mean 'humanoid'?" in humanoid
+    assert "No module named 'limberjack.nothing'" in nothing
 
 
 def test_a_missing_module_is_caught_as_an_import_error() -> None:

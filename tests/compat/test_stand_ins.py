@@ -3,9 +3,7 @@
 import re
 from pathlib import Path
 
-import pytest
-
-from tests.programs import INSTALL, error_of, run
+from tests.programs import INSTALL, errors_of, run
 
 STAND_INS = [
     "dm_control.composer",
@@ -68,30 +66,31 @@ def test_stand_ins_work_in_annotations_and_checks() -> None:
     run(program)
 
 
-@pytest.mark.parametrize(
-    "use",
-    [
-        "composer.Environment()",
-        "composer.Environment(task=None, time_limit=3)",
-        "composer.Environment.make(1)",
-        "manipulation.load('stack_2_bricks')",
-        "list(manipulation.ALL)",
-        "len(manipulation.ALL)",
-        "'stack' in manipulation.ALL",
-        "manipulation.ALL[0]",
-        "composer.cached_property(print)",
-        "type(composer.Task)('Mine', (composer.Task,), {})",
-        "exec('class Mine(composer.Task): pass')",
-        "exec('import abc\\nclass Mine(composer.Task, abc.ABC): pass')",
-        "exec('class Mine(composer.SomeError): pass')",
-        "composer.SomeError('x')",
-    ],
-)
-def test_using_a_stand_in_names_what_is_not_implemented(use: str) -> None:
-    kind, message = error_of(f"from dm_control import composer, manipulation; {use}")
-    assert kind == "NotImplementedError"
-    assert re.match(r"dm_control\.(composer|manipulation)\.\w+.* is not implemented", message)
-    assert "in a separate environment" in message
+_USES = [
+    "composer.Environment()",
+    "composer.Environment(task=None, time_limit=3)",
+    "composer.Environment.make(1)",
+    "manipulation.load('stack_2_bricks')",
+    "list(manipulation.ALL)",
+    "len(manipulation.ALL)",
+    "'stack' in manipulation.ALL",
+    "manipulation.ALL[0]",
+    "composer.cached_property(print)",
+    "type(composer.Task)('Mine', (composer.Task,), {})",
+    "exec('class Mine(composer.Task): pass')",
+    "exec('import abc\\nclass Mine(composer.Task, abc.ABC): pass')",
+    "exec('class Mine(composer.SomeError): pass')",
+    "composer.SomeError('x')",
+]
+
+
+def test_using_a_stand_in_names_what_is_not_implemented() -> None:
+    imports = "from dm_control import composer, manipulation"
+    errors = errors_of(*(f"{imports}; {use}" for use in _USES))
+    for use, (kind, message) in zip(_USES, errors, strict=True):
+        assert kind == "NotImplementedError", use
+        assert re.match(r"dm_control\.(composer|manipulation)\.\w+.* is not implemented", message)
+        assert "in a separate environment" in message
 
 
 def test_private_attributes_of_stand_ins_do_not_exist() -> None:
@@ -107,7 +106,7 @@ def test_private_attributes_of_stand_ins_do_not_exist() -> None:
     repr(composer), repr(composer.Environment), dir(composer), dir(composer.Environment)
     """
     run(program)
-    kind, message = error_of("from dm_control import composer; composer._x")
+    ((kind, message),) = errors_of("from dm_control import composer; composer._x")
     assert kind == "AttributeError"
     assert "_x" in message
 

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import LONGEST
+
 from .source import REPOSITORY, SOURCE, modules
 
 _TEXT = {".md", ".py", ".toml", ".txt", ".xml", ".cfg", ".yml", ""}
@@ -51,6 +53,10 @@ def test_no_lock_file_and_no_address_of_a_registry() -> None:
         assert not _LOCK_FILES.search(path.name), path
         if path.suffix in _TEXT:
             assert not _REGISTRY.search(path.read_text(encoding="utf-8")), path
+
+
+def test_the_modules_of_tests_that_run_first_exist() -> None:
+    assert [name for name in LONGEST if not (REPOSITORY / "tests" / name).is_file()] == []
 
 
 def test_the_library_prints_nothing() -> None:

@@ -12,7 +12,7 @@ from limberjack import mujoco as lj_mujoco
 from limberjack import suite
 from limberjack.rl import control
 from tests.laws.episodes import DOMAINS, Task, actions, bits, load, play, snapshot
-from tests.representatives import REPRESENTATIVES
+from tests.representatives import REPRESENTATIVES, USUAL
 
 _INTEGRATION = mujoco.mjtState.mjSTATE_INTEGRATION.value
 
@@ -50,7 +50,7 @@ def refused(call: Callable[[], Any], error: type[Exception], match: str) -> None
     assert caught.type is error
 
 
-@pytest.mark.parametrize("task", REPRESENTATIVES)
+@pytest.mark.parametrize("task", USUAL)
 def test_a_bad_action_is_refused_and_nothing_has_moved(task: Task) -> None:
     env, twin = load(task), load(task)
     for name, (action, error, match) in bad_actions(env.physics.model.nu).items():
@@ -187,7 +187,7 @@ def test_the_control_step_must_be_a_multiple_of_the_physics_step(value: Any, mat
     )
 
 
-@pytest.mark.parametrize("task", REPRESENTATIVES)
+@pytest.mark.parametrize("task", USUAL)
 def test_the_control_step_is_given_once(task: Task) -> None:
     match = r"n_sub_steps \(3\) and control_timestep \(0\.\d+\) were supplied"
     refused(lambda: load(task, n_sub_steps=3), ValueError, match)
@@ -270,7 +270,7 @@ def test_assigning_to_an_unknown_name_changes_nothing() -> None:
     assert snapshot(env) == before
 
 
-@pytest.mark.parametrize("task", REPRESENTATIVES)
+@pytest.mark.parametrize("task", USUAL)
 def test_a_nan_control_raises_and_the_next_step_begins_an_episode(task: Task) -> None:
     env = load(task)
     play(env, 3)

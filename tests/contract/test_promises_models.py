@@ -15,7 +15,7 @@ from limberjack import mujoco as lj_mujoco
 from limberjack import suite
 from limberjack.mujoco.wrapper import sharing
 from tests.laws.episodes import DOMAINS, Task, bits, load, play, snapshot
-from tests.representatives import REPRESENTATIVES
+from tests.representatives import REPRESENTATIVES, USUAL, in_turn
 
 _TIMESTEP = 0.123  # seconds; no model of the suite has it
 
@@ -104,8 +104,7 @@ def as_bytes(physics: Any) -> bytes:
     return buffer.tobytes()
 
 
-@pytest.mark.parametrize("task", REPRESENTATIVES)
-@pytest.mark.parametrize("edit", _ROADS)
+@pytest.mark.parametrize(("edit", "task"), in_turn(_ROADS))
 def test_an_edited_model_is_the_environments_own(task: Task, edit: Callable[[Any], None]) -> None:
     before, env = load(task), load(task)
     play(before, 2)
@@ -144,7 +143,7 @@ def test_leaving_disable_restores_the_flags_exactly() -> None:
     assert play(env, 5) == play(twin, 5)
 
 
-@pytest.mark.parametrize("task", REPRESENTATIVES)
+@pytest.mark.parametrize("task", USUAL)
 def test_environments_of_a_task_share_one_model(task: Task) -> None:
     envs = [load(task) for _ in range(3)]
     assert len({id(env.physics.model._model) for env in envs}) == 1
@@ -185,7 +184,7 @@ def copies(physics: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("is_own", [False, True], ids=["shared", "own"])
-@pytest.mark.parametrize("task", DOMAINS)
+@pytest.mark.parametrize("task", REPRESENTATIVES)
 def test_a_copied_physics_has_the_same_future_and_is_independent(task: Task, is_own: bool) -> None:
     env = load(task)
     if is_own:

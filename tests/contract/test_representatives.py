@@ -44,12 +44,32 @@ def _has_many_bodies_and_terms(env: Any) -> bool:
     return env.physics.model.nbody > 12 and len(env.task.GOAL) > 1
 
 
+def _has_a_model_for_each_row(env: Any) -> bool:
+    """Whether a start writes a field that is no array of a batch, such as a height field."""
+    before = env.physics.model.hfield_data.copy()
+    env.reset()
+    return before.size > 0 and not np.array_equal(before, env.physics.model.hfield_data)
+
+
+def _draws_fields_for_its_stream(env: Any) -> bool:
+    other = suite.load("lqr", "lqr_2_1", {"random": 1})
+    stiffness, others = (one.physics.model.jnt_stiffness for one in (env, other))
+    return env.step_limit is None and not np.array_equal(stiffness, others)
+
+
+def _has_activations(env: Any) -> bool:
+    return env.physics.model.na > 0
+
+
 _CHECKS: dict[str, Callable[[Any], bool]] = {
     "a free root and contacts in three dimensions": _has_free_root,
     "generalised positions and velocities as the observation": _observes_the_bare_state,
     "model fields set at each start, and kinds of starts": _sets_fields_and_has_kinds,
     "starts that are rejected, and starts at the goal": _starts_at_the_goal,
     "many bodies that touch, and a goal of several terms": _has_many_bodies_and_terms,
+    "a model for each row": _has_a_model_for_each_row,
+    "fields drawn for each stream, and no time limit": _draws_fields_for_its_stream,
+    "activations": _has_activations,
 }
 
 

@@ -14,9 +14,11 @@ from tests.representatives import PAIRS
 
 __all__ = [
     "MODES",
+    "NORMALISED",
     "TASKS",
     "Falls",
     "assert_same",
+    "bounds",
     "falling",
     "falling_env",
     "falling_envs",
@@ -24,6 +26,9 @@ __all__ = [
 ]
 
 TASKS = PAIRS
+# The tasks with actions from -1 to 1, as Gymnasium and its users want them; the others keep
+# dm_control's.
+NORMALISED = [pair for pair in PAIRS if pair.values[0] not in ("lqr", "quadruped")]
 MODES = [pytest.param(mode, id=mode.value) for mode in AutoresetMode]
 
 _FALLEN = 0.8  # metres; reached after 13 to 18 steps without torques
@@ -60,6 +65,11 @@ def falling_envs(
     single = falling(steps=steps)
     batches = [BatchEnvironment.from_environment(single, n, num_threads) for n in sizes]
     return gym.VectorEnv(*batches, **kwargs)
+
+
+def bounds(space: Any) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the greatest actions to try: those of the space, or -1 and 1."""
+    return np.maximum(space.low, -1.0), np.minimum(space.high, 1.0)
 
 
 def assert_same(one: Any, other: Any, where: str = "") -> None:

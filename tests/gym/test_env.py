@@ -17,7 +17,7 @@ from limberjack.rl.batch import BatchEnvironment
 from limberjack.rl.reward_terms import reward_of_terms
 from tests.programs import run
 
-from .gym_episodes import TASKS, assert_same, falling_env
+from .gym_episodes import NORMALISED, TASKS, assert_same, bounds, falling_env
 
 _NO_OPENGL = os.environ.get("MUJOCO_GL") == "disable"
 
@@ -29,7 +29,7 @@ def _env(task: tuple[str, str] = ("humanoid", "walk"), **kwargs: Any) -> gym.Env
 # Requirements of Gymnasium and its users.
 
 
-@pytest.mark.parametrize(("domain", "task"), TASKS)
+@pytest.mark.parametrize(("domain", "task"), NORMALISED)
 @pytest.mark.parametrize("kwargs", [{}, {"flat": True, "dtype": "float32"}], ids=["dict", "flat"])
 def test_gymnasiums_checker_finds_nothing_wrong(
     domain: str, task: str, kwargs: dict[str, Any]
@@ -67,7 +67,7 @@ def _warnings_of_sb3(env: gym.Env) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize(("domain", "task"), TASKS)
+@pytest.mark.parametrize(("domain", "task"), NORMALISED)
 def test_flat_observations_give_sb3s_checker_no_reason_to_warn(domain: str, task: str) -> None:
     assert _warnings_of_sb3(_env((domain, task), flat=True)) == []
 
@@ -130,7 +130,7 @@ def test_a_seed_begins_the_episode_of_random_and_then_the_stream_continues(
             assert_same(dict(observation), _as_arrays(time_step.observation))
             if time_step.last():
                 break
-            action = actions.uniform(env.action_space.low, env.action_space.high)
+            action = actions.uniform(*bounds(env.action_space))
             time_step = single.step(action)
             observation, reward, terminated, truncated, _ = env.step(action)
             assert reward == time_step.reward

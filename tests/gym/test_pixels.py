@@ -30,6 +30,15 @@ _FORMS = pytest.mark.parametrize(
 )
 
 
+# Both sizes in two modes each, where there are three modes.
+_MODES_AND_SIZES = [
+    (AutoresetMode.NEXT_STEP, (3,)),
+    (AutoresetMode.SAME_STEP, (2, 1)),
+    (AutoresetMode.DISABLED, (3,)),
+    (AutoresetMode.DISABLED, (2, 1)),
+]
+
+
 def _load(only: bool = False, **kwargs: Any) -> gym.Env:
     pixels = {**_PIXELS, "only": only}
     return gym.load(*_BALL, time_limit=_STEPS * 0.01, pixels=pixels, **kwargs)
@@ -113,8 +122,10 @@ def test_an_id_takes_pixels() -> None:
 
 @_draws
 @_FORMS
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("sizes", [(3,), (2, 1)], ids=["batch", "halves"])
+@pytest.mark.parametrize(
+    ("mode", "sizes"),
+    [pytest.param(*one, id=f"{one[0].value}-{len(one[1])}") for one in _MODES_AND_SIZES],
+)
 def test_rows_have_the_pictures_of_single_environments(
     sizes: tuple[int, ...], mode: AutoresetMode, only: bool, flat: bool
 ) -> None:

@@ -25,7 +25,15 @@ from limberjack import gym, rl, suite
 from limberjack.rl import control
 from limberjack.rl.batch_contract import Batch
 
-from .gym_episodes import MODES, TASKS, assert_same, falling_env, falling_envs, told_alike
+from .gym_episodes import (
+    MODES,
+    TASKS,
+    assert_same,
+    bounds,
+    falling_env,
+    falling_envs,
+    told_alike,
+)
 
 _NO_OPENGL = os.environ.get("MUJOCO_GL") == "disable"
 _WALK = ("humanoid", "walk")
@@ -47,7 +55,7 @@ def _assert_lockstep(envs: Any, reference: Any, steps: int, mode: AutoresetMode)
 
     compare(returned.reset(seed=3), expected.reset(seed=3), "reset")
     actions = np.random.RandomState(0)
-    low, high = envs.action_space.low, envs.action_space.high
+    low, high = bounds(envs.action_space)
     for step in range(steps):
         action = actions.uniform(low, high) * (step % 3 == 0)
         result = returned.step(action)

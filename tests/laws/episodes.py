@@ -53,6 +53,10 @@ LAST_TASKS = list({task[0]: task for task in _tasks()}.values())
 DOMAINS = [pytest.param(task, id=":".join(task)) for task in LAST_TASKS]
 
 
+def _named(choice: Any) -> str:
+    return getattr(choice, "__name__", str(choice))
+
+
 def rotated(*choices: Iterable[Any], of: Iterable[Task] | None = None) -> list[Any]:
     """Parameters of a law: each task with one combination of the choices, in turn.
 
@@ -65,7 +69,7 @@ def rotated(*choices: Iterable[Any], of: Iterable[Task] | None = None) -> list[A
     if len(tasks) < len(combinations):
         turns = list(itertools.product(combinations, tasks))
     return [
-        pytest.param(task, *chosen, id="-".join([":".join(task), *map(str, chosen)]))
+        pytest.param(task, *chosen, id="-".join([":".join(task), *map(_named, chosen)]))
         for chosen, task in turns
     ]
 

@@ -15,7 +15,7 @@ from .episodes import DOMAINS, LAST_TASKS, TASKS, Task, rotated, short, variant
 
 _SEED = 11
 _SHARE = ("own", "shared")  # see the fixture `share`
-_STEPS_OF_AN_EPISODE = 25
+_STEPS_OF_AN_EPISODE = 16
 
 
 def _short(task: Task) -> dict[str, Any]:

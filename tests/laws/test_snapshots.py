@@ -10,7 +10,7 @@ import pytest
 from limberjack import suite
 from limberjack.rl.randomize import scale
 
-from .episodes import DOMAINS, TASKS, Task, short
+from .episodes import LAST_TASKS, TASKS, Task, rotated, short
 
 _TASKS = pytest.mark.parametrize("task", TASKS)
 _RANDOMIZE = {"body_mass": scale(0.8, 1.2), "geom_friction": scale(0.5, 1.5)}
@@ -31,12 +31,11 @@ def _assert_same(one: Any, other: Any) -> None:
         np.testing.assert_array_equal(value, other.observation[name], name)
 
 
-@pytest.mark.parametrize("steps_before", [0, 1, 13, 20])
-@_TASKS
+@pytest.mark.parametrize(("task", "steps_before"), rotated([0, 1, 13, 20]))
 def test_a_single_environment_continues_from_a_snapshot(task: Task, steps_before: int) -> None:
     env = suite.load(*task, {"random": 1, **_short(task)})
     env.reset()
-    actions = _actions(env, steps_before + 45)
+    actions = _actions(env, steps_before + 45)  # across the ends of two episodes
     for action in actions[:steps_before]:
         env.step(action)
     seen = env.task.get_observation(env.physics)
@@ -58,7 +57,7 @@ def test_copies_and_pickles_of_a_batch_have_its_future(task: Task) -> None:
     randomize = {"randomize": _RANDOMIZE}
     batch = suite.load_batch(*task, 4, 2, 3, _short(task), randomize)
     batch.reset()
-    actions = _actions(batch, 60)
+    actions = _actions(batch, 32)  # across the end of an episode
     for action in actions[:9]:
         batch.step(action)
     batch.reset([2])
@@ -71,18 +70,20 @@ def test_copies_and_pickles_of_a_batch_have_its_future(task: Task) -> None:
             _assert_same(twin.step(action), expected)
 
 
-@pytest.mark.parametrize("kwargs", [{"randomize": _RANDOMIZE}, {"legacy_step": False}])
-@pytest.mark.parametrize("num_envs", [None, 3])
-@pytest.mark.parametrize("task", DOMAINS)
+@pytest.mark.parametrize(
+    ("task", "num_envs", "option"),
+    rotated([None, 3], ["randomize", "legacy_step"], of=LAST_TASKS),
+)
 def test_copies_and_pickles_keep_how_an_environment_is_run(
-    task: Task, num_envs: int | None, kwargs: dict[str, Any]
+    task: Task, num_envs: int | None, option: str
 ) -> None:
+    kwargs = {option: {"randomize": _RANDOMIZE, "legacy_step": False}[option]}
     if num_envs is None:
         env: Any = suite.load(*task, {"random": 3, **_short(task)}, kwargs)
     else:
         env = suite.load_batch(*task, num_envs, 2, 3, _short(task), kwargs)
     env.reset()
-    actions = _actions(env, 45)  # into the next episodes, whose fields are drawn by the copy
+    actions = _actions(env, 32)  # into the next episodes, whose fields are drawn by the copy
     for action in actions[:9]:
         env.step(action)
     twins = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
@@ -97,7 +98,7 @@ def test_copies_and_pickles_keep_how_an_environment_is_run(
 def test_one_row_goes_into_any_row_of_any_batch(task: Task) -> None:
     single = suite.load(*task, {"random": 5, **_short(task)})
     single.reset()
-    actions = _actions(single, 60)
+    actions = _actions(single, 32)
     for action in actions[:7]:
         single.step(action)
     batch = suite.load_batch(*task, 5, 2, 40, task_kwargs=_short(task))

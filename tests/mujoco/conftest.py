@@ -1,11 +1,9 @@
-"""Fixtures: scripts in separate processes, and dm_control for comparison."""
+"""A fixture: scripts in separate processes."""
 
 import os
 import subprocess
 import sys
 from collections.abc import Callable
-from types import ModuleType
-from typing import Any
 
 import pytest
 
@@ -40,11 +38,3 @@ def run_script() -> Callable[..., str]:
         return done.stdout
 
     return run
-
-
-@pytest.fixture(scope="session")
-def theirs() -> Callable[[str], ModuleType]:
-    """`theirs("mujoco")` is dm_control's module; skips where dm_control is not installed."""
-    # Any: the module is found on pytest's path alone.
-    oracle: Any = pytest.importorskip("tests.oracle.oracle")
-    return oracle.theirs

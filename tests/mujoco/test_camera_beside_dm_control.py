@@ -50,7 +50,8 @@ def test_pictures_in_any_order_are_dm_controls(twins: tuple[Any, Any]) -> None:
             physics.step(5)
 
 
-@pytest.mark.parametrize(("domain", "task"), PAIRS)
+# Not the dog, whose meshes are not part of this package.
+@pytest.mark.parametrize(("domain", "task"), [one for one in PAIRS if one.values[0] != "dog"])
 def test_pictures_of_the_suite_are_dm_controls(
     theirs: Callable[[str], ModuleType], domain: str, task: str
 ) -> None:

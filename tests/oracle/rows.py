@@ -38,8 +38,8 @@ _FIRST, _MID, _TRUNCATED, _TERMINATED, _DIVERGED = range(5)
 
 _DIVERGENCE = tuple(package("rl.control").PhysicsError for package in BOTH)
 
-# Odd rows are reset at a position of their own between these two.
-_EARLIEST_RESET, _LATEST_RESET = 20, 90
+# Odd rows are reset at a position of their own between these parts of their first episode.
+_EARLIEST_RESET, _LATEST_RESET = 1 / 6, 3 / 4
 
 # Called with the number of a step and the environment; returns the environment to go on with.
 Between = Callable[[int, gym.VectorEnv], gym.VectorEnv]
@@ -172,8 +172,8 @@ class Play:
 
     def _reset_at(self, row: int) -> int:
         """The position of the row's reset in mid-episode; -1 if there is none."""
-        spread = _LATEST_RESET - _EARLIEST_RESET
-        return _EARLIEST_RESET + 7 * row % spread if row % 2 else -1
+        first, last = (int(part * self.episode) for part in (_EARLIEST_RESET, _LATEST_RESET))
+        return first + 7 * row % (last - first) if row % 2 else -1
 
     def of_dm_control(
         self, numbers: Iterable[int], before_episode: Callable[[Any, int], None] | None = None

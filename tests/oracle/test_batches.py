@@ -1,13 +1,13 @@
 """Row i of a batch is dm_control's own environment with seed + i, bit for bit.
 
-Every task plays 300 time steps of each row, across the end of an episode and a reset in the middle
+Every task plays 60 time steps of each row, across the end of an episode and a reset in the middle
 of one, in batches of 1, 5 and 64. The three sizes use the three autoreset modes and one or two
 threads, in an order that rotates over the tasks.
 
 Of 64 rows and more, five are compared with dm_control; which ones rotates over the tasks as well,
 because that many environments of dm_control would take ten times as long as the batch. The laws
 compare batches of 64 with each other, and `make test-exactness` compares all rows of all sizes,
-modes and numbers of threads with dm_control.
+modes and numbers of threads with dm_control, for 300 time steps.
 """
 
 import pytest
@@ -21,6 +21,8 @@ from .rows import Play, first_difference
 pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
 _SEED = 21
+_STEPS, _EPISODE = 60, 35
+_STEPS_OF_THE_LARGEST, _EPISODE_OF_THE_LARGEST = 30, 18
 _FEW, _MANY, _MOST = 5, 64, 200
 _LARGE = [
     FEATURES[feature]
@@ -43,7 +45,7 @@ def _some(num_envs: int, number: int) -> list[int]:
     ("number", "task"), list(enumerate(twins.TASKS)), ids=[":".join(task) for task in twins.TASKS]
 )
 def test_rows_are_dm_controls_environments(number: int, task: tuple[str, str]) -> None:
-    play = Play(task, _SEED)
+    play = Play(task, _SEED, _STEPS, _EPISODE)
     compared = {1: [0], _FEW: list(range(_FEW)), _MANY: _some(_MANY, number)}
     modes = list(AutoresetMode)
     expected = play.of_dm_control(sorted({*compared[_FEW], *compared[_MANY]}))
@@ -58,6 +60,6 @@ def test_rows_are_dm_controls_environments(number: int, task: tuple[str, str]) -
 @pytest.mark.parametrize("share", ["shared"], indirect=True)  # as of more than 256 rows
 @pytest.mark.parametrize("task", _LARGE, ids=":".join)
 def test_some_of_200_rows_are_dm_controls_environments(task: tuple[str, str]) -> None:
-    play = Play(task, _SEED)
+    play = Play(task, _SEED, _STEPS_OF_THE_LARGEST, _EPISODE_OF_THE_LARGEST)
     expected = play.of_dm_control(_some(_MOST, twins.TASKS.index(task)))
     assert not first_difference(play.of_batch(_MOST, num_threads=2), expected)

@@ -7,7 +7,7 @@ is slow, and part of `make test-exactness`.
 
 import functools
 import itertools
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,15 +21,7 @@ from .same import assert_same, assert_same_outcome, assert_same_pair
 
 pytestmark = [pytest.mark.oracle, pytest.mark.usefixtures("compiled_once")]
 
-_Task = tuple[str, str]
-# Beside the features of `tests.representatives`: a model for each row, fields drawn for each
-# stream and no time limit, activations.
-_VARIED = {*FEATURES.values(), ("quadruped", "escape"), ("lqr", "lqr_2_1"), ("dog", "walk")}
-
-
-def _or_slow(tasks: Sequence[tuple[Any, ...]], kept: Collection[_Task]) -> list[Any]:
-    """Arguments that begin with a task, marked as slow unless it is among those that are kept."""
-    return [pytest.param(*one, marks=() if one[:2] in kept else pytest.mark.slow) for one in tasks]
+_VARIED = set(FEATURES.values())
 
 
 # The first task of each model, where a domain has a varied task.
@@ -37,14 +29,16 @@ _VARIED_MODELS = {one for one in twins.MODELS if one[0] in {domain for domain, _
 
 every_task = pytest.mark.parametrize(("domain", "task"), twins.TASKS)
 every_model = pytest.mark.parametrize(("domain", "task"), twins.MODELS)
-varied_task = pytest.mark.parametrize(("domain", "task"), _or_slow(twins.TASKS, _VARIED))
-varied_model = pytest.mark.parametrize(("domain", "task"), _or_slow(twins.MODELS, _VARIED_MODELS))
+varied_task = pytest.mark.parametrize(("domain", "task"), twins.or_slow(twins.TASKS, _VARIED))
+varied_model = pytest.mark.parametrize(
+    ("domain", "task"), twins.or_slow(twins.MODELS, _VARIED_MODELS)
+)
 partly_observable = pytest.mark.parametrize(
     ("domain", "task"), [task for task in twins.TASKS if task[0] in ("manipulator", "stacker")]
 )
 
 _STEPS = 60
-_STARTS = 60
+_STARTS = 40
 # Fields that a start may change: the state, and what of the model is drawn for each episode.
 _START_FIELDS = (
     "data.qpos",
@@ -102,7 +96,7 @@ def test_flat_partly_observable_observations_are_the_same(domain: str, task: str
 
 
 @pytest.mark.parametrize(
-    ("domain", "task", "n_sub_steps"), _or_slow(_in_turn(twins.MODELS, [1, 7]), _VARIED_MODELS)
+    ("domain", "task", "n_sub_steps"), twins.or_slow(_in_turn(twins.MODELS, [1, 7]), _VARIED_MODELS)
 )
 def test_another_number_of_substeps_is_the_same(domain: str, task: str, n_sub_steps: int) -> None:
     # The factories fix the control step, and Environment refuses both: build it around their parts.
@@ -148,7 +142,7 @@ def test_a_control_step_is_accepted_where_the_factory_sets_none(
 
 
 @pytest.mark.parametrize(
-    ("domain", "task", "time_limit"), _or_slow(_in_turn(twins.TASKS, [0.2, 0.33]), _VARIED)
+    ("domain", "task", "time_limit"), twins.or_slow(_in_turn(twins.TASKS, [0.2, 0.33]), _VARIED)
 )
 def test_another_time_limit_ends_the_episode_at_the_same_step(
     domain: str, task: str, time_limit: float
@@ -284,7 +278,7 @@ def test_many_starts_are_the_same(domain: str, task: str) -> None:
 @every_model
 def test_a_start_after_steps_forgets_them_as_dm_control_does(domain: str, task: str) -> None:
     env = twins.load(domain, task, seed=42)
-    for start in range(20):
+    for start in range(10):
         env.where = f"{domain}:{task}, seed 42, start {start}"
         _play(env, kind="bang-bang", steps=3)
         env.reset()

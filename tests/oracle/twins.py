@@ -4,7 +4,7 @@ import functools
 import hashlib
 import itertools
 import operator
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from typing import Any
 
 import mujoco
@@ -18,7 +18,17 @@ from .drawn_here import compared_part
 from .oracle import BOTH, ours, theirs
 from .same import assert_same, assert_same_outcome, assert_same_pair
 
-__all__ = ["ACTIONS", "MODELS", "TASKS", "TwinPhysics", "Twins", "actions", "load", "load_physics"]
+__all__ = [
+    "ACTIONS",
+    "MODELS",
+    "TASKS",
+    "TwinPhysics",
+    "Twins",
+    "actions",
+    "load",
+    "load_physics",
+    "or_slow",
+]
 
 TASKS = ours("suite").ALL_TASKS
 ACTIONS = ["random", "zero", "bang-bang"]
@@ -56,6 +66,11 @@ _STATE_FIELDS = (
     "xmat",
 )
 _QUERIES = ("position", "velocity", "control", "activation", "state", "time", "timestep")
+
+
+def or_slow(tasks: Iterable[tuple[Any, ...]], kept: Collection[tuple[str, str]]) -> list[Any]:
+    """Arguments that begin with a task, marked as slow unless it is among those that are kept."""
+    return [pytest.param(*one, marks=() if one[:2] in kept else pytest.mark.slow) for one in tasks]
 
 
 def actions(spec: Any, kind: str, seed: int) -> Iterator[np.ndarray]:
