@@ -17,7 +17,6 @@ from typing import Any
 
 import pytest
 
-from limberjack import report
 from limberjack.data import Kept, collect, load
 from limberjack.episodes.manifest import file_name
 from limberjack.mujoco.fingerprint import versions
@@ -381,7 +380,9 @@ def test_episodes_of_other_versions_are_not_continued(
 ) -> None:
     _collect(tmp_path, range(2))
     before, actual = hashes(tmp_path), versions()
-    monkeypatch.setattr(report, "versions", lambda: {**actual, "mujoco": "4.7.0"})
+    monkeypatch.setattr(
+        "limberjack.workers.identity.versions", lambda: {**actual, "mujoco": "4.7.0"}
+    )
     here = actual["mujoco"]
     message = rf"another dataset .*, whose versions.mujoco is '{here}' and '4.7.0': choose another"
     with pytest.raises(ValueError, match=message):

@@ -16,7 +16,7 @@ import evaluated
 import numpy as np
 import pytest
 
-from limberjack import policies, report, suite
+from limberjack import policies, suite
 from limberjack.evaluation import Evaluation, evaluate
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import PolicyError
@@ -221,13 +221,16 @@ def test_an_evaluation_continues_with_another_patch_version(
     _evaluate(seeds=range(2), out=tmp_path)
     assert "versions_of_episodes" not in _result(tmp_path)
     later = {**now, "mujoco": now["mujoco"] + "1"}
-    monkeypatch.setattr(report, "versions", lambda: later)
+    monkeypatch.setattr("limberjack.workers.identity.versions", lambda: later)
     evaluation = _evaluate(seeds=range(3), out=tmp_path)
     assert evaluation.scores == expected.scores
     assert _result(tmp_path)["versions"] == later
     assert _result(tmp_path)["versions_of_episodes"] == [now, later]
     major, _, rest = now["mujoco"].partition(".")
-    monkeypatch.setattr(report, "versions", lambda: {**now, "mujoco": f"{int(major) + 1}.{rest}"})
+    monkeypatch.setattr(
+        "limberjack.workers.identity.versions",
+        lambda: {**now, "mujoco": f"{int(major) + 1}.{rest}"},
+    )
     with pytest.raises(ValueError, match="holds an evaluation with versions"):
         _evaluate(seeds=range(3), out=tmp_path)
 
