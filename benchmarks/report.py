@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
+import sources
 import typer
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
@@ -179,6 +180,8 @@ def write_json(path: Path, rows: Iterable[Row], settings: Mapping[str, Any]) -> 
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+    if path.resolve().parent == sources.RESULTS:
+        sources.record(path.name)
 
 
 def _text(number: float | None, unit: str) -> str:

@@ -3,6 +3,7 @@ order of the tests, and fixtures used in more than one folder.
 """
 
 import ctypes.util
+import importlib
 import os
 import signal
 import sys
@@ -67,6 +68,20 @@ def pytest_configure(config: pytest.Config) -> None:
     """Measures memory if requested."""
     if config.getoption("--memory"):
         config.pluginmanager.register(MemoryReport(config))
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    """Says how many results of benchmarks are older than their sources, in `make test`."""
+    if not config.getoption("--memory"):
+        return
+    sources = importlib.import_module("benchmarks.sources")
+    old, names = sources.outdated(), sources.names()
+    terminalreporter.write_line(
+        f"{len(old)} of {len(names)} results of benchmarks are older than their sources: "
+        "python benchmarks/sources.py lists them"
+    )
 
 
 @pytest.hookimpl(trylast=True)
