@@ -204,6 +204,7 @@ def test_a_rewritten_file_is_read_if_nothing_is_forged(pendulum: Path, tmp_path:
         ({"action": pa.array([[0.0]] * 33)}, "'action' is null elsewhere"),
         ({"action": pa.array([*[[0.0]] * 9, [], None] * 3)}, "'action' has no 1 numbers in a row"),
         ({"reward": pa.array([*[0.0] * 8, None, 0.0, None] * 3)}, "'reward' is null elsewhere"),
+        ({"reward": pa.array([*[0.0] * 9, None, 0.0] * 3)}, "'reward' is null elsewhere"),
         ({"seed": pa.array(np.zeros(33, int))}, "has rows of seed"),
     ],
 )
