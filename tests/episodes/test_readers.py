@@ -38,7 +38,8 @@ def _pyarrow(folder: Path) -> dict[str, list[Any]]:
     import pyarrow.dataset as ds
 
     table = ds.dataset(folder / "episodes").to_table()
-    return {**table.to_pydict(), "sum": [pc.sum(table["reward"]).as_py()]}
+    total = pc.call_function("sum", [table["reward"]])
+    return {**table.to_pydict(), "sum": [total.as_py()]}
 
 
 def _polars(folder: Path) -> dict[str, list[Any]]:
