@@ -5,7 +5,7 @@
     python examples/dataset_pytorch.py --steps 2000 --data reach
 
 Without --data it first collects 64 short episodes of random actions. A `DataLoader` with workers
-gives each of them files of its own; here one process reads. It prints the error of the predicted
+gives each of them episodes of its own; here one process reads. It prints the error of the predicted
 velocities, in the first and in the last tenth of the steps.
 """
 
@@ -35,7 +35,7 @@ class Transitions(torch.utils.data.IterableDataset):
         """Batches of float32."""
         dataset = data.load(self._folder)
         worker = torch.utils.data.get_worker_info()
-        if worker is not None:  # each worker of a DataLoader reads files of its own
+        if worker is not None:  # each worker of a DataLoader reads episodes of its own
             dataset = dataset.part(worker.id, worker.num_workers)
         self._passes += 1
         for batch in dataset.batches(_BATCH, seed=self._passes):

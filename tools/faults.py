@@ -342,6 +342,40 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("corner[1:] = left[:-1]", "corner[1:] = above[:-1]"),
         ("(to_left <= to_above) & (to_left <= to_corner)", "to_left <= to_above"),
     ],
+    "episodes/dataset.py": [
+        (
+            "first, end = k * episodes // n, (k + 1) * episodes // n",
+            "first, end = k * (episodes // n), (k + 1) * (episodes // n)",
+        ),
+        ("if size == file.nbytes", "if size >= file.nbytes"),
+        ("    if gaps and not allow_gaps:\n", "    if False:\n"),
+        (
+            "if listed is not None and sha256_of(shard.path) != listed.sha256:",
+            "if listed is not None and sha256_of(shard.path) == '':",
+        ),
+        ("if extra and not allow_gaps:", "if len(extra) > 1 and not allow_gaps:"),
+    ],
+    "episodes/figures.py": [
+        ('ours["mean"] + gap * (count / total)', 'ours["mean"] + gap * (before / total)'),
+        ("gap * gap * (before * count / total)", "gap * gap * (count / total)"),
+    ],
+    "episodes/folder.py": [
+        ("(paths if self._shard is None else paths[:1])", "paths"),
+        ("wanted = united([*before, *self._wanted,", "wanted = united([*self._wanted,"),
+        ("if seed in self._part_of or _range_with(seed, self._there) is not None:", "if False:"),
+        ("            if _meets(seeds, mine):\n", "            if _is_within(seeds, mine):\n"),
+    ],
+    "episodes/manifest.py": [
+        ('if entry.get("name") != file_name(seeds):', "if False:"),
+        ("first = max(first, left[-1].stop)", "first = left[-1].stop"),
+        ("if found and one.start <= found[-1].stop:", "if found and one.start < found[-1].stop:"),
+    ],
+    "episodes/parquet.py": [
+        ("    return steps == episode.length\n", "    return steps == episode.length - 1\n"),
+        ("return steps * control_timestep", "return (steps + 1) * control_timestep"),
+        ("end = min(part.seeds.stop, seeds.stop)", "end = part.seeds.stop"),
+        ("if array.null_count != 1 or array[-1].is_valid:", "if array.null_count != 1:"),
+    ],
     "episodes/statistics.py": [
         ("np.mean(episode.rewards[-LAST_STEPS:])", "np.mean(episode.rewards[:LAST_STEPS])"),
         ("final = 0.0 if episode.diverged else", "final ="),
@@ -393,6 +427,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("if recorded.diverged and recipe.format == 1:", "if False:"),
     ],
     "episodes/recipe.py": [
+        ("return max(1, min(int(self.file_mb", "return max(0, min(int(self.file_mb"),
         ("        if facts.get(name) != value:\n", "        if False:\n"),
         ("(recipe.step_limit - 0.5)", "recipe.step_limit"),
     ],

@@ -145,6 +145,10 @@ def _shorten(episodes: Path) -> None:
     (episodes / _FIRST).write_bytes((episodes / _FIRST).read_bytes()[:-1])
 
 
+def _lengthen(episodes: Path) -> None:
+    (episodes / _FIRST).write_bytes((episodes / _FIRST).read_bytes() + b"1")
+
+
 def _add(episodes: Path) -> None:
     recipe, more = made(PENDULUM, range(70, 72))
     recipe = dataclasses.replace(recipe, file_mb=Shard(episodes / _FIRST).recipe.file_mb)
@@ -156,6 +160,7 @@ def _add(episodes: Path) -> None:
     [
         (_remove, f"{_FIRST} is missing, which dataset.json lists", 6, range(64)),
         (_shorten, rf"{_FIRST} has \d+ bytes, and \d+ in dataset.json", 6, range(64)),
+        (_lengthen, rf"{_FIRST} has \d+ bytes, and \d+ in dataset.json", 6, range(64)),
         (_add, r"seeds-0000000070-0000000072.parquet is not listed in dataset.json", 72, []),
     ],
 )

@@ -8,12 +8,13 @@ import pytest
 
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.figures import Figures
+from limberjack.episodes.recipe import Recipe
 
 from .collected import ARM, EVERYTHING, made
 
 
-def _of(recipe: object, episodes: list[Episode]) -> Figures:
-    figures = Figures(recipe)  # pyright: ignore[reportArgumentType]
+def _of(recipe: Recipe, episodes: list[Episode]) -> Figures:
+    figures = Figures(recipe)
     for episode in episodes:
         figures.add(episode)
     return figures
@@ -37,8 +38,10 @@ def test_the_statistics_are_those_of_all_rows(kept: Kept) -> None:
         values = values.reshape(len(values), -1).astype(float)
         of = found[column]
         # Sums in another order than NumPy's.
-        np.testing.assert_allclose(of["mean"], values.mean(axis=0), rtol=1e-12, atol=1e-14)
-        np.testing.assert_allclose(of["std"], values.std(axis=0), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            np.array(of["mean"]), values.mean(axis=0), rtol=1e-12, atol=1e-14
+        )
+        np.testing.assert_allclose(np.array(of["std"]), values.std(axis=0), rtol=1e-9, atol=1e-12)
         assert of["min"] == values.min(axis=0).tolist()
         assert of["max"] == values.max(axis=0).tolist()
 

@@ -135,6 +135,19 @@ def test_the_manifest_is_written_if_something_has_changed(tmp_path: Path) -> Non
     assert manifest.wanted == [range(60, 62), range(64, 65)]
 
 
+def test_a_file_that_was_lost_is_a_gap_until_its_seeds_are_collected_again(tmp_path: Path) -> None:
+    _gather(tmp_path, range(60, 64), [range(60, 64)])
+    before = whole_hashes(tmp_path)
+    next((tmp_path / "episodes").iterdir()).unlink()
+    _gather(tmp_path, range(64, 66), [range(64, 66)])
+    with pytest.raises(ValueError, match="lists no file with the episode of seed 60"):
+        load(tmp_path)
+    assert load(tmp_path, allow_gaps=True).gaps == [60, 61, 62, 63]
+    _gather(tmp_path, range(60, 64), [range(60, 64)])
+    assert load(tmp_path).seeds == list(range(60, 66))
+    assert before.items() & hashes(tmp_path).items()
+
+
 def test_shards_in_any_order_leave_the_rest_to_the_process_without_a_shard(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -204,6 +204,7 @@ def test_a_rewritten_file_is_read_if_nothing_is_forged(pendulum: Path, tmp_path:
         ({"action": pa.array([[0.0]] * 33)}, "'action' is null elsewhere"),
         ({"action": pa.array([*[[0.0]] * 9, [], None] * 3)}, "'action' has no 1 numbers in a row"),
         ({"reward": pa.array([*[0.0] * 8, None, 0.0, None] * 3)}, "'reward' is null elsewhere"),
+        ({"reward": pa.array([*[0.0] * 9, None, 0.0] * 3)}, "'reward' is null elsewhere"),
         ({"seed": pa.array(np.zeros(33, int))}, "has rows of seed"),
     ],
 )
@@ -262,7 +263,7 @@ def test_an_open_file_reads_single_episodes(pendulum: Path, tmp_path: Path) -> N
 @pytest.mark.parametrize("text", [b"", b"{}", b"[" * 100_000, b'{"returns": [1], "columns": {}}'])
 def test_forged_figures_are_refused(text: bytes, pendulum: Path, tmp_path: Path) -> None:
     table = pq.read_table(pendulum)
-    metadata = {**table.schema.metadata, b"limberjack.figures": text}
+    metadata = {**table.schema.metadata, b"limberjack_figures": text}
     path = tmp_path / "forged.parquet"
     pq.write_table(table.replace_schema_metadata(metadata), path, row_group_size=11)
     with pytest.raises(ValueError, match=r"forged.parquet is damaged .*its figures are damaged"):

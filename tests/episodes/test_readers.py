@@ -7,6 +7,7 @@ extra `test`.
 import functools
 import json
 import math
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,8 @@ def _pyarrow(folder: Path) -> dict[str, list[Any]]:
     import pyarrow.dataset as ds
 
     table = ds.dataset(folder / "episodes").to_table()
-    return {**table.to_pydict(), "sum": [pc.sum(table["reward"]).as_py()]}
+    total = pc.call_function("sum", [table["reward"]])
+    return {**table.to_pydict(), "sum": [total.as_py()]}
 
 
 def _polars(folder: Path) -> dict[str, list[Any]]:
@@ -63,11 +65,20 @@ def _datasets(folder: Path) -> dict[str, list[Any]]:
 
 
 def _ray(folder: Path) -> dict[str, list[Any]]:
-    found = _installed("ray.data").read_parquet(str(folder / "episodes"))
-    table = found.sort(["seed", "step"]).to_pandas()
-    return {name: list(table[name]) for name in ("seed", "reward", "action", "is_last")} | {
-        "sum": [found.sum("reward")]
-    }
+    ray = _installed("ray")
+    with warnings.catch_warnings(), pytest.MonkeyPatch.context() as patch:
+        warnings.simplefilter("ignore")  # Ray warns of options that it sets itself
+        patch.setenv("RAY_AUTH_MODE", "disabled")  # with a token it writes into the home folder
+        import ray.data
+
+        ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
+        try:
+            found = ray.data.read_parquet(str(folder / "episodes"))
+            rows = sorted(found.take_all(), key=lambda row: (row["seed"], row["step"]))
+            total = found.sum("reward")
+        finally:
+            ray.shutdown()
+    return {name: [row[name] for row in rows] for name in rows[0]} | {"sum": [total]}
 
 
 _READERS = {

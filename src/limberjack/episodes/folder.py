@@ -11,9 +11,9 @@ episodes than are played together, they wait in `parts` and are joined, one epis
 are never written again: seeds that are added to a block have a file of their own.
 
 `finish` writes the manifest dataset.json and the card README.md. A shard plays some of the seeds.
-It joins the files that have its seeds only, and writes what it knows of them to
-parts/dataset-K-of-N.json; the rest is left to the process without a shard. `run.json` has what the
-files must not depend on: times, hosts, numbers of workers.
+It joins the files that have its seeds only, and lists them in parts/dataset-K-of-N.json; the rest
+is left to the process without a shard. `run.json` has what the files must not depend on: times,
+hosts, numbers of workers.
 """
 
 import bisect
@@ -255,7 +255,7 @@ class Folder:
         """
         self._check_alone()
         if _range_with(seeds.start, self._targets) == seeds:
-            self._write(seeds, lambda path: path.write_bytes(content))
+            self._write(seeds, lambda partial: partial.write_bytes(content))
             return
         path = self._parts / file_name(seeds, _ENDING)
         self._replace(path, lambda partial: partial.write_bytes(content))
@@ -269,7 +269,7 @@ class Folder:
         if self._left[seeds.start]:
             return
         part_of = self._part_of
-        self._write(seeds, lambda path: join(self._recipe, seeds, part_of.__getitem__, path))
+        self._write(seeds, lambda partial: join(self._recipe, seeds, part_of.__getitem__, partial))
         for seed in seeds:
             path = part_of.pop(seed).path
             self._seeds_in[path] -= 1
@@ -277,7 +277,7 @@ class Folder:
                 path.unlink(missing_ok=True)
 
     def _write(self, seeds: range, fill: Callable[[Path], object]) -> None:
-        """Writes a file of episodes, and keeps what the manifest says of it."""
+        """Writes a file of episodes, and keeps its entry of the manifest."""
         path = self._episodes / file_name(seeds)
         self._replace(path, fill)
         self._left[seeds.start] = len(seeds)  # it is not joined again
@@ -326,7 +326,7 @@ class Folder:
             self._parts.rmdir()
 
     def _write_record(self) -> None:
-        """Writes what the manifest will say of a shard's files."""
+        """Writes the list of a shard's files."""
         paths = [path for path in self._finished() if _is_within(_seeds_of(path), self._own)]
         path = self._parts / f"dataset-{self._shard}.json"
         known = Manifest.read(path)

@@ -12,7 +12,7 @@ read nulls in the other kind. A model field, `field/...`, is a list that is empt
 episode's first row. Files of format 1 lack the columns step, time, is_first and is_last, and have
 NaN and false in the last row.
 
-The footer has the recipe under 'limberjack', and returns and statistics under 'limberjack.figures'.
+The footer has the recipe under 'limberjack', and returns and statistics under 'limberjack_figures'.
 Reading executes nothing. A file is checked, as anyone may have changed it: its columns and rows
 against its recipe, and each page against its checksum.
 
@@ -47,7 +47,7 @@ Values = np.ndarray | str  # of a column in an episode; the only text is the kin
 
 _Untyped = Any  # an object of pyarrow, which has no types
 
-_RECIPE, _FIGURES = b"limberjack", b"limberjack.figures"
+_RECIPE, _FIGURES = b"limberjack", b"limberjack_figures"
 _PLACE = ("seed", "step", "time", "is_first", "is_last")  # columns that follow from seed and row
 _LEVEL = 1  # of zstd: higher ones take longer and save 0.2 % of the humanoid's 616 bytes a step
 _MOST_BYTES = 2**30  # of an episode; an hour of a humanoid's steps with states takes a third of it
