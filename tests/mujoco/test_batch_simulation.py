@@ -183,6 +183,22 @@ def test_a_loaded_row_has_the_constants_of_its_own_fields() -> None:
 
 
 @pytest.mark.usefixtures("share")
+def test_a_field_that_is_bound_late_belongs_to_each_rows_own_number_of_steps() -> None:
+    batch, singles = _pair()
+    rows = np.array([0, 2])
+    for physics in (batch, *singles):
+        physics.forward()
+        physics.simulation.step(1)
+    batch.simulation.step(4, rows)
+    for row in rows:
+        singles[row].simulation.step(4)
+    for name in ("qacc", "geom_xpos"):
+        found = getattr(batch.data, name)
+        for row, single in enumerate(singles):
+            np.testing.assert_array_equal(found[row], getattr(single.data, name), f"{name} {row}")
+
+
+@pytest.mark.usefixtures("share")
 def test_a_field_that_is_bound_after_a_direct_call_belongs_to_its_state() -> None:
     batch, singles = _pair()
     batch.forward()
