@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from limberjack.workers import OnState, opening
+from limberjack.workers import OnState, scale
 from limberjack.workers.pool import Pool
 
 __all__ = [
@@ -123,5 +123,5 @@ def kill_workers_of(monkeypatch: pytest.MonkeyPatch, most: int) -> list[int]:
     def opened(workers: int, on_state: OnState | None) -> Pool:
         return _Killed(workers, on_state, most, kills)
 
-    monkeypatch.setattr(opening, "Pool", opened)
+    monkeypatch.setattr(scale, "Pool", opened)
     return kills

@@ -1,20 +1,22 @@
-"""The number of workers and threads that are used by default."""
+"""Workers of all kinds behind one interface, and those that are used by default."""
 
+import concurrent.futures
+import sys
 from typing import Any
 
 import pytest
 
 from limberjack.evaluation import evaluate
-from limberjack.workers import Scale
+from limberjack.workers import Scale, Unit, WorkError, open_workers, prepare
 from limberjack.workers import scale as module
 
-from .playing import TASK
+from .playing import TASK, pid, seeds_of
 
 _BRING = ("manipulator", "bring_ball")
 
 
-@pytest.fixture(autouse=True)
-def _four_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def four_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "usable_cores", lambda: 4)
 
 
@@ -24,6 +26,7 @@ def _threads(scale: Scale, policy: str, episodes: int) -> int | None:
     return setup.num_threads
 
 
+@pytest.mark.usefixtures("four_cores")
 @pytest.mark.parametrize(
     ("scale", "episodes", "threads"),
     [
@@ -40,6 +43,7 @@ def test_workers_share_the_cores(scale: Scale, episodes: int, threads: int) -> N
     assert _threads(scale, "planner", episodes) == threads
 
 
+@pytest.mark.usefixtures("four_cores")
 @pytest.mark.parametrize(
     ("scale", "policy", "episodes"),
     [
@@ -52,6 +56,7 @@ def test_otherwise_this_process_plays(scale: Scale, policy: str, episodes: int) 
     assert scale.setup(*_BRING, policy, 0.1, episodes) is None
 
 
+@pytest.mark.usefixtures("four_cores")
 def test_a_setup_that_cannot_be_sent_is_an_error_only_where_workers_were_asked_for() -> None:
     def make(seed: int) -> Any:
         raise AssertionError
@@ -60,6 +65,7 @@ def test_a_setup_that_cannot_be_sent_is_an_error_only_where_workers_were_asked_f
         Scale(workers=2).setup(make, None, "planner", None, 16)
 
 
+@pytest.mark.usefixtures("four_cores")
 @pytest.mark.parametrize("name", ["workers", "num_threads"])
 def test_numbers_are_at_least_one(name: str) -> None:
     zero: dict[str, Any] = {name: 0}
@@ -67,3 +73,50 @@ def test_numbers_are_at_least_one(name: str) -> None:
         Scale(**zero)
     with pytest.raises(ValueError, match=f"{name} is 0; expected a whole number of at least 1"):
         evaluate(*TASK, **zero)
+
+
+def test_without_any_number_this_process_plays_unit_after_unit() -> None:
+    setup = prepare(*TASK, "random")
+    units = [Unit(setup, (seed,)) for seed in (3, 1, 2)]
+    with open_workers() as workers:
+        assert list(workers.results(seeds_of, units)) == [(unit, unit.seeds) for unit in units]
+
+
+def test_an_error_in_this_process_is_raised_as_it_is() -> None:
+    def wrong(setup: object, seeds: object) -> None:
+        raise KeyError("mine")
+
+    with open_workers() as workers, pytest.raises(KeyError, match="mine"):
+        list(workers.results(wrong, [Unit(prepare(*TASK, "random"), (0,))]))
+
+
+def test_a_number_opens_other_processes() -> None:
+    units = [Unit(prepare(*TASK, "random"), (0,))]
+    with open_workers(1) as workers:
+        ((_, other),) = workers.results(pid, units)
+    assert other != pid(units[0].setup, (0,))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"workers": 0}, "workers is 0; expected a whole number of at least 1"),
+        ({"workers": 1.5}, "workers is 1.5; expected a whole number"),
+        ({"executor": object()}, "executor is of type object; expected a concurrent.futures"),
+        (
+            {"executor": concurrent.futures.ThreadPoolExecutor(1), "ray": "local"},
+            "executor and ray are both given; expected one of them",
+        ),
+    ],
+)
+def test_arguments_are_checked(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=message), open_workers(**arguments):
+        pass
+
+
+def test_without_ray_its_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    monkeypatch.delitem(sys.modules, "limberjack.workers.ray_tasks", raising=False)
+    message = "ray needs the extra 'ray': pip install ray"
+    with pytest.raises(WorkError, match=message), open_workers(ray="local"):
+        pass

@@ -1,10 +1,13 @@
 """Policies on their way to a worker."""
 
 import concurrent.futures
+import importlib
+import linecache
 import os
 import pickle
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +15,8 @@ import pytest
 
 from limberjack import policies, suite
 from limberjack.policies import Actor, PolicyError
-from limberjack.workers.shipping import ship, unpack
+from limberjack.utils.sources import Source
+from limberjack.workers.shipping import _import_shipped, ship, unpack
 from tests.policies import saved_models
 
 from . import playing
@@ -106,3 +110,54 @@ def test_a_saved_model_is_shipped_as_bytes(tmp_path: Path, monkeypatch: pytest.M
     assert (found.name, found.sha256) == (name, expected.sha256)
     with pytest.raises(PolicyError, match="No such file"):
         ship(name)
+
+
+@pytest.fixture
+def own_imports() -> Iterator[None]:
+    modules, finders = set(sys.modules), list(sys.meta_path)
+    yield
+    sys.meta_path[:] = finders
+    for name in set(sys.modules) - modules:
+        del sys.modules[name]
+
+
+@pytest.mark.usefixtures("own_imports")
+def test_a_module_is_imported_without_a_file() -> None:
+    _import_shipped("shipped_alone", Source("", {"shipped_alone.py": b"x = 'h\xc3\xa9'\n"}))
+    module = importlib.import_module("shipped_alone")
+    assert module.x == "h\u00e9"
+    assert not hasattr(module, "__file__")
+
+
+@pytest.mark.usefixtures("own_imports")
+def test_a_package_is_imported_with_its_parts() -> None:
+    files = {
+        "__init__.py": b"from shipped_package import late\n",
+        "late.py": b"from .networks import small\ny = small.x\n",
+        "networks/small.py": b"x = 3\n",
+    }
+    _import_shipped("shipped_package.late", Source("shipped_package", files))
+    assert importlib.import_module("shipped_package.late").y == 3
+
+
+@pytest.mark.usefixtures("own_imports")
+def test_a_package_within_others_is_imported() -> None:
+    _import_shipped("a_root.inner.act", Source("a_root.inner", {"act.py": b"x = 3\n"}))
+    assert importlib.import_module("a_root.inner.act").x == 3
+
+
+@pytest.mark.usefixtures("own_imports")
+def test_a_package_that_is_missing_is_named_and_leaves_no_finder() -> None:
+    before = list(sys.meta_path)
+    with pytest.raises(ModuleNotFoundError, match="not_installed_anywhere"):
+        _import_shipped("needy", Source("", {"needy.py": b"import not_installed_anywhere\n"}))
+    assert sys.meta_path == before
+
+
+@pytest.mark.usefixtures("own_imports")
+def test_a_traceback_shows_the_source() -> None:
+    _import_shipped("shipped_wrong", Source("", {"shipped_wrong.py": b"def f():\n    1 / 0\n"}))
+    module = importlib.import_module("shipped_wrong")
+    linecache.lazycache("<shipped>", vars(module))
+    with pytest.raises(ZeroDivisionError):
+        module.f()

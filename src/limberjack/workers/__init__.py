@@ -12,8 +12,7 @@ Each worker first proves that it has the same identity and plays a few steps to 
 """
 
 from limberjack.workers.attempt import WorkError
-from limberjack.workers.opening import Workers, open_workers
-from limberjack.workers.scale import Scale
+from limberjack.workers.scale import Scale, Workers, open_workers
 from limberjack.workers.setup import Opened, Setup, prepare
 from limberjack.workers.state import OnProgress, OnState, State
 from limberjack.workers.units import Unit, shard_of, units_of

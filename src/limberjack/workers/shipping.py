@@ -4,17 +4,21 @@
     actor = unpack(shipped, environment, 1)   # in a worker
 
 A worker imports MODULE:CALLABLE from its own files if it has that module, so that weights beside it
-are found; a worker without it imports the source that was shipped. Whether the module is the same
-one, the policy's hash decides: see `limberjack.workers.setup`.
+are found; a worker without it imports the source that was shipped, and writes nothing to a file.
+The policy's hash shows whether the module is the same one: see `limberjack.workers.setup`.
 """
 
 import dataclasses
 import importlib
+import importlib.abc
+import importlib.machinery
+import importlib.util
 import inspect
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import ModuleType
 
 import dm_env
 
@@ -22,9 +26,10 @@ from limberjack import policies
 from limberjack.policies import Actor, PolicyError
 from limberjack.policies.saved import read_model
 from limberjack.utils.sources import Source, source_of_module
-from limberjack.workers.shipped_modules import import_shipped
 
 __all__ = ["Shipped", "ship", "unpack"]
+
+_INIT = "__init__"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +85,7 @@ def unpack(shipped: Shipped, environment: dm_env.Environment, num_threads: int |
         )
     module = shipped.name.partition(":")[0]
     if module not in sys.modules and not _has(module):
-        import_shipped(module, shipped.source)
+        _import_shipped(module, shipped.source)
     # Threads of an executor, such as those of a worker of Dask, are not the main one.
     is_shared = threading.current_thread() is not threading.main_thread()
     actor = policies.find(shipped.name, environment, num_threads=num_threads, is_shared=is_shared)
@@ -115,3 +120,53 @@ def _has(module: str) -> bool:
             return False
         raise  # a package that the module needs
     return True
+
+
+def _import_shipped(module: str, source: Source) -> None:
+    """Imports a module that this process has no file of; its package's modules can be imported too.
+
+    Raises:
+      ImportError: a package that it needs is not installed.
+    """
+    finder = _Finder(source)
+    sys.meta_path.append(finder)  # last: installed modules come first
+    try:
+        importlib.import_module(module)
+    except BaseException:
+        sys.meta_path.remove(finder)
+        raise
+
+
+class _Finder(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
+    """Finds and loads the modules of one source."""
+
+    def __init__(self, source: Source) -> None:
+        self._code: dict[str, bytes] = {}
+        self._packages: set[str] = set()
+        for name, content in source.files.items():
+            parts = [*source.package.split("."), *name.removesuffix(".py").split("/")]
+            dotted = [part for part in parts if part]
+            if dotted[-1] == _INIT:
+                dotted.pop()
+                self._packages.add(".".join(dotted))
+            self._code[".".join(dotted)] = content
+            # Folders without an `__init__.py` are packages without code.
+            self._packages.update(".".join(dotted[:depth]) for depth in range(1, len(dotted)))
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> importlib.machinery.ModuleSpec | None:
+        """See `importlib.abc.MetaPathFinder`."""
+        if fullname not in self._code and fullname not in self._packages:
+            return None
+        return importlib.util.spec_from_loader(
+            fullname, self, origin="shipped", is_package=fullname in self._packages
+        )
+
+    def is_package(self, fullname: str) -> bool:
+        """See `importlib.abc.InspectLoader`."""
+        return fullname in self._packages
+
+    def get_source(self, fullname: str) -> str:
+        """See `importlib.abc.InspectLoader`."""
+        return importlib.util.decode_source(self._code.get(fullname, b""))
