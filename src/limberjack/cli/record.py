@@ -116,7 +116,7 @@ def _record(
                 seed=seed,
                 seconds=seconds,
                 rows=rows,
-                action_repeat=action_repeat or 1,
+                action_repeat=action_repeat,
                 on_progress=show,
                 **view,
             )

@@ -69,7 +69,7 @@ def _run(
                 chosen_seeds(seeds, episodes, 1),
                 out=out,
                 time_limit=finite(time_limit),
-                action_repeat=action_repeat or 1,
+                action_repeat=action_repeat,
                 scale=scale_of(progress, threads=threads, vectorised=vectorised),
                 replaces=True,
                 command=command_line(),

@@ -19,6 +19,7 @@ import dm_env
 import numpy as np
 
 from limberjack import policies
+from limberjack.episodes.environments import checked_repeat
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.playing import Recorded, Step, play
 from limberjack.episodes.recipe import Recipe, environments_of, other_versions
@@ -71,7 +72,7 @@ def record(
     seed: int = 0,
     seconds: float | None = None,
     rows: int = 1,
-    action_repeat: int = 1,
+    action_repeat: int | None = None,
     on_progress: _OnProgress | None = None,
     **view: Unpack[View],
 ) -> Path:
@@ -85,7 +86,7 @@ def record(
       seed: of the episode; row i has seed + i.
       seconds: of simulated time; by default the task's time limit.
       rows: number of episodes side by side, at most 64. One that ends early keeps its last picture.
-      action_repeat: control steps per action.
+      action_repeat: control steps per action; None for the environment's own.
       on_progress: called before the episode begins and after each step, with the steps so far,
         those in all, and the return so far (of several episodes the mean).
       view: camera (its number or name; -1 is the free camera), height and width (of the film, all
@@ -114,9 +115,12 @@ def record(
         raise ValueError(f"seconds is {seconds}; expected a positive number of seconds")
     # Episodes of the suite may be longer than the task's own time limit.
     factory = factory_of(domain, task, None if callable(domain) else seconds)
-    repeat = at_least_one("action_repeat", action_repeat)
+    if action_repeat is None and callable(domain):
+        with contextlib.closing(factory.make(first)) as own:
+            action_repeat = _inner(own).action_repeat
     with _Stage.of(factory, first, rows, seconds, view) as stage, _held(path):
         actor = _actor_of_rows(policy, stage.batch)
+        repeat = checked_repeat(action_repeat, stage.batch.environments[0], actor)
         stage.film(path, actor, range(first, first + rows), on_progress, repeat)
     return path
 

@@ -122,6 +122,11 @@ class Recorder:
         if film is not None:
             film.discard()
 
+    def drop_episode(self) -> None:
+        """Remove the film and the trace of an episode that was not shown to its end."""
+        self.drop_film()
+        self._trace = None
+
     def write(self, run: Facts, episodes: Sequence[Played], model_fingerprint: str) -> None:
         """Write result.json, return.png, video.mp4 and report.html, and no files of earlier runs.
 
