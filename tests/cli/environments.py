@@ -4,17 +4,21 @@ from typing import Any
 
 import numpy as np
 
+from limberjack import suite
 from limberjack.rl import control
 from tests import plain_domain
 from tests.rl import odd_environments as odd
 
 __all__ = [
+    "arm",
     "delayed",
     "different",
     "diverging",
     "endless",
+    "failing",
     "nested",
     "not_a_function",
+    "nothing",
     "plain",
     "remembering",
     "repeating",
@@ -44,6 +48,20 @@ def repeating(seed: int) -> control.Environment:
 def different(seed: int) -> control.Environment:
     """An environment that ignores its seed."""
     return plain_domain.push()
+
+
+def arm(seed: int) -> control.Environment:
+    """A task of the suite under another name."""
+    return suite.load("manipulator", "bring_ball", {"random": seed, "time_limit": 0.05})
+
+
+def nothing(seed: int) -> None:
+    """Forgets to return its environment."""
+
+
+def failing(seed: int) -> control.Environment:
+    """A mistake of the user's own."""
+    raise ZeroDivisionError(1 // 0)
 
 
 class _Diverging(plain_domain.Push):

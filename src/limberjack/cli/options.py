@@ -25,6 +25,7 @@ __all__ = [
     "Out",
     "PolicyName",
     "Ray",
+    "RequiredOut",
     "Seed",
     "Seeds",
     "Shard",
@@ -80,10 +81,9 @@ Episodes = Annotated[
     int | None,
     typer.Option(min=1, max=SEEDS, help="The first seeds only; without --seeds, those from 0 on."),
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Write the results into this folder."),
-]
+_OUT = typer.Option(metavar="DIR", help="Write the results into this folder.")
+Out = Annotated[Path | None, _OUT]
+RequiredOut = Annotated[Path, _OUT]
 Threads = Annotated[
     int | None,
     typer.Option(

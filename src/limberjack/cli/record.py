@@ -13,6 +13,7 @@ from limberjack.cli.options import (
     EnvironmentName,
     OptionalDomain,
     PolicyName,
+    Seed,
     TaskName,
     function_named,
     named_environment,
@@ -21,7 +22,6 @@ from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
     MISUSED,
-    SEEDS,
     complain,
     search_working_directory,
     users_failure,
@@ -31,7 +31,6 @@ from limberjack.cli.progress import show_episodes
 
 __all__: list[str] = []
 
-_Seed = Annotated[int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode; row i has seed+i.")]
 _Pixels = Annotated[int, typer.Option(min=2, help="Of the film, pixels.")]
 _Overlay = Annotated[
     bool, typer.Option("--overlay", help="Draw time, reward and return in a corner.")
@@ -52,7 +51,7 @@ _Camera = Annotated[str, typer.Option(help="Its name or number; -1 is the free c
 _Seconds = Annotated[
     float | None, typer.Option(help="Of simulated time; the task's time limit by default.")
 ]
-_Rows = Annotated[int, typer.Option(min=1, help="Episodes of a batch, side by side.")]
+_Rows = Annotated[int, typer.Option(min=1, help="Episodes side by side; row i has seed + i.")]
 
 
 @command(
@@ -69,7 +68,7 @@ def _record(
     env: EnvironmentName = None,
     dataset: _From = None,
     policy: PolicyName = "zero",
-    seed: _Seed = 0,
+    seed: Seed = 0,
     action_repeat: ActionRepeat = None,
     camera: _Camera = "0",
     height: _Pixels = 480,
@@ -107,6 +106,11 @@ def _record(
             make = None if env is None else function_named(env)
             path = data.film(data.load(dataset), seed, make, out=out, on_progress=show, **view)
         else:
+            if domain is None and env is None:
+                raise ValueError(
+                    "got no task; expected DOMAIN TASK, --env MODULE:FUNCTION, or --from DIR of a "
+                    "dataset. `limberjack list` shows all tasks"
+                )
             from limberjack.episodes.films import record
 
             path = record(

@@ -254,7 +254,7 @@ def _actor_of_rows(policy: object, batch: RowsEnvironment) -> Actor:
     first = policies.find(policy, batch.environments[0])
     if batch.num_envs == 1:
         return first
-    if policy not in policies.BUILT_IN and is_stateful_object(policy):
+    if not policies.is_saved_model(policy) and is_stateful_object(policy):
         raise ValueError(
             f"policy {first.name!r} is an object with the state of one episode: give its class, so "
             "that each row has an object of its own"
