@@ -1,16 +1,18 @@
 """Environments of a user, which tests name as `--env tests.cli.environments:FUNCTION`."""
 
+import re
 from typing import Any
 
 import numpy as np
 
-from limberjack import suite
+from limberjack import mujoco, suite
 from limberjack.rl import control
 from tests import plain_domain
 from tests.rl import odd_environments as odd
 
 __all__ = [
     "arm",
+    "bare",
     "delayed",
     "different",
     "diverging",
@@ -38,6 +40,15 @@ def remembering(seed: int) -> control.Environment:
 def delayed(seed: int) -> control.Environment:
     """A subclass that delays observations by two steps."""
     return odd.of_class(odd.Delaying, seed)
+
+
+def bare(seed: int) -> control.Environment:
+    """An environment whose model has no camera and little room for pictures."""
+    xml = plain_domain._MODEL.replace('offwidth="640" offheight="480"', 'offwidth="16"')
+    physics = mujoco.Physics.from_xml_string(re.sub("<camera.*/>", "", xml))
+    return control.Environment(
+        physics, plain_domain.Push(seed), time_limit=0.1, control_timestep=0.02
+    )
 
 
 def repeating(seed: int) -> control.Environment:

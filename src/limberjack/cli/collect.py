@@ -106,7 +106,7 @@ def _collect(
     same bytes; it continues a collection that was killed, and other seeds add to the folder.
     """
     with misuse_reported():
-        where = named_environment(domain, task, env)
+        where = named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part = shard_named(shard, out)
     search_working_directory(policy)

@@ -47,7 +47,10 @@ _From = Annotated[
         help="Film the episode of --seed of a dataset that `limberjack collect` wrote.",
     ),
 ]
-_Camera = Annotated[str, typer.Option(help="Its name or number; -1 is the free camera.")]
+_Camera = Annotated[
+    str | None,
+    typer.Option(help="Its name or number; -1 is the free camera; the model's first by default."),
+]
 _Seconds = Annotated[
     float | None, typer.Option(help="Of simulated time; the task's time limit by default.")
 ]
@@ -70,7 +73,7 @@ def _record(
     policy: PolicyName = "zero",
     seed: Seed = 0,
     action_repeat: ActionRepeat = None,
-    camera: _Camera = "0",
+    camera: _Camera = None,
     height: _Pixels = 480,
     width: _Pixels = 640,
     seconds: _Seconds = None,
@@ -85,13 +88,9 @@ def _record(
     """
     from limberjack.episodes.films import View
 
-    view = View(
-        camera=int(camera) if camera.removeprefix("-").isdecimal() else camera,
-        height=height,
-        width=width,
-        overlay=overlay,
-        visualize_reward=visualize_reward,
-    )
+    view = View(height=height, width=width, overlay=overlay, visualize_reward=visualize_reward)
+    if camera is not None:
+        view["camera"] = int(camera) if camera.removeprefix("-").isdecimal() else camera
     search_working_directory(policy)
     with _failures_reported(out) as show:
         if dataset is not None:

@@ -59,7 +59,7 @@ def _run(
     """
     with rows_reported(), show_units() as progress:
         with misuse_reported():
-            where = named_environment(domain, task, env)
+            where = named_environment(domain, task, env, time_limit)
             search_working_directory(policy)
             from limberjack.episodes.running import Run
 

@@ -79,7 +79,7 @@ def _view(
     with misuse_reported():
         from limberjack.workers.factories import factory_of
 
-        factory = factory_of(*named_environment(domain, task, env), finite(time_limit))
+        factory = factory_of(*named_environment(domain, task, env, time_limit), finite(time_limit))
         show = _find_viewer(native, host, port, allow_host or [], factory.title)
         environment = _viewable(factory.make(seed))
         begin = _begin(policy, environment)

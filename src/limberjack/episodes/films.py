@@ -36,13 +36,13 @@ from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.files import Hold
 from limberjack.utils.regular import open_regular
 from limberjack.utils.seeds import SEEDS, checked_seed
-from limberjack.video import Film, mosaic
+from limberjack.video import SIZE, Film, first_camera, mosaic
 from limberjack.workers.factories import Factory, Make, factory_of
 
 if TYPE_CHECKING:
     from limberjack.episodes.dataset import Dataset  # which needs the extra 'data'
 
-__all__ = ["View", "film", "record"]
+__all__ = ["View", "drawable", "film", "record"]
 
 _LARGEST = 2160, 3840  # height and width of a picture, pixels; beyond it memory may run out
 _TABLE_WIDTH = 320  # pixels; on narrower pictures a table of three lines would cover too much
@@ -89,7 +89,8 @@ def record(
       action_repeat: control steps per action; None for the environment's own.
       on_progress: called before the episode begins and after each step, with the steps so far,
         those in all, and the return so far (of several episodes the mean).
-      view: camera (its number or name; -1 is the free camera), height and width (of the film, all
+      view: camera (its number or name; -1 is the free camera; by default the model's first one, or
+        the free camera if it has none), height and width (of the film, all
         rows together, pixels; 480 and 640 by default), overlay (draw time, reward and return in a
         corner), visualize_reward (colour the bodies by the reward).
 
@@ -265,6 +266,29 @@ def _actor_of_rows(policy: object, batch: RowsEnvironment) -> Actor:
     return _EachItsOwn([first, *others])
 
 
+def drawable(make: Make, height: int, width: int, visualize_reward: bool = False) -> Make:
+    """A function that makes the same environments, of which pictures of a size can be drawn.
+
+    Args:
+      make: makes environments with a `control.Environment` inside.
+      height, width: pixels; a model's off-screen buffer may be smaller, and is enlarged.
+      visualize_reward: colour the bodies by the reward.
+    """
+    most_height, most_width = _LARGEST
+
+    def made(seed: int) -> dm_env.Environment:
+        environment = make(seed)
+        inner = _inner(environment)
+        buffer = inner.physics.model.vis.global_
+        buffer.offheight = max(buffer.offheight, min(height, most_height))
+        buffer.offwidth = max(buffer.offwidth, min(width, most_width))
+        if visualize_reward:
+            inner.task.visualize_reward = True
+        return environment
+
+    return made
+
+
 class _Stage:
     """Environments that are drawn, one or several side by side.
 
@@ -277,40 +301,33 @@ class _Stage:
         """Draws a picture, so that what cannot be drawn is refused before an episode begins.
 
         Raises:
-          ValueError: there is no such camera, or the size is too large, or too small for the rows.
+          ValueError: there is no such camera, or the size is too large.
           RenderingError: OpenGL is not available.
         """
         self.batch = batch
         self.step_limit = step_limit
-        self._camera = view.get("camera", 0)
+        model = _inner(batch.environments[0]).physics.model
+        self._camera = view.get("camera", first_camera(model))
         self._overlay = view.get("overlay", False)
-        height, width = view.get("height", 480), view.get("width", 640)
-        rows = batch.num_envs
-        across = math.ceil(math.sqrt(rows))
-        down = math.ceil(rows / across)
-        # Even numbers, which H.264 needs.
-        picture = height // down // 2 * 2, width // across // 2 * 2
-        if 0 in picture:
-            raise ValueError(f"a film of {height}x{width} pixels is too small for {rows} rows")
-        if rows > 1:
-            height, width = picture[0] * down, picture[1] * across
-        self._size = height, width
-        self._picture_size = height // down, width // across
-        for environment in batch.environments:
-            self._make_room(environment)
-            if view.get("visualize_reward", False):
-                _inner(environment).task.visualize_reward = True
+        self._size, self._picture_size = _sizes(batch.num_envs, view)
         self._render(0)
-        self._last = [np.zeros(0, np.uint8)] * rows  # pictures of the rows
+        self._last = [np.zeros(0, np.uint8)] * batch.num_envs  # pictures of the rows
 
     @classmethod
     @contextlib.contextmanager
     def of(
         cls, factory: Factory, seed: int, rows: int, seconds: float | None, view: View
     ) -> "Iterator[_Stage]":
-        """A stage for so many episodes; raises ValueError if the film would never end."""
+        """A stage for so many episodes.
+
+        Raises:
+          ValueError: the film would never end, its size is too small for the rows, or see
+            `__init__`.
+        """
         how = {"seed": seed, "on_divergence": "raise", "action_repeat": 1}
-        batch = RowsEnvironment(factory.make, rows, **how)
+        _, size = _sizes(rows, view)
+        make = drawable(factory.make, *size, view.get("visualize_reward", False))
+        batch = RowsEnvironment(make, rows, **how)
         with contextlib.closing(batch):
             limit = batch.step_limit
             if seconds is not None:
@@ -375,12 +392,6 @@ class _Stage:
         finally:
             film.discard()
 
-    def _make_room(self, environment: dm_env.Environment) -> None:
-        """Enlarges the buffer of a model to the size of a picture; the suite's have 480 by 640."""
-        buffer, (most_height, most_width) = _inner(environment).physics.model.vis.global_, _LARGEST
-        buffer.offheight = max(buffer.offheight, min(self._picture_size[0], most_height))
-        buffer.offwidth = max(buffer.offwidth, min(self._picture_size[1], most_width))
-
     def _pictures(self, step: Step) -> np.ndarray:
         """The pictures of all rows; those whose episodes have ended keep their last one."""
         for row in step.rows.tolist():
@@ -402,6 +413,24 @@ class _Stage:
     def _render(self, row: int, overlays: Sequence[TextOverlay] = ()) -> np.ndarray:
         physics = _inner(self.batch.environments[row]).physics
         return physics.render(*self._picture_size, camera_id=self._camera, overlays=list(overlays))
+
+
+def _sizes(rows: int, view: View) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Height and width of a film, and of the picture of each row.
+
+    Raises:
+      ValueError: the film is too small for the rows.
+    """
+    height, width = view.get("height", SIZE[0]), view.get("width", SIZE[1])
+    across = math.ceil(math.sqrt(rows))
+    down = math.ceil(rows / across)
+    # Even numbers, which H.264 needs.
+    picture = height // down // 2 * 2, width // across // 2 * 2
+    if 0 in picture:
+        raise ValueError(f"a film of {height}x{width} pixels is too small for {rows} rows")
+    if rows == 1:
+        return (height, width), (height, width)
+    return (picture[0] * down, picture[1] * across), picture
 
 
 def _inner(environment: dm_env.Environment) -> Environment:

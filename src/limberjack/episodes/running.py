@@ -21,6 +21,7 @@ import numpy as np
 from limberjack import policies, report
 from limberjack.episodes.environments import checked_environment, checked_repeat
 from limberjack.episodes.episode import Episode, Kept
+from limberjack.episodes.films import drawable
 from limberjack.episodes.playing import OnStep, Recorded, Step, play
 from limberjack.episodes.starts import Starts
 from limberjack.episodes.units import OnEnded, play_seeds, play_unit
@@ -32,6 +33,7 @@ from limberjack.rl.copies import control_of
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
+from limberjack.video import SIZE
 from limberjack.workers import OnProgress, Scale, Unit, shard_of, units_of
 from limberjack.workers.factories import Make, factory_of
 
@@ -318,7 +320,8 @@ class Run:
     ) -> None:
         """Plays an episode again, for the film and the page."""
         plans = self._plans.get(episode.seed, [])
-        batch = RowsEnvironment(self._factory.make, 1, 1, episode.seed, action_repeat=1)
+        make = drawable(self._factory.make, *SIZE)
+        batch = RowsEnvironment(make, 1, 1, episode.seed, action_repeat=1)
 
         def on_step(step: Step) -> None:
             number = int(step.numbers[0])

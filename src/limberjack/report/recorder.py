@@ -28,7 +28,7 @@ from limberjack.report.trace import Step, Trace
 from limberjack.rl.control import Environment
 from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.files import Hold, Partial
-from limberjack.video import Film, Rendered
+from limberjack.video import Film, Rendered, first_camera
 
 __all__ = ["Recorder"]
 
@@ -91,7 +91,8 @@ class Recorder:
         self._physics = environment.physics
         self._trace = Trace(environment)
         try:
-            self._film = Film(self._directory / _FILM, environment.control_timestep())
+            camera = first_camera(environment.physics.model)
+            self._film = Film(self._directory / _FILM, environment.control_timestep(), camera)
         except ImportError as error:
             self._leave_out(_FILM, error)
 
