@@ -32,7 +32,7 @@ from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.facts import Facts
-from limberjack.utils.seeds import checked_seed
+from limberjack.utils.seeds import checked_seeds
 from limberjack.video import SIZE
 from limberjack.workers import OnProgress, Scale, Unit, shard_of, units_of
 from limberjack.workers.factories import Make, factory_of
@@ -90,7 +90,7 @@ class Run:
         """
         self._where = domain, task
         self._policy = policy
-        wanted = [checked_seed(seed) for seed in seeds]
+        wanted = checked_seeds(seeds)
         self._seeds = wanted if shard is None else shard_of(wanted, *shard)
         self._wanted = wanted
         self._out = None if out is None else Path(out).absolute()  # a policy may move
