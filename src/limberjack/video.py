@@ -27,7 +27,18 @@ import numpy as np
 from limberjack.utils.files import Partial
 from limberjack.utils.requirements import missing_extra
 
-__all__ = ["Film", "Rendered", "Writer", "find_ffmpeg", "frame_stride", "mosaic"]
+__all__ = [
+    "SIZE",
+    "Film",
+    "Rendered",
+    "Writer",
+    "find_ffmpeg",
+    "first_camera",
+    "frame_stride",
+    "mosaic",
+]
+
+SIZE = 480, 640  # height and width of a film by default, pixels
 
 # Frames per second, by the ending of the file. Every screen shows 50, and drawing more is slow. A
 # GIF counts in hundredths of a second, and is large.
@@ -220,6 +231,17 @@ class Rendered(Protocol):
         ...
 
 
+class _HasCameras(Protocol):
+    """A model, such as `mujoco.MjModel`."""
+
+    ncam: int
+
+
+def first_camera(model: _HasCameras) -> int:
+    """The number of a model's first camera; that of the free camera, -1, if it has none."""
+    return 0 if model.ncam else -1
+
+
 class Film:
     """A film of a running simulation; its file appears when it is finished."""
 
@@ -228,8 +250,8 @@ class Film:
         path: Path,
         control_timestep: float,
         camera: int | str = 0,
-        height: int = 480,
-        width: int = 640,
+        height: int = SIZE[0],
+        width: int = SIZE[1],
     ) -> None:
         """Begins a film; nothing is drawn or written yet.
 

@@ -71,6 +71,9 @@ def test_a_folder_whose_name_is_no_text_is_written_to(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "a\\udcff/report.html" in done.stdout
     assert (tmp_path / "a\udcff" / "report.html").exists()
+    replayed = call("replay", "a\udcff", directory=tmp_path)
+    assert replayed.returncode == 0, replayed.stderr
+    assert replayed.stdout.endswith(", every bit the same\n")
 
 
 @pytest.mark.parametrize(

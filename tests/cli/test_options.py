@@ -1,11 +1,40 @@
-"""Arguments that several commands have: the task's name."""
+"""Arguments and options that several commands have: tasks, environments, seeds, and their words."""
 
+import json
+import sys
+import typing
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.models import OptionInfo
 
-from limberjack.cli.options import named_task, seeds_from, shard_named
-from tests.cli.conftest import invoke
+from limberjack import data
+from limberjack.cli import app
+from limberjack.cli.options import (
+    chosen_seeds,
+    finite,
+    function_named,
+    named_environment,
+    named_task,
+    shard_named,
+)
+from limberjack.mujoco.camera import RenderingError
+from limberjack.utils.seeds import SEEDS
+from tests.cli.conftest import call, invoke
+
+from . import environments
+
+# Options of one name that differ between commands, and why.
+_DIFFERENT = {
+    ("bench", "--threads"): "the most of several numbers that it measures",
+    ("bench", "--seconds"): "of a measurement; those of record are simulated",
+    ("convert", "--out"): "a folder of Minari's, which holds many datasets",
+    ("record", "--out"): "one file",
+    ("info", "--json"): "has more than doctor's and list's",
+    ("list", "--json"): "is a list of tasks",
+}
 
 
 @pytest.mark.parametrize("arguments", [("humanoid", "walk"), ("humanoid/walk", None)])
@@ -34,12 +63,77 @@ def test_a_task_named_by_none_or_both_is_refused(
         named_task(*arguments)
 
 
-def test_the_seeds_of_episodes_follow_each_other_up_to_the_last_one() -> None:
-    assert list(seeds_from(4, 3)) == [4, 5, 6]
-    assert seeds_from(2**32 - 1, 1)[-1] == 2**32 - 1
-    for first, episodes in ((2**32 - 1, 2), (0, 10**12)):
-        with pytest.raises(ValueError, match=r"the last episode's seed is .* expected below"):
-            seeds_from(first, episodes)
+@pytest.mark.parametrize(
+    ("seeds", "episodes", "expected"),
+    [
+        (None, None, range(7)),
+        (None, 3, range(3)),
+        ("5", None, range(5, 6)),
+        ("3:13", None, range(3, 13)),
+        ("3:13", 4, range(3, 7)),
+        (f"{SEEDS - 1}", 1, range(SEEDS - 1, SEEDS)),
+    ],
+)
+def test_seeds_are_given_by_their_range_their_number_or_both(
+    seeds: str | None, episodes: int | None, expected: range
+) -> None:
+    assert chosen_seeds(seeds, episodes, 7) == expected
+
+
+@pytest.mark.parametrize(
+    ("seeds", "episodes", "message"),
+    [
+        ("a", None, "--seeds is 'a'; expected A:B, such as 0:100"),
+        ("-1:5", None, "--seeds is '-1:5'; expected A:B"),
+        ("5:", None, "--seeds is '5:'; expected A:B"),
+        ("5:5", None, "--seeds is 5:5, which holds no seed; expected A:B with A below B"),
+        (f"0:{SEEDS + 1}", None, f"expected numbers up to {SEEDS}"),
+        (f"{SEEDS}", None, f"expected numbers up to {SEEDS}"),
+        ("0:4", 5, "--episodes is 5, but --seeds 0:4 holds 4: give more seeds"),
+        ("4", 2, "--episodes is 2, but --seeds 4 holds 1: give more seeds"),
+    ],
+)
+def test_seeds_that_are_no_range_or_too_few_are_refused(
+    seeds: str, episodes: int | None, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        chosen_seeds(seeds, episodes, 7)
+
+
+def test_an_infinite_time_limit_is_refused() -> None:
+    assert finite(None) is None
+    assert finite(2.5) == 2.5
+    with pytest.raises(ValueError, match="--time-limit is inf; expected a number of seconds"):
+        finite(float("inf"))
+
+
+def test_an_environment_is_a_task_or_a_function(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))  # the working directory is added
+    assert named_environment("humanoid/walk", None, None) == ("humanoid", "walk")
+    own = "tests.cli.environments:plain"
+    assert named_environment(None, None, own) == (environments.plain, None)
+    with pytest.raises(ValueError, match="got no task; expected DOMAIN TASK, or --env MODULE:FUN"):
+        named_environment(None, None, None)
+    with pytest.raises(ValueError, match=f"got humanoid and --env {own}; expected one of them"):
+        named_environment("humanoid", "walk", own)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("tests.cli.environments:plian", "Did you mean 'plain'?"),
+        ("tests.cli.environments:not_a_function", "is a int; expected a function make(seed)"),
+        ("no_module:make", "there is no module 'no_module'"),
+        ("plain", "--env is 'plain'; expected MODULE:NAME"),
+    ],
+)
+def test_a_function_that_does_not_exist_is_refused(
+    name: str, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    with pytest.raises(ValueError, match="--env") as caught:
+        function_named(name)
+    assert message in str(caught.value)
 
 
 def test_a_shard_is_named_by_its_number_and_that_of_all() -> None:
@@ -81,3 +175,228 @@ def test_every_command_that_takes_a_task_takes_one_word(
     assert result.stderr.count("\n") == 1
     assert invoke(*command, "humanoid").stderr.startswith("limberjack: got humanoid without a task")
     assert list(tmp_path.iterdir()) == []
+
+
+def _options() -> Iterator[tuple[str, str, tuple[object, ...]]]:
+    """Each command with each of its options, and everything that the help page says of it."""
+    for command in app.registered_commands:
+        assert command.name is not None
+        assert command.callback is not None
+        for name, hint in typing.get_type_hints(command.callback, include_extras=True).items():
+            (info,) = getattr(hint, "__metadata__", [None])
+            if isinstance(info, OptionInfo):
+                kind = typing.get_args(hint)[0]
+                of_value = {kind} if kind in (str, int, float, bool, Path) else {
+                    one for one in typing.get_args(kind) if one is not type(None)
+                }  # fmt: skip
+                declared = (info.param_decls or [f"--{name.replace('_', '-')}"])[0]
+                described = info.min, info.max, info.metavar, info.help
+                yield command.name, declared, (frozenset(of_value), *described)
+
+
+def test_an_option_of_one_name_is_the_same_in_all_commands() -> None:
+    by_name: dict[str, dict[tuple[object, ...], list[str]]] = {}
+    for command, name, described in _options():
+        if (command, name) not in _DIFFERENT:
+            by_name.setdefault(name, {}).setdefault(described, []).append(command)
+    assert {name: list(kinds.items()) for name, kinds in by_name.items() if len(kinds) > 1} == {}
+    shared = {
+        "--seeds", "--episodes", "--time-limit", "--action-repeat", "--workers", "--out",
+        "--threads", "--policy", "--env", "--shard", "--ray", "--any-processor", "--seed",
+    }  # fmt: skip
+    for name in shared:
+        ((_, commands),) = by_name[name].items()
+        assert len(commands) > 1, name
+
+
+def test_the_options_that_differ_exist() -> None:
+    assert _DIFFERENT.keys() <= {(command, name) for command, name, _ in _options()}
+
+
+def test_every_command_that_plays_takes_a_users_environment() -> None:
+    takes = {command for command, name, _ in _options() if name == "--env"}
+    assert takes == {"collect", "evaluate", "record", "replay", "run", "solve", "view"}
+
+
+_OWN = ["plain", "bare", "remembering", "delayed", "nested"]
+_VECTORISED = ("plain", "bare")
+
+
+def _env(name: str) -> list[str]:
+    return ["--env", f"tests.cli.environments:{name}"]
+
+
+@pytest.fixture
+def _drawing() -> None:
+    try:
+        environments.plain(0).physics.render(8, 8)
+    except RenderingError as error:
+        pytest.skip(f"no OpenGL here: {error}")
+
+
+@pytest.mark.parametrize("name", _OWN)
+def test_a_users_environment_is_evaluated_collected_run_and_replayed(
+    name: str, tmp_path: Path
+) -> None:
+    options = [*_env(name), "--policy", "random", "--seeds", "3:5", "--threads", "1"]
+    returns: dict[str, dict[int, float]] = {}
+    for command in ("evaluate", "collect", "run"):
+        out = tmp_path / command
+        result = invoke(command, *options, "--out", str(out))
+        assert result.exit_code == 0, result.output
+        assert ("limberjack: not vectorised: " in result.stderr) == (name not in _VECTORISED)
+        if command != "collect":
+            listed = json.loads((out / "result.json").read_text())["episodes"]
+            returns[command] = {one["seed"]: one["return"] for one in listed}
+        if command != "evaluate":
+            kept = {episode.seed: episode.total for episode in data.load(out)}
+            assert returns.setdefault(command, kept) == kept
+            replayed = invoke("replay", str(out), *_env(name))
+            assert replayed.exit_code == 0, replayed.output
+            assert replayed.stdout.endswith(", every bit the same\n")
+    assert returns["evaluate"] == returns["collect"] == returns["run"]
+    assert list(returns["run"]) == [3, 4]
+
+
+@pytest.mark.usefixtures("_drawing")
+@pytest.mark.parametrize("name", _OWN)
+def test_a_users_environment_is_filmed_from_its_start_and_from_a_dataset(
+    name: str, tmp_path: Path
+) -> None:
+    size = ["--height", "32", "--width", "48"]
+    for rows in ("1", "2"):
+        film = tmp_path / f"{rows}.gif"
+        result = invoke("record", *_env(name), *size, "--rows", rows, "--out", str(film))
+        assert (result.exit_code, result.stdout) == (0, f"{film}\n"), result.output
+    out = tmp_path / "out"
+    assert invoke("collect", *_env(name), "--seeds", "3", "--out", str(out)).exit_code == 0
+    film = ["record", "--from", str(out), *size, "--seed", "3", "--out", str(tmp_path / "3.gif")]
+    assert invoke(*film, *_env(name)).exit_code == 0
+    without = invoke(*film)
+    assert without.exit_code == 2
+    assert f"{getattr(environments, name).__name__} makes: give that function" in without.stderr
+
+
+@pytest.mark.parametrize("name", ["plain", "bare", "remembering", "delayed"])
+def test_a_users_environment_is_viewed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip(
+        "limberjack.viewer.studio", reason="MuJoCo Studio does not load here", exc_type=ImportError
+    )
+    from limberjack import viewer
+
+    heights: list[float] = []
+
+    def show(session: Any) -> None:
+        session.step()
+        heights.append(float(session.data.qpos[0]))
+
+    monkeypatch.setattr(viewer, "in_window", lambda: show)
+    result = invoke("view", *_env(name), "--native", "--seed", "5", "--policy", "zero")
+    assert result.exit_code == 0, result.output
+    single = getattr(environments, name)(5)
+    single.reset()
+    single.step([0.0])
+    assert heights == [single.physics.data.qpos[0]]
+
+
+def test_a_wrapper_without_a_simulation_of_its_own_is_not_viewed() -> None:
+    result = invoke("view", *_env("nested"), "--native")
+    assert result.exit_code == 2
+    assert "a Repeating has no physics, which a viewer needs" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_a_task_of_the_suite_is_solved_the_same_under_another_name(tmp_path: Path) -> None:
+    own = invoke("solve", *_env("arm"), "--threads", "1", "--out", str(tmp_path))
+    assert own.exit_code == 0, own.output
+    arm = ["manipulator", "bring_ball", "--time-limit", "0.05"]
+    named = invoke("solve", *arm, "--threads", "1")
+    assert own.stdout.splitlines()[:3] == named.stdout.splitlines()
+    (episode,) = data.load(tmp_path)
+    assert data.load(tmp_path).recipe.facts["environment"] == "tests.cli.environments:arm"
+    assert f" {episode.total:.3f} " in named.stdout
+
+
+def test_an_environment_repeats_actions_as_it_says_unless_it_is_asked_otherwise(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("limberjack.video.Film.add", lambda film, physics: None)  # takes long
+    for command in ("run", "collect", "evaluate"):
+        for options, repeat in (([], 3), (["--action-repeat", "2"], 2)):
+            out = tmp_path / f"{command}-{repeat}"
+            play = [*_env("repeating"), "--policy", "random", "--seeds", "0", "--out", str(out)]
+            result = invoke(command, *play, *options)
+            assert result.exit_code == 0, result.output
+            recorded = "result.json" if command != "collect" else "dataset.json"
+            assert f'"action_repeat": {repeat}' in (out / recorded).read_text()
+            if command != "evaluate":
+                actions = data.load(out).episode(0).actions[:, 0].tolist()
+                assert len(set(actions)) == -(-25 // repeat)
+                assert invoke("replay", str(out), *_env("repeating")).exit_code == 0
+
+
+@pytest.mark.parametrize("command", ["collect", "evaluate", "record", "run", "solve", "view"])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["humanoid", "walk", *_env("plain")], "got humanoid and --env tests.cli.environments:pl"),
+        (_env("plian"), "Did you mean 'plain'?"),
+        (_env("not_a_function"), "expected a function make(seed)"),
+        (_env("nothing"), "made a NoneType; expected a dm_env.Environment"),
+        (_env("failing"), "ZeroDivisionError: "),
+    ],
+)
+def test_an_environment_that_cannot_be_made_is_one_line_and_status_2(
+    command: str, arguments: list[str], message: str, tmp_path: Path
+) -> None:
+    out = {"record": ["--out", str(tmp_path / "film.gif")], "view": ["--native"]}
+    options = out.get(command, ["--out", str(tmp_path / "out"), "--seeds", "0:2"])
+    result = invoke(command, *arguments, *options)
+    assert result.exit_code == 2, result.output
+    assert message in result.stderr
+    assert result.stderr.startswith("limberjack: ")
+    assert result.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["collect", "evaluate", "run"])
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (_env("endless"), "has no time limit, so an episode might never end"),
+        (_env("different"), "makes an environment that differs each time it is called with seed 0"),
+        (
+            [*_env("plain"), "--time-limit", "1"],
+            "--time-limit is 1.0, but --env tests.cli.environments:plain makes",
+        ),
+    ],
+)
+def test_an_environment_that_cannot_be_kept_is_one_line_and_status_2(
+    command: str, arguments: list[str], message: str, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    result = invoke(command, *arguments, "--seeds", "0:2", "--out", str(out))
+    assert result.exit_code == 2, result.output
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not out.exists()
+
+
+_MODULE = """
+from limberjack import suite
+
+def make(seed):
+    return suite.load("pendulum", "swingup", {"random": seed, "time_limit": 0.1})
+"""
+
+
+def test_a_function_is_found_in_the_working_directory(tmp_path: Path) -> None:
+    (tmp_path / "my_package.py").write_text(_MODULE)
+    (tmp_path / "matplotlib.py").write_text("raise SystemExit('the stray one')")
+    own = ["--env", "my_package:make"]
+    options = [*own, "--workers", "1", "--seeds", "0:2", "--out", "out"]
+    done = call("collect", *options, directory=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert len(data.load(tmp_path / "out")) == 2
+    again = call("replay", "out", *own, directory=tmp_path)
+    assert again.stdout == "out: 2 episodes, 10 steps, every bit the same\n"

@@ -1,14 +1,19 @@
 """Tables, complaints and exit statuses of commands."""
 
+import re
 import sys
 from pathlib import Path
 
 import pytest
 import typer
 
-from limberjack import suite
+from limberjack import policies
 from limberjack.cli import output
 from limberjack.policies.kinds import Locating, PolicyError
+from limberjack.rl.batches import NOT_VECTORISED
+from limberjack.rl.control import PhysicsError
+from limberjack.utils.log import log
+from limberjack.workers import WorkError
 
 
 def _printed(table: object, capsys: pytest.CaptureFixture[str]) -> list[str]:
@@ -60,9 +65,91 @@ def test_a_policy_is_found_in_the_working_directory_of_the_program(
     (tmp_path / "policy_of_a_test.py").write_text("def act(observation):\n    return [0.0]\n")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [place for place in sys.path if place])
-    found = output.find_policy("policy_of_a_test:act", suite.load("humanoid", "stand"))
-    assert callable(found)
+    output.search_working_directory("zero")
+    assert str(tmp_path) not in sys.path
+    for _ in range(2):
+        output.search_working_directory("policy_of_a_test:act")
+    assert sys.path.count(str(tmp_path)) == 1
+    assert sys.path[-1] == str(tmp_path)
+    assert policies.find("policy_of_a_test:act").name == "policy_of_a_test:act"
     sys.modules.pop("policy_of_a_test", None)
+
+
+class _Begun:
+    """Progress of a command; None before its first episode has begun."""
+
+    def __init__(self, finished: int | None) -> None:
+        self.finished = finished
+
+
+def _failed(error: BaseException, finished: int | None) -> int:
+    """The exit status after an error."""
+    with (
+        pytest.raises(typer.Exit) as end,
+        output.failures_reported(_Begun(finished), lambda: "2 of 3 finished"),
+    ):
+        raise error
+    return end.value.exit_code
+
+
+def _located(error: Exception) -> Exception:
+    error.add_note("policy 'a:b'")
+    return error
+
+
+@pytest.mark.parametrize(
+    ("error", "sentence"),
+    [
+        (PolicyError("nan"), "nan"),
+        (PhysicsError("it diverged"), "it diverged"),
+        (WorkError("a worker died"), "a worker died"),
+        (OSError("disk full"), "disk full"),
+        (_located(KeyError("x")), "policy 'a:b': KeyError: 'x'"),
+    ],
+)
+def test_a_failure_is_a_mistake_until_an_episode_has_begun(
+    error: Exception, sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _failed(error, None) == output.MISUSED
+    line = f"limberjack: {sentence}( \\(.*, line \\d+, in _failed\\))?"
+    assert re.fullmatch(f"{line}\n", capsys.readouterr().err)
+    assert _failed(error, 0) == output.FAILED
+    assert re.fullmatch(f"{line}; 2 of 3 finished\n", capsys.readouterr().err)
+
+
+def test_an_interrupt_has_its_status_and_the_number_of_episodes(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    for finished in (None, 2):
+        assert _failed(KeyboardInterrupt(), finished) == output.INTERRUPTED
+        assert capsys.readouterr().err == "limberjack: interrupted: 2 of 3 finished\n"
+
+
+def test_an_unexpected_error_keeps_its_traceback_and_says_what_is_finished(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(output, "users_failure", lambda error: None)  # as for the package's own
+    for finished, notes in ((None, []), (2, ["limberjack: 2 of 3 finished"])):
+        with (
+            pytest.raises(KeyError) as caught,
+            output.failures_reported(_Begun(finished), lambda: "2 of 3 finished"),
+        ):
+            raise KeyError("bug")
+        assert getattr(caught.value, "__notes__", []) == notes
+
+
+def test_the_reason_for_complete_environments_is_printed_once_in_the_end(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    level = log.level
+    with output.rows_reported():
+        for reason in ("a stream", "a stream", "a step"):
+            log.info(NOT_VECTORISED, reason)
+        log.info("something else")
+        assert capsys.readouterr().err == ""
+    assert log.level == level
+    reasons = [f"limberjack: {NOT_VECTORISED % one}\n" for one in ("a stream", "a step")]
+    assert capsys.readouterr().err == "".join(reasons)
 
 
 def test_names_that_look_like_markup_are_shown_as_they_are(

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,10 @@ import numpy as np
 import pytest
 import typer.testing
 
-from limberjack import data, suite
+from limberjack import data, policies, suite
 from limberjack.cli import app
-from limberjack.episodes.films import _Stage
 from limberjack.mujoco.camera import RenderingError
 from limberjack.utils.files import Hold
-from limberjack.workers.factories import factory_of
 from tests.policies import saved_models
 
 _SIZE = ["--height", "96", "--width", "128"]
@@ -97,23 +96,40 @@ def test_rows_are_filmed_side_by_side(tmp_path: Path) -> None:
 @pytest.mark.parametrize("where", [("humanoid", "walk"), ("manipulator", "bring_ball")])
 @pytest.mark.parametrize("colours", [False, True])
 def test_a_row_looks_as_the_single_environment_with_its_seed(
-    where: tuple[str, str], colours: bool
+    where: tuple[str, str],
+    colours: bool,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    stage = _Stage(factory_of(*where), 7, 1.0, colours)
-    assert stage._environment.task.visualize_reward == colours
-    stage.set_view(0, 96, 128, 4, overlay=False)
-    batch = suite.load_batch(*where, num_envs=4, seed=7)
-    singles = [suite.load(*where, {"random": 7 + i}, visualize_reward=colours) for i in range(4)]
-    time_step = batch.reset()
-    for env in singles:
-        env.reset()
-    for step in range(3):
-        for row, env in enumerate(singles):
-            picture = stage._row(batch, row, step, time_step, np.zeros(4))
+    films: list[np.ndarray] = []
+
+    class Frames:
+        def __init__(self, path: Path, control_timestep: float, **size: int) -> None:
+            pass
+
+        def add_picture(self, draw: Callable[[], np.ndarray]) -> None:
+            films.append(draw().copy())
+
+        def finish(self) -> None:
+            pass
+
+        discard = finish
+
+    monkeypatch.setattr("limberjack.episodes.films.Film", Frames)
+    arguments = ["--rows", 4, "--seed", 7, "--out", tmp_path / "film.gif", "--policy", "random"]
+    options = [*_SIZE, *(["--visualize-reward"] if colours else [])]
+    step = suite.load(*where).control_timestep()
+    done = _invoke("record", *where, *arguments, *options, "--seconds", 3 * step)
+    assert done.exit_code == 0, done.output
+    assert len(films) == 1 + 3
+    for row, (top, left) in enumerate([(0, 0), (0, 64), (48, 0), (48, 64)]):
+        env = suite.load(*where, {"random": 7 + row}, visualize_reward=colours)
+        act = policies.find("random", env).begin_alone(env, 7 + row)
+        time_step = env.reset()
+        for picture in films:
             drawn = env.physics.render(48, 64, camera_id=0)
-            np.testing.assert_array_equal(picture, drawn)
-            env.step(np.full(env.action_spec().shape, 0.5))
-        time_step = batch.step(np.full(batch.action_spec().shape, 0.5))
+            np.testing.assert_array_equal(picture[top : top + 48, left : left + 64], drawn)
+            time_step = env.step(act(time_step.observation))
 
 
 @pytest.mark.usefixtures("_drawing")
@@ -145,12 +161,13 @@ def test_time_and_reward_are_drawn_in_a_corner_and_colours_change(tmp_path: Path
         (["--camera", "7"], "camera_id is 7"),
         (["--height", "99"], "H.264 needs even numbers"),
         (["--height", "20000"], "image height 20000 > 2160"),
-        (["--rows", "10000"], "too small for 10000 rows"),
+        (["--rows", "10000"], "rows is 10000; expected at most 64 episodes side by side"),
+        (["--rows", "60", "--height", "14"], "too small for 60 rows"),
+        (["--action-repeat", "2", "--policy", "planner"], "the planner acts at every control step"),
         (["--seconds", "0"], "seconds is 0.0; expected a positive number"),
         (["--seconds", "nan"], "seconds is nan"),
         (["--seconds", "inf"], "seconds is inf; expected a positive number"),
         (["--policy", "radnom"], "Did you mean 'random'?"),
-        (["--policy", "planner", "--rows", "2"], "policy 'planner' acts in one environment; leave"),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2_and_leaves_nothing(
@@ -328,8 +345,15 @@ def test_an_episode_of_a_dataset_is_filmed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "got no task; expected DOMAIN TASK, or --from DIR of a dataset"),
-        (["pendulum", "--from", "data"], "leave out DOMAIN TASK, --policy, --seconds and --rows"),
+        (
+            [],
+            "got no task; expected DOMAIN TASK, --env MODULE:FUNCTION, or --from DIR of a dataset",
+        ),
+        (
+            ["pendulum", "--from", "data"],
+            "leave out DOMAIN TASK, --policy, --action-repeat, --seconds and --rows",
+        ),
+        (["--from", "data", "--action-repeat", "1"], "leave out DOMAIN TASK"),
         (["--from", "data", "--rows", "2"], "leave out DOMAIN TASK"),
         (["--from", "data"], "data is no folder"),
     ],
@@ -342,3 +366,22 @@ def test_a_film_is_of_a_task_or_of_a_dataset(
     assert result.exit_code == 2
     assert message in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.usefixtures("_drawing")
+def test_the_planner_is_filmed_in_rows_each_planning_for_itself(tmp_path: Path) -> None:
+    film = tmp_path / "film.gif"
+    task = ["record", "manipulator", "bring_ball", "--seconds", "0.04", "--policy", "planner"]
+    assert _invoke(*task, *_SIZE, "--rows", 2, "--out", film).exit_code == 0
+    assert _frames(film)[1].shape == (2, 96, 128, 3)
+
+
+@pytest.mark.usefixtures("_drawing")
+def test_the_datasets_of_run_and_solve_are_filmed(tmp_path: Path) -> None:
+    for command, more in (("run", ["--policy", "random"]), ("solve", ["--threads", "1"])):
+        out, film = tmp_path / command, tmp_path / f"{command}.gif"
+        made = _invoke(command, "pendulum", "swingup", "--time-limit", 0.1, *more, "--out", out)
+        assert made.exit_code == 0, made.output
+        result = _invoke("record", "--from", out, *_SIZE, "--out", film)
+        assert (result.exit_code, result.stdout) == (0, f"{film}\n"), result.output
+        assert len(_frames(film)[1]) == 3  # of 6, at 25 a second

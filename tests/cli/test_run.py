@@ -1,4 +1,4 @@
-"""The command `limberjack`, called in this process and as a program."""
+"""`limberjack run`, called in this process and as a program."""
 
 import ast
 import json
@@ -9,10 +9,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import limberjack
-from limberjack import policies, suite
+from limberjack import data, policies, suite
 from limberjack.mujoco.camera import RenderingError
 from limberjack.suite import base, humanoid
 from limberjack.utils.files import Hold
@@ -36,6 +37,10 @@ _STEPS = 10  # of 0.025 s
 
 _ARM = ["run", "manipulator", "bring_ball", "--time-limit", "0.1"]
 
+_SHOWN = {"result.json", "return.png", "report.html"}
+_STEPS_KEPT = {"README.md", "dataset.json", "episodes", "run.json"}
+_LEFT = "; what is kept in out is not played again\n"
+
 
 def _result(directory: Path) -> dict[str, Any]:
     def refuse(name: str) -> None:
@@ -56,7 +61,7 @@ def drawing() -> bool:
 
 
 def test_run_shows_the_returns_of_the_episodes() -> None:
-    result = invoke(*_RUN, "--episodes", "3", "--seed", "7", "--policy", "random")
+    result = invoke(*_RUN, "--seeds", "7:12", "--episodes", "3", "--policy", "random")
     assert result.exit_code == 0, result.output
     for seed in (7, 8, 9):
         kwargs = {"random": seed, "time_limit": 0.25}
@@ -76,7 +81,7 @@ def test_run_shows_the_kind_of_start_where_there_are_kinds(
 
 def test_run_writes_result_plot_video_and_report(tmp_path: Path, drawing: bool) -> None:
     out = tmp_path / "new" / "directory"
-    result = invoke(*_ARM, "--episodes", "2", "--seed", "3", "--out", str(out))
+    result = invoke(*_ARM, "--seeds", "3:5", "--out", str(out))
     assert result.exit_code == 0, result.output
 
     content = _result(out)
@@ -94,9 +99,24 @@ def test_run_writes_result_plot_video_and_report(tmp_path: Path, drawing: bool) 
     assert content["versions"]["limberjack"] == limberjack.__version__
     assert re.fullmatch("[0-9a-f]{64}", content["fingerprint"])
 
-    names = ["result.json", "return.png", *(["video.mp4"] if drawing else []), "report.html"]
-    assert {path.name for path in out.iterdir()} == set(names)
+    film = ["video.mp4"] if drawing else []
+    names = ["result.json", "return.png", *film, "report.html", "episodes"]
+    assert {path.name for path in out.iterdir()} == {*names, *_STEPS_KEPT}
     assert result.stdout.splitlines()[-len(names) :] == [str(out / name) for name in names]
+
+
+def test_run_keeps_the_steps_of_all_episodes_as_a_dataset(tmp_path: Path) -> None:
+    assert (
+        invoke(*_ARM, "--seeds", "3:5", "--policy", "random", "--out", str(tmp_path)).exit_code == 0
+    )
+    dataset = data.load(tmp_path)
+    for kept, listed in zip(dataset, _result(tmp_path)["episodes"], strict=True):
+        assert kept.states is not None
+        assert (kept.seed, kept.length, kept.start) == (
+            listed["seed"], listed["length"], listed["start"],
+        )  # fmt: skip
+        assert kept.total == listed["return"]
+    assert data.replay(dataset) is None
 
 
 def test_the_time_limit_of_a_result_is_the_tasks_own_if_none_is_given(tmp_path: Path) -> None:
@@ -110,8 +130,8 @@ def test_the_time_limit_of_a_result_is_the_tasks_own_if_none_is_given(tmp_path: 
 
 def test_each_episode_can_be_run_again_alone(tmp_path: Path) -> None:
     arguments = [*_RUN, "--policy", "random"]
-    invoke(*arguments, "--seed", "5", "--episodes", "3", "--out", str(tmp_path / "three"))
-    invoke(*arguments, "--seed", "7", "--out", str(tmp_path / "one"))
+    invoke(*arguments, "--seeds", "5:8", "--out", str(tmp_path / "three"))
+    invoke(*arguments, "--seeds", "7", "--out", str(tmp_path / "one"))
     three, one = _result(tmp_path / "three"), _result(tmp_path / "one")
     assert three["episodes"][2] == one["episodes"][0]
     assert three["fingerprint"] == one["fingerprint"]
@@ -208,13 +228,16 @@ def test_a_result_that_can_no_longer_be_written_is_one_line_and_status_1(tmp_pat
         ([*_RUN[:3], "--time-limit", "-1"], "time_limit is -1.0; expected a positive number"),
         ([*_RUN[:3], "--time-limit", "nan"], "time_limit is nan; expected a positive number"),
         ([*_RUN[:3], "--time-limit", "inf"], "time-limit is inf; expected a number of seconds"),
-        ([*_RUN, "--seed", "4294967295", "--episodes", "2"], "seed is 4294967296; expected below"),
+        ([*_RUN, "--seeds", "4294967295:4294967297"], "expected numbers up to 4294967296"),
+        ([*_RUN, "--seeds", "3", "--episodes", "2"], "--episodes is 2, but --seeds 3 holds 1"),
+        (["run"], "got no task; expected DOMAIN TASK, or --env MODULE:FUNCTION"),
+        ([*_RUN, "--action-repeat", "2", "--policy", "planner"], "the planner acts at every contr"),
         ([*_RUN, "--policy", "radnom"], "Did you mean 'random'?"),
         ([*_RUN, "--policy", "no_module:act"], "there is no module 'no_module'"),
         ([*_RUN, "--policy", "my_policies:stil"], "Did you mean 'still'?"),
         ([*_RUN, "--policy", "my_policies:np"], "is of type module; expected a function"),
-        ([*_RUN, "--out", "my_policies.py"], "File exists: 'my_policies.py'"),
-        ([*_RUN, "--out", "my_policies.py/below"], "Not a directory: 'my_policies.py/below'"),
+        ([*_RUN, "--out", "my_policies.py"], "my_policies.py'"),
+        ([*_RUN, "--out", "my_policies.py/below"], "my_policies.py/below'"),
     ],
 )
 def test_a_mistake_on_the_command_line_is_one_line_and_status_2(
@@ -233,19 +256,19 @@ def test_a_mistake_on_the_command_line_is_one_line_and_status_2(
 @pytest.mark.parametrize(
     ("policy", "status", "message"),
     [
-        ("Interrupted", 130, "limberjack: interrupted: 1 of 3 episodes finished\n"),
+        ("Interrupted", 130, "limberjack: interrupted: 1 of 3 episodes finished"),
         (
             "NotANumber",
             1,
             "limberjack: policy 'my_policies:NotANumber', step 4 of the episode with seed 1: "
             "returned nan at index [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, "
-            "18, 19, 20]; expected finite numbers; 1 of 3 episodes finished\n",
+            "18, 19, 20]; expected finite numbers; 1 of 3 episodes finished",
         ),
         (
             "Diverging",
             1,
             "limberjack: policy 'my_policies:Diverging', step 4 of the episode with seed 1: the "
-            "simulation diverged; 1 of 3 episodes finished\n",
+            "simulation diverged; 1 of 3 episodes finished",
         ),
     ],
 )
@@ -256,14 +279,15 @@ def test_a_run_that_is_cut_short_keeps_the_finished_episodes(
     arguments = [*_RUN, "--episodes", "3", "--policy", policy, "--out", "out"]
     result = call(*arguments, directory=directory)
     assert result.returncode == status, result.stderr
-    assert result.stderr.endswith(message)
+    assert result.stderr.endswith(message + _LEFT)
     assert "Traceback" not in result.stderr
     assert re.search(rf"^ +0 +\w+ +\d\.\d+ +{_STEPS} *$", result.stdout, re.MULTILINE)
     content = _result(directory / "out")
     assert [episode["seed"] for episode in content["episodes"]] == [0]
     assert content["episodes_asked_for"] == 3
-    names = {"report.html", "result.json", "return.png", *(["video.mp4"] if drawing else [])}
+    names = {*_SHOWN, "parts", "run.json", *(["video.mp4"] if drawing else [])}
     assert {path.name for path in (directory / "out").iterdir()} == names
+    assert len(list((directory / "out" / "parts").iterdir())) == 1
 
 
 def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory: Path) -> None:
@@ -272,7 +296,7 @@ def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory:
     assert result.returncode == 1
     assert re.search(
         "^limberjack: policy 'my_policies:Broken', step 4 of the episode with seed 1: KeyError: "
-        r"'no such key' \(my_policies\.py, line \d+, in \w+\); 1 of 3 episodes finished$",
+        r"'no such key' \(my_policies\.py, line \d+, in \w+\); 1 of 3 episodes finished; what is ",
         result.stderr,
         re.MULTILINE,
     )
@@ -280,31 +304,100 @@ def test_an_error_in_a_policy_is_shown_and_the_finished_episodes_kept(directory:
     assert len(_result(directory / "out")["episodes"]) == 1
 
 
+def test_a_run_that_is_cut_short_is_continued(directory: Path) -> None:
+    arguments = [*_RUN, "--episodes", "3", "--policy", "my_policies:Interrupted", "--out", "out"]
+    variables = {"MUJOCO_GL": "disable"}  # no film: it takes long
+    assert call(*arguments, directory=directory, **variables).returncode == 130
+    again = call(*arguments, directory=directory, EPISODE="2", **variables)
+    assert again.returncode == 0, again.stderr
+    logged = json.loads((directory / "out" / "run.json").read_text())["calls"]
+    assert [one["episodes"] for one in logged] == [3, 2]
+    assert [one["seed"] for one in _result(directory / "out")["episodes"]] == [0, 1, 2]
+    whole = [*arguments[:-1], "whole"]
+    assert call(*whole, directory=directory, EPISODE="3", **variables).returncode == 0
+    for name in ("dataset.json", "result.json"):
+        written = [(directory / folder / name).read_bytes() for folder in ("out", "whole")]
+        assert written[0] == written[1]
+
+
 def test_a_run_that_ends_in_its_first_episode_leaves_nothing_of_an_earlier_one(
     directory: Path,
 ) -> None:
     arguments = [*_RUN, "--policy", "my_policies:Interrupted", "--out", "out"]
-    assert call(*arguments, directory=directory, EPISODE="1").returncode == 0
+    variables = {"MUJOCO_GL": "disable"}
+    assert call(*arguments, directory=directory, EPISODE="1", **variables).returncode == 0
     assert (directory / "out" / "return.png").exists()
-    result = call(*arguments, directory=directory, EPISODE="0")
+    with (directory / "my_policies.py").open("a") as module:
+        module.write("# another policy\n")
+    result = call(*arguments, directory=directory, EPISODE="0", **variables)
     assert result.returncode == 130
     assert "0 of 1 episodes finished" in result.stderr
-    assert [path.name for path in (directory / "out").iterdir()] == ["result.json"]
+    left = {path.name for path in (directory / "out").iterdir()}
+    assert left == {"result.json", "run.json"}
     assert _result(directory / "out")["episodes"] == []
+
+
+def test_a_policy_that_has_changed_replaces_its_steps(directory: Path) -> None:
+    arguments = [*_RUN, "--policy", "my_policies:still", "--out", "out"]
+    variables = {"MUJOCO_GL": "disable"}
+    assert call(*arguments, "--episodes", "2", directory=directory, **variables).returncode == 0
+    before = _result(directory / "out")["episodes"]
+    module = directory / "my_policies.py"
+    module.write_text(module.read_text().replace("return np.zeros(21)\n", "return np.ones(21)\n"))
+    done = call(*arguments, directory=directory, **variables)
+    assert done.returncode == 0, done.stderr
+    (after,) = _result(directory / "out")["episodes"]
+    assert after["return"] != before[0]["return"]
+    dataset = data.load(directory / "out")
+    assert list(dataset.seeds) == [0]
+    assert dataset.episode(0).total == after["return"]
+
+
+def test_the_steps_of_a_collection_are_not_replaced(tmp_path: Path) -> None:
+    collected = ["collect", *_RUN[1:], "--episodes", "2", "--out", str(tmp_path)]
+    assert invoke(*collected).exit_code == 0
+    before = _bytes(tmp_path)
+    result = invoke(*_RUN, "--out", str(tmp_path))
+    assert result.exit_code == 2
+    assert "belongs to another dataset than the one asked for, whose states is" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert _bytes(tmp_path) == before
+
+
+def test_an_interrupt_while_the_film_is_drawn_leaves_out_the_film_only(
+    tmp_path: Path, drawing: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not drawing:
+        pytest.skip("no OpenGL here")
+
+    def interrupted(self: object, physics: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("limberjack.video.Film.add", interrupted)
+    result = invoke(*_RUN, "--out", str(tmp_path))
+    assert result.exit_code == 130
+    assert result.stderr.startswith("limberjack: interrupted: 1 of 1 episodes finished")
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left == {"result.json", "return.png", *_STEPS_KEPT}
+    assert len(_result(tmp_path)["episodes"]) == 1
+
+
+def _bytes(directory: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in directory.rglob("*") if path.is_file()}
 
 
 def test_a_folder_with_other_results_is_status_2_and_left_alone(tmp_path: Path) -> None:
     out = ["--out", str(tmp_path / "out")]
     assert invoke(*_RUN, *out).exit_code == 0
-    assert invoke(*_RUN, "--seed", "1", *out).exit_code == 0
-    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    assert invoke(*_RUN, "--seeds", "1", *out).exit_code == 0
+    before = _bytes(tmp_path)
     result = invoke(*_RUN, "--policy", "random", *out)
     assert result.exit_code == 2
     assert result.stderr == (
         f"limberjack: {tmp_path / 'out'} holds results with policy 'zero', and these have "
         "'random': choose another folder\n"
     )
-    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+    assert _bytes(tmp_path) == before
 
 
 def test_a_film_that_no_run_made_is_left_alone(tmp_path: Path) -> None:
@@ -347,16 +440,30 @@ def test_without_opengl_only_the_video_is_left_out_and_one_line_says_why(tmp_pat
     assert result.stderr.startswith("limberjack: no video.mp4: ")
     assert "MUJOCO_GL" in result.stderr
     assert result.stderr.count("\n") == 1
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "report.html",
-        "result.json",
-        "return.png",
-    ]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == _SHOWN | _STEPS_KEPT
 
 
-def test_without_the_packages_of_films_and_plots_one_line_names_them(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("missing", "lines", "left"),
+    [
+        (
+            ["imageio_ffmpeg", "matplotlib"],
+            "limberjack: no video.mp4 and no return.png: needs the extra 'video': "
+            "pip install imageio-ffmpeg matplotlib\n",
+            {"report.html", "result.json"} | _STEPS_KEPT,
+        ),
+        (
+            ["pyarrow"],
+            "limberjack: no episodes: needs the extra 'data': pip install pyarrow\n",
+            _SHOWN | {"video.mp4"},
+        ),
+    ],
+)
+def test_without_an_extra_one_line_names_its_packages(
+    missing: list[str], lines: str, left: set[str], tmp_path: Path, drawing: bool
+) -> None:
     code = (
-        "import sys; sys.modules['imageio_ffmpeg'] = sys.modules['matplotlib'] = None\n"
+        f"import sys; sys.modules.update(dict.fromkeys({missing!r}))\n"
         f"sys.argv[1:] = {[*_RUN, '--out', 'out']!r}\n"
         "from limberjack.cli import main; main()"
     )
@@ -364,9 +471,21 @@ def test_without_the_packages_of_films_and_plots_one_line_names_them(tmp_path: P
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120
     )
     assert result.returncode == 0, result.stderr
-    assert result.stderr == (
-        "limberjack: no video.mp4 and no return.png: needs the extra 'video': "
-        "pip install imageio-ffmpeg matplotlib\n"
-    )
-    left = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert left == ["report.html", "result.json"]
+    assert lines in result.stderr
+    if drawing:
+        assert result.stderr == lines
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == (left if drawing else left - {"video.mp4"})
+    assert len(_result(tmp_path / "out")["episodes"]) == 1
+
+
+@pytest.mark.parametrize("repeat", [1, 3])
+def test_actions_are_repeated_and_control_steps_counted(repeat: int, tmp_path: Path) -> None:
+    options = ["--policy", "random", "--action-repeat", str(repeat), "--out", str(tmp_path)]
+    result = invoke(*_RUN, *options)
+    assert result.exit_code == 0, result.output
+    (episode,) = data.load(tmp_path)
+    assert episode.length == _STEPS
+    changes = (np.diff(episode.actions, axis=0) != 0).any(axis=1)
+    assert (np.flatnonzero(changes) + 1).tolist() == list(range(repeat, _STEPS, repeat))
+    assert _result(tmp_path).get("action_repeat", 1) == repeat

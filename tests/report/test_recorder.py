@@ -109,7 +109,7 @@ def test_a_result_that_cannot_be_written_is_the_callers_error(
 class _Film:
     """A film that is not drawn."""
 
-    def __init__(self, path: Path, control_timestep: float) -> None:
+    def __init__(self, path: Path, control_timestep: float, camera: int) -> None:
         self._path = path
 
     def add(self, physics: object) -> None:

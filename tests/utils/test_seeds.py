@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from limberjack.utils.seeds import SEEDS, checked_seed
+from limberjack.utils.seeds import SEEDS, checked_seed, checked_seeds
 
 
 def test_a_whole_number_that_randomstate_takes_is_returned_as_an_int() -> None:
@@ -22,3 +22,15 @@ def test_values_that_are_not_integers_are_type_errors(seed: object) -> None:
 def test_a_number_out_of_range_is_a_value_error(seed: int) -> None:
     with pytest.raises(ValueError, match=rf"seed is {seed}; expected .* from 0 to 2\*\*32 - 1"):
         checked_seed(seed)
+
+
+def test_seeds_of_episodes_are_increasing() -> None:
+    assert checked_seeds(np.array([3, 5])) == [3, 5]
+    for seeds, message in (
+        ([], "there are no seeds; expected at least one, such as range"),
+        ([1, 1], "seed 1 follows 1; expected increasing seeds"),
+        ([2, 1], "seed 1 follows 2"),
+        ([-1], "seed is -1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            checked_seeds(seeds)

@@ -17,6 +17,7 @@ from limberjack.cli.options import (
     OptionalDomain,
     PolicyName,
     Ray,
+    RequiredOut,
     Seeds,
     Shard,
     TaskName,
@@ -50,10 +51,6 @@ class _Format(enum.StrEnum):
     MINARI = "minari"
 
 
-_Out = Annotated[
-    Path,
-    typer.Option(metavar="DIR", help="Write the files here; those that are there are kept."),
-]
 _States = Annotated[
     bool, typer.Option("--states", help="Keep MuJoCo's full state of each step, too.")
 ]
@@ -84,7 +81,7 @@ def _collect(
     domain: OptionalDomain = None,
     task: TaskName = None,
     *,
-    out: _Out,
+    out: RequiredOut,
     env: EnvironmentName = None,
     policy: PolicyName = "zero",
     seeds: Seeds = None,
@@ -109,7 +106,7 @@ def _collect(
     same bytes; it continues a collection that was killed, and other seeds add to the folder.
     """
     with misuse_reported():
-        where = named_environment(domain, task, env)
+        where = named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part = shard_named(shard, out)
     search_working_directory(policy)

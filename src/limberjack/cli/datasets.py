@@ -18,7 +18,12 @@ if TYPE_CHECKING:
 __all__ = ["DatasetFolder", "print_information", "reading_reported"]
 
 DatasetFolder = Annotated[
-    Path, typer.Argument(metavar="DIR", help="A folder that `limberjack collect` wrote.")
+    Path,
+    typer.Argument(
+        metavar="DIR",
+        help="The folder of a dataset, as `limberjack collect`, `run --out` and `solve --out` "
+        "write it.",
+    ),
 ]
 
 

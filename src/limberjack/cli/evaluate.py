@@ -77,7 +77,7 @@ def _evaluate(
     that was killed. The planner plays one episode per core, unless --threads is given.
     """
     with misuse_reported():
-        where = named_environment(domain, task, env)
+        where = named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part = shard_named(shard, out)
     search_working_directory(policy)

@@ -1,11 +1,9 @@
 """`limberjack gallery`: pictures of all tasks."""
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
 from limberjack.cli.app import command
+from limberjack.cli.options import RequiredOut
 from limberjack.cli.output import FAILED, complain, misuse_reported
 from limberjack.cli.progress import show_parts
 
@@ -14,7 +12,7 @@ __all__: list[str] = []
 
 @command("gallery", "limberjack gallery --out pictures")
 def _gallery(
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Write the PNG files here.")],
+    out: RequiredOut,
 ) -> None:
     """Draw a picture of each task, and a sheet of all of them: suite.png."""
     from limberjack import gallery

@@ -25,6 +25,7 @@ __all__ = [
     "Out",
     "PolicyName",
     "Ray",
+    "RequiredOut",
     "Seed",
     "Seeds",
     "Shard",
@@ -80,10 +81,9 @@ Episodes = Annotated[
     int | None,
     typer.Option(min=1, max=SEEDS, help="The first seeds only; without --seeds, those from 0 on."),
 ]
-Out = Annotated[
-    Path | None,
-    typer.Option(metavar="DIR", help="Write the results into this folder."),
-]
+_OUT = typer.Option(metavar="DIR", help="Write the results into this folder.")
+Out = Annotated[Path | None, _OUT]
+RequiredOut = Annotated[Path, _OUT]
 Threads = Annotated[
     int | None,
     typer.Option(
@@ -187,12 +187,13 @@ def named_task(domain: str, task: str | None) -> tuple[str, str]:
 
 
 def named_environment(
-    domain: str | None, task: str | None, env: str | None
+    domain: str | None, task: str | None, env: str | None, time_limit: float | None = None
 ) -> "tuple[str | Make, str | None]":
     """The domain and the task, or the function of --env and None.
 
     Raises:
-      ValueError: neither or both are given, or there is no such function.
+      ValueError: neither or both are given, there is no such function, or it has a time limit
+        beside it.
     """
     if env is None:
         if domain is None:
@@ -203,6 +204,11 @@ def named_environment(
         return named_task(domain, task)
     if domain is not None:
         raise ValueError(f"got {domain} and --env {env}; expected one of them")
+    if time_limit is not None:
+        raise ValueError(
+            f"--time-limit is {time_limit}, but --env {env} makes the environment: leave it out, "
+            "and set it there"
+        )
     return function_named(env), None
 
 

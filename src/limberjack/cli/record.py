@@ -13,6 +13,7 @@ from limberjack.cli.options import (
     EnvironmentName,
     OptionalDomain,
     PolicyName,
+    Seed,
     TaskName,
     function_named,
     named_environment,
@@ -21,7 +22,6 @@ from limberjack.cli.output import (
     FAILED,
     INTERRUPTED,
     MISUSED,
-    SEEDS,
     complain,
     search_working_directory,
     users_failure,
@@ -31,7 +31,6 @@ from limberjack.cli.progress import show_episodes
 
 __all__: list[str] = []
 
-_Seed = Annotated[int, typer.Option(min=0, max=SEEDS - 1, help="Of the episode; row i has seed+i.")]
 _Pixels = Annotated[int, typer.Option(min=2, help="Of the film, pixels.")]
 _Overlay = Annotated[
     bool, typer.Option("--overlay", help="Draw time, reward and return in a corner.")
@@ -48,11 +47,14 @@ _From = Annotated[
         help="Film the episode of --seed of a dataset that `limberjack collect` wrote.",
     ),
 ]
-_Camera = Annotated[str, typer.Option(help="Its name or number; -1 is the free camera.")]
+_Camera = Annotated[
+    str | None,
+    typer.Option(help="Its name or number; -1 is the free camera; the model's first by default."),
+]
 _Seconds = Annotated[
     float | None, typer.Option(help="Of simulated time; the task's time limit by default.")
 ]
-_Rows = Annotated[int, typer.Option(min=1, help="Episodes of a batch, side by side.")]
+_Rows = Annotated[int, typer.Option(min=1, help="Episodes side by side; row i has seed + i.")]
 
 
 @command(
@@ -69,9 +71,9 @@ def _record(
     env: EnvironmentName = None,
     dataset: _From = None,
     policy: PolicyName = "zero",
-    seed: _Seed = 0,
+    seed: Seed = 0,
     action_repeat: ActionRepeat = None,
-    camera: _Camera = "0",
+    camera: _Camera = None,
     height: _Pixels = 480,
     width: _Pixels = 640,
     seconds: _Seconds = None,
@@ -86,13 +88,9 @@ def _record(
     """
     from limberjack.episodes.films import View
 
-    view = View(
-        camera=int(camera) if camera.removeprefix("-").isdecimal() else camera,
-        height=height,
-        width=width,
-        overlay=overlay,
-        visualize_reward=visualize_reward,
-    )
+    view = View(height=height, width=width, overlay=overlay, visualize_reward=visualize_reward)
+    if camera is not None:
+        view["camera"] = int(camera) if camera.removeprefix("-").isdecimal() else camera
     search_working_directory(policy)
     with _failures_reported(out) as show:
         if dataset is not None:
@@ -107,6 +105,11 @@ def _record(
             make = None if env is None else function_named(env)
             path = data.film(data.load(dataset), seed, make, out=out, on_progress=show, **view)
         else:
+            if domain is None and env is None:
+                raise ValueError(
+                    "got no task; expected DOMAIN TASK, --env MODULE:FUNCTION, or --from DIR of a "
+                    "dataset. `limberjack list` shows all tasks"
+                )
             from limberjack.episodes.films import record
 
             path = record(
@@ -116,7 +119,7 @@ def _record(
                 seed=seed,
                 seconds=seconds,
                 rows=rows,
-                action_repeat=action_repeat or 1,
+                action_repeat=action_repeat,
                 on_progress=show,
                 **view,
             )

@@ -1,12 +1,11 @@
 """`limberjack replay`: the episodes of a dataset, played again and compared bit for bit."""
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from limberjack.cli.app import command
-from limberjack.cli.datasets import reading_reported
+from limberjack.cli.datasets import DatasetFolder, reading_reported
 from limberjack.cli.options import EnvironmentName, function_named
 from limberjack.cli.output import FAILED, complain
 from limberjack.cli.progress import show_units
@@ -20,14 +19,7 @@ __all__: list[str] = []
     "limberjack replay mine --env my_package:make",
 )
 def _replay(
-    directory: Annotated[
-        Path,
-        typer.Argument(
-            metavar="DIR",
-            help="The folder of a dataset, as `limberjack collect`, `run --out` and `solve --out` "
-            "write it.",
-        ),
-    ],
+    directory: DatasetFolder,
     env: EnvironmentName = None,
 ) -> None:
     """Play recorded episodes again, without their policy, and report whether every bit is equal.

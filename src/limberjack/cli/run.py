@@ -59,7 +59,7 @@ def _run(
     """
     with rows_reported(), show_units() as progress:
         with misuse_reported():
-            where = named_environment(domain, task, env)
+            where = named_environment(domain, task, env, time_limit)
             search_working_directory(policy)
             from limberjack.episodes.running import Run
 
@@ -69,7 +69,7 @@ def _run(
                 chosen_seeds(seeds, episodes, 1),
                 out=out,
                 time_limit=finite(time_limit),
-                action_repeat=action_repeat or 1,
+                action_repeat=action_repeat,
                 scale=scale_of(progress, threads=threads, vectorised=vectorised),
                 replaces=True,
                 command=command_line(),

@@ -61,19 +61,21 @@ def finish(run: "Run", progress: Units, out: Path | None) -> int:
         complain(line)
     for path in run.written:
         typer.echo(path)
-    if unwritten is not None:
+    if isinstance(unwritten, OSError):
         complain(unwritten)
+    elif failure is None:
+        failure = unwritten
     if failure is not None:
         return _reported(failure, run, out)
     return FAILED if unwritten is not None or _complain_of_divergence(run.episodes) else 0
 
 
-def _written(run: "Run") -> OSError | None:
-    """Writes the files, if any; returns the error if that failed."""
+def _written(run: "Run") -> OSError | KeyboardInterrupt | None:
+    """Writes the files, if any; returns the error or interrupt that ended that."""
     try:
         with show_parts() as show:
             run.write(lambda steps, all_steps: show("drawing", steps, all_steps))
-    except OSError as error:
+    except (OSError, KeyboardInterrupt) as error:
         return error
     return None
 

@@ -74,7 +74,7 @@ def _solve(
     """
     with show_units() as progress:
         with misuse_reported():
-            where = named_environment(domain, task, env)
+            where = named_environment(domain, task, env, time_limit)
             part, chosen = shard_named(shard, out), chosen_seeds(seeds, episodes, 1)
             from limberjack.episodes.running import Run
             from limberjack.workers import shard_of

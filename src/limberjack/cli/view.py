@@ -10,6 +10,7 @@ from limberjack.cli.app import command
 from limberjack.cli.options import (
     EnvironmentName,
     OptionalDomain,
+    PolicyName,
     Seed,
     TaskName,
     TimeLimit,
@@ -47,14 +48,7 @@ def _view(
     domain: OptionalDomain = None,
     task: TaskName = None,
     env: EnvironmentName = None,
-    policy: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="What acts: none, zero, random, planner, MODULE:CALLABLE, or sb3:PATH of a saved "
-            "model.",
-        ),
-    ] = _NO_POLICY,
+    policy: PolicyName = _NO_POLICY,
     seed: Seed = 0,
     time_limit: TimeLimit = None,
     speed: Annotated[float, typer.Option(help="Simulated seconds per second.")] = 1.0,
@@ -79,12 +73,13 @@ def _view(
     Open the printed address in a browser; without the token in it nobody gets in. Space pauses,
     backspace begins the next episode, the right arrow takes a step while paused. A double click
     selects a body; dragging with Ctrl and the right button pushes it, with Ctrl and the left button
-    twists it. Ctrl-C here ends the viewer.
+    twists it. Ctrl-C here ends the viewer. With the policy none, the default, the actions are the
+    middle of their bounds.
     """
     with misuse_reported():
         from limberjack.workers.factories import factory_of
 
-        factory = factory_of(*named_environment(domain, task, env), finite(time_limit))
+        factory = factory_of(*named_environment(domain, task, env, time_limit), finite(time_limit))
         show = _find_viewer(native, host, port, allow_host or [], factory.title)
         environment = _viewable(factory.make(seed))
         begin = _begin(policy, environment)

@@ -15,7 +15,6 @@ While one batch simulates, the episodes of the one before are compressed and wri
 import contextlib
 import datetime
 import functools
-import itertools
 import platform
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -35,7 +34,7 @@ from limberjack.episodes.units import OnEnded, play_seeds, play_unit
 from limberjack.policies import Actor, PolicyError
 from limberjack.rl.builds import Build
 from limberjack.utils.facts import Facts
-from limberjack.utils.seeds import checked_seed
+from limberjack.utils.seeds import checked_seeds
 from limberjack.workers import OnProgress, OnState, Scale, Setup, Unit, shard_of
 from limberjack.workers.factories import Factory, Make, factory_of
 from limberjack.workers.identity import advice_on, canary_of, identity_of, processor
@@ -102,7 +101,7 @@ def collect(
       OSError: a file cannot be written.
       ImportError: the extra `data` is missing.
     """
-    wanted, directory = _checked_seeds(seeds), Path(out).absolute()  # a policy may move
+    wanted, directory = checked_seeds(seeds), Path(out).absolute()  # a policy may move
     asked = wanted if shard is None else shard_of(wanted, *shard)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised)
     factory = factory_of(domain, task, time_limit)
@@ -313,17 +312,6 @@ def _units(seeds: Sequence[int], size: int, recipe: Recipe) -> Iterator[range]:
     for block in blocks(seeds, recipe.block):
         for first in range(block.start, block.stop, size):
             yield range(first, min(first + size, block.stop))
-
-
-def _checked_seeds(seeds: Iterable[int]) -> list[int]:
-    """The seeds; raises ValueError or TypeError if they are not increasing."""
-    checked = [checked_seed(seed) for seed in seeds]
-    if not checked:
-        raise ValueError("there are no seeds; expected at least one, such as range(100)")
-    for one, following in itertools.pairwise(checked):
-        if following <= one:
-            raise ValueError(f"seed {following} follows {one}; expected increasing seeds")
-    return checked
 
 
 def _now() -> str:

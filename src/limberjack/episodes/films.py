@@ -19,6 +19,7 @@ import dm_env
 import numpy as np
 
 from limberjack import policies
+from limberjack.episodes.environments import checked_repeat
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.playing import Recorded, Step, play
 from limberjack.episodes.recipe import Recipe, environments_of, other_versions
@@ -35,13 +36,13 @@ from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.files import Hold
 from limberjack.utils.regular import open_regular
 from limberjack.utils.seeds import SEEDS, checked_seed
-from limberjack.video import Film, mosaic
+from limberjack.video import SIZE, Film, first_camera, mosaic
 from limberjack.workers.factories import Factory, Make, factory_of
 
 if TYPE_CHECKING:
     from limberjack.episodes.dataset import Dataset  # which needs the extra 'data'
 
-__all__ = ["View", "film", "record"]
+__all__ = ["View", "drawable", "film", "record"]
 
 _LARGEST = 2160, 3840  # height and width of a picture, pixels; beyond it memory may run out
 _TABLE_WIDTH = 320  # pixels; on narrower pictures a table of three lines would cover too much
@@ -71,7 +72,7 @@ def record(
     seed: int = 0,
     seconds: float | None = None,
     rows: int = 1,
-    action_repeat: int = 1,
+    action_repeat: int | None = None,
     on_progress: _OnProgress | None = None,
     **view: Unpack[View],
 ) -> Path:
@@ -85,10 +86,11 @@ def record(
       seed: of the episode; row i has seed + i.
       seconds: of simulated time; by default the task's time limit.
       rows: number of episodes side by side, at most 64. One that ends early keeps its last picture.
-      action_repeat: control steps per action.
+      action_repeat: control steps per action; None for the environment's own.
       on_progress: called before the episode begins and after each step, with the steps so far,
         those in all, and the return so far (of several episodes the mean).
-      view: camera (its number or name; -1 is the free camera), height and width (of the film, all
+      view: camera (its number or name; -1 is the free camera; by default the model's first one, or
+        the free camera if it has none), height and width (of the film, all
         rows together, pixels; 480 and 640 by default), overlay (draw time, reward and return in a
         corner), visualize_reward (colour the bodies by the reward).
 
@@ -114,9 +116,12 @@ def record(
         raise ValueError(f"seconds is {seconds}; expected a positive number of seconds")
     # Episodes of the suite may be longer than the task's own time limit.
     factory = factory_of(domain, task, None if callable(domain) else seconds)
-    repeat = at_least_one("action_repeat", action_repeat)
+    if action_repeat is None and callable(domain):
+        with contextlib.closing(factory.make(first)) as own:
+            action_repeat = _inner(own).action_repeat
     with _Stage.of(factory, first, rows, seconds, view) as stage, _held(path):
         actor = _actor_of_rows(policy, stage.batch)
+        repeat = checked_repeat(action_repeat, stage.batch.environments[0], actor)
         stage.film(path, actor, range(first, first + rows), on_progress, repeat)
     return path
 
@@ -250,7 +255,7 @@ def _actor_of_rows(policy: object, batch: RowsEnvironment) -> Actor:
     first = policies.find(policy, batch.environments[0])
     if batch.num_envs == 1:
         return first
-    if policy not in policies.BUILT_IN and is_stateful_object(policy):
+    if not policies.is_saved_model(policy) and is_stateful_object(policy):
         raise ValueError(
             f"policy {first.name!r} is an object with the state of one episode: give its class, so "
             "that each row has an object of its own"
@@ -259,6 +264,29 @@ def _actor_of_rows(policy: object, batch: RowsEnvironment) -> Actor:
         return first
     others = [policies.find(policy, one) for one in batch.environments[1:]]
     return _EachItsOwn([first, *others])
+
+
+def drawable(make: Make, height: int, width: int, visualize_reward: bool = False) -> Make:
+    """A function that makes the same environments, of which pictures of a size can be drawn.
+
+    Args:
+      make: makes environments with a `control.Environment` inside.
+      height, width: pixels; a model's off-screen buffer may be smaller, and is enlarged.
+      visualize_reward: colour the bodies by the reward.
+    """
+    most_height, most_width = _LARGEST
+
+    def made(seed: int) -> dm_env.Environment:
+        environment = make(seed)
+        inner = _inner(environment)
+        buffer = inner.physics.model.vis.global_
+        buffer.offheight = max(buffer.offheight, min(height, most_height))
+        buffer.offwidth = max(buffer.offwidth, min(width, most_width))
+        if visualize_reward:
+            inner.task.visualize_reward = True
+        return environment
+
+    return made
 
 
 class _Stage:
@@ -273,40 +301,33 @@ class _Stage:
         """Draws a picture, so that what cannot be drawn is refused before an episode begins.
 
         Raises:
-          ValueError: there is no such camera, or the size is too large, or too small for the rows.
+          ValueError: there is no such camera, or the size is too large.
           RenderingError: OpenGL is not available.
         """
         self.batch = batch
         self.step_limit = step_limit
-        self._camera = view.get("camera", 0)
+        model = _inner(batch.environments[0]).physics.model
+        self._camera = view.get("camera", first_camera(model))
         self._overlay = view.get("overlay", False)
-        height, width = view.get("height", 480), view.get("width", 640)
-        rows = batch.num_envs
-        across = math.ceil(math.sqrt(rows))
-        down = math.ceil(rows / across)
-        # Even numbers, which H.264 needs.
-        picture = height // down // 2 * 2, width // across // 2 * 2
-        if 0 in picture:
-            raise ValueError(f"a film of {height}x{width} pixels is too small for {rows} rows")
-        if rows > 1:
-            height, width = picture[0] * down, picture[1] * across
-        self._size = height, width
-        self._picture_size = height // down, width // across
-        for environment in batch.environments:
-            self._make_room(environment)
-            if view.get("visualize_reward", False):
-                _inner(environment).task.visualize_reward = True
+        self._size, self._picture_size = _sizes(batch.num_envs, view)
         self._render(0)
-        self._last = [np.zeros(0, np.uint8)] * rows  # pictures of the rows
+        self._last = [np.zeros(0, np.uint8)] * batch.num_envs  # pictures of the rows
 
     @classmethod
     @contextlib.contextmanager
     def of(
         cls, factory: Factory, seed: int, rows: int, seconds: float | None, view: View
     ) -> "Iterator[_Stage]":
-        """A stage for so many episodes; raises ValueError if the film would never end."""
+        """A stage for so many episodes.
+
+        Raises:
+          ValueError: the film would never end, its size is too small for the rows, or see
+            `__init__`.
+        """
         how = {"seed": seed, "on_divergence": "raise", "action_repeat": 1}
-        batch = RowsEnvironment(factory.make, rows, **how)
+        _, size = _sizes(rows, view)
+        make = drawable(factory.make, *size, view.get("visualize_reward", False))
+        batch = RowsEnvironment(make, rows, **how)
         with contextlib.closing(batch):
             limit = batch.step_limit
             if seconds is not None:
@@ -371,12 +392,6 @@ class _Stage:
         finally:
             film.discard()
 
-    def _make_room(self, environment: dm_env.Environment) -> None:
-        """Enlarges the buffer of a model to the size of a picture; the suite's have 480 by 640."""
-        buffer, (most_height, most_width) = _inner(environment).physics.model.vis.global_, _LARGEST
-        buffer.offheight = max(buffer.offheight, min(self._picture_size[0], most_height))
-        buffer.offwidth = max(buffer.offwidth, min(self._picture_size[1], most_width))
-
     def _pictures(self, step: Step) -> np.ndarray:
         """The pictures of all rows; those whose episodes have ended keep their last one."""
         for row in step.rows.tolist():
@@ -398,6 +413,24 @@ class _Stage:
     def _render(self, row: int, overlays: Sequence[TextOverlay] = ()) -> np.ndarray:
         physics = _inner(self.batch.environments[row]).physics
         return physics.render(*self._picture_size, camera_id=self._camera, overlays=list(overlays))
+
+
+def _sizes(rows: int, view: View) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Height and width of a film, and of the picture of each row.
+
+    Raises:
+      ValueError: the film is too small for the rows.
+    """
+    height, width = view.get("height", SIZE[0]), view.get("width", SIZE[1])
+    across = math.ceil(math.sqrt(rows))
+    down = math.ceil(rows / across)
+    # Even numbers, which H.264 needs.
+    picture = height // down // 2 * 2, width // across // 2 * 2
+    if 0 in picture:
+        raise ValueError(f"a film of {height}x{width} pixels is too small for {rows} rows")
+    if rows == 1:
+        return (height, width), (height, width)
+    return (picture[0] * down, picture[1] * across), picture
 
 
 def _inner(environment: dm_env.Environment) -> Environment:

@@ -72,7 +72,7 @@ class Shard:
         """
         check_regular(path)
         self.path = path
-        with _damage_reported(path), pq.ParquetFile(path) as file:
+        with _damage_reported(path), _parquet_file(path) as file:
             text = (file.metadata.metadata or {}).get(_RECIPE)
             if text is None:
                 raise ValueError("it has no recipe")
@@ -94,7 +94,7 @@ class Shard:
 
     def figures(self) -> Figures:
         """The returns and statistics in the footer, which format 1 lacks."""
-        with _damage_reported(self.path), pq.ParquetFile(self.path) as file:
+        with _damage_reported(self.path), _parquet_file(self.path) as file:
             text = (file.metadata.metadata or {}).get(_FIGURES, b"")
             return Figures.parse(text, self.recipe, len(self.seeds))
 
@@ -108,7 +108,7 @@ class Shard:
 
     def file(self) -> pq.ParquetFile:
         """The open file, whose pages are compared with their checksums when they are read."""
-        return pq.ParquetFile(self.path, page_checksum_verification=True)
+        return _parquet_file(self.path, page_checksum_verification=True)
 
     def episodes(self) -> Iterator[Episode]:
         """All episodes, in the order of their seeds."""
@@ -253,14 +253,24 @@ def join(recipe: Recipe, seeds: range, part_of: Callable[[int], Shard], file: Pa
             yield from part.tables(range(first, end))
             first = end
 
-    _write(recipe, seeds, tables(), file)
+    with file.open("wb") as opened:
+        _write(recipe, seeds, tables(), opened)
+
+
+def _parquet_file(path: Path, **how: bool) -> pq.ParquetFile:
+    """An open file, which pyarrow's own functions refuse if its name is no text."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return pq.ParquetFile(io.BytesIO(path.read_bytes()), **how)
+    return pq.ParquetFile(path, **how)
 
 
 def _write(
     recipe: Recipe,
     seeds: range,
     tables: Iterator[tuple[_Untyped, Episode]],
-    file: io.BytesIO | Path,
+    file: io.BytesIO | io.BufferedWriter,
 ) -> None:
     schema = _schema(recipe).with_metadata({_RECIPE: recipe.text(seeds)})
     leaves = {c.name: _leaf(c) for c in recipe.columns}

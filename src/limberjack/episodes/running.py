@@ -19,19 +19,21 @@ import dm_env
 import numpy as np
 
 from limberjack import policies, report
+from limberjack.episodes.environments import checked_environment, checked_repeat
 from limberjack.episodes.episode import Episode, Kept
+from limberjack.episodes.films import drawable
 from limberjack.episodes.playing import OnStep, Recorded, Step, play
 from limberjack.episodes.starts import Starts
 from limberjack.episodes.units import OnEnded, play_seeds, play_unit
 from limberjack.mujoco.fingerprint import fingerprint
 from limberjack.policies import Actor
-from limberjack.policies.built_in import PLANNER
 from limberjack.report.folder import RESULT
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.facts import Facts
-from limberjack.utils.seeds import checked_seed
+from limberjack.utils.seeds import checked_seeds
+from limberjack.video import SIZE
 from limberjack.workers import OnProgress, Scale, Unit, shard_of, units_of
 from limberjack.workers.factories import Make, factory_of
 
@@ -59,7 +61,7 @@ class Run:
         *,
         out: Path | str | None = None,
         time_limit: float | None = None,
-        action_repeat: int = 1,
+        action_repeat: int | None = None,
         scale: Scale | None = None,
         shard: tuple[int, int] | None = None,
         replaces: bool = False,
@@ -72,7 +74,7 @@ class Run:
           domain, task, policy, time_limit: as `limberjack.evaluation.evaluate` takes them.
           seeds: increasing.
           out: a folder for the results; None for none.
-          action_repeat: control steps per action.
+          action_repeat: control steps per action; None for the environment's own.
           scale: who plays.
           shard: (K, N) plays only the K-th of N parts of the seeds, and keeps their steps; a run
             without it writes the result.
@@ -88,12 +90,11 @@ class Run:
         """
         self._where = domain, task
         self._policy = policy
-        wanted = [checked_seed(seed) for seed in seeds]
+        wanted = checked_seeds(seeds)
         self._seeds = wanted if shard is None else shard_of(wanted, *shard)
         self._wanted = wanted
         self._out = None if out is None else Path(out).absolute()  # a policy may move
         self._time_limit = time_limit
-        self._action_repeat = action_repeat
         self._scale = scale or Scale()
         self._shard = shard
         self._replaces = replaces
@@ -105,42 +106,27 @@ class Run:
         self.written: list[Path] = []
         self.left_out: list[str] = []
         self._factory = factory_of(domain, task, time_limit)
-        with contextlib.closing(self._factory.make(wanted[0])) as environment:
-            self._facts = self._checked(environment)
+        is_kept = out is not None
+        with contextlib.closing(checked_environment(self._factory, wanted, is_kept=is_kept)) as one:
+            self._facts = self._facts_of(one, action_repeat)
         self._keeps = self._out is not None and self._can_keep()
         if self._out is not None and shard is None:
             # Fails now, not after the last episode.
             report.Recorder(self._out, self._facts, command).close()
 
-    def _checked(self, environment: dm_env.Environment) -> Facts:
-        """The facts of the result.
-
-        Raises:
-          ValueError: episodes never end, or the policy cannot act.
-        """
+    def _facts_of(self, environment: dm_env.Environment, action_repeat: int | None) -> Facts:
+        """The facts of the result; raises ValueError if the policy cannot act."""
         inner = control_of(environment)
-        if not isinstance(inner, Environment) or inner.step_limit is None:
-            raise ValueError(
-                f"{self._factory.title} has no time limit of its own, so an episode might never "
-                "end: give a time_limit (--time-limit SECONDS)"
-            )
-        if self._out is not None and not self._factory.is_known:
-            raise ValueError(
-                f"{self._factory.title} cannot be distinguished from other functions of that name, "
-                "so its results cannot be kept: define make(seed) at the top level of a module"
-            )
-        found = policies.find(self._policy, environment)
-        if self._action_repeat != 1 and found.name == PLANNER:
-            raise ValueError(
-                f"action_repeat is {self._action_repeat}, but the planner acts at every control "
-                "step: leave it at 1"
-            )
+        assert isinstance(inner, Environment)  # see `checked_environment`
+        assert inner.step_limit is not None
+        actor = self._actor or policies.find(self._policy, environment)
+        self._action_repeat = checked_repeat(action_repeat, environment, actor)
         self.step_limit = inner.step_limit
         self._fingerprint = fingerprint(inner.physics.model._model)
         seconds = inner.step_limit * inner.control_timestep()
         facts = {
             **self._factory.facts,
-            "policy": found.name,
+            "policy": actor.name,
             "time_limit": seconds if self._time_limit is None else self._time_limit,
             "control_timestep": inner.control_timestep(),
         }
@@ -311,13 +297,18 @@ class Run:
             return
         run = {**self._facts, "episodes_asked_for": len(self._seeds)}
         with report.Recorder(self._out, self._facts, self._command) as recorder:
-            if self._seeds[0] in self._ended:
-                self._show(recorder, self._ended[self._seeds[0]], on_drawn)
             try:
-                recorder.write(run, self.episodes, self._fingerprint)
+                if self._seeds[0] in self._ended:
+                    self._show(recorder, self._ended[self._seeds[0]], on_drawn)
+            except BaseException:  # Ctrl-C too: the other files are written
+                recorder.drop_episode()
+                raise
             finally:
-                self.written = [*recorder.written]
-                self.left_out += recorder.left_out
+                try:
+                    recorder.write(run, self.episodes, self._fingerprint)
+                finally:
+                    self.written = [*recorder.written]
+                    self.left_out += recorder.left_out
         if self._keeps:
             self.written.append(self._out / _EPISODES)
 
@@ -329,7 +320,8 @@ class Run:
     ) -> None:
         """Plays an episode again, for the film and the page."""
         plans = self._plans.get(episode.seed, [])
-        batch = RowsEnvironment(self._factory.make, 1, 1, episode.seed, action_repeat=1)
+        make = drawable(self._factory.make, *SIZE)
+        batch = RowsEnvironment(make, 1, 1, episode.seed, action_repeat=1)
 
         def on_step(step: Step) -> None:
             number = int(step.numbers[0])

@@ -28,7 +28,7 @@ from limberjack.report.trace import Step, Trace
 from limberjack.rl.control import Environment
 from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.files import Hold, Partial
-from limberjack.video import Film, Rendered
+from limberjack.video import Film, Rendered, first_camera
 
 __all__ = ["Recorder"]
 
@@ -91,7 +91,8 @@ class Recorder:
         self._physics = environment.physics
         self._trace = Trace(environment)
         try:
-            self._film = Film(self._directory / _FILM, environment.control_timestep())
+            camera = first_camera(environment.physics.model)
+            self._film = Film(self._directory / _FILM, environment.control_timestep(), camera)
         except ImportError as error:
             self._leave_out(_FILM, error)
 
@@ -121,6 +122,11 @@ class Recorder:
         film, self._film, self._is_filmed = self._film, None, False
         if film is not None:
             film.discard()
+
+    def drop_episode(self) -> None:
+        """Remove the film and the trace of an episode that was not shown to its end."""
+        self.drop_film()
+        self._trace = None
 
     def write(self, run: Facts, episodes: Sequence[Played], model_fingerprint: str) -> None:
         """Write result.json, return.png, video.mp4 and report.html, and no files of earlier runs.

@@ -18,6 +18,7 @@ import dm_env
 
 from limberjack import suite
 from limberjack.policies import name_of
+from limberjack.policies.kinds import Locating
 from limberjack.rl.batches import vectorisable
 from limberjack.rl.builds import Build, takes_a_seed
 from limberjack.rl.control import Environment
@@ -106,7 +107,13 @@ def factory_of(
     is_named = defined_in(domain) is domain and "<" not in name and _found_by_name(domain)
     sha256 = hash_of_source(domain) if is_named else None
     facts = {"environment": name, "environment_sha256": sha256}
-    return Factory(name, facts, lambda seed: _checked(name, domain(checked_seed(seed))))
+
+    def make(seed: int) -> dm_env.Environment:
+        first = checked_seed(seed)
+        with Locating(f"environment {name!r}, as it is made with seed {first}"):
+            return _checked(name, domain(first))
+
+    return Factory(name, facts, make)
 
 
 def _refuse_beside(name: str, task: str | None, time_limit: float | None) -> None:
