@@ -557,7 +557,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ("self.set_constants(None if row is None else np.array([row]))", "pass"),
         ("        self.set_constants(rows)\n", ""),
-        ("            self._calls[:] = Call.LOAD\n", ""),
+        ("            self._before[...] = self._state\n", ""),
         ("ReadOnly.of(field, _COMMON.format(name)) if is_array else field, False", "field, False"),
         ("            forget()\n", "            pass\n"),
     ],

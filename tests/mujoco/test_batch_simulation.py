@@ -68,7 +68,7 @@ def test_a_call_has_the_same_effect_on_a_row_as_on_a_single_simulation(call: str
         physics.forward()
         _CALLS[call](physics)
     for row, single in enumerate(singles):
-        for name in ("qpos", "qvel", "qacc", "xpos", "actuator_force", "time"):
+        for name in ("qpos", "qvel", "qacc", "xpos", "geom_xpos", "actuator_force", "time"):
             found = getattr(batch.data, name)[row]
             expected = np.reshape(getattr(single.data, name), found.shape)
             np.testing.assert_array_equal(found, expected, f"{name} of row {row}")
