@@ -440,7 +440,7 @@ def test_compressing_runs_beside_the_simulation(
         events.append("compressed")
         return encode(*arguments)
 
-    play_seeds = collecting.play_seeds
+    from limberjack.episodes.units import play_seeds
 
     def play(*arguments: Any, **kwargs: Any) -> Any:
         events.append("simulate")

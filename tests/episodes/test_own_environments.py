@@ -59,6 +59,7 @@ def test_episodes_of_any_environment_are_kept_and_replayed(make: Any, tmp_path: 
     for episode in dataset:
         assert episode.rewards.tolist() == _rewards(make, episode.seed, episode.actions)
         assert episode.observations
+        assert episode.states is not None
         assert len(episode.states) == episode.length + 1
     assert data.replay(dataset, make, num_threads=1) is None
     scores = evaluate(make, None, "random", range(3), num_threads=1).scores["random"]
@@ -66,8 +67,9 @@ def test_episodes_of_any_environment_are_kept_and_replayed(make: Any, tmp_path: 
 
 
 def test_workers_collect_the_same_bytes(tmp_path: Path) -> None:
-    for folder, how in (("here", {"num_threads": 1}), ("there", {"workers": 2})):
-        data.collect(remembering, None, "random", range(62, 67), out=tmp_path / folder, **how)
+    for folder, workers in (("here", None), ("there", 2)):
+        out = tmp_path / folder
+        data.collect(remembering, None, "random", range(62, 67), out=out, workers=workers)
     files = [
         {path.name: path.read_bytes() for path in (tmp_path / folder / "episodes").iterdir()}
         for folder in ("here", "there")

@@ -5,7 +5,6 @@ import os
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import evaluated
 import numpy as np
 import pytest
 
@@ -19,6 +18,7 @@ from limberjack.report import Step as ShownStep
 from limberjack.rl import control
 from limberjack.rl.builds import Build
 from limberjack.rl.contract import PhysicsError
+from tests.evaluation import evaluated
 from tests.plain_pictures import draw_plainly
 from tests.rollouts import run_episode
 
@@ -164,7 +164,9 @@ def test_an_episode_can_be_cut_off() -> None:
     part = _played(_load(*ARM), "random", range(66), Kept(states=True), most_steps=3)
     for seed in range(66):
         assert part[seed].length == 3
-        np.testing.assert_array_equal(part[seed].states, whole[seed].states[:4])
+        kept = whole[seed].states
+        assert kept is not None
+        np.testing.assert_array_equal(part[seed].states, kept[:4])
         assert not (part[seed].terminated | part[seed].truncated).any()
 
 
@@ -177,6 +179,7 @@ def test_longer_episodes_than_there_was_room_for_are_kept_whole() -> None:
     rewards = run_episode(environment, policies.random, 4, max_steps=2100).rewards
     (episode,) = (episode for episode in ended[0] if episode.seed == 4)
     np.testing.assert_array_equal(episode.rewards, rewards)
+    assert episode.states is not None
     assert len(episode.states) == 2101
     assert episode.states[1000:].any(axis=-1).all()
 

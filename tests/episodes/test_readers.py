@@ -5,6 +5,7 @@ extra `test`.
 """
 
 import functools
+import importlib
 import json
 import math
 import warnings
@@ -69,11 +70,11 @@ def _ray(folder: Path) -> dict[str, list[Any]]:
     with warnings.catch_warnings(), pytest.MonkeyPatch.context() as patch:
         warnings.simplefilter("ignore")  # Ray warns of options that it sets itself
         patch.setenv("RAY_AUTH_MODE", "disabled")  # with a token it writes into the home folder
-        import ray.data
+        ray_data = importlib.import_module("ray.data")
 
         ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
         try:
-            found = ray.data.read_parquet(str(folder / "episodes"))
+            found = ray_data.read_parquet(str(folder / "episodes"))
             rows = sorted(found.take_all(), key=lambda row: (row["seed"], row["step"]))
             total = found.sum("reward")
         finally:

@@ -379,12 +379,6 @@ def test_run_finds_the_planner_by_name() -> None:
     np.testing.assert_array_equal(episode.rewards, rewards)
 
 
-def test_the_planner_needs_the_environment_itself() -> None:
-    policy = policies.find("planner")
-    with pytest.raises(policies.PolicyError, match="needs the environment"):
-        policy(_load("humanoid", "stand").action_spec(), 0)
-
-
 def test_armature_is_that_of_the_plan_and_of_hinges_that_actuators_move() -> None:
     env = _load("stacker", "stack_2")
     before = env.physics.named.model.dof_armature[["arm_root", "thumbtip", "box0_y"]].copy()

@@ -39,8 +39,8 @@ def test_an_environment_steps_with_the_actions_of_its_task(make: Any, size: int)
     [
         lambda env: gym.Env(env),
         lambda env: BatchEnvironment.from_environment(env, 2, 1),
-        lambda env: policies.begin(policies.random, env, 0),
-        lambda env: policies.begin(policies.zero, env, 0),
+        lambda env: policies.find("random").begin_alone(env, 0),
+        lambda env: policies.find("zero").begin_alone(env, 0),
     ],
     ids=["Gymnasium", "a batch", "random", "zero"],
 )
@@ -73,7 +73,7 @@ def test_gymnasium_and_random_policies_act_by_the_spec_that_a_task_defines(
     env = make(_ours, _spec(size))
     assert gym.Env(env).action_space.shape == (size,)
     env.reset()
-    assert policies.begin(policies.random, env, 0)({}).shape == (size,)
+    assert policies.find("random").begin_alone(env, 0)({}).shape == (size,)
 
 
 @pytest.mark.parametrize("num_envs", [3, 130])

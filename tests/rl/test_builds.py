@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from limberjack.rl import builds
-from limberjack.rl.builds import Build
+from limberjack.rl.builds import Build, takes_a_seed
+from tests import plain_domain
 
 from . import odd_environments as odd
 
@@ -170,3 +171,10 @@ def test_a_setting_of_a_class_or_a_property_holds_for_later_seeds(name: str, val
         assert seeded.environment is env
         env.reset()
         assert env.step(np.zeros(1)).reward == 3.0
+
+
+def test_whether_a_function_takes_a_seed_is_read_from_its_signature() -> None:
+    assert takes_a_seed(plain_domain.make)
+    assert takes_a_seed(lambda *arguments: None)
+    assert not takes_a_seed(lambda: None)
+    assert not takes_a_seed(lambda domain, task: None)

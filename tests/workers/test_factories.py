@@ -9,7 +9,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.rl.control import Environment
-from limberjack.workers.factories import factory_of, takes_a_seed
+from limberjack.workers.factories import factory_of
 from tests import plain_domain
 
 
@@ -72,10 +72,3 @@ def test_an_invalid_seed_is_refused(seed: Any) -> None:
     for factory in (factory_of(plain_domain.make), factory_of("humanoid", "stand")):
         with pytest.raises((TypeError, ValueError), match=f"seed is {seed}; expected a whole"):
             factory.make(seed)
-
-
-def test_whether_a_function_takes_a_seed_is_read_from_its_signature() -> None:
-    assert takes_a_seed(plain_domain.make)
-    assert takes_a_seed(lambda *arguments: None)
-    assert not takes_a_seed(lambda: None)
-    assert not takes_a_seed(lambda domain, task: None)
