@@ -1,6 +1,7 @@
 """Episodes of some seeds, in this process and as a worker plays them."""
 
 import contextlib
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,9 +22,7 @@ from .collected import ARM, PENDULUM, assert_equal
 _SEEDS = [3, 62, 63, 64]
 
 
-def _played(
-    where: tuple[str, str, float], kept: Kept | None = None, **how: object
-) -> list[Episode]:
+def _played(where: tuple[str, str, float], kept: Kept | None = None, **how: Any) -> list[Episode]:
     domain, task, seconds = where
     factory = factory_of(domain, task, seconds)
     environment, full = factory.make(0), factory_of(domain, task)
@@ -31,7 +30,7 @@ def _played(
     with contextlib.closing(Starts(full.build(full.make(0)))) as starts:
         return play_seeds(
             factory.build(environment), starts, actor, _SEEDS, kept, num_threads=1, **how
-        )  # pyright: ignore[reportArgumentType]
+        )
 
 
 def test_episodes_have_the_kinds_of_their_starts() -> None:
