@@ -14,7 +14,6 @@ from limberjack.episodes.environments import (
     checked_repeat,
     step_limit_of,
 )
-from limberjack.policies.actors import Alone
 from limberjack.rl import control
 from limberjack.workers.factories import Make, factory_of
 from tests import plain_domain
@@ -127,12 +126,10 @@ def _remembering(seed: int) -> control.Environment:
 
 
 def test_vectorised_batches_are_refused_if_they_would_change_numbers() -> None:
-    together = policies.find("zero")
-    alone = Alone("zero", None, together.begin_alone)
-    check_vectorised(factory_of(plain_domain.make), together, True)
-    check_vectorised(factory_of("humanoid", "walk"), together, True)
+    check_vectorised(factory_of(plain_domain.make), True)
+    check_vectorised(factory_of("humanoid", "walk"), True)
     own = factory_of(_remembering)
     with pytest.raises(ValueError, match=r"LastAction sets self\.last"):
-        check_vectorised(own, together, True)
-    for actor, vectorised in ((together, None), (together, False), (alone, True)):
-        check_vectorised(own, actor, vectorised)
+        check_vectorised(own, True)
+    for vectorised in (None, False):
+        check_vectorised(own, vectorised)

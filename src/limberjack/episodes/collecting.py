@@ -112,7 +112,7 @@ def collect(
     with contextlib.closing(checked_environment(factory, wanted, is_kept=True)) as environment:
         acting = _found(policy, environment, num_threads) if actor is None else actor
         repeat = checked_repeat(action_repeat, environment, acting)
-        check_vectorised(factory, acting, vectorised)
+        check_vectorised(factory, vectorised)
         setup = None
         if actor is None:
             setup = scale.setup(domain, task, policy, time_limit, len(asked), repeat)

@@ -2,7 +2,7 @@
 
 environment = checked_environment(factory, seeds, is_kept=True)
 repeat = checked_repeat(None, environment, actor)
-check_vectorised(factory, actor, True)
+check_vectorised(factory, True)
 """
 
 import contextlib
@@ -84,9 +84,9 @@ def checked_repeat(action_repeat: int | None, environment: dm_env.Environment, a
     return repeat
 
 
-def check_vectorised(factory: Factory, actor: Actor, vectorised: bool | None) -> None:
+def check_vectorised(factory: Factory, vectorised: bool | None) -> None:
     """Raises ValueError if vectorised batches are asked for, and the task cannot be vectorised."""
-    if not vectorised or actor.plays_alone:
+    if not vectorised:
         return
     build = factory.build(factory.make(0))
     batch_of(build, 1, 1, vectorised=True, seed=0, action_repeat=1).close()

@@ -125,7 +125,7 @@ class Run:
         assert inner.step_limit is not None
         actor = self._actor or policies.find(self._policy, environment)
         self._action_repeat = checked_repeat(action_repeat, environment, actor)
-        check_vectorised(self._factory, actor, self._scale.vectorised)
+        check_vectorised(self._factory, self._scale.vectorised)
         self.step_limit = inner.step_limit
         self._fingerprint = fingerprint(inner.physics.model._model)
         seconds = inner.step_limit * inner.control_timestep()
