@@ -17,11 +17,11 @@ from pathlib import Path
 import typer
 from report import Bar, Json, Quick, Row, at_least, finish, spread
 
-from limberjack import data, suite
-from limberjack.evaluation.runner import Runner
-from limberjack.evaluation.store import Store
-from limberjack.policies import actors
-from limberjack.rl.builds import Build
+from limberjack import data, policies
+from limberjack.episodes.starts import Starts
+from limberjack.episodes.units import play_seeds
+from limberjack.workers import units_of
+from limberjack.workers.factories import factory_of
 
 __all__ = ["Effort", "main"]
 
@@ -49,7 +49,7 @@ def _measure(domain: str, task: str, effort: Effort) -> Iterator[Row]:
     for turn in range(effort.turns):
         seeds = range(turn * effort.episodes, (turn + 1) * effort.episodes)
         with tempfile.TemporaryDirectory() as folder:
-            rates["evaluate"].append(_evaluated(domain, task, list(seeds), effort))
+            rates["evaluate"].append(_evaluated(domain, task, seeds, effort))
             rates["collect"].append(_collected(domain, task, seeds, effort, Path(folder)))
             rates["read"].append(_read(Path(folder)))
     yield _row("collect / evaluate", f"{domain}:{task}", rates, "collect", _COLLECTING)
@@ -70,18 +70,17 @@ def _row(measure: str, subject: str, rates: dict[str, list[float]], ours: str, b
     )
 
 
-def _evaluated(domain: str, task: str, seeds: list[int], effort: Effort) -> float:
+def _evaluated(domain: str, task: str, seeds: range, effort: Effort) -> float:
     """Steps per second of random episodes as `evaluate` plays them, with the kinds of starts."""
-    kwargs = {} if effort.seconds is None else {"time_limit": effort.seconds}
     began = time.perf_counter()
-    environment = suite.load(domain, task, {"random": 0, **kwargs})
-    full_length = Build.of(suite.load(domain, task, {"random": 0})).seeded(0)
-    store = Store(None, {"versions": {}})
-    made, limit = Build.of(environment), environment.step_limit
-    with contextlib.closing(Runner(made, 1, limit, full_length, store, seeds, None)) as runner:
-        runner.run(actors.find("random", environment), None)
-    seconds = time.perf_counter() - began
-    return sum(score.length for score in store.scores["random"].values()) / seconds
+    factory, full_length = factory_of(domain, task, effort.seconds), factory_of(domain, task)
+    environment = factory.make(0)
+    actor, build = policies.find("random", environment), factory.build(environment)
+    steps = 0
+    with contextlib.closing(Starts(full_length.build(full_length.make(0)))) as starts:
+        for block in units_of(seeds):
+            steps += sum(one.length for one in play_seeds(build, starts, actor, block))
+    return steps / (time.perf_counter() - began)
 
 
 def _collected(domain: str, task: str, seeds: range, effort: Effort, folder: Path) -> float:

@@ -15,13 +15,13 @@ from collections.abc import Callable
 from typing import Annotated
 
 import typer
-from limberjack.recording.solving import solve
 from report import Json, Quick, Row, at_most, finish, spread
 
+from limberjack.episodes.running import Run
+from limberjack.episodes.units import play_unit
 from limberjack.evaluation import evaluate
-from limberjack.evaluation.missing import play_unit
 from limberjack.utils.cores import usable_cores
-from limberjack.workers import Unit, Workers, open_workers, prepare, units_of
+from limberjack.workers import Scale, Unit, Workers, open_workers, prepare, units_of
 
 __all__ = ["Effort", "Section", "main"]
 
@@ -55,9 +55,10 @@ _Scores = dict[int, float]  # returns by seed
 
 
 def _planned(effort: Effort, workers: int) -> _Scores:
-    seeds = range(effort.planned)
-    played = solve(*_TASK, seeds, time_limit=effort.time_limit, workers=workers)
-    return {seed: float(recording.rewards.sum()) for seed, recording in played}
+    seeds, scale = range(effort.planned), Scale(workers)
+    run = Run(*_TASK, "planner", seeds, time_limit=effort.time_limit, scale=scale)
+    run.play()
+    return {episode.seed: episode.total for episode in run.episodes}
 
 
 def _evaluated(effort: Effort, workers: int | None) -> _Scores:

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import imageio_ffmpeg
+import mujoco
 import numpy as np
 import pytest
 
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
-from limberjack.video import Film, Writer, frame_stride, mosaic
+from limberjack.video import Film, Writer, first_camera, frame_stride, mosaic
 from tests.programs import run
 
 _HEIGHT, _WIDTH = 48, 64
@@ -52,6 +53,12 @@ def _read(path: Path) -> tuple[str, np.ndarray]:
 )
 def test_a_frame_is_drawn_up_to_fifty_times_a_second(control_timestep: float, stride: int) -> None:
     assert frame_stride(control_timestep) == stride
+
+
+def test_a_model_without_cameras_is_seen_from_the_free_one() -> None:
+    for world, expected in (("", -1), ("<camera/>", 0)):
+        text = f"<mujoco><worldbody>{world}</worldbody></mujoco>"
+        assert first_camera(mujoco.MjModel.from_xml_string(text)) == expected
 
 
 def test_a_film_is_h264_that_browsers_play_in_real_time(tmp_path: Path, environment: Any) -> None:

@@ -258,6 +258,27 @@ def test_a_users_environment_is_evaluated_collected_run_and_replayed(
     assert list(returns["run"]) == [3, 4]
 
 
+@pytest.mark.parametrize("command", ["collect", "evaluate", "run"])
+def test_a_kind_of_batch_may_be_asked_for_and_changes_no_number(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("limberjack.video.Film.add", lambda film, physics: None)  # takes long
+    play = [command, "--policy", "random", "--seeds", "0:2", "--threads", "1", "--out"]
+    returns = []
+    for kind in ("--vectorised", "--no-vectorised"):
+        out = tmp_path / kind
+        result = invoke(*play, str(out), *_env("plain"), kind)
+        assert result.exit_code == 0, result.output
+        name = "dataset.json" if command == "collect" else "result.json"
+        returns.append((out / name).read_bytes())
+    assert returns[0] == returns[1]
+    refused = invoke(*play, str(tmp_path / "out"), *_env("remembering"), "--vectorised")
+    assert refused.exit_code == 2
+    assert refused.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+    assert "task LastAction sets self.last" in refused.stderr
+
+
 @pytest.mark.usefixtures("_drawing")
 @pytest.mark.parametrize("name", _OWN)
 def test_a_users_environment_is_filmed_from_its_start_and_from_a_dataset(

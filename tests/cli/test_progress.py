@@ -24,49 +24,29 @@ def _shown(capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 
 def test_without_a_terminal_nothing_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress.show_episodes(3) as episodes:
-        episodes.show(0, 10, 10, 1.5)
+    with progress.show_film() as show:
+        show(10, 10, 1.5)
     with progress.show_parts() as show:
         show("a part", 1, 2)
     assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.usefixtures("_terminal")
-def test_a_bar_over_episodes_is_described_from_its_first_state_on(
+def test_a_bar_over_a_film_has_its_return_and_the_time_left(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with progress.show_episodes(2) as episodes:
-        episodes.show(0, 0, 10, 0.0)
+    with progress.show_film() as show:
+        show(0, 10, 0.0)
         time.sleep(0.15)
-        episodes.show(0, 5, 10, 1.25)
+        show(5, 10, 1.25)
+        show(6, 10, 99.0)  # too soon to be shown
         time.sleep(0.15)
-        episodes.show(1, 10, 10, 7.5)
+        show(10, 10, 7.5)
     shown = _shown(capsys)
     assert shown[0].startswith("loading")
-    assert any("episode 1/2" in line and "return 1.2" in line for line in shown)
-    assert shown[-1].startswith("episode 2/2")
-    assert shown[-1].endswith("return 7.5 0:00:00 left")
-
-
-@pytest.mark.usefixtures("_terminal")
-def test_the_time_left_counts_the_film_of_the_first_episode_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    now = 100.0
-    monkeypatch.setattr(time, "monotonic", lambda: now)
-    with progress.show_episodes(3, filmed=True) as episodes:
-        assert episodes.seconds_left(0, 0, 10) is None
-        for step in range(6):
-            episodes.show(0, step, 10, 0.0)
-            with episodes.drawing():
-                now += 5.0 if step == 0 else 2.0  # the first picture starts OpenGL
-            now += 1.0
-        now -= 1.0
-        # 5 steps took 5 seconds and 5 pictures 10: 25 steps and 5 pictures are left.
-        assert episodes.seconds_left(0, 5, 10) == pytest.approx(25 * 1.0 + 5 * 2.0)
-        now += 5 * 3.0
-        monkeypatch.setattr(episodes, "_drawn", 20.0)
-        assert episodes.seconds_left(1, 0, 10) == pytest.approx(20 * 1.0)
+    assert any(line.startswith("filming") and "return 1.2" in line for line in shown)
+    assert not any("return 99.0" in line for line in shown)
+    assert shown[-1].endswith("return 7.5 0:00:00")
 
 
 @pytest.mark.usefixtures("_terminal")

@@ -178,6 +178,22 @@ def test_shards_keep_steps_that_the_plain_command_joins(tmp_path: Path) -> None:
         assert (joined / name).read_bytes() == content, name
 
 
+def test_a_shard_needs_the_extra_that_keeps_steps(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['pyarrow'] = None\n"
+        f"sys.argv[1:] = {[*_SOLVE, '--shard', '1/1', '--out', 'out']!r}\n"
+        "from limberjack.cli import main; main()"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 2
+    assert done.stderr == (
+        "limberjack: a shard keeps steps, which needs the extra 'data': pip install pyarrow\n"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_shard_without_episodes_writes_nothing(tmp_path: Path) -> None:
     result = _solve(tmp_path / "out", "--shard", "1/2")
     assert result.stdout.startswith("shard 1/2 has no episode")

@@ -8,7 +8,12 @@ import numpy as np
 import pytest
 
 from limberjack import policies, suite
-from limberjack.episodes.environments import checked_environment, checked_repeat, step_limit_of
+from limberjack.episodes.environments import (
+    check_vectorised,
+    checked_environment,
+    checked_repeat,
+    step_limit_of,
+)
 from limberjack.rl import control
 from limberjack.workers.factories import Make, factory_of
 from tests import plain_domain
@@ -114,3 +119,17 @@ def test_the_planner_acts_at_every_control_step() -> None:
     for repeat, one in ((2, environment), (None, repeating)):
         with pytest.raises(ValueError, match="the planner acts at every control step: leave it at"):
             checked_repeat(repeat, one, planner)
+
+
+def _remembering(seed: int) -> control.Environment:
+    return odd.of_task(odd.LastAction, seed)
+
+
+def test_vectorised_batches_are_refused_if_they_would_change_numbers() -> None:
+    check_vectorised(factory_of(plain_domain.make), True)
+    check_vectorised(factory_of("humanoid", "walk"), True)
+    own = factory_of(_remembering)
+    with pytest.raises(ValueError, match=r"LastAction sets self\.last"):
+        check_vectorised(own, True)
+    for vectorised in (None, False):
+        check_vectorised(own, vectorised)

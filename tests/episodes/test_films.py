@@ -11,12 +11,13 @@ import pytest
 
 from limberjack import suite
 from limberjack.data import Dataset, Kept, collect, film, load
-from limberjack.episodes.films import record
+from limberjack.episodes.films import drawable, record
 from limberjack.episodes.parquet import encode
 from limberjack.mujoco.camera import RenderingError
 from limberjack.rl.control import Environment
 from limberjack.utils.files import Hold
 from tests import plain_domain
+from tests.rl import odd_environments as odd
 
 from .collected import ARM, put
 
@@ -104,6 +105,44 @@ def test_an_environment_without_a_time_limit_is_filmed_for_some_seconds_or_refus
     for rows in (1, 2):
         record(plain_domain.endless, out=out, seconds=0.1, rows=rows, **_SIZE)
     assert [len(film.frames) for film in films] == [6, 6]
+
+
+def test_an_environment_that_is_made_again_is_drawn_with_room_and_colours(
+    films: list[_Frames], tmp_path: Path
+) -> None:
+    made: list[Environment] = []
+
+    def make(seed: int) -> Environment:
+        made.append(odd.shifting(seed))  # which depends on more than its stream
+        return made[-1]
+
+    plain = drawable(make, 100, 10_000, visualize_reward=True)(3)
+    assert isinstance(plain, Environment)
+    buffer = plain.physics.model.vis.global_
+    assert (buffer.offheight, buffer.offwidth) == (100, 3840)
+    assert plain.task.visualize_reward
+    record(make, out=tmp_path / "film.mp4", height=64, width=48, camera=-1)
+    assert {frame.shape for frame in films[0].frames} == {(64, 48, 3)}
+    assert len(made) > 2
+
+
+@pytest.mark.parametrize("repeat", [None, 2])
+def test_an_environment_repeats_actions_in_a_film_as_it_does_or_as_asked(
+    repeat: int | None, films: list[_Frames], tmp_path: Path
+) -> None:
+    acted: list[float] = []
+
+    def counting(observation: Any) -> np.ndarray:
+        acted.append(float(observation["place"][0]))
+        return np.array([1.0])
+
+    record(_repeating, out=tmp_path / "a.gif", policy=counting, action_repeat=repeat, **_SIZE)
+    assert len(films[0].frames) == 26
+    assert len(acted) == -(-25 // (repeat or 3))
+
+
+def _repeating(seed: int) -> Environment:
+    return plain_domain.push(random=seed, environment_kwargs={"action_repeat": 3})
 
 
 def test_progress_is_reported_before_the_first_step_and_after_each(

@@ -67,6 +67,19 @@ def test_a_function_that_depends_on_more_than_its_source_has_no_hash(
     assert factory.make_plain(3).step_limit == 25
 
 
+def _broken(seed: int) -> Environment:
+    raise ZeroDivisionError(f"seed {seed}")
+
+
+def test_an_error_of_a_function_says_which_environment_it_made() -> None:
+    for make, error in ((_broken, ZeroDivisionError), (lambda seed: None, TypeError)):
+        with pytest.raises(error) as caught:
+            factory_of(make).make(3)
+        (note,) = caught.value.__notes__
+        assert note.startswith(f"environment '{__name__}:")
+        assert note.endswith("as it is made with seed 3")
+
+
 @pytest.mark.parametrize("seed", [True, 1.5, -1])
 def test_an_invalid_seed_is_refused(seed: Any) -> None:
     for factory in (factory_of(plain_domain.make), factory_of("humanoid", "stand")):

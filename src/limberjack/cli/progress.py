@@ -1,9 +1,7 @@
 """Progress bars on standard error; nothing is shown where that is not a terminal.
 
-with show_episodes(3, filmed=True) as progress:
-    progress.show(finished, steps, step_limit, total)   # after each step
-    with progress.drawing():
-        recorder.add_step(step)
+with show_film() as show:
+    show(steps, step_limit, total)   # after each step
 
 with show_units() as progress:
     progress.begin(300)
@@ -14,7 +12,6 @@ with show_parts() as show:
 """
 
 import contextlib
-import datetime
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -28,7 +25,7 @@ from limberjack.cli.output import is_terminal
 if TYPE_CHECKING:
     from limberjack.workers import State
 
-__all__ = ["Episodes", "Units", "progress_bar", "show_episodes", "show_parts", "show_units"]
+__all__ = ["Units", "progress_bar", "show_film", "show_parts", "show_units"]
 
 _UPDATE = 0.1  # seconds from one update to the next; a step may take microseconds
 
@@ -54,82 +51,27 @@ def progress_bar(
     )
 
 
-class Episodes:
-    """A bar over the steps of all episodes, with the running return and the time left.
-
-    Only the first episode is filmed, so the time that its pictures take is estimated separately.
-    """
-
-    def __init__(self, bar: rich.progress.Progress, episodes: int, filmed: bool) -> None:
-        """Adds the episodes to a bar that is shown."""
-        self._bar = bar
-        self._episodes = episodes
-        self._filmed = filmed
-        self._started: float | None = None  # as the first step is shown
-        self._updated = 0.0
-        self._first_drawn: float | None = None  # seconds of the first picture, with OpenGL's start
-        self._drawn = 0.0  # seconds of the other pictures
-        self._task = bar.add_task("loading", total=episodes, total_return=0.0, left="")
-
-    def show(self, finished: int, steps: int, step_limit: int, total: float) -> None:
-        """Shows a step of the episode that is running, if the last update was long enough ago.
-
-        Args:
-          finished: number of episodes that have ended.
-          steps: of the running episode, so far.
-          step_limit: of each episode.
-          total: return of the running episode, so far.
-        """
-        now = time.monotonic()
-        if self._started is None:
-            self._started = now
-        if self._bar.disable or (now < self._updated + _UPDATE and steps != step_limit):
-            return
-        self._updated = now
-        left = self.seconds_left(finished, steps, step_limit)
-        duration = "" if left is None else f"{datetime.timedelta(seconds=round(left))} left"
-        self._bar.update(
-            self._task,
-            completed=finished + steps / step_limit,
-            description=f"episode {finished + 1}/{self._episodes}",
-            total_return=total,
-            left=duration,
-        )
-
-    @contextlib.contextmanager
-    def drawing(self) -> Iterator[None]:
-        """Counts the time in which the context draws and writes a frame of the film."""
-        start = time.monotonic()
-        yield
-        seconds = time.monotonic() - start
-        if self._first_drawn is None:
-            self._first_drawn = seconds
-        else:
-            self._drawn += seconds
-
-    def seconds_left(self, finished: int, steps: int, step_limit: int) -> float | None:
-        """The time until the last episode ends, its film included; None before the first step."""
-        done = finished * step_limit + steps
-        if self._started is None or not done:
-            return None
-        elapsed = time.monotonic() - self._started
-        playing = elapsed - self._drawn - (self._first_drawn or 0.0)
-        left = playing / done * (self._episodes * step_limit - done)
-        if self._filmed and not finished:
-            left += self._drawn / steps * (step_limit - steps)
-        return left
-
-
 @contextlib.contextmanager
-def show_episodes(episodes: int, filmed: bool = False) -> Iterator[Episodes]:
-    """A bar over episodes while the context lasts.
+def show_film() -> Iterator[Callable[[int, int, float], None]]:
+    """A bar over the steps of a film, with the running return and the time left.
 
-    Args:
-      episodes: their number.
-      filmed: whether the first one is filmed, and its pictures are reported as `drawing`.
+    It is updated by a call with the steps so far, those of the film, and the return so far.
     """
-    with progress_bar("return {task.fields[total_return]:.1f}", "{task.fields[left]}") as bar:
-        yield Episodes(bar, episodes, filmed)
+    columns = "return {task.fields[total_return]:.1f}", rich.progress.TimeRemainingColumn()
+    with progress_bar(*columns) as bar:
+        task = bar.add_task("loading", total=None, total_return=0.0)
+        updated = 0.0
+
+        def show(steps: int, step_limit: int, total: float) -> None:
+            nonlocal updated
+            now = time.monotonic()
+            if bar.disable or (now < updated + _UPDATE and steps != step_limit):
+                return
+            updated = now
+            fields = {"description": "filming", "total_return": total}
+            bar.update(task, total=step_limit, completed=steps, **fields)
+
+        yield show
 
 
 class Units:

@@ -27,7 +27,7 @@ from limberjack.cli.output import (
     users_failure,
     worded,
 )
-from limberjack.cli.progress import show_episodes
+from limberjack.cli.progress import show_film
 
 __all__: list[str] = []
 
@@ -139,13 +139,14 @@ def _failures_reported(path: Path) -> Iterator[Callable[[int, int, float], None]
 
     begun = False
 
-    def show(steps: int, limit: int, total: float) -> None:
-        nonlocal begun
-        begun = True
-        progress.show(0, steps, limit, total)
-
     try:
-        with show_episodes(1) as progress:
+        with show_film() as show_step:
+
+            def show(steps: int, limit: int, total: float) -> None:
+                nonlocal begun
+                begun = True
+                show_step(steps, limit, total)
+
             yield show
     except KeyboardInterrupt:
         complain(f"interrupted: {path} is not written")

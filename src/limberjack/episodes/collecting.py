@@ -23,7 +23,11 @@ from pathlib import Path
 import dm_env
 
 from limberjack import policies
-from limberjack.episodes.environments import checked_environment, checked_repeat
+from limberjack.episodes.environments import (
+    check_vectorised,
+    checked_environment,
+    checked_repeat,
+)
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.folder import Folder, blocks, discard_other
 from limberjack.episodes.parquet import PYARROW, encode
@@ -108,6 +112,7 @@ def collect(
     with contextlib.closing(checked_environment(factory, wanted, is_kept=True)) as environment:
         acting = _found(policy, environment, num_threads) if actor is None else actor
         repeat = checked_repeat(action_repeat, environment, acting)
+        check_vectorised(factory, vectorised)
         setup = None
         if actor is None:
             setup = scale.setup(domain, task, policy, time_limit, len(asked), repeat)

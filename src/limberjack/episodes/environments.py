@@ -2,6 +2,7 @@
 
 environment = checked_environment(factory, seeds, is_kept=True)
 repeat = checked_repeat(None, environment, actor)
+check_vectorised(factory, True)
 """
 
 import contextlib
@@ -12,6 +13,7 @@ import dm_env
 from limberjack.policies import Actor
 from limberjack.policies.built_in import PLANNER
 from limberjack.rl.action_specs import spec_of
+from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import is_reproducible
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
@@ -19,7 +21,7 @@ from limberjack.rl.guards import at_least_one
 from limberjack.rl.row_trial import draws_globally
 from limberjack.workers.factories import Factory
 
-__all__ = ["checked_environment", "checked_repeat", "step_limit_of"]
+__all__ = ["check_vectorised", "checked_environment", "checked_repeat", "step_limit_of"]
 
 
 def checked_environment(
@@ -80,6 +82,14 @@ def checked_repeat(action_repeat: int | None, environment: dm_env.Environment, a
             f"action_repeat is {repeat}, but the planner acts at every control step: leave it at 1"
         )
     return repeat
+
+
+def check_vectorised(factory: Factory, vectorised: bool | None) -> None:
+    """Raises ValueError if vectorised batches are asked for, and the task cannot be vectorised."""
+    if not vectorised:
+        return
+    build = factory.build(factory.make(0))
+    batch_of(build, 1, 1, vectorised=True, seed=0, action_repeat=1).close()
 
 
 def _check_seeding(factory: Factory, environment: dm_env.Environment, seeds: Sequence[int]) -> None:

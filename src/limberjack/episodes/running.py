@@ -19,7 +19,11 @@ import dm_env
 import numpy as np
 
 from limberjack import policies, report
-from limberjack.episodes.environments import checked_environment, checked_repeat
+from limberjack.episodes.environments import (
+    check_vectorised,
+    checked_environment,
+    checked_repeat,
+)
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.films import drawable
 from limberjack.episodes.playing import OnStep, Recorded, Step, play
@@ -121,6 +125,7 @@ class Run:
         assert inner.step_limit is not None
         actor = self._actor or policies.find(self._policy, environment)
         self._action_repeat = checked_repeat(action_repeat, environment, actor)
+        check_vectorised(self._factory, self._scale.vectorised)
         self.step_limit = inner.step_limit
         self._fingerprint = fingerprint(inner.physics.model._model)
         seconds = inner.step_limit * inner.control_timestep()

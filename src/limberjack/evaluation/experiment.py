@@ -15,6 +15,7 @@ import dm_env
 from limberjack import policies
 from limberjack.episodes import statistics
 from limberjack.episodes.environments import (
+    check_vectorised,
     checked_environment,
     checked_repeat,
     step_limit_of,
@@ -111,6 +112,7 @@ def evaluate(
     environment = checked_environment(factory, asked, is_kept=directory is not None)
     actor = policies.find(policy, environment, num_threads=num_threads)
     repeat = checked_repeat(action_repeat, environment, actor)
+    check_vectorised(factory, vectorised)
     setup = scale.setup(domain, task, policy, time_limit, len(mine), repeat)
     identity = identity_of(factory, actor, environment, repeat)
     canary = setup.canary if setup is not None else canary_of(factory) if directory else None
