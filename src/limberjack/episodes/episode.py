@@ -15,7 +15,7 @@ __all__ = ["Episode", "Kept"]
 
 @dataclasses.dataclass(frozen=True)
 class Kept:
-    """The options of a recording.
+    """The parts of an episode that are kept besides its rewards and actions.
 
     Attributes:
       states: MuJoCo's integration state as well.
