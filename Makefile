@@ -65,7 +65,7 @@ test-scale: $(VENV)/installed-scale  ## Run the tests of Ray: on this machine, a
 
 test-gpu:  ## Run tasks on MuJoCo Warp, on the processor; installs PyTorch into an environment of its own
 	$(MAKE) VENV=$(VENV)-gpu $(VENV)-gpu/installed-gpu
-	$(VENV)-gpu/bin/python -m pytest -m gpu tests/gpu tests/examples tests/benchmarks
+	$(VENV)-gpu/bin/python -m pytest -m gpu tests/gpu tests/test_gpu.py tests/examples tests/benchmarks
 	$(VENV)-gpu/bin/python -m pytest tests/docs/test_pages.py -k gpu.md
 
 lint: $(VENV)/installed-test  ## Check style and types

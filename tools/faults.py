@@ -286,6 +286,10 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("sorted(of_number - shared)", "sorted(of_number)"),
         ("            array[...] = self._base[name]\n", "            pass\n"),
         ("is_vector else", "not is_vector else"),
+        ("in reversed(type(task).__mro__)", "in type(task).__mro__"),
+        (" if _AND not in unit}", "}"),
+        ("name if len(units) == 1 else str(index)", "str(index)"),
+        (" or any(units[name])\n", "\n"),
     ],
     "report/units.py": [
         ("gain * gear:g", "gain:g"),

@@ -10,10 +10,8 @@ __all__ = ["MADE_OF", "MISSING"]
 _ON_TENSORS = tuple(
     f"limberjack.gpu.{name}"
     for name in (
-        *("backend", "batch", "contacts", "counters", "devices", "functions", "graphs"),
-        *("memory", "model_fields", "ring", "rows", "rsl_rl", "snapshots", "speed", "tensors"),
-        "vector",
-        "warp_simulation",
+        *("backend", "batch", "counters", "devices", "functions", "model_fields", "rsl_rl"),
+        *("speed", "tensors", "vector", "warp_simulation"),
     )
 )
 # Modules, or packages with all of theirs, that depend on a package of an extra: without it, they or

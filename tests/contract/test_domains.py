@@ -18,7 +18,7 @@ _GENERATED = "limberjack.registry.table"
 _OWN = {suite_module(domain) for domain in _DOMAINS}
 # The list of tasks that a GPU cannot step, which a test compares with what a GPU can step; and the
 # arm's figures, which are those of a model of the suite.
-_WITH_A_REASON = {"limberjack.gpu.refused", "limberjack.planner.arm.geometry"}
+_WITH_A_REASON = {"limberjack.gpu", "limberjack.planner.arm.geometry"}
 _EVERYWHERE_ELSE = [
     module for module in sorted(modules()) if module not in {*_OWN, _GENERATED, *_WITH_A_REASON}
 ]

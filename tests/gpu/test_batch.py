@@ -1,4 +1,4 @@
-"""A user's own tasks run on a device as they are, or are refused with the reason."""
+"""Batches on a device: users' own tasks, starts, the rows as numbers, and room in memory."""
 
 from typing import Any
 
@@ -16,6 +16,7 @@ from .on_device import as_numpy, torch
 
 pytestmark = pytest.mark.gpu
 batches: Any = pytest.importorskip("limberjack.gpu.batch")
+vector: Any = pytest.importorskip("limberjack.gpu.vector")
 
 
 class _Glide(cheetah.Cheetah):
@@ -185,3 +186,73 @@ def test_sizes_of_sites_that_sensors_measure_within_cannot_differ() -> None:
     batch = batches.DeviceBatch(environment, 2, torch.device("cpu"), 0, options)
     with pytest.raises(ValueError, match="episodes set site_size of sites that sensors measure"):
         batch.reset()
+
+
+def _ring() -> Any:
+    return batches._Ring(torch.arange(5.0)[:, None])
+
+
+def test_rows_of_a_mask_take_the_next_starts_in_order() -> None:
+    starts = _ring()
+    for mask, expected in (
+        ([0, 1, 0, 1], [0, 1]),
+        ([1, 1, 1, 0], [2, 3, 4]),
+        ([0, 0, 1, 1], [0, 1]),
+    ):
+        chosen = torch.tensor(mask, dtype=torch.bool)
+        np.testing.assert_array_equal(as_numpy(starts.take(chosen)[chosen][:, 0]), expected)
+
+
+def test_an_empty_mask_takes_none() -> None:
+    starts = _ring()
+    starts.take(torch.zeros(4, dtype=torch.bool))
+    assert starts.head == 0
+
+
+@pytest.mark.parametrize("counts", [(1,) * 13, (3, 4, 5), (5, 5), (7, 6), (13,)])
+def test_the_oldest_starts_are_replaced_first(counts: tuple[int, ...]) -> None:
+    starts, expected, tail, number = _ring(), np.arange(5.0), 0, 10.0
+    for count in counts:
+        new = np.arange(number, number + count, dtype=np.float32)
+        starts.replace(new[:, None])
+        for value in new:
+            expected[tail] = value
+            tail, number = (tail + 1) % 5, number + 1
+    np.testing.assert_array_equal(as_numpy(starts.values[:, 0]), expected)
+    assert starts.tail == tail
+
+
+def test_rows_of_a_mask_are_written_and_the_others_left_alone() -> None:
+    envs = vector.load_vector("manipulator", "bring_ball", 3, device="cpu", seed=0)
+    envs.reset()
+    rows, batch = envs.batch._rows, envs.batch
+    before = as_numpy(rows.read()).copy()
+    assert before.shape == (3, batch.starts.width)
+    drawn = batch.starts.draw([0, 1, 2])
+    for part in batch.starts.parts:
+        if part.kind != "static":  # the others move, and are computed on the device
+            columns = part.columns
+            np.testing.assert_array_equal(before[:, columns], drawn[:, columns], part.name)
+    new = batch.starts.draw([7, 8, 9])
+    rows.write(torch.tensor([False, True, False]), torch.from_numpy(new))
+    after = as_numpy(rows.read())
+    np.testing.assert_array_equal(after[1], new[1])
+    np.testing.assert_array_equal(after[[0, 2]], before[[0, 2]])
+    rows.write_state(torch.tensor([True, False, False]), torch.from_numpy(batch.starts.default()))
+    after = batch.starts.of_rows(as_numpy(rows.read()))
+    assert not after["qpos"][0, :8].any()
+    kept = batch.starts.of_rows(before)
+    for name in ("body_pos", "geom_xpos"):  # the model's fields, and poses that follow from them
+        np.testing.assert_array_equal(after[name][0], kept[name][0])
+    envs.close()
+
+
+def test_what_fits_passes_and_what_does_not_is_refused_with_the_number_that_would(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    device = torch.device("cpu")
+    assert batches._free_memory(device) > 0
+    monkeypatch.setattr(batches, "_free_memory", lambda _: 1e9)
+    batches._check_memory(100, 9_000_000, device)
+    with pytest.raises(MemoryError, match=r"takes 9\.0 GB on cpu, where 1\.0 GB are free: at most"):
+        batches._check_memory(1000, 9_000_000, device)

@@ -1,11 +1,11 @@
-"""A simulation on a device has the fields that tasks read, with MuJoCo's names and shapes."""
+"""A simulation on a device: MuJoCo's names and shapes, the CPU's contacts, recorded kernels."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 
-from limberjack import suite
+from limberjack import mujoco, suite
 from limberjack.gpu.sizes import Sizes
 
 from .on_device import as_numpy, torch
@@ -13,8 +13,31 @@ from .on_device import as_numpy, torch
 pytestmark = pytest.mark.gpu
 warp_simulation: Any = pytest.importorskip("limberjack.gpu.warp_simulation")
 tensors: Any = pytest.importorskip("limberjack.gpu.tensors")
+backend: Any = pytest.importorskip("limberjack.gpu.backend")
 
 _SIZES = Sizes(nconmax=16, njmax=64)
+_CAPSULE = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="5 5 .1" {plane}/>
+    <body pos="0 0 {height}" euler="{euler}">
+      <freejoint/>
+      <geom type="capsule" size=".05" fromto="0 0 -.25 0 0 .25"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+_BALL = """
+<mujoco>
+  <worldbody>
+    <geom type="plane" size="5 5 .1"/>
+    <body pos="3 4 {height}">
+      <freejoint/>
+      <geom size=".1"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
 
 
 def _simulation(domain: str, task: str, rows: int = 3, **kwargs: Any) -> tuple[Any, Any]:
@@ -129,3 +152,60 @@ def test_memory_per_row_grows_with_the_room_for_constraints() -> None:
     )
     assert 5_000 < small < large
     assert torch is not None
+
+
+def _forward(physics: mujoco.Physics) -> Any:
+    """A simulation of two rows on the device, in the state in which the model begins."""
+    sizes = Sizes(nconmax=8, njmax=32)
+    made = warp_simulation.WarpSimulation(physics.model, 2, "cpu", (), sizes, uses_graphs=False)
+    with made.scope():
+        made.first_half()
+    return made
+
+
+@pytest.mark.parametrize(
+    ("euler", "height"), [("0 5 0", 0.29), ("20 0 10", 0.28), ("0 -29 30", 0.26), ("60 0 0", 0.16)]
+)
+@pytest.mark.parametrize("plane", ["", 'euler="0 3 0"'])
+def test_the_first_tangent_points_along_the_capsule(euler: str, height: float, plane: str) -> None:
+    xml = _CAPSULE.format(euler=euler, height=height, plane=plane)
+    physics = mujoco.Physics.from_xml_string(xml)
+    physics.forward()
+    made = _forward(physics)
+    contact = made._data.contact
+    (expected,) = physics.data._data.contact.frame
+    for row in range(2):
+        found = contact.frame.numpy()[contact.worldid.numpy() == row][0]
+        np.testing.assert_allclose(found.ravel(), expected, atol=1e-5)  # float32
+
+
+@pytest.mark.parametrize(("depth", "presses"), [(-1e-3, False), (2e-7, False), (2e-6, True)])
+def test_geoms_touch_if_they_are_deeper_than_float32_rounds(depth: float, presses: bool) -> None:
+    physics = mujoco.Physics.from_xml_string(_BALL.format(height=0.1 - depth))
+    made = _forward(physics)
+    assert (made._data.nefc.numpy() > 0).tolist() == [presses, presses]
+
+
+def test_a_sequence_runs_once_is_recorded_and_is_replayed() -> None:
+    warp = backend.warp
+    numbers = warp.zeros(3, dtype=float, device="cpu")
+    calls = []
+
+    def body() -> None:
+        calls.append(1)
+        warp.launch(_add_one, dim=3, inputs=[numbers], device="cpu")
+
+    @warp.kernel
+    def _add_one(values: warp.array(dtype=float)):  # pyright: ignore[reportInvalidTypeForm]
+        row = warp.tid()
+        values[row] = values[row] + 1.0
+
+    recorded = warp_simulation._Graphs("cpu", uses_graphs=True)
+    for expected in range(1, 6):
+        recorded.run("add", body)
+        np.testing.assert_array_equal(numbers.numpy(), expected)
+    assert len(calls) == 2
+    plain = warp_simulation._Graphs("cpu", uses_graphs=False)
+    for _ in range(3):
+        plain.run("add", body)
+    assert len(calls) == 5

@@ -1,6 +1,8 @@
-"""Names and units of observations and actions, found without a declaration."""
+"""Names of observations and actions, found without a declaration, and their units."""
 
 import collections
+import sys
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from limberjack import mujoco, suite
 from limberjack.report import labels_of
 from limberjack.rl import control
+from limberjack.suite import base
 from tests import plain_domain
 
 
@@ -67,6 +70,36 @@ def test_a_domain_of_ones_own_needs_no_declaration() -> None:
     assert list(map(str, labels.observations["speed"])) == ["slide [m/s]"]
     assert [label.name for label in labels.observations["fast"]] == ["slide"]
     assert labels.actions == ()  # one action drives two actuators
+
+
+def test_numbers_without_a_unit_of_the_model_have_the_one_that_the_domain_declares() -> None:
+    finger = suite.load("finger", "turn_easy")
+    apart = _texts(finger)
+    assert apart["target_position"] == ["0 [m]", "1 [m]"]
+    assert apart["dist_to_target"] == ["dist_to_target [m]"]
+    assert apart["position"][2:] == ["2", "3"]  # angles and positions have several units
+    flat = suite.load("finger", "turn_easy", environment_kwargs={"flat_observation": True})
+    assert _texts(flat)["observations"][-3:] == ["9 [m]", "10 [m]", "11 [m]"]
+    escape = _texts(suite.load("quadruped", "escape"))
+    assert escape["rangefinder"][0] == "rf_00 [tanh(m)]"
+    assert escape["force_torque"][0] == "force_toe_front_left x"  # forces and torques
+
+
+def test_units_are_declared_in_the_module_of_the_task_and_in_those_of_its_bases(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    module = ModuleType("declares")
+    vars(module)["OBSERVATIONS"] = {
+        "to_target": base.Observed("the same in another unit", "dm"),
+        "finger_to_target": "no declaration",
+    }
+    monkeypatch.setitem(sys.modules, "declares", module)
+    env = suite.load("reacher", "easy")
+    parent = type(env.task)
+    env.task.__class__ = type("Reacher", (parent,), {"__module__": "declares"})
+    assert _texts(env)["to_target"] == ["0 [dm]", "1 [dm]"]
+    vars(module)["OBSERVATIONS"] = ["not a mapping"]
+    assert _texts(env)["to_target"] == ["0 [m]", "1 [m]"]
 
 
 def test_looking_for_labels_changes_nothing() -> None:

@@ -7,20 +7,34 @@
     observations, rewards, terminated, truncated, info = envs.step(actions)    # tensors
 
 Tasks are those of the suite, or your own: their NumPy code runs on tensors as it is. `REFUSED` has
-the tasks that need something which rows cannot have on a device, with the reason.
+the tasks that need something which rows cannot have on a device, with the reason; loading one
+raises ValueError with it.
 
 Verified on Warp's CPU device; not measured on a GPU yet: see docs/gpu.md.
 """
 
 import importlib
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING
-
-from limberjack.gpu.refused import REFUSED
 
 if TYPE_CHECKING:
     from limberjack.gpu.vector import VectorEnv, load_vector
 
 __all__ = ["REFUSED", "VectorEnv", "load_vector"]
+
+# A test compares the list with the tasks that load.
+REFUSED: Mapping[tuple[str, str], str] = MappingProxyType(
+    {
+        ("point_mass", "hard"): (
+            "each episode draws the directions of the controls (wrap_prm), which MuJoCo Warp "
+            "shares between all rows"
+        ),
+        ("quadruped", "escape"): (
+            "each episode draws a terrain (hfield_data), which MuJoCo Warp shares between all rows"
+        ),
+    }
+)
 
 
 def __getattr__(name: str) -> object:

@@ -17,19 +17,18 @@ episodes last until the time limit.
 import copy
 import dataclasses
 import math
+import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from limberjack.gpu import memory, model_fields
+from limberjack.gpu import model_fields
 from limberjack.gpu.backend import torch
 from limberjack.gpu.counters import Counter, Ending
-from limberjack.gpu.ring import Ring
-from limberjack.gpu.rows import Rows
 from limberjack.gpu.sizes import Sizes
-from limberjack.gpu.starts import Starts
+from limberjack.gpu.starts import Part, Starts
 from limberjack.gpu.tensors import device_array, plain
 from limberjack.gpu.warp_simulation import WarpSimulation, bytes_per_row
 from limberjack.mujoco.model_values import derived_fields
@@ -45,6 +44,7 @@ __all__ = ["DeviceBatch", "Options", "Outcome", "usual_starts_per_step"]
 _FRESH_AT_ONCE = 8  # new starts that are drawn and copied together
 _USUAL_EPISODE = 1_000  # steps; for the number of new starts where episodes have no time limit
 _LARGEST = mujoco.mjMAXVAL  # MuJoCo replaces a state with larger values
+_SHARE = 0.9  # of the free memory: kernels and PyTorch take some too
 
 # Tensors in this module are of (num_envs, ...).
 _Observation = dict[str, torch.Tensor]
@@ -131,7 +131,7 @@ class DeviceBatch:
         model_fields.check(own)
         if environment.physics.simulation.sets_constants:  # those that mj_setConst recomputes
             own = tuple(dict.fromkeys((*own, *model_fields.batched(derived_fields(own)))))
-        memory.check(num_envs, bytes_per_row(model, own, options.sizes), device)
+        _check_memory(num_envs, bytes_per_row(model, own, options.sizes), device)
         self.simulation = WarpSimulation(
             model, num_envs, str(device), own, options.sizes, options.uses_graphs
         )
@@ -139,11 +139,11 @@ class DeviceBatch:
         with self.simulation.scope():
             self._try_task()
             self.starts = Starts(environment, tuple(self.simulation.late), own)
-            self._rows = Rows(self.simulation, self.starts.parts)
+            self._rows = _Rows(self.simulation, self.starts.parts)
             self._default = torch.from_numpy(self.starts.default()).to(device)
             self.counter = Counter(num_envs, environment._step_limit, device)
             self._none = torch.zeros(num_envs, dtype=torch.bool, device=device)
-        self._ring: Ring | None = None
+        self._ring: _Ring | None = None
         self._fresh_at_once = min(_FRESH_AT_ONCE, num_envs)
         self._owed = 0.0
         self.seed(seed)
@@ -198,7 +198,7 @@ class DeviceBatch:
         mask[drawn] = True
         chosen, rows = (torch.from_numpy(array).to(self.device) for array in (mask, values))
         if self._ring is None:
-            self._ring = Ring(rows.clone())
+            self._ring = _Ring(rows.clone())
         self._rows.write(chosen, rows)
         self.counter.begin(chosen)
 
@@ -381,7 +381,7 @@ class DeviceBatch:
             self._rows.write(~self._none, rows)
             for name in ("steps", "terminated", "truncated"):
                 getattr(self.counter, name).copy_(state[name])
-            self._ring = Ring(state["ring"].to(self.device, copy=True))
+            self._ring = _Ring(state["ring"].to(self.device, copy=True))
             self._ring.head.copy_(state["head"])
             self.simulation.first_half()
         self._ring.tail, self._owed = state["tail"], state["owed"]
@@ -406,6 +406,89 @@ class DeviceBatch:
     def close(self) -> None:
         """Frees the batch."""
         self.starts.close()
+
+
+class _Ring:
+    """Starts of episodes on a device, which are used in turn and replaced in turn.
+
+        ring = _Ring(starts)                # (size, width), tensor
+        rows = ring.take(mask)              # (num_envs, width): a start for each row of the mask
+        ring.replace(new)                   # (n, width) NumPy, in place of the oldest
+
+    Which start a row takes is computed on the device: nothing waits for it.
+
+    Attributes:
+      values: the starts, (size, width).
+      head: number of the start that is used next, a tensor.
+      tail: number of the start that is replaced next.
+    """
+
+    def __init__(self, values: torch.Tensor) -> None:
+        """Takes over the starts; the first one is used and replaced first."""
+        self.values = values
+        self.head = torch.zeros((), dtype=torch.int64, device=values.device)
+        self.tail = 0
+
+    def take(self, mask: torch.Tensor) -> torch.Tensor:
+        """A start for each row, (num_envs, width); rows of the mask get the next ones in order."""
+        count = torch.cumsum(mask, 0)
+        which = torch.remainder(self.head + count - 1, len(self.values))
+        self.head.copy_(torch.remainder(self.head + count[-1], len(self.values)))
+        return self.values[which]
+
+    def replace(self, rows: np.ndarray) -> None:
+        """Writes new starts, (n, width), over those that were written first."""
+        size = len(self.values)
+        for row in np.array_split(rows, range(size - self.tail, len(rows), size)):
+            fresh = torch.from_numpy(np.ascontiguousarray(row))
+            if self.values.is_cuda:
+                fresh = fresh.pin_memory()  # else the copy would wait for the device
+            place = self.values[self.tail : self.tail + len(row)]
+            place.copy_(fresh, non_blocking=True)
+            self.tail = (self.tail + len(row)) % size
+
+
+class _Rows:
+    """The fields of a simulation that starts are written to, and that are read as one array.
+
+        rows = _Rows(simulation, starts.parts)
+        rows.write(mask, values)            # values (num_envs, width), where the mask is set
+        everything = rows.read()            # (num_envs, width)
+
+    Nothing waits for the device: rows are chosen by masks.
+    """
+
+    def __init__(self, simulation: WarpSimulation, parts: Sequence[Part]) -> None:
+        """Takes the fields of a simulation that the parts of a start name."""
+        self._targets = [(part, _target(simulation, part)) for part in parts]
+
+    def write(self, mask: torch.Tensor, values: torch.Tensor) -> None:
+        """Writes rows of numbers, (num_envs, width), into the rows of a mask, (num_envs,)."""
+        for part, target in self._targets:
+            _put(target, mask, values[:, part.columns])
+
+    def write_state(self, mask: torch.Tensor, row: torch.Tensor) -> None:
+        """Writes one row of numbers, (width,), into rows of a mask; the model's fields stay."""
+        for part, target in self._targets:
+            if part.kind in ("state", "late"):
+                _put(target, mask, row[part.columns].expand(len(mask), -1))
+
+    def read(self) -> torch.Tensor:
+        """The rows as numbers, (num_envs, width) float32."""
+        parts = [target.reshape(len(target), -1) for _, target in self._targets]
+        return torch.cat([part.to(torch.float32) for part in parts], dim=1)
+
+
+def _target(simulation: WarpSimulation, part: Part) -> torch.Tensor:
+    if part.kind == "model":
+        return simulation.own[part.name]
+    return simulation.late.get(part.name, simulation.live(part.name))
+
+
+def _put(target: torch.Tensor, mask: torch.Tensor, values: torch.Tensor) -> None:
+    shaped = values.reshape(target.shape)
+    given = shaped != 0 if target.dtype == torch.bool else shaped.to(target.dtype)
+    torch.where(mask.reshape(-1, *(1,) * (target.ndim - 1)), given, target, out=target)
 
 
 def _with(total: Outcome, outcome: Outcome, done: torch.Tensor) -> Outcome:
@@ -443,3 +526,31 @@ def usual_starts_per_step(num_envs: int, step_limit: float) -> float:
 def _is_inherited(task: Task, name: str) -> bool:
     """Whether the task has the suite's own method of this name."""
     return getattr(type(task), name) is getattr(base.Task, name)
+
+
+def _free_memory(device: torch.device) -> float:
+    """Free memory of a device, bytes; infinite if unknown."""
+    if device.type == "cuda":
+        return torch.cuda.mem_get_info(device)[0]
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # not on this system
+        return float("inf")
+
+
+def _check_memory(num_envs: int, bytes_per_row: int, device: torch.device) -> None:
+    """Raises MemoryError if a batch of `num_envs` rows would not fit, with the number that would.
+
+    Args:
+      num_envs: number of rows.
+      bytes_per_row: memory that a row takes.
+      device: a `torch.device`.
+    """
+    free = _free_memory(device)
+    if num_envs * bytes_per_row <= _SHARE * free:
+        return
+    raise MemoryError(
+        f"num_envs is {num_envs}, which takes {num_envs * bytes_per_row / 1e9:.1f} GB on {device}, "
+        f"where {free / 1e9:.1f} GB are free: at most {int(_SHARE * free / bytes_per_row)} rows of "
+        f"{bytes_per_row / 1e3:.0f} kB fit; smaller nconmax or njmax make rows smaller"
+    )

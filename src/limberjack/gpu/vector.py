@@ -13,9 +13,11 @@ is one mapping. `overflow` marks rows whose contacts or constraints had no room.
 docs/gpu.md describes what equals the CPU, and how closely.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import SupportsIndex
 
+import mujoco
 import numpy as np
 from gymnasium import error
 from gymnasium import vector as gymnasium_vector
@@ -23,17 +25,19 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from limberjack import suite
-from limberjack.gpu import snapshots
+from limberjack.gpu import model_fields
 from limberjack.gpu.backend import torch
 from limberjack.gpu.batch import DeviceBatch, Options, Outcome, usual_starts_per_step
 from limberjack.gpu.devices import device_of
 from limberjack.gpu.sizes import Sizes, measured
 from limberjack.gym import arguments
 from limberjack.gym.observations import Info, Observations, action_space, specs_of_one_row
+from limberjack.mujoco.simulation import STATE, without_calls
 from limberjack.rl.action_specs import bounded_spec
 from limberjack.rl.batches import vectorisable
 from limberjack.rl.control import Environment
 from limberjack.rl.guards import as_rows, at_least_one
+from limberjack.rl.randomize import stream_beside
 from limberjack.rl.snapshot import Snapshot
 from limberjack.utils.arrays import AnyArray
 from limberjack.utils.log import log
@@ -191,11 +195,14 @@ class VectorEnv(gymnasium_vector.VectorEnv):
     def to_cpu(self, rows: Sequence[int] | np.ndarray) -> Snapshot:
         """The rows as a `Snapshot`, which batches and environments on the CPU restore.
 
+        A state is rounded to float32 on the device, so the CPU continues from it closely, not bit
+        for bit. The next episode of a restored row is the first one of its seed.
+
         Args:
           rows: sorted row numbers, or a mask.
         """
         self._check_begun()
-        return snapshots.of_rows(self.batch, as_rows(rows, self.num_envs))
+        return _snapshot_of(self.batch, as_rows(rows, self.num_envs))
 
     def state_dict(self) -> dict[str, object]:
         """Everything that the future of the batch depends on, for `torch.save`."""
@@ -209,7 +216,7 @@ class VectorEnv(gymnasium_vector.VectorEnv):
           ValueError: it is of another task or number of rows; nothing has changed.
         """
         self._check_open()
-        snapshots.check_state(self.batch, state)
+        _check_state(self.batch, state)
         self.batch.load_state_dict(state)
         self._was_reset = True
         return self._in_form(self.batch.observation())
@@ -304,6 +311,66 @@ def _on_cpu(options: Mapping[str, object] | None) -> Mapping[str, object] | None
     if not isinstance(mask, torch.Tensor):
         return options
     return {**(options or {}), "reset_mask": mask.cpu().numpy()}
+
+
+def _snapshot_of(batch: DeviceBatch, rows: np.ndarray) -> Snapshot:
+    """The rows as a snapshot that batches and single environments of the same task restore.
+
+    Args:
+      batch: the batch, which has been reset.
+      rows: sorted row numbers.
+    """
+    fields = batch.starts.of_rows(batch.read_rows().cpu().numpy()[rows])
+    like = batch.starts.batch.snapshot([0])
+    official = batch.environment.physics.model._model
+    states = _states(official, fields, len(rows))
+    readings = fields.get("sensordata", np.zeros((len(rows), official.nsensordata)))
+    physics = without_calls({"state": states, "sensordata": readings})
+    for name in like.physics.keys() - physics.keys():
+        nominal = model_fields.values(official, name)
+        is_nominal = fields[name] == nominal.astype(np.float32)  # else kept in double precision
+        physics[name] = np.where(is_nominal, nominal, fields[name]).astype(nominal.dtype)
+    streams = []
+    for row in rows.tolist():
+        own = np.random.RandomState(batch.seeds[row])
+        pair = (own.get_state(), stream_beside(own).get_state())
+        streams.append(pair[: len(like.streams[0])])
+    return dataclasses.replace(
+        like,
+        physics={name: physics[name] for name in like.physics},
+        step_count=batch.counter.steps.cpu().numpy()[rows].astype(int),
+        begins=batch.counter.ended.cpu().numpy()[rows],
+        streams=streams,
+        registration=batch.environment.registration,
+        name=batch.environment._name,
+    )
+
+
+def _check_state(batch: DeviceBatch, state: Mapping[str, AnyArray]) -> None:
+    """Raises ValueError unless a batch can continue from the result of its `state_dict`."""
+    rows = state.get("rows")
+    shape = None if rows is None else tuple(rows.shape)
+    expected = (batch.num_envs, batch.starts.width)
+    if shape != expected or state.get("parts") != batch.parts():
+        raise ValueError(
+            f"the state has rows of shape {shape}; expected {expected}, of the same task with the "
+            "same number of environments; nothing was loaded"
+        )
+
+
+def _states(official: mujoco.MjModel, fields: Mapping[str, np.ndarray], count: int) -> np.ndarray:
+    """Integration states, (n, nstate), of fields by name."""
+    data = mujoco.MjData(official)
+    states = np.empty((count, mujoco.mj_stateSize(official, STATE)))
+    for row, state in enumerate(states):
+        for name, values in fields.items():
+            live = getattr(data, name, None)
+            if name == "time":
+                data.time = float(values[row])
+            elif isinstance(live, np.ndarray):
+                live[...] = values[row]
+        mujoco.mj_getState(official, data, state, STATE)
+    return states
 
 
 def _with_masks(values: Mapping[str, torch.Tensor], rows: torch.Tensor) -> dict[str, torch.Tensor]:

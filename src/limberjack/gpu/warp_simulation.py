@@ -13,18 +13,22 @@ needs no pass of its own.
 Quantities of forces and accelerations belong to the last time step, as on the CPU. MuJoCo Warp
 clears their sensors in the first half of the next step. Therefore `sensordata` is an array of its
 own, and so is each other such field that a task reads: `late` has them.
+
+On CUDA, the kernels of a call are recorded and replayed: see `_Graphs`. Contacts are corrected to
+those of MuJoCo's C engine where MuJoCo Warp 4.0 finds others: see `_as_in_c`.
 """
 
 import contextlib
 import copy
 import dataclasses
+import gc
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 
 import mujoco
 import numpy as np
 
-from limberjack.gpu import contacts, graphs, model_fields
+from limberjack.gpu import model_fields
 from limberjack.gpu.backend import mujoco_warp, torch, warp
 from limberjack.gpu.sizes import Sizes
 from limberjack.gpu.tensors import constant, device_array
@@ -45,6 +49,9 @@ _OVERFLOWS = (
     *("NEFC", "NJMAX_NNZ", "BROADPHASE", "NARROWPHASE", "CCD", "HFIELD"),
     *("CONTACT_MATCH", "NVMAX", "EPA_HORIZON", "TACTILE"),
 )  # not those of a solver's iterations, which the CPU limits too
+_PLANE, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_PLANE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)
+_NORMAL = 1e-6  # sine of an angle; a capsule that is closer to the normal has no direction
+_ROUNDING = 5e-7  # metres; above what float32 rounds off positions some metres from the origin
 
 
 class WarpSimulation:
@@ -99,7 +106,7 @@ class WarpSimulation:
         self.late_columns = _late_columns(official)
         self.data_field(_SENSORS)
         self._runs_whole_steps = official.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        self._graphs = graphs.Graphs(self.device, uses_graphs)
+        self._graphs = _Graphs(self.device, uses_graphs)
         mask = sum(getattr(mujoco_warp.OverflowType, name).value for name in _OVERFLOWS)
         self._overflow, self._overflow_mask = self._live("overflow"), mask
 
@@ -260,10 +267,108 @@ def _put_model(official: mujoco.MjModel, batch_sizes: dict[str, int]) -> "mujoco
             "limberjack.gym.load_vector"
         ) from error
     model.opt.warn_overflow = 0  # counted, not printed: see `take_overflow`
-    model.callback.contactfilter = contacts.as_in_c
+    model.callback.contactfilter = _as_in_c
     return model
 
 
 def _late_columns(official: mujoco.MjModel) -> np.ndarray:
     late = official.sensor_needstage == mujoco.mjtStage.mjSTAGE_ACC.value
     return np.repeat(late, official.sensor_dim)
+
+
+class _Graphs:
+    """Records sequences of kernels, and replays them with one call each.
+
+        graphs = _Graphs(device, uses_graphs=True)
+        graphs.run(("advance", 5), lambda: advance(5))      # runs it
+        graphs.run(("advance", 5), lambda: advance(5))      # records it and replays the record
+        graphs.run(("advance", 5), lambda: advance(5))      # replays
+
+    A record keeps pointers: the arrays that it reads and writes must stay where they are.
+    """
+
+    def __init__(self, device: object, uses_graphs: bool) -> None:
+        """Without `uses_graphs` every call runs as it is."""
+        self._device = str(device)
+        self._uses_graphs = uses_graphs
+        self._has_run: set[Hashable] = set()
+        self._records: dict[Hashable, object] = {}
+
+    def run(self, key: Hashable, body: Callable[[], None]) -> None:
+        """Runs the kernels of `body`, which is the same function for the same key."""
+        record = self._records.get(key)
+        if record is not None:
+            warp.capture_launch(record)
+            return
+        if not self._uses_graphs or key not in self._has_run:
+            self._has_run.add(key)  # the first time, modules are compiled and loaded
+            body()
+            return
+        with _no_collection(), warp.ScopedCapture(self._device) as capture:
+            body()
+        self._records[key] = capture.graph
+        warp.capture_launch(capture.graph)
+
+
+@contextlib.contextmanager
+def _no_collection() -> Iterator[None]:
+    """Context without garbage collection: freeing an array would be recorded too."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+def _as_in_c(model: "mujoco_warp.Model", data: "mujoco_warp.Data") -> None:
+    """Changes the contacts of all rows to those of MuJoCo's C engine; normals stay.
+
+    - The first tangent of a capsule on a plane points along the capsule. MuJoCo Warp 4.0 chooses
+      another one if the capsule is within 30 degrees of the plane's normal, as the thigh or shin of
+      a leg may be. Friction depends on the tangents, since its cone is a pyramid.
+    - Geoms that only just touch in double precision, as the toes of quadruped fetch do when an
+      episode begins, are not in contact. In single precision the rounding of their positions would
+      decide.
+    """
+    contact = data.contact
+    warp.launch(
+        _correct,
+        dim=contact.frame.shape[0],
+        inputs=[
+            *(model.geom_type, data.geom_xmat, data.nacon),
+            *(contact.geom, contact.worldid, contact.includemargin),
+        ],
+        outputs=[contact.dist, contact.frame],
+    )
+
+
+@warp.kernel
+def _correct(
+    geom_type: warp.array[int],
+    geom_xmat: warp.array2d[warp.mat33],
+    count: warp.array[int],
+    geoms: warp.array[warp.vec2i],
+    rows: warp.array[int],
+    margins: warp.array[float],
+    distances: warp.array[float],
+    frames: warp.array[warp.mat33],
+):
+    contact = warp.tid()
+    if contact >= count[0]:
+        return
+    if margins[contact] - distances[contact] < _ROUNDING:
+        distances[contact] = warp.max(distances[contact], margins[contact])  # exerts no force
+    capsule = geoms[contact][1]
+    if geom_type[geoms[contact][0]] != _PLANE or geom_type[capsule] != _CAPSULE:
+        return
+    frame, pose = frames[contact], geom_xmat[rows[contact], capsule]
+    normal = warp.vec3(frame[0, 0], frame[0, 1], frame[0, 2])
+    axis = warp.vec3(pose[0, 2], pose[1, 2], pose[2, 2])
+    along = axis - normal * warp.dot(normal, axis)
+    if warp.length(along) < _NORMAL:
+        return
+    first = warp.normalize(along)
+    second = warp.cross(normal, first)
+    frames[contact] = warp.matrix_from_rows(normal, first, second)

@@ -1,16 +1,19 @@
-"""Names and units of what a policy sees and does, found by tracing it to the model.
+"""Names and units of what a policy sees and does: traced to the model, and declared by the domain.
 
     labels = labels_of(environment)
     labels.observations["joint_angles"][0]      # Label('abdomen_z', 'rad')
     labels.actions[0]                           # Label('abdomen_y', '40 N·m')
 
-A domain declares nothing. Every number of a copy of the simulation's state is replaced by a
+A domain declares no names. Every number of a copy of the simulation's state is replaced by a
 distinct random one, and the task observes that copy: a number of the observation that is one of
 them, or its sine, cosine or log1p, has its name and unit. A number that is computed from several is
-named after the body, joint or sensor that it alone depends on. What remains has its index.
+named after the body, joint or sensor that it alone depends on, and what remains has its index. Both
+have the unit that `OBSERVATIONS` of the task's module declares for all numbers of the observation.
 """
 
 import contextlib
+import copy
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
@@ -19,6 +22,7 @@ import numpy as np
 from limberjack.mujoco import Physics
 from limberjack.report.units import Label, controls, fields_of
 from limberjack.rl.control import Environment, flatten_observation
+from limberjack.suite.base import Observed
 
 __all__ = ["Label", "Labels", "labels_of"]
 
@@ -26,6 +30,7 @@ _LEAST, _MOST = 0.1, 0.9  # of the random numbers: positive, so that logarithms 
 _SAME = 1e-12  # relative; functions of arrays may round the last bit by position
 _MOST_ROWS = 2000  # of all fields together; the task observes once for each, in about 0.1 ms
 _AXES = "xyz"
+_AND = "; "  # between the units of an observation whose numbers have several
 
 
 class Labels(NamedTuple):
@@ -38,8 +43,8 @@ class Labels(NamedTuple):
 def labels_of(environment: Environment) -> Labels:
     """The labels of an environment's flattened observations and actions.
 
-    Observations without labels are absent; there are no actions unless each is a control of an
-    actuator. The environment is not changed, and its random stream continues as before.
+    Observations without names and units are absent; there are no actions unless each is a control
+    of an actuator. The environment is not changed, and its random stream continues as before.
     """
     physics = environment.physics
     if not isinstance(physics, Physics):
@@ -88,17 +93,17 @@ class _Probe:
 
     def observed(self) -> dict[str, list[Label]]:
         """The labels of each observation that has any."""
-        values = self._observe()
+        values, units = self._observe(), self._units()
         found = {name: self._matching(value) for name, value in values.items()}
         has_all = all(label is not None for labels in found.values() for label in labels)
         if not has_all and sum(map(len, self._arrays.values())) <= _MOST_ROWS:
-            for name, derived in self._derived(values).items():
+            for name, derived in self._derived(values, units).items():
                 pairs = zip(found[name], derived, strict=True)
                 found[name] = [label or other for label, other in pairs]
         return {
-            name: [label or Label(str(i)) for i, label in enumerate(labels)]
+            name: [label or _unnamed(name, units[name], i) for i, label in enumerate(labels)]
             for name, labels in found.items()
-            if any(labels)
+            if any(labels) or any(units[name])
         }
 
     def _observe(self) -> dict[str, np.ndarray]:
@@ -121,7 +126,9 @@ class _Probe:
                     found[i] = _in_form(labels[nearest], form)
         return found
 
-    def _derived(self, values: dict[str, np.ndarray]) -> dict[str, list[Label | None]]:
+    def _derived(
+        self, values: dict[str, np.ndarray], units: dict[str, list[str]]
+    ) -> dict[str, list[Label | None]]:
         """The labels of numbers by the one object that they alone depend on."""
         objects: dict[str, list[set[str]]] = {n: [set() for _ in v] for n, v in values.items()}
         for field, array in self._arrays.items():
@@ -131,7 +138,6 @@ class _Probe:
                 for name, is_changed in changed.items():
                     for i in np.flatnonzero(is_changed):
                         objects[name][i].add(of_row)
-        units = self._units(values)
         return {name: _named(objects[name], units[name]) for name in values}
 
     def _object(self, field: str, row: int) -> str:
@@ -151,21 +157,15 @@ class _Probe:
         self._restore()
         return {name: seen[name] != value for name, value in values.items()}
 
-    def _units(self, values: dict[str, np.ndarray]) -> dict[str, list[str]]:
-        """The unit of each number that doubles with all numbers of that unit, and no other's."""
-        units = sorted({label.unit for labels in self._labels.values() for label in labels} - {""})
-        found = {name: [""] * len(value) for name, value in values.items()}
-        for unit in units:
-            for name, array in self._arrays.items():
-                flat = array.reshape(-1)
-                flat[[label.unit == unit for label in self._labels[name]]] *= 2
-            seen = self._observe()
-            self._restore()
-            for name, value in values.items():
-                doubled = np.isclose(seen[name], 2 * value, rtol=1e-9, atol=0) & (value != 0)
-                for i in np.flatnonzero(doubled):
-                    found[name][i] = unit
-        return found
+    def _units(self) -> dict[str, list[str]]:
+        """The unit that is declared for each number of the observations; empty if none is."""
+        declared = _declared_units(self._task)
+        units = copy.copy(self._task.get_observation(self._physics))
+        for name, value in units.items():
+            units[name] = np.full(np.shape(value), declared.get(name, ""), object)
+        if self._is_flat:
+            units = flatten_observation(units)
+        return {name: list(np.ravel(of)) for name, of in units.items()}
 
     def _restore(self) -> None:
         for name, array in self._arrays.items():
@@ -173,6 +173,21 @@ class _Probe:
 
 
 _FUNCTIONS = {"{}": np.array, "sin {}": np.sin, "cos {}": np.cos, "log(1 + {})": np.log1p}
+
+
+def _declared_units(task: object) -> dict[str, str]:
+    """The units of observations whose numbers all have the same one, by name."""
+    units: dict[str, str] = {}
+    for kind in reversed(type(task).__mro__):
+        declared = getattr(sys.modules.get(kind.__module__), "OBSERVATIONS", None)
+        if isinstance(declared, Mapping):
+            units |= {name: of.unit for name, of in declared.items() if isinstance(of, Observed)}
+    return {name: unit for name, unit in units.items() if _AND not in unit}
+
+
+def _unnamed(name: str, units: Sequence[str], index: int) -> Label:
+    """The label of a number of an observation that depends on no single object."""
+    return Label(name if len(units) == 1 else str(index), units[index])
 
 
 def _in_form(label: Label, form: str) -> Label:

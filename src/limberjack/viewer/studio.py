@@ -13,11 +13,15 @@ The only file that imports mujoco.studio.
 import concurrent.futures
 import contextlib
 import dataclasses
+import functools
 import logging
 import socket
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import mujoco
@@ -25,7 +29,6 @@ import mujoco
 from limberjack.utils.log import log
 from limberjack.viewer.access import Access
 from limberjack.viewer.guard import Guard
-from limberjack.viewer.patches import private_settings, replaced
 from limberjack.viewer.session import Session, Status, ViewerError
 
 try:
@@ -53,6 +56,8 @@ _BREATH = 0.002  # seconds between two readings of the clock; other threads draw
 _START_LIMIT = 60.0  # seconds that Studio may take to start
 _GUARD_LIMIT = 30.0  # seconds that its server may take to listen; it takes milliseconds
 _PANEL = (16.0, 48.0, 320.0, 360.0)  # left, top, width, height; pixels
+# Functions of Studio that read or write a file of its user.
+_SETTINGS = ("load_settings", "load_theme", "reset_config", "save_settings")
 
 
 def run(
@@ -75,7 +80,7 @@ def run(
       Exception: what the policy, the task or the environment raised.
     """
     panel = _Panel(title)
-    with _listening(access) as sock, private_settings(ux):
+    with _listening(access) as sock, _private_settings(ux):
         shown = app.App(app.Config(show_options=False, show_inspector=False))
         plugins = [shown, panel, _Loop(session), sim_history.SimHistory()]
         with _launch(access, sock, title, plugins) as handle:
@@ -338,8 +343,8 @@ class _WebViewer(web_viewer.WebViewer):
         self._access = access
         # MuJoCo 4.0 binds to all networks and prints its addresses, and has no options for it.
         with (
-            replaced(web_server, "bind_public_socket", lambda host, port: sock),
-            replaced(web_viewer, "_print_url_banner", lambda host, port: None),
+            _replaced(web_server, "bind_public_socket", lambda host, port: sock),
+            _replaced(web_viewer, "_print_url_banner", lambda host, port: None),
         ):
             super().__init__(*args, **kwargs)
         # An earlier episode's model is never shown again: keep only the present one.
@@ -350,7 +355,7 @@ class _WebViewer(web_viewer.WebViewer):
         """Starts the server with the guard in it; without it, the viewer closes."""
         guard = Guard(self._access, web_server.serve, web_server.ServerConnection)
         try:
-            with replaced(web_server, "serve", guard.serve):
+            with _replaced(web_server, "serve", guard.serve):
                 super()._start_server()
                 guard.wait(_GUARD_LIMIT)
         except (OSError, concurrent.futures.TimeoutError) as error:
@@ -376,3 +381,32 @@ class _WebViewer(web_viewer.WebViewer):
     def get_drop_file(self) -> str:
         """No file: the guard refuses uploads."""
         return ""
+
+
+@contextlib.contextmanager
+def _replaced(module: ModuleType, name: str, value: object) -> Iterator[None]:
+    """Gives an attribute of a module another value, and its own one back at the end.
+
+    Studio has no options for what the viewer changes in this way.
+    """
+    before = getattr(module, name)
+    setattr(module, name, value)
+    try:
+        yield
+    finally:
+        setattr(module, name, before)
+
+
+@contextlib.contextmanager
+def _private_settings(ux: ModuleType) -> Iterator[None]:
+    """Keeps Studio's settings in a temporary file: ~/.mujoco.ini is neither read nor written.
+
+    Args:
+      ux: `mujoco.studio.ux`.
+    """
+    with tempfile.TemporaryDirectory() as directory, contextlib.ExitStack() as patches:
+        path = str(Path(directory) / "studio.ini")
+        for name in _SETTINGS:
+            function = functools.partial(getattr(ux, name), ini_path=path)
+            patches.enter_context(_replaced(ux, name, function))
+        yield

@@ -6,7 +6,7 @@ import pytest
 
 from limberjack import gpu, suite
 
-from .on_device import torch
+from .gpu.on_device import torch
 
 model_fields: Any = pytest.importorskip("limberjack.gpu.model_fields")
 pytestmark = pytest.mark.gpu
