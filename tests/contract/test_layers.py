@@ -109,9 +109,7 @@ _STANDS_ALONE = (
     "limberjack.gpu.speed",
     "limberjack.notebook",
     "limberjack.planner.arm.roadmap",
-    "limberjack.recording.episodes",
     "limberjack.episodes.films",
-    "limberjack.recording.solving",
     "limberjack.sb3",
 )
 
