@@ -76,7 +76,7 @@ def test_an_environment_of_any_class_is_accepted() -> None:
             _longer,
             "differs for seed 1: its episodes have 10 steps of 0.02 s, and those of seed 0 5",
         ),
-        (_catch, "makes a Catch without a control.Environment inside, whose model and time limit"),
+        (_catch, "a Catch has no limberjack.rl.control.Environment inside, whose model, state"),
     ],
 )
 def test_an_environment_whose_episodes_cannot_be_promised_is_refused(

@@ -121,7 +121,7 @@ def test_an_episode_of_another_length_is_a_difference(pendulums: Dataset, tmp_pa
 
 def test_other_versions_and_another_model_are_named(pendulums: Dataset) -> None:
     recipe = pendulums.recipe
-    environment, _, _ = environments_of(recipe)
+    environment, _ = environments_of(recipe)
     assert other_versions(recipe, environment) == ""
     facts = {**recipe.facts, "fingerprint": "other"}
     facts["versions"] = {**facts["versions"], "mujoco": "4.7.0"}

@@ -14,8 +14,7 @@ from limberjack.workers.factories import factory_of
 
 
 def _starts(domain: str, task: str) -> Starts:
-    factory = factory_of(domain, task)
-    return Starts(factory.build(factory.make(0)))
+    return Starts.of(factory_of(domain, task, time_limit=1.0))  # which changes no start
 
 
 @pytest.mark.parametrize(("domain", "task"), suite.ALL_TASKS)

@@ -25,9 +25,9 @@ _SEEDS = [3, 62, 63, 64]
 def _played(where: tuple[str, str, float], kept: Kept | None = None, **how: Any) -> list[Episode]:
     domain, task, seconds = where
     factory = factory_of(domain, task, seconds)
-    environment, full = factory.make(0), factory_of(domain, task)
+    environment = factory.make(0)
     actor = policies.find("random", environment)
-    with contextlib.closing(Starts(full.build(full.make(0)))) as starts:
+    with contextlib.closing(Starts.of(factory)) as starts:
         return play_seeds(
             factory.build(environment), starts, actor, _SEEDS, kept, num_threads=1, **how
         )

@@ -1,4 +1,4 @@
-"""The one journey: an episode is played, kept, resumed, read and replayed here.
+"""Plays, keeps, resumes, reads, replays and films episodes, for all commands.
 
     from limberjack import episodes, policies
 

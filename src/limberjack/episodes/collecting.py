@@ -36,7 +36,6 @@ from limberjack.episodes.recipe import FILE_MB, UNIT, Recipe, recipe_of
 from limberjack.episodes.starts import Starts
 from limberjack.episodes.units import OnEnded, play_seeds, play_unit
 from limberjack.policies import Actor, PolicyError
-from limberjack.rl.builds import Build
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
 from limberjack.workers import OnProgress, OnState, Scale, Setup, Unit, shard_of
@@ -83,7 +82,7 @@ def collect(
       kept: what is kept of each step; by default observations as they are, and no states.
       file_mb: megabytes of a file before compression, by which its number of seeds is chosen: as
         many as have room if all episodes have full length, and at least one.
-      num_threads, workers, executor, ray: who plays, as for `limberjack.evaluation.evaluate`.
+      num_threads, workers, executor, ray: the workers, as for `limberjack.evaluation.evaluate`.
       shard: (K, N) plays only the K-th of N parts of the seeds; they share the folder, which a call
         without `shard` completes.
       any_processor: accept workers, and episodes that are here, of processors that round
@@ -132,8 +131,7 @@ def collect(
             with _Saving(folder, recipe, len(asked), missing, on_progress) as saving:
                 units = [*_units(missing, 1 if acting.plays_alone else UNIT, recipe)]
                 if setup is None:
-                    full = factory_of(domain, task) if isinstance(domain, str) else factory
-                    here = _Here(factory.build(environment), full, acting, recipe, scale)
+                    here = _Here(factory, environment, acting, recipe, scale)
                     here.play(units, saving, on_step, on_ended)
                 else:
                     with scale.open(len(missing)) as opened:
@@ -161,14 +159,14 @@ class _Here:
 
     def __init__(
         self,
-        build: Build,
-        full_length: Factory,
+        factory: Factory,
+        environment: dm_env.Environment,
         actor: Actor,
         recipe: Recipe,
         scale: Scale,
     ) -> None:
-        self._build = build
-        self._full_length = full_length  # makes environments with the task's own time limit
+        self._factory = factory
+        self._environment = environment
         self._actor = actor
         self._recipe = recipe
         self._scale = scale
@@ -185,11 +183,11 @@ class _Here:
             if on_step is not None:
                 on_step(step)
 
-        full = self._full_length
-        with contextlib.closing(Starts(full.build(full.make(0)))) as starts:
+        build = self._factory.build(self._environment)
+        with contextlib.closing(Starts.of(self._factory)) as starts:
             for unit in units:
                 played = play_seeds(
-                    self._build,
+                    build,
                     starts,
                     self._actor,
                     unit,
@@ -241,7 +239,7 @@ def _check_canary(folder: Folder, canary: str, any_processor: bool) -> None:
 
 
 class _Saving:
-    """The episodes that are saved, in a thread beside the simulation, and those that are played."""
+    """Saves finished episodes in a thread while the next ones are simulated, and counts both."""
 
     def __init__(
         self,
@@ -257,7 +255,7 @@ class _Saving:
         self._on_progress = on_progress
         self._beside = ThreadPoolExecutor(1)
         self._pending: Future[int] | None = None  # the number of episodes that are being saved
-        self._waiting = 0  # the same before its end
+        self._waiting = 0  # episodes that are being saved and not yet counted
 
     def __enter__(self) -> "_Saving":
         self._report()

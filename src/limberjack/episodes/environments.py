@@ -21,7 +21,7 @@ from limberjack.rl.guards import at_least_one
 from limberjack.rl.row_trial import draws_globally
 from limberjack.workers.factories import Factory
 
-__all__ = ["check_vectorised", "checked_environment", "checked_repeat", "step_limit_of"]
+__all__ = ["check_vectorised", "checked_environment", "checked_repeat", "inside", "step_limit_of"]
 
 
 def checked_environment(
@@ -45,12 +45,7 @@ def checked_environment(
             "folder"
         )
     environment = factory.make(seeds[0])
-    if not isinstance(control_of(environment), Environment):
-        raise ValueError(
-            f"{factory.title} makes a {type(environment).__name__} without a control.Environment "
-            "inside, whose model and time limit are needed"
-        )
-    if step_limit_of(environment) is None:
+    if inside(environment).step_limit is None:
         raise ValueError(
             f"{factory.title} has no time limit, so an episode might never end: give it a "
             "time_limit (--time-limit SECONDS)"
@@ -74,7 +69,7 @@ def checked_repeat(action_repeat: int | None, environment: dm_env.Environment, a
       ValueError, TypeError: it is not a whole number of at least 1, or the planner, which acts at
         every control step, would repeat actions.
     """
-    repeat = _inside(environment).action_repeat
+    repeat = inside(environment).action_repeat
     if action_repeat is not None:
         repeat = at_least_one("action_repeat", action_repeat)
     if repeat != 1 and actor.name == PLANNER:
@@ -111,15 +106,24 @@ def _check_seeding(factory: Factory, environment: dm_env.Environment, seeds: Seq
 
 
 def _control_timestep(environment: dm_env.Environment) -> float:
-    return _inside(environment).control_timestep()
+    return inside(environment).control_timestep()
 
 
 def step_limit_of(environment: dm_env.Environment) -> int | None:
     """Steps of an episode; None without a limit."""
-    return _inside(environment).step_limit
+    return inside(environment).step_limit
 
 
-def _inside(environment: dm_env.Environment) -> Environment:
+def inside(environment: dm_env.Environment) -> Environment:
+    """The `control.Environment` within an environment of any class.
+
+    Raises:
+      ValueError: there is none.
+    """
     inner = control_of(environment)
-    assert isinstance(inner, Environment)  # see `checked_environment`
+    if not isinstance(inner, Environment):
+        raise ValueError(
+            f"a {type(environment).__name__} has no limberjack.rl.control.Environment inside, "
+            "whose model, state and time limit are needed"
+        )
     return inner

@@ -24,7 +24,7 @@ _NAMES = ("mean", "squares", "min", "max")  # squares: sums of squared deviation
 
 
 class Figures:
-    """Statistics of the columns that have them, and `returns`, one of each episode."""
+    """Statistics of columns with `has_figures`; `returns` has one number per episode."""
 
     def __init__(self, recipe: Recipe) -> None:
         """Has no episode yet."""

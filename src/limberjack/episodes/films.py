@@ -19,7 +19,7 @@ import dm_env
 import numpy as np
 
 from limberjack import policies
-from limberjack.episodes.environments import checked_repeat
+from limberjack.episodes.environments import checked_repeat, inside
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.playing import Recorded, Step, play
 from limberjack.episodes.recipe import Recipe, environments_of, other_versions
@@ -29,8 +29,6 @@ from limberjack.policies import ROWS, Act, Actor
 from limberjack.policies.named import is_stateful_object
 from limberjack.report.folder import FILM, RESULT
 from limberjack.rl.batch_contract import Batch
-from limberjack.rl.control import Environment
-from limberjack.rl.copies import control_of
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.files import Hold
@@ -118,7 +116,7 @@ def record(
     factory = factory_of(domain, task, None if callable(domain) else seconds)
     if action_repeat is None and callable(domain):
         with contextlib.closing(factory.make(first)) as own:
-            action_repeat = _inner(own).action_repeat
+            action_repeat = inside(own).action_repeat
     with _Stage.of(factory, first, rows, seconds, view) as stage, _held(path):
         actor = _actor_of_rows(policy, stage.batch)
         repeat = checked_repeat(action_repeat, stage.batch.environments[0], actor)
@@ -156,9 +154,9 @@ def film(
         raise ValueError(f"there is no episode of seed {seed}; the first is {dataset.seeds[0]}")
     path = _checked_path(Path(out))
     episode, recipe = dataset.episode(seed), dataset.recipe
-    environment, build, _ = environments_of(recipe, make)
+    environment, made = environments_of(recipe, make)
     environment.close()
-    factory = Factory("the recorded episode", {}, build.make)
+    factory = Factory("the recorded episode", {}, made.make)
     with _Stage.of(factory, seed, 1, None, view) as stage, _held(path):
         stage.step_limit = episode.length
         if episode.states is not None:
@@ -215,8 +213,8 @@ def _check_is_film(path: Path) -> None:
         )
 
 
-class _EachItsOwn:
-    """A policy that plays alone, of which every row has an object of its own."""
+class _ActorPerRow:
+    """Plays each row with a separate actor."""
 
     plays_alone = False
 
@@ -263,7 +261,7 @@ def _actor_of_rows(policy: object, batch: RowsEnvironment) -> Actor:
     if not first.plays_alone:
         return first
     others = [policies.find(policy, one) for one in batch.environments[1:]]
-    return _EachItsOwn([first, *others])
+    return _ActorPerRow([first, *others])
 
 
 def drawable(make: Make, height: int, width: int, visualize_reward: bool = False) -> Make:
@@ -278,7 +276,7 @@ def drawable(make: Make, height: int, width: int, visualize_reward: bool = False
 
     def made(seed: int) -> dm_env.Environment:
         environment = make(seed)
-        inner = _inner(environment)
+        inner = inside(environment)
         buffer = inner.physics.model.vis.global_
         buffer.offheight = max(buffer.offheight, min(height, most_height))
         buffer.offwidth = max(buffer.offwidth, min(width, most_width))
@@ -306,7 +304,7 @@ class _Stage:
         """
         self.batch = batch
         self.step_limit = step_limit
-        model = _inner(batch.environments[0]).physics.model
+        model = inside(batch.environments[0]).physics.model
         self._camera = view.get("camera", first_camera(model))
         self._overlay = view.get("overlay", False)
         self._size, self._picture_size = _sizes(batch.num_envs, view)
@@ -368,7 +366,7 @@ class _Stage:
         on_progress: _OnProgress | None,
     ) -> None:
         """Films states that were recorded, without simulating."""
-        environment = _inner(self.batch.environments[0])
+        environment = inside(self.batch.environments[0])
         environment.reset()  # draws the model fields
         with self._begun(path) as film:
             total = 0.0
@@ -411,7 +409,7 @@ class _Stage:
         return self._render(row, overlays)
 
     def _render(self, row: int, overlays: Sequence[TextOverlay] = ()) -> np.ndarray:
-        physics = _inner(self.batch.environments[row]).physics
+        physics = inside(self.batch.environments[row]).physics
         return physics.render(*self._picture_size, camera_id=self._camera, overlays=list(overlays))
 
 
@@ -431,14 +429,3 @@ def _sizes(rows: int, view: View) -> tuple[tuple[int, int], tuple[int, int]]:
     if rows == 1:
         return (height, width), (height, width)
     return (picture[0] * down, picture[1] * across), picture
-
-
-def _inner(environment: dm_env.Environment) -> Environment:
-    """The `control.Environment` inside; raises ValueError if there is none."""
-    inner = control_of(environment)
-    if not isinstance(inner, Environment):
-        raise ValueError(
-            f"a {type(environment).__name__} has no limberjack.rl.control.Environment inside, "
-            "whose simulation could be drawn"
-        )
-    return inner

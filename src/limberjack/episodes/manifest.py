@@ -1,6 +1,6 @@
 """`Manifest`: the file dataset.json of a dataset, which says what its folder must hold.
 
-    manifest = Manifest(recipe, wanted=[range(0, 640)], files=[File.of(path), ...])
+    manifest = Manifest(recipe, wanted=[range(0, 640)], files=[...])
     text = manifest.text(figures)
     manifest = Manifest.read(Path("walk"))      # None where there is no such file
 

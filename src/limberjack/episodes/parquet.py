@@ -214,7 +214,7 @@ def episode_of(values: Mapping[str, Values], seed: int, recipe: Recipe) -> Episo
 
 
 def _part(arrays: Mapping[str, np.ndarray], prefix: str) -> dict[str, np.ndarray]:
-    """The arrays whose names begin so, by the rest of their names."""
+    """The arrays whose names begin with a prefix, by the rest of their names."""
     return {n.removeprefix(prefix): v for n, v in arrays.items() if n.startswith(prefix)}
 
 
@@ -236,7 +236,7 @@ def encode(recipe: Recipe, episodes: Sequence[Episode]) -> bytes:
 
 
 def join(recipe: Recipe, seeds: range, part_of: Callable[[int], Shard], file: Path) -> None:
-    """Writes a file of the episodes of some seeds, of which files of some have all.
+    """Joins the episodes of seeds from several files into one.
 
     Args:
       recipe: of all of them.

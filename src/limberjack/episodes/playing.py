@@ -368,7 +368,12 @@ class Recorded:
     plays_alone = False
 
     def __init__(self, actions: Mapping[int, np.ndarray], action_repeat: int = 1) -> None:
-        """Takes the actions of each seed's control steps, (T, ...), and how many were one."""
+        """Takes each seed's actions, one per control step, (T, ...).
+
+        Args:
+          actions: by seed.
+          action_repeat: control steps that share an action.
+        """
         self._of_seeds = {seed: values[::action_repeat] for seed, values in actions.items()}
         self._left: dict[int, Iterator[np.ndarray]] = {}
         self._shape: tuple[int, ...] = ()

@@ -22,12 +22,10 @@ import numpy as np
 from dm_env import specs
 
 from limberjack import policies
+from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Kept
 from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.rl.action_specs import spec_of
-from limberjack.rl.builds import Build
-from limberjack.rl.control import Environment
-from limberjack.rl.copies import control_of
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.row_step import as_mapping
 from limberjack.utils.facts import Facts
@@ -235,7 +233,7 @@ class Recipe:
         return once + row * (self.step_limit + 1)
 
     def most_nbytes(self, episodes: int, files: int) -> int:
-        """Bytes that files with so many of the longest episodes do not exceed."""
+        """Upper bound of the bytes of files with this number of episodes of full length."""
         numbers = sum(column.size for column in self.columns if column.has_figures)
         per_file = _FILE_NBYTES + 4 * numbers * _DIGITS  # four figures of each
         return self._group_nbytes * episodes + per_file * files
@@ -268,29 +266,22 @@ def recipe_of(
     return Recipe({**facts, "policy": policy}, kept, columns, _file_mb(file_mb))
 
 
-def environments_of(
-    recipe: Recipe, make: Make | None = None
-) -> tuple[dm_env.Environment, Build, Build]:
-    """An environment whose episodes are those of a recipe, and what makes more of them.
+def environments_of(recipe: Recipe, make: Make | None = None) -> tuple[dm_env.Environment, Factory]:
+    """An environment whose episodes are those of a recipe, and the factory that made it.
 
     Args:
       recipe: of the episodes.
       make: the function that made the environments, if they are not the suite's.
-
-    Returns:
-      The environment, its build, and the build of environments with the task's own time limit.
 
     Raises:
       ValueError: there is no such task here, `make` is missing or another function, or observations
         or actions are of another form.
     """
     facts = recipe.facts
-    factory = full = _factory(recipe, make)
-    if make is None:
-        full = factory_of(facts["domain"], facts["task"])
+    factory = _factory(recipe, make)
     environment = factory.make(0)
     difference = recipe.difference(recipe.here(environment))
-    timestep = _inside(environment).control_timestep()
+    timestep = inside(environment).control_timestep()
     if timestep != facts["control_timestep"]:
         difference = f"control_timestep is {facts['control_timestep']} and here {timestep}"
     if difference is not None:
@@ -299,7 +290,7 @@ def environments_of(
             f"{factory.title} has other episodes here than in the dataset, whose {difference}."
             f"{other_versions(recipe, None)}"
         )
-    return environment, factory.build(environment), full.build(full.make(0))
+    return environment, factory
 
 
 def _factory(recipe: Recipe, make: Make | None) -> Factory:
@@ -329,26 +320,15 @@ def other_versions(recipe: Recipe, environment: dm_env.Environment | None) -> st
     recorded, here = recipe.facts["versions"], versions()
     other = [f"{n} {recorded.get(n)}, here {v}" for n, v in here.items() if recorded.get(n) != v]
     if environment is not None:
-        model = _inside(environment).physics.model._model
+        model = inside(environment).physics.model._model
         if fingerprint(model) != recipe.facts["fingerprint"]:
             other.append("a model with another fingerprint")
     return f" It was collected with {'; '.join(other)}." if other else ""
 
 
-def _inside(environment: dm_env.Environment) -> Environment:
-    """The `control.Environment` within an environment of any class."""
-    inner = control_of(environment)
-    if not isinstance(inner, Environment):
-        raise ValueError(
-            f"a {type(environment).__name__} has no limberjack.rl.control.Environment inside, "
-            "whose episodes can be kept"
-        )
-    return inner
-
-
 def _columns(environment: dm_env.Environment, kept: Kept) -> tuple[Column, ...]:
     """The columns of an environment's episodes, in files of format 2."""
-    inner = _inside(environment)
+    inner = inside(environment)
     task = inner.task
     columns = [Column("seed", "int64"), *(Column(name, dtype) for name, dtype in _PLACE.items())]
     if getattr(task, "STARTS", ()):
@@ -383,7 +363,7 @@ def _observed(environment: dm_env.Environment, kept: Kept) -> list[Column]:
 
 
 def seeds_of(entry: object) -> range:
-    """The seeds from a first one to the one before a second, of a list in JSON.
+    """The seeds that a list [first, end] of JSON stands for.
 
     Raises:
       ValueError: it is no such list.

@@ -58,14 +58,14 @@ def replay(
         if on_progress is not None and step.count:
             on_progress("replaying", compared, steps / recipe.step_limit)
 
-    environment, build, full_build = environments_of(recipe, make)
-    starts = Starts(full_build)
+    environment, factory = environments_of(recipe, make)
+    build, starts = factory.build(environment), Starts.of(factory)
     with contextlib.closing(environment), contextlib.closing(starts):
         for path, recorded in _units(dataset):
             seeds = [episode.seed for episode in recorded]
             repeat = recipe.facts["action_repeat"]
             actor = Recorded({one.seed: one.actions for one in recorded}, repeat)
-            # Not up to the recipe's length, which anyone may have written: it could take days.
+            # One step after the longest episode: a forged recipe could make it take days.
             most = max(episode.length for episode in recorded) + 1
             how = {"action_repeat": repeat, "most_steps": most}
             with contextlib.closing(batch_for(build, actor, len(seeds), num_threads)) as batch:

@@ -23,17 +23,17 @@ from limberjack.episodes.environments import (
     check_vectorised,
     checked_environment,
     checked_repeat,
+    inside,
 )
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.films import drawable
+from limberjack.episodes.manifest import EPISODES
 from limberjack.episodes.playing import OnStep, Recorded, Step, play
 from limberjack.episodes.starts import Starts
 from limberjack.episodes.units import OnEnded, play_seeds, play_unit
 from limberjack.mujoco.fingerprint import fingerprint
 from limberjack.policies import Actor
 from limberjack.report.folder import RESULT
-from limberjack.rl.control import Environment
-from limberjack.rl.copies import control_of
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
@@ -44,7 +44,6 @@ from limberjack.workers.factories import Make, factory_of
 __all__ = ["Run"]
 
 _KEPT = Kept(states=True)
-_EPISODES = "episodes"  # the folder of the dataset's files
 
 
 class Run:
@@ -79,7 +78,7 @@ class Run:
           seeds: increasing.
           out: a folder for the results; None for none.
           action_repeat: control steps per action; None for the environment's own.
-          scale: who plays.
+          scale: number and kind of workers.
           shard: (K, N) plays only the K-th of N parts of the seeds, and keeps their steps; a run
             without it writes the result.
           replaces: replace the steps of an earlier run of the same task and policy, which may have
@@ -120,9 +119,8 @@ class Run:
 
     def _facts_of(self, environment: dm_env.Environment, action_repeat: int | None) -> Facts:
         """The facts of the result; raises ValueError if the policy cannot act."""
-        inner = control_of(environment)
-        assert isinstance(inner, Environment)  # see `checked_environment`
-        assert inner.step_limit is not None
+        inner = inside(environment)
+        assert inner.step_limit is not None  # see `checked_environment`
         actor = self._actor or policies.find(self._policy, environment)
         self._action_repeat = checked_repeat(action_repeat, environment, actor)
         check_vectorised(self._factory, self._scale.vectorised)
@@ -258,10 +256,7 @@ class Run:
         """Plays in this process."""
         factory, threads = self._factory, self._scale.num_threads
         environment = factory.make(self._seeds[0])
-        full = factory
-        if self._where[1] is not None:
-            full = factory_of(*self._where)
-        starts = Starts(full.build(full.make(0)))
+        starts = Starts.of(factory)
         with contextlib.closing(environment), contextlib.closing(starts):
             actor = self._actor
             if actor is None:
@@ -315,7 +310,7 @@ class Run:
                     self.written = [*recorder.written]
                     self.left_out += recorder.left_out
         if self._keeps:
-            self.written.append(self._out / _EPISODES)
+            self.written.append(self._out / EPISODES)
 
     def _show(
         self,
@@ -331,9 +326,7 @@ class Run:
         def on_step(step: Step) -> None:
             number = int(step.numbers[0])
             if step.actions is None:
-                inner = control_of(batch.environments[0])
-                assert isinstance(inner, Environment)  # see `_checked`
-                recorder.begin(inner)
+                recorder.begin(inside(batch.environments[0]))
             elif number <= len(plans):
                 recorder.add_plan(*plans[number - 1])
             recorder.add_step(step.of_row(0))

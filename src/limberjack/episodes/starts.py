@@ -1,6 +1,6 @@
 """The kind of start that a seed gives; scores are reported for each kind.
 
-    starts = Starts(build)
+    starts = Starts.of(factory)
     starts.kind(3)          # 'level_1'; None if the task has no kinds
 
 Tasks name their kinds of starts: see `start` and `STARTS` of `limberjack.suite.base.Task`.
@@ -8,6 +8,7 @@ Tasks name their kinds of starts: see `start` and `STARTS` of `limberjack.suite.
 
 from limberjack.rl.builds import Build
 from limberjack.suite.base import kind_of_start
+from limberjack.workers.factories import Factory
 
 __all__ = ["Starts"]
 
@@ -23,6 +24,12 @@ class Starts:
         self._build = build
         self._seeded = None
         self._known: dict[int, str | None] = {}
+
+    @classmethod
+    def of(cls, factory: Factory) -> "Starts":
+        """The kinds of starts of a factory's environments."""
+        full_length = factory.full_length()
+        return cls(full_length.build(full_length.make(0)))
 
     def kind(self, seed: int) -> str | None:
         """The kind of start of the first episode of a seed; None if the task has no kinds."""

@@ -74,6 +74,11 @@ def to_minari(
       ImportError: the extra `minari` is missing.
     """
     facts = dataset.recipe.facts
+    if "domain" not in facts:
+        raise ValueError(
+            f"the episodes are those of environments that {facts['environment']} makes; Minari's "
+            "format needs an environment that Gymnasium makes by its id"
+        )
     if name is None:
         policy = re.sub(r"[^\w]+", "_", facts["policy"])
         name = f"limberjack/{facts['domain']}-{facts['task']}/{policy}-v0"
@@ -115,7 +120,7 @@ def _write(dataset: Dataset, path: Path, name: str, on_progress: OnProgress | No
     recipe = dataset.recipe
     facts, kept = recipe.facts, recipe.kept
     dtype = "float32" if kept.float32 else "float64"
-    environment, _, _ = environments_of(recipe)
+    environment, _ = environments_of(recipe)
     with contextlib.closing(environment):
         observed = Observations(_observed(environment), kept.flat, dtype)
         actions = action_space(spec_of_actions(environment), "float64")

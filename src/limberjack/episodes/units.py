@@ -73,5 +73,5 @@ def play_unit(setup: Setup, seeds: Sequence[int], kept: Kept | None = None) -> l
         "action_repeat": setup.action_repeat,
         "vectorised": setup.vectorised,
     }
-    with contextlib.closing(Starts(here.full_build)) as starts:
+    with contextlib.closing(Starts.of(here.factory)) as starts:
         return play_seeds(here.build, starts, here.actor, seeds, kept, **how)

@@ -25,7 +25,6 @@ from limberjack.evaluation import results
 from limberjack.evaluation.missing import Here, play_with
 from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.store import Store
-from limberjack.rl.guards import at_least_one
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnProgress, OnState, Scale, Setup, shard_of
@@ -103,8 +102,6 @@ def evaluate(
       OSError: a file cannot be written.
     """
     asked = _checked_seeds(seeds)
-    if action_repeat is not None:
-        at_least_one("action_repeat", action_repeat)
     directory = None if out is None else Path(out).absolute()  # a policy may change folders
     mine = asked if shard is None else _of_shard(asked, shard, directory)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised)
@@ -120,24 +117,21 @@ def evaluate(
     with contextlib.closing(store), contextlib.closing(environment):
         store.check_source(actor)
         if setup is None:
-            full_length = factory_of(domain, task) if isinstance(domain, str) else factory
-            starts = Starts(full_length.build(full_length.make(0)))
-            here = Here(
-                store,
-                factory.build(environment),
-                starts,
-                mine,
-                step_limit=step_limit_of(environment) or math.inf,
-                num_threads=num_threads,
-                action_repeat=repeat,
-                vectorised=vectorised,
-                on_progress=on_progress,
-            )
-            with contextlib.closing(starts):
-                here.play(actor)
-                for name in FLOORS:
-                    if name != actor.name:
-                        here.play(policies.find(name))
+            floors = [policies.find(name) for name in FLOORS if name != actor.name]
+            with contextlib.closing(Starts.of(factory)) as starts:
+                here = Here(
+                    store,
+                    factory.build(environment),
+                    starts,
+                    mine,
+                    step_limit=step_limit_of(environment) or math.inf,
+                    num_threads=num_threads,
+                    action_repeat=repeat,
+                    vectorised=vectorised,
+                    on_progress=on_progress,
+                )
+                for one in (actor, *floors):
+                    here.play(one)
         else:
             with scale.open(len(mine)) as opened:
                 play_with(opened, store, _setups(setup), mine, on_progress)

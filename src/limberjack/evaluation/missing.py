@@ -1,6 +1,6 @@
 """Plays the episodes that a store lacks, in this process or with workers, which never write.
 
-play_here(store, build, starts, actor, seeds, ...)
+Here(store, build, starts, seeds).play(actor)
 play_with(workers, store, [setup, setup.with_policy("zero")], seeds, on_progress)
 """
 

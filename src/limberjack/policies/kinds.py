@@ -78,8 +78,8 @@ class PolicyError(ValueError):
 class Locating:
     """A context in which a user's code runs; its errors get a note that says where it was called.
 
-    Those that would end a program or a loop without a message, such as that of `sys.exit()` or
-    `next()`, become a `PolicyError` instead. Ctrl-C passes.
+    SystemExit, StopIteration, EOFError and others that would end a program or a loop without a
+    message become a `PolicyError`. Ctrl-C passes.
     """
 
     __slots__ = ("_where",)

@@ -96,7 +96,7 @@ class ExecutorWorkers:
 def _ended(
     running: "Iterable[concurrent.futures.Future[object]]",
 ) -> "list[concurrent.futures.Future[object]]":
-    """Those that have ended; waits until there is one."""
+    """Waits until a job has ended; returns all that have."""
     if all(isinstance(future, concurrent.futures.Future) for future in running):
         first = concurrent.futures.FIRST_COMPLETED
         return list(concurrent.futures.wait(running, return_when=first).done)

@@ -137,7 +137,7 @@ def first_difference(
 
 
 def first_mismatch(expected: Facts, kept: Facts, any_processor: bool = False) -> _Difference | None:
-    """The first field by which kept episodes are those of another experiment; None if they are not.
+    """First field by which kept episodes belong to another experiment; None if all match.
 
     Patch numbers of versions may differ, and further fields may be kept.
 

@@ -22,6 +22,7 @@ from typing import Protocol, TypeVar
 
 import dm_env
 
+from limberjack.policies.built_in import PLANNER
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.cores import usable_cores
 from limberjack.workers.attempt import Function, WorkError
@@ -34,7 +35,6 @@ from limberjack.workers.units import Unit
 
 __all__ = ["Scale", "Workers", "open_workers"]
 
-_PLANNER = "planner"
 
 _Result = TypeVar("_Result")
 
@@ -139,7 +139,7 @@ class Scale:
         Raises:
           ValueError, TypeError: as `prepare`, unless workers are used only by default.
         """
-        is_planner = isinstance(policy, str) and policy == _PLANNER
+        is_planner = isinstance(policy, str) and policy == PLANNER
         suggests_itself = is_planner and self.num_threads is None and self._processes(episodes) > 1
         if not self._is_asked_for and not suggests_itself:
             return None

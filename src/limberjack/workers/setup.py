@@ -52,10 +52,10 @@ class _Made:
     time_limit: float | None
     registration: object  # registers the domain where it is unpickled
 
-    def factory(self, with_time_limit: bool = True) -> Factory:
+    def factory(self) -> Factory:
         if self.task is None:
             return factory_of(_function(self.domain))
-        return factory_of(self.domain, self.task, self.time_limit if with_time_limit else None)
+        return factory_of(self.domain, self.task, self.time_limit)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,18 +64,16 @@ class Opened:
 
     Attributes:
       environment: of the task; reseed it before each use.
-      full_length: the same with the task's own time limit, which determines kinds of starts.
       build: makes environments like `environment`, for any seed.
-      full_build: makes environments like `full_length`.
-      actor: the policy, which is no one else's.
+      factory: made the environment.
+      actor: the policy, which no other thread uses.
       num_threads: that step a batch; None for as many as its work can occupy.
       processor: the processor and the C library, in words.
     """
 
     environment: dm_env.Environment
-    full_length: dm_env.Environment
     build: Build
-    full_build: Build
+    factory: Factory
     actor: Actor
     num_threads: int | None
     processor: str
@@ -86,8 +84,8 @@ class Setup:
     """See the module's docstring.
 
     Attributes:
-      made: how to make the environment.
-      policy: what acts in it.
+      made: arguments that make the environment again.
+      policy: the policy to send to workers.
       identity: everything that an episode depends on except its seed, as values of JSON.
       canary: SHA-256 of a few steps, which another kind of processor may not reproduce.
       unit_size: seeds that are played together: 64, or 1 if the policy plays alone.
@@ -145,7 +143,6 @@ class Setup:
             while len(known) > _KEPT_OPEN:
                 _, oldest = known.popitem(last=False)
                 oldest.environment.close()
-                oldest.full_length.close()
         known.move_to_end(self.key)
         return known[self.key]
 
@@ -163,10 +160,8 @@ class Setup:
                 f"node {socket.gethostname()} is refused: its {name} is {value!r}, and the "
                 f"driver's is {there!r}: use equal versions, files and processors{advice_on(name)}"
             )
-        of_full_length = self.made.factory(with_time_limit=False)
-        full_length = of_full_length.make(0)
-        builds = factory.build(environment), of_full_length.build(full_length)
-        return Opened(environment, full_length, *builds, actor, self.num_threads, processor())
+        build = factory.build(environment)
+        return Opened(environment, build, factory, actor, self.num_threads, processor())
 
 
 def prepare(

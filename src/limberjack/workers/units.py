@@ -34,7 +34,7 @@ class Unit:
 
 
 def units_of(seeds: Iterable[int], size: int = ROWS) -> list[tuple[int, ...]]:
-    """The seeds in tuples, each within one block of `size` seeds from a multiple of it on."""
+    """The seeds, grouped by `seed // size`."""
     blocks: dict[int, list[int]] = collections.defaultdict(list)
     for seed in seeds:
         blocks[seed // size].append(seed)
