@@ -15,7 +15,6 @@ import dm_env
 from limberjack import policies
 from limberjack.episodes import statistics
 from limberjack.episodes.environments import (
-    check_vectorised,
     checked_environment,
     checked_repeat,
     step_limit_of,
@@ -25,7 +24,6 @@ from limberjack.evaluation import results
 from limberjack.evaluation.missing import Here, play_with
 from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.store import Store
-from limberjack.rl.guards import at_least_one
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
 from limberjack.workers import OnProgress, OnState, Scale, Setup, shard_of
@@ -103,16 +101,14 @@ def evaluate(
       OSError: a file cannot be written.
     """
     asked = _checked_seeds(seeds)
-    if action_repeat is not None:
-        at_least_one("action_repeat", action_repeat)
     directory = None if out is None else Path(out).absolute()  # a policy may change folders
     mine = asked if shard is None else _of_shard(asked, shard, directory)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised)
     factory = factory_of(domain, task, time_limit)
-    environment = checked_environment(factory, asked, is_kept=directory is not None)
+    how = {"is_kept": directory is not None, "vectorised": vectorised}
+    environment = checked_environment(factory, asked, **how)
     actor = policies.find(policy, environment, num_threads=num_threads)
     repeat = checked_repeat(action_repeat, environment, actor)
-    check_vectorised(factory, vectorised)
     setup = scale.setup(domain, task, policy, time_limit, len(mine), repeat)
     identity = identity_of(factory, actor, environment, repeat)
     canary = setup.canary if setup is not None else canary_of(factory) if directory else None
