@@ -9,7 +9,6 @@ import pytest
 
 from limberjack import policies, suite
 from limberjack.episodes.environments import (
-    check_vectorised,
     checked_environment,
     checked_repeat,
     step_limit_of,
@@ -126,10 +125,10 @@ def _remembering(seed: int) -> control.Environment:
 
 
 def test_vectorised_batches_are_refused_if_they_would_change_numbers() -> None:
-    check_vectorised(factory_of(plain_domain.make), True)
-    check_vectorised(factory_of("humanoid", "walk"), True)
+    for factory in (factory_of(plain_domain.make), factory_of("humanoid", "walk")):
+        checked_environment(factory, [0], is_kept=True, vectorised=True).close()
     own = factory_of(_remembering)
     with pytest.raises(ValueError, match=r"LastAction sets self\.last"):
-        check_vectorised(own, True)
+        checked_environment(own, [0], is_kept=True, vectorised=True)
     for vectorised in (None, False):
-        check_vectorised(own, vectorised)
+        checked_environment(own, [0], is_kept=True, vectorised=vectorised).close()

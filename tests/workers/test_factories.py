@@ -72,7 +72,11 @@ def _broken(seed: int) -> Environment:
 
 
 def test_an_error_of_a_function_says_which_environment_it_made() -> None:
-    for make, error in ((_broken, ZeroDivisionError), (lambda seed: None, TypeError)):
+    failing: list[tuple[Any, type[Exception]]] = [
+        (_broken, ZeroDivisionError),
+        (lambda seed: None, TypeError),
+    ]
+    for make, error in failing:
         with pytest.raises(error) as caught:
             factory_of(make).make(3)
         (note,) = caught.value.__notes__

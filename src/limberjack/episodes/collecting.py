@@ -24,7 +24,6 @@ import dm_env
 
 from limberjack import policies
 from limberjack.episodes.environments import (
-    check_vectorised,
     checked_environment,
     checked_repeat,
 )
@@ -108,10 +107,10 @@ def collect(
     asked = wanted if shard is None else shard_of(wanted, *shard)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised)
     factory = factory_of(domain, task, time_limit)
-    with contextlib.closing(checked_environment(factory, wanted, is_kept=True)) as environment:
+    checked = checked_environment(factory, wanted, is_kept=True, vectorised=vectorised)
+    with contextlib.closing(checked) as environment:
         acting = _found(policy, environment, num_threads) if actor is None else actor
         repeat = checked_repeat(action_repeat, environment, acting)
-        check_vectorised(factory, vectorised)
         setup = None
         if actor is None:
             setup = scale.setup(domain, task, policy, time_limit, len(asked), repeat)

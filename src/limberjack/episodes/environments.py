@@ -2,7 +2,6 @@
 
 environment = checked_environment(factory, seeds, is_kept=True)
 repeat = checked_repeat(None, environment, actor)
-check_vectorised(factory, True)
 """
 
 import contextlib
@@ -21,11 +20,11 @@ from limberjack.rl.guards import at_least_one
 from limberjack.rl.row_trial import draws_globally
 from limberjack.workers.factories import Factory
 
-__all__ = ["check_vectorised", "checked_environment", "checked_repeat", "inside", "step_limit_of"]
+__all__ = ["checked_environment", "checked_repeat", "inside", "step_limit_of"]
 
 
 def checked_environment(
-    factory: Factory, seeds: Sequence[int], *, is_kept: bool
+    factory: Factory, seeds: Sequence[int], *, is_kept: bool, vectorised: bool | None = None
 ) -> dm_env.Environment:
     """An environment of the factory, whose episodes end, depend on their seed, and can be kept.
 
@@ -33,10 +32,11 @@ def checked_environment(
       factory: makes it.
       seeds: of the episodes; the environment is that of the first one.
       is_kept: whether results are kept, which must name the environment.
+      vectorised: True if vectorised batches are asked for.
 
     Raises:
-      ValueError: they never end, draw from a stream that environments share, or could belong to
-        another environment.
+      ValueError: they never end, draw from a stream that environments share, could belong to
+        another environment, or cannot be vectorised although that is asked for.
     """
     if is_kept and not factory.is_known:
         raise ValueError(
@@ -59,6 +59,8 @@ def checked_environment(
                 "alone: draw from task.random, which has the seed"
             )
         _check_seeding(factory, environment, seeds)
+    if vectorised:
+        _check_vectorised(factory)
     return environment
 
 
@@ -79,10 +81,8 @@ def checked_repeat(action_repeat: int | None, environment: dm_env.Environment, a
     return repeat
 
 
-def check_vectorised(factory: Factory, vectorised: bool | None) -> None:
-    """Raises ValueError if vectorised batches are asked for, and the task cannot be vectorised."""
-    if not vectorised:
-        return
+def _check_vectorised(factory: Factory) -> None:
+    """Raises ValueError if the task cannot be vectorised."""
     build = factory.build(factory.make(0))
     batch_of(build, 1, 1, vectorised=True, seed=0, action_repeat=1).close()
 

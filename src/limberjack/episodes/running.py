@@ -20,7 +20,6 @@ import numpy as np
 
 from limberjack import policies, report
 from limberjack.episodes.environments import (
-    check_vectorised,
     checked_environment,
     checked_repeat,
     inside,
@@ -109,8 +108,8 @@ class Run:
         self.written: list[Path] = []
         self.left_out: list[str] = []
         self._factory = factory_of(domain, task, time_limit)
-        is_kept = out is not None
-        with contextlib.closing(checked_environment(self._factory, wanted, is_kept=is_kept)) as one:
+        how = {"is_kept": out is not None, "vectorised": self._scale.vectorised}
+        with contextlib.closing(checked_environment(self._factory, wanted, **how)) as one:
             self._facts = self._facts_of(one, action_repeat)
         self._keeps = self._out is not None and self._can_keep()
         if self._out is not None and shard is None:
@@ -123,7 +122,6 @@ class Run:
         assert inner.step_limit is not None  # see `checked_environment`
         actor = self._actor or policies.find(self._policy, environment)
         self._action_repeat = checked_repeat(action_repeat, environment, actor)
-        check_vectorised(self._factory, self._scale.vectorised)
         self.step_limit = inner.step_limit
         self._fingerprint = fingerprint(inner.physics.model._model)
         seconds = inner.step_limit * inner.control_timestep()

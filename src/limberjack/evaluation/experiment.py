@@ -15,7 +15,6 @@ import dm_env
 from limberjack import policies
 from limberjack.episodes import statistics
 from limberjack.episodes.environments import (
-    check_vectorised,
     checked_environment,
     checked_repeat,
     step_limit_of,
@@ -106,10 +105,10 @@ def evaluate(
     mine = asked if shard is None else _of_shard(asked, shard, directory)
     scale = Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised)
     factory = factory_of(domain, task, time_limit)
-    environment = checked_environment(factory, asked, is_kept=directory is not None)
+    how = {"is_kept": directory is not None, "vectorised": vectorised}
+    environment = checked_environment(factory, asked, **how)
     actor = policies.find(policy, environment, num_threads=num_threads)
     repeat = checked_repeat(action_repeat, environment, actor)
-    check_vectorised(factory, vectorised)
     setup = scale.setup(domain, task, policy, time_limit, len(mine), repeat)
     identity = identity_of(factory, actor, environment, repeat)
     canary = setup.canary if setup is not None else canary_of(factory) if directory else None
