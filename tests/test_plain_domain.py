@@ -47,7 +47,10 @@ def test_evaluate_and_bench_measure_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (["run"], "plain drift has no time limit of its own, .*: give --time-limit SECONDS"),
+        (
+            ["run"],
+            r"plain drift has no time limit, .*: give it a time_limit \(--time-limit SECONDS\)",
+        ),
         (
             ["evaluate"],
             "plain drift has no time limit, so an episode might never end: give it a time",

@@ -72,8 +72,7 @@ def test_every_command_takes_it_by_its_entry_point(python: Path, tmp_path: Path)
     assert "for 2 environments" in bench
     solved = tmp_path / "solved"
     _limberjack(python, "solve", *task, *short, "--threads", "1", "--out", str(solved))
-    assert (solved / "episode-0.npz").exists()
-    _limberjack(python, "replay", str(solved / "episode-0.npz"))
+    assert "every bit the same" in _limberjack(python, "replay", str(solved))
 
 
 def test_commands_take_a_module_that_registers(tmp_path: Path) -> None:

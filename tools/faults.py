@@ -422,7 +422,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("(last & ~truncated)[rows]", "last[rows]"),
         ("(reached & ~batch.diverged)[rows]", "reached[rows]"),
         ("self._values[row, step + 1] = self._values[row, step]", "pass"),
-        ("values[::action_repeat]", "values"),
+        ("actions[seed][::action_repeat]", "actions[seed]"),
         ("if actor.plays_alone:", "if False:"),
     ],
     "episodes/replaying.py": [

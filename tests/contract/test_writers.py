@@ -46,6 +46,7 @@ _OTHERS = {
     # Into memory, or a file that `limberjack.episodes.folder` has made with `replacing`.
     ("limberjack.episodes.parquet", "pq.ParquetWriter"),
     ("limberjack.episodes.parquet", "writer.write_table"),
+    ("limberjack.episodes.parquet", "file.open"),
     ("limberjack.episodes.folder", "path.write_bytes"),
     ("limberjack.sb3", "zipfile.ZipFile"),
 }

@@ -10,7 +10,7 @@ import pytest
 
 from limberjack import policies, suite
 from limberjack.episodes.episode import Episode, Kept
-from limberjack.episodes.playing import Recorded, Step, batch_for, play
+from limberjack.episodes.playing import Step, batch_for, play, recorded
 from limberjack.mujoco.simulation import STATE
 from limberjack.policies import Actor
 from limberjack.policies.actors import Alone, Batched, EachRow
@@ -45,7 +45,7 @@ def _played(
     **how: Any,
 ) -> dict[int, Episode]:
     """The episodes by seed, in the order in which they end."""
-    actor = policy if isinstance(policy, Alone | Batched | EachRow | Recorded) else None
+    actor = policy if isinstance(policy, Alone | Batched | EachRow) else None
     if actor is None:
         actor = policies.find(policy, environment if isinstance(policy, str) else None)
     batch = batch_for(environment, actor, len(seeds), threads)
@@ -151,7 +151,7 @@ def test_divergence_ends_an_episode_alike_in_a_batch_and_alone() -> None:
 def test_recorded_actions_give_the_same_episodes() -> None:
     kept = Kept(states=True)
     episodes = _played(_load(*ARM), "random", range(3), kept)
-    actor = Recorded({seed: episode.actions for seed, episode in episodes.items()})
+    actor = recorded({seed: episode.actions for seed, episode in episodes.items()})
     again = _played(_load(*ARM), actor, range(3), kept)
     for seed in range(3):
         assert_equal(again[seed], episodes[seed])

@@ -31,7 +31,7 @@ def _in_many_states(domain: str, task: str) -> tuple[Any, Any]:
     random = np.random.default_rng(0)
     for _ in range(30):
         batch.set_control(random.uniform(-1, 1, (_ROWS, env.physics.model.nu)))
-        batch.step(5)
+        batch.simulation.step(5)
     return env, batch
 
 

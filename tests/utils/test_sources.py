@@ -7,7 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from limberjack.utils.sources import defined_in, hash_of_files, hash_of_module, hash_of_source
+from limberjack.utils.sources import (
+    defined_in,
+    hash_of_files,
+    hash_of_module,
+    hash_of_source,
+    imported,
+)
 
 
 @pytest.fixture
@@ -87,3 +93,11 @@ def test_a_module_without_a_file_has_no_hash() -> None:
 def test_a_partial_is_defined_where_its_function_is() -> None:
     assert defined_in(functools.partial(functools.partial(hash_of_files), [])) is hash_of_files
     assert defined_in(Path()) is type(Path())
+
+
+def test_an_imported_object_is_found_by_its_name() -> None:
+    assert imported(f"{__name__}:test_an_imported_object_is_found_by_its_name") is (
+        test_an_imported_object_is_found_by_its_name
+    )
+    assert imported(f"{__name__}:nothing.there") is None
+    assert imported("not_imported:nothing") is None

@@ -12,7 +12,7 @@ are `limberjack.data`.
 """
 
 from limberjack.episodes.episode import Episode, Kept
-from limberjack.episodes.playing import Recorded, Step, batch_for, play
+from limberjack.episodes.playing import Step, batch_for, play, recorded
 from limberjack.episodes.starts import Starts
 
-__all__ = ["Episode", "Kept", "Recorded", "Starts", "Step", "batch_for", "play"]
+__all__ = ["Episode", "Kept", "Starts", "Step", "batch_for", "play", "recorded"]

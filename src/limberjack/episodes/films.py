@@ -11,24 +11,25 @@ all. They need the extra `video` and OpenGL. `limberjack.video` films other simu
 import contextlib
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NotRequired, TypedDict, Unpack
 
 import dm_env
 import numpy as np
+from dm_env import specs
 
 from limberjack import policies
 from limberjack.episodes.environments import checked_repeat, inside
 from limberjack.episodes.episode import Episode
-from limberjack.episodes.playing import Recorded, Step, play
+from limberjack.episodes.playing import Step, play, recorded
 from limberjack.episodes.recipe import Recipe, environments_of, other_versions
 from limberjack.mujoco import TextOverlay
 from limberjack.mujoco.simulation import STATE
 from limberjack.policies import ROWS, Act, Actor
+from limberjack.policies.actors import EachRow
 from limberjack.policies.named import is_stateful_object
 from limberjack.report.folder import FILM, RESULT
-from limberjack.rl.batch_contract import Batch
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.files import Hold
@@ -118,7 +119,7 @@ def record(
         with contextlib.closing(factory.make(first)) as own:
             action_repeat = inside(own).action_repeat
     with _Stage.of(factory, first, rows, seconds, view) as stage, _held(path):
-        actor = _actor_of_rows(policy, stage.batch)
+        actor = _actor_of_rows(policy, stage.batch, first)
         repeat = checked_repeat(action_repeat, stage.batch.environments[0], actor)
         stage.film(path, actor, range(first, first + rows), on_progress, repeat)
     return path
@@ -163,7 +164,7 @@ def film(
             stage.show(path, episode.states, episode.rewards, on_progress)
             return path
         checked = _checking(episode, recipe, on_progress)
-        stage.film(path, Recorded({seed: episode.actions}), [seed], checked)
+        stage.film(path, recorded({seed: episode.actions}), [seed], checked)
     return path
 
 
@@ -213,39 +214,8 @@ def _check_is_film(path: Path) -> None:
         )
 
 
-class _ActorPerRow:
-    """Plays each row with a separate actor."""
-
-    plays_alone = False
-
-    def __init__(self, actors: Sequence[Actor]) -> None:
-        self._actors = actors
-        self.name, self.sha256 = actors[0].name, actors[0].sha256
-        self._acts: dict[int, Act] = {}
-        self._shape: tuple[int, ...] = ()
-
-    def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
-        """See `Actor`."""
-        assert isinstance(batch, RowsEnvironment)
-        self._shape = batch.single_action_spec().shape
-        for row, seed in zip(rows.tolist(), seeds, strict=True):
-            self._acts[row] = self._actors[row].begin_alone(batch.environments[row], seed)
-
-    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-        """See `Actor`."""
-        actions = np.zeros((len(next(iter(observation.values()))), *self._shape))
-        for row in rows.tolist():
-            of_row = {name: values[row] for name, values in observation.items()}
-            actions[row] = self._acts[row](of_row)
-        return actions
-
-    def begin_alone(self, environment: dm_env.Environment, seed: int) -> Act:
-        """See `Actor`."""
-        return self._actors[0].begin_alone(environment, seed)
-
-
-def _actor_of_rows(policy: object, batch: RowsEnvironment) -> Actor:
-    """The actor for all rows of a batch.
+def _actor_of_rows(policy: object, batch: RowsEnvironment, first_seed: int) -> Actor:
+    """The actor for all rows of a batch, whose seeds follow each other.
 
     Raises:
       ValueError: there is no such policy, or it cannot act in several rows.
@@ -260,8 +230,13 @@ def _actor_of_rows(policy: object, batch: RowsEnvironment) -> Actor:
         )
     if not first.plays_alone:
         return first
-    others = [policies.find(policy, one) for one in batch.environments[1:]]
-    return _ActorPerRow([first, *others])
+    actors = [first, *(policies.find(policy, one) for one in batch.environments[1:])]
+
+    def begin(spec: specs.BoundedArray, seed: int) -> Act:
+        row = seed - first_seed
+        return actors[row].begin_alone(batch.environments[row], seed)
+
+    return EachRow(first.name, first.sha256, begin)
 
 
 def drawable(make: Make, height: int, width: int, visualize_reward: bool = False) -> Make:

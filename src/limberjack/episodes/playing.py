@@ -22,14 +22,15 @@ import numpy as np
 from dm_env import specs
 
 from limberjack.episodes.episode import Episode, Kept
-from limberjack.policies import ROWS, Act, Actor, PolicyError
+from limberjack.policies import ROWS, Act, Actor
+from limberjack.policies.actors import EachRow
 from limberjack.report import Step as ShownStep
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import Build
 from limberjack.rl.observations import of_rows
 
-__all__ = ["OnStep", "Recorded", "Step", "batch_for", "play"]
+__all__ = ["OnStep", "Step", "batch_for", "play", "recorded"]
 
 _LAST = int(dm_env.StepType.LAST)
 _FEW_STEPS = 1000  # for which there is room at first, as in an episode of the suite
@@ -360,41 +361,16 @@ class _Steps:
         return of_rows(observation, self._batch.num_envs, flat=True)
 
 
-class Recorded:
-    """Acts as recorded episodes did; with zeros after their ends."""
+def recorded(actions: Mapping[int, np.ndarray], action_repeat: int = 1) -> Actor:
+    """Acts as recorded episodes did; with zeros after their ends.
 
-    name = "recorded"
-    sha256: str | None = None
-    plays_alone = False
+    Args:
+      actions: of each seed, one per control step, (T, ...).
+      action_repeat: control steps that share an action.
+    """
 
-    def __init__(self, actions: Mapping[int, np.ndarray], action_repeat: int = 1) -> None:
-        """Takes each seed's actions, one per control step, (T, ...).
-
-        Args:
-          actions: by seed.
-          action_repeat: control steps that share an action.
-        """
-        self._of_seeds = {seed: values[::action_repeat] for seed, values in actions.items()}
-        self._left: dict[int, Iterator[np.ndarray]] = {}
-        self._shape: tuple[int, ...] = ()
-
-    def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
-        """See `Actor`."""
-        self._shape = batch.single_action_spec().shape
-        for row, seed in zip(rows.tolist(), seeds, strict=True):
-            self._left[row] = iter(self._of_seeds[seed])
-
-    def act(self, observation: Mapping[str, np.ndarray], rows: np.ndarray) -> np.ndarray:
-        """See `Actor`."""
-        actions = np.zeros((len(next(iter(observation.values()))), *self._shape))
-        for row in rows.tolist():
-            actions[row] = next(self._left[row], 0.0)
-        return actions
-
-    def begin_alone(self, environment: dm_env.Environment, seed: int) -> Act:
-        """See `Actor`."""
-        left = iter(self._of_seeds[seed])
-        spec = environment.action_spec()
-        if not isinstance(spec, specs.BoundedArray):
-            raise PolicyError(f"the actions of {type(environment).__name__} are not one array")
+    def policy(spec: specs.BoundedArray, seed: int) -> Act:
+        left = iter(actions[seed][::action_repeat])
         return lambda observation: next(left, np.zeros(spec.shape))
+
+    return EachRow("recorded", None, policy)

@@ -18,7 +18,7 @@ import numpy as np
 from limberjack.episodes.dataset import Dataset
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.parquet import Values, columns_of
-from limberjack.episodes.playing import Recorded, Step, batch_for, play
+from limberjack.episodes.playing import Step, batch_for, play, recorded
 from limberjack.episodes.recipe import UNIT, Recipe, environments_of, other_versions
 from limberjack.episodes.starts import Starts
 from limberjack.workers import OnProgress
@@ -61,23 +61,23 @@ def replay(
     environment, factory = environments_of(recipe, make)
     build, starts = factory.build(environment), Starts.of(factory)
     with contextlib.closing(environment), contextlib.closing(starts):
-        for path, recorded in _units(dataset):
-            seeds = [episode.seed for episode in recorded]
+        for path, kept in _units(dataset):
+            seeds = [episode.seed for episode in kept]
             repeat = recipe.facts["action_repeat"]
-            actor = Recorded({one.seed: one.actions for one in recorded}, repeat)
+            actor = recorded({one.seed: one.actions for one in kept}, repeat)
             # One step after the longest episode: a forged recipe could make it take days.
-            most = max(episode.length for episode in recorded) + 1
+            most = max(episode.length for episode in kept) + 1
             how = {"action_repeat": repeat, "most_steps": most}
             with contextlib.closing(batch_for(build, actor, len(seeds), num_threads)) as batch:
                 played = play(batch, actor, seeds, recipe.kept, on_step=on_step, **how)
                 found = {episode.seed: episode for ended in played for episode in ended}
-            for one in recorded:
+            for one in kept:
                 again = dataclasses.replace(found[one.seed], start=starts.kind(one.seed))
                 difference = _difference(one, again, recipe)
                 if difference is not None:
                     other = other_versions(recipe, environment)
                     return f"{path}, seed {one.seed}: {difference}.{other}"
-            compared += len(recorded)
+            compared += len(kept)
             steps = 0
     return None
 

@@ -27,7 +27,7 @@ from limberjack.episodes.environments import (
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.films import drawable
 from limberjack.episodes.manifest import EPISODES
-from limberjack.episodes.playing import OnStep, Recorded, Step, play
+from limberjack.episodes.playing import OnStep, Step, play, recorded
 from limberjack.episodes.starts import Starts
 from limberjack.episodes.units import OnEnded, play_seeds, play_unit
 from limberjack.mujoco.fingerprint import fingerprint
@@ -331,7 +331,7 @@ class Run:
             if on_drawn is not None:
                 on_drawn(number, episode.length)
 
-        actor = Recorded({episode.seed: episode.actions})
+        actor = recorded({episode.seed: episode.actions})
         how = {"most_steps": episode.length, "on_step": on_step}
         with contextlib.closing(batch):
             ((again,),) = play(batch, actor, [episode.seed], **how)

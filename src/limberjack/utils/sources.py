@@ -23,6 +23,7 @@ __all__ = [
     "hash_of_files",
     "hash_of_module",
     "hash_of_source",
+    "imported",
     "source_of_module",
 ]
 
@@ -106,6 +107,15 @@ def defined_in(target: object) -> type:
         target = target.func
     # Typed as a class: a function has the same `__module__`, `__qualname__` and source.
     return target if hasattr(target, "__qualname__") else type(target)  # pyright: ignore[reportReturnType]
+
+
+def imported(name: str) -> object:
+    """The object of an imported module that MODULE:NAME names; None if there is none."""
+    module, _, path = name.partition(":")
+    target: object = sys.modules.get(module)
+    for part in path.split("."):
+        target = getattr(target, part, None)
+    return target
 
 
 def _files_in(folder: Path) -> Iterator[Path]:

@@ -11,7 +11,6 @@ with `__call__` depends on more than that: it has no hash, so its results cannot
 """
 
 import dataclasses
-import sys
 from collections.abc import Callable
 
 import dm_env
@@ -23,7 +22,7 @@ from limberjack.rl.batches import vectorisable
 from limberjack.rl.builds import Build, takes_a_seed
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
-from limberjack.utils.sources import defined_in, hash_of_source
+from limberjack.utils.sources import defined_in, hash_of_source, imported
 
 __all__ = ["Factory", "Make", "factory_of"]
 
@@ -109,7 +108,7 @@ def factory_of(
     _refuse_beside(name, task, time_limit)
     if not takes_a_seed(domain):
         raise TypeError(f"{name} cannot be called with a seed; expected make(seed) -> Environment")
-    is_named = defined_in(domain) is domain and "<" not in name and _found_by_name(domain)
+    is_named = defined_in(domain) is domain and "<" not in name and imported(name) is domain
     sha256 = hash_of_source(domain) if is_named else None
     facts = {"environment": name, "environment_sha256": sha256}
 
@@ -137,14 +136,6 @@ def _of_the_suite(domain: str, task: str, time_limit: float | None) -> Factory:
         return suite.load(domain, task, {"random": checked_seed(seed), **more})
 
     return Factory(f"{domain} {task}", {"domain": domain, "task": task}, make)
-
-
-def _found_by_name(make: Make) -> bool:
-    """Whether the function's module has it under its name, so that it was not replaced."""
-    target: object = sys.modules.get(make.__module__)
-    for part in make.__qualname__.split("."):
-        target = getattr(target, part, None)
-    return target is make
 
 
 def _checked(name: str, made: object) -> dm_env.Environment:

@@ -25,7 +25,7 @@ import dm_env
 from limberjack import policies
 from limberjack.policies import Actor, PolicyError
 from limberjack.policies.saved import read_model
-from limberjack.utils.sources import Source, source_of_module
+from limberjack.utils.sources import Source, imported, source_of_module
 
 __all__ = ["Shipped", "ship", "unpack"]
 
@@ -97,11 +97,7 @@ def unpack(shipped: Shipped, environment: dm_env.Environment, num_threads: int |
 def _name_of(policy: object) -> str:
     """MODULE:CALLABLE of a function or class; raises PolicyError unless it has that name."""
     name = policies.name_of(policy)
-    module, _, path = name.partition(":")
-    target: object = sys.modules.get(module)
-    for part in path.split("."):
-        target = getattr(target, part, None)
-    if target is not policy:
+    if imported(name) is not policy:
         kind = "a function" if inspect.isroutine(policy) else "an object"
         raise PolicyError(
             f"policy {name!r} is {kind} that other processes cannot import by that name: define "
