@@ -33,9 +33,9 @@ __all__ = [
 
 _RESIDENT = Path("/proc/self/statm")  # Linux's; its second number is that of resident pages
 _PAGE = os.sysconf("SC_PAGE_SIZE") / 1e6 if hasattr(os, "sysconf") else 0.0  # megabytes
-_GROWN = 30.0  # megabytes, after which it is worth a twentieth of a second to look for garbage
+_GROWN = 50.0  # megabytes, after which it is worth a twentieth of a second to look for garbage
 _after_the_last_look = 0.0
-_LARGE = 600.0  # megabytes; a larger process frees what could be used again, too
+_LARGE = 800.0  # megabytes; a larger process frees what could be used again, too
 
 _SHOWN = 8  # tests of each process
 _LEAST = 20.0  # megabytes by which a test that is shown raised the peak

@@ -19,7 +19,7 @@ from .chromium import Chromium, Page
 pytestmark = pytest.mark.browser
 
 _SECONDS = 2.0
-_RUN = ["run", "manipulator", "bring_ball", "--policy", "random", "--episodes", "3", "--seed", "4"]
+_RUN = ["run", "manipulator", "bring_ball", "--policy", "random", "--seeds", "4:7"]
 
 
 @pytest.fixture(scope="module")
