@@ -2,14 +2,16 @@
 
 import json
 import os
+import socket
 import subprocess
 import sys
 import textwrap
 from pathlib import Path
+from typing import Any
 
 import limberjack
 
-__all__ = ["INSTALL", "errors_of", "run", "run_benchmark"]
+__all__ = ["INSTALL", "errors_of", "report_without_places", "run", "run_benchmark"]
 
 _SOURCE = Path(limberjack.__file__).parents[1]
 _BENCHMARKS = Path(__file__).parents[1] / "benchmarks"
@@ -54,6 +56,20 @@ def run_benchmark(script: str, *arguments: str) -> subprocess.CompletedProcess[s
         timeout=_LIMIT_OF_BENCHMARKS,
         check=False,
     )
+
+
+def report_without_places(text: str) -> dict[str, Any]:
+    """A benchmark's report from its JSON; fails if it names no versions and machine, or names the
+    host or a path of this machine.
+    """
+    report = json.loads(text)
+    assert report["versions"]["limberjack"] == limberjack.__version__
+    assert {"python", "numpy"} < report["versions"].keys()
+    assert report["machine"]["cores"] >= 1
+    assert f'"{socket.gethostname()}"' not in text
+    for place in (Path.home(), _SOURCE, sys.prefix):
+        assert str(place) not in text
+    return report
 
 
 def _environment(first: Path | None = None) -> dict[str, str]:
