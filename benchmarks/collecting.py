@@ -17,11 +17,8 @@ from pathlib import Path
 import typer
 from report import Bar, Json, Quick, Row, at_least, finish, spread
 
-from limberjack import data, policies
-from limberjack.episodes.starts import Starts
-from limberjack.episodes.units import play_seeds
-from limberjack.workers import units_of
-from limberjack.workers.factories import factory_of
+from limberjack import data
+from limberjack.episodes.player import Player
 
 __all__ = ["Effort", "main"]
 
@@ -73,13 +70,11 @@ def _row(measure: str, subject: str, rates: dict[str, list[float]], ours: str, b
 def _evaluated(domain: str, task: str, seeds: range, effort: Effort) -> float:
     """Steps per second of random episodes as `evaluate` plays them, with the kinds of starts."""
     began = time.perf_counter()
-    factory, full_length = factory_of(domain, task, effort.seconds), factory_of(domain, task)
-    environment = factory.make(0)
-    actor, build = policies.find("random", environment), factory.build(environment)
     steps = 0
-    with contextlib.closing(Starts(full_length.build(full_length.make(0)))) as starts:
-        for block in units_of(seeds):
-            steps += sum(one.length for one in play_seeds(build, starts, actor, block))
+    player = Player(domain, task, "random", seeds, time_limit=effort.seconds)
+    with contextlib.closing(player):
+        for _, episodes in player.results(player.units(seeds), list):
+            steps += sum(one.length for one in episodes)
     return steps / (time.perf_counter() - began)
 
 

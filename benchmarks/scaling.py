@@ -17,8 +17,8 @@ from typing import Annotated
 import typer
 from report import Json, Quick, Row, at_most, finish, spread
 
+from limberjack.episodes.player import play_unit
 from limberjack.episodes.running import Run
-from limberjack.episodes.units import play_unit
 from limberjack.evaluation import evaluate
 from limberjack.utils.cores import usable_cores
 from limberjack.workers import Scale, Unit, Workers, open_workers, prepare, units_of

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 from limberjack import suite
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.parquet import PYARROW
+from limberjack.episodes.player import play_unit
 from limberjack.episodes.recipe import Recipe, recipe_of
-from limberjack.episodes.units import play_unit
 from limberjack.workers import prepare
 
 __all__ = [

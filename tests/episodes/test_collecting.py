@@ -19,10 +19,12 @@ import pytest
 
 from limberjack.data import Kept, collect, load
 from limberjack.episodes.manifest import file_name
+from limberjack.episodes.player import Player
 from limberjack.mujoco.fingerprint import versions
 from limberjack.policies import PolicyError
 from limberjack.utils import files
-from limberjack.workers import WorkError, prepare
+from limberjack.workers import WorkError
+from limberjack.workers.setup import setup_of
 from tests.policies import saved_models
 from tests.workers.killing import kill_workers_of
 
@@ -277,13 +279,13 @@ def test_workers_of_another_identity_write_nothing(
     for field in ("canary", "versions"):
 
         def other(*given: Any, field: str = field, **how: Any) -> Any:
-            setup = prepare(*given, **how)
+            setup = setup_of(*given, **how)
             if field == "canary":
                 return dataclasses.replace(setup, canary="0")
             versions = {**setup.identity["versions"], "mujoco": "4.7.0"}
             return dataclasses.replace(setup, identity={**setup.identity, "versions": versions})
 
-        monkeypatch.setattr("limberjack.workers.scale.prepare", other)
+        monkeypatch.setattr("limberjack.workers.scale.setup_of", other)
         with pytest.raises(WorkError, match=rf"is refused: its {field}.* is '"):
             _collect(tmp_path / field, range(3), workers=1)
         assert hashes(tmp_path / field) == {}
@@ -440,14 +442,14 @@ def test_compressing_runs_beside_the_simulation(
         events.append("compressed")
         return encode(*arguments)
 
-    from limberjack.episodes.units import play_seeds
+    play = Player.play
 
-    def play(*arguments: Any, **kwargs: Any) -> Any:
+    def simulate(*arguments: Any, **kwargs: Any) -> Any:
         events.append("simulate")
-        return play_seeds(*arguments, **kwargs)
+        return play(*arguments, **kwargs)
 
     monkeypatch.setattr(collecting, "encode", slow)
-    monkeypatch.setattr(collecting, "play_seeds", play)
+    monkeypatch.setattr(Player, "play", simulate)
     _collect(tmp_path, range(128))
     assert events.index("compressed") > [i for i, e in enumerate(events) if e == "simulate"][1]
 

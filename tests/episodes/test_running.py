@@ -41,7 +41,7 @@ def _result(out: Path) -> dict[str, Any]:
 
 def test_episodes_are_those_of_their_seeds_and_nothing_is_written_without_a_folder() -> None:
     run = _run()
-    assert (run.count, run.keeps, run.step_limit, run.episodes) == (3, False, 5, [])
+    assert (run.count, run.keeps, run.episodes) == (3, False, [])
     run.play()
     run.write()
     assert (run.written, run.left_out) == ([], [])
@@ -75,7 +75,6 @@ def test_a_folder_has_the_result_and_the_steps(tmp_path: Path) -> None:
 
 def test_the_time_limit_is_the_tasks_own_if_none_is_given(tmp_path: Path) -> None:
     run = _run(tmp_path, time_limit=None)
-    assert run.step_limit == 1000
     run.write()
     assert _result(tmp_path)["time_limit"] == 20.0
 

@@ -4,15 +4,16 @@ import concurrent.futures
 import sys
 from typing import Any
 
+import dm_env
 import pytest
 
+from limberjack import policies, suite
 from limberjack.evaluation import evaluate
-from limberjack.workers import Scale, Unit, WorkError, open_workers, prepare
+from limberjack.workers import Scale, Setup, Unit, WorkError, open_workers, prepare
 from limberjack.workers import scale as module
+from limberjack.workers.factories import factory_of
 
 from .playing import TASK, pid, seeds_of
-
-_BRING = ("manipulator", "bring_ball")
 
 
 @pytest.fixture
@@ -20,8 +21,15 @@ def four_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "usable_cores", lambda: 4)
 
 
+def _setup(scale: Scale, policy: str, episodes: int) -> Setup | None:
+    factory = factory_of("manipulator", "bring_ball", 0.1)
+    environment = factory.make(0)
+    actor = policies.find(policy, environment)
+    return scale.setup(factory, environment, actor, policy, episodes)
+
+
 def _threads(scale: Scale, policy: str, episodes: int) -> int | None:
-    setup = scale.setup(*_BRING, policy, 0.1, episodes)
+    setup = _setup(scale, policy, episodes)
     assert setup is not None
     return setup.num_threads
 
@@ -53,16 +61,20 @@ def test_workers_share_the_cores(scale: Scale, episodes: int, threads: int) -> N
     ],
 )
 def test_otherwise_this_process_plays(scale: Scale, policy: str, episodes: int) -> None:
-    assert scale.setup(*_BRING, policy, 0.1, episodes) is None
+    assert _setup(scale, policy, episodes) is None
 
 
 @pytest.mark.usefixtures("four_cores")
 def test_a_setup_that_cannot_be_sent_is_an_error_only_where_workers_were_asked_for() -> None:
-    def make(seed: int) -> Any:
-        raise AssertionError
+    def make(seed: int) -> dm_env.Environment:
+        return suite.load("manipulator", "bring_ball", {"random": seed, "time_limit": 0.1})
 
-    with pytest.raises((ValueError, AssertionError)):
-        Scale(workers=2).setup(make, None, "planner", None, 16)
+    factory = factory_of(make)
+    environment = factory.make(0)
+    actor = policies.find("planner", environment)
+    assert Scale().setup(factory, environment, actor, "planner", 16) is None
+    with pytest.raises(ValueError, match="cannot be imported by other processes: define make"):
+        Scale(workers=2).setup(factory, environment, actor, "planner", 16)
 
 
 @pytest.mark.usefixtures("four_cores")

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from limberjack import suite
+from limberjack import policies, suite
 from limberjack.policies import PolicyError
 from limberjack.rl.batches import vectorisable
 from limberjack.workers import Setup, prepare
@@ -59,14 +59,10 @@ def test_few_setups_stay_open() -> None:
 def test_another_policy_and_other_threads_keep_the_task() -> None:
     setup = prepare(*TASK, "tests.workers.playing:Memory", time_limit=0.2)
     assert setup.unit_size == 1  # an object with a reset plays alone
-    zero = setup.with_policy("zero")
+    expected = prepare(*TASK, "zero", time_limit=0.2)
+    zero = setup.with_policy("zero", policies.find("zero"), expected.identity)
+    assert vars(zero) == {**vars(expected), "made": setup.made}
     assert zero.unit_size == 64
-    assert zero.canary == setup.canary
-    assert zero.identity == {
-        **setup.identity,
-        "policy": "zero",
-        "policy_sha256": zero.identity["policy_sha256"],
-    }
     assert zero.with_threads(3).opened().num_threads == 3
 
 

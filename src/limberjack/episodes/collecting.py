@@ -22,26 +22,20 @@ from pathlib import Path
 
 import dm_env
 
-from limberjack import policies
-from limberjack.episodes.environments import (
-    checked_environment,
-    checked_repeat,
-)
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.folder import Folder, blocks, discard_other
 from limberjack.episodes.parquet import PYARROW, encode
+from limberjack.episodes.player import OnEnded, Player
 from limberjack.episodes.playing import OnStep, Step
 from limberjack.episodes.recipe import FILE_MB, UNIT, Recipe, recipe_of
-from limberjack.episodes.starts import Starts
-from limberjack.episodes.units import OnEnded, play_seeds, play_unit
-from limberjack.policies import Actor, PolicyError
+from limberjack.policies import PolicyError
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
-from limberjack.workers import OnProgress, OnState, Scale, Setup, Unit, shard_of
-from limberjack.workers.factories import Factory, Make, factory_of
-from limberjack.workers.identity import advice_on, canary_of, identity_of, processor
+from limberjack.workers import OnProgress, OnState, Scale
+from limberjack.workers.factories import Make
+from limberjack.workers.identity import advice_on, processor
 
-__all__ = ["collect"]
+__all__ = ["collect", "collect_with"]
 
 
 def collect(
@@ -62,12 +56,8 @@ def collect(
     shard: tuple[int, int] | None = None,
     any_processor: bool = False,
     vectorised: bool | None = None,
-    replaces: bool = False,
     on_progress: OnProgress | None = None,
     on_state: OnState | None = None,
-    on_step: OnStep | None = None,
-    on_ended: OnEnded | None = None,
-    actor: Actor | None = None,
     command: str = "",
 ) -> None:
     """Plays the episodes that a folder lacks, and writes them.
@@ -89,10 +79,6 @@ def collect(
       on_progress: called as episodes are played and saved, as by `evaluate`.
       on_state: called with the state of the workers.
       vectorised: as for `evaluate`.
-      replaces: discard a dataset of another recipe that is here; by default it is an error.
-      on_step: called as episodes begin in this process, and after each step.
-      on_ended: called with each episode that ends in this process.
-      actor: acts in this process in the place of the policy that `policy` names.
       command: the command line as it was typed, for run.json; empty if there was none.
 
     Raises:
@@ -103,101 +89,77 @@ def collect(
       OSError: a file cannot be written.
       ImportError: the extra `data` is missing.
     """
-    wanted, directory = checked_seeds(seeds), Path(out).absolute()  # a policy may move
-    asked = wanted if shard is None else shard_of(wanted, *shard)
-    scale = Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised)
-    factory = factory_of(domain, task, time_limit)
-    checked = checked_environment(factory, wanted, is_kept=True, vectorised=vectorised)
-    with contextlib.closing(checked) as environment:
-        acting = _found(policy, environment, num_threads) if actor is None else actor
-        repeat = checked_repeat(action_repeat, environment, acting)
-        setup = None
-        if actor is None:
-            setup = scale.setup(domain, task, policy, time_limit, len(asked), repeat)
-        identity = identity_of(factory, acting, environment, repeat)
-        recipe = _recipe(identity, environment, kept or Kept(), file_mb)
-        if replaces:
-            discard_other(directory, recipe)
-        canary = canary_of(factory) if setup is None else setup.canary
-        with Folder(directory, recipe, shard) as folder:
-            missing = folder.plan(wanted, asked)
-            if not missing:
-                folder.finish()
-                return
-            _check_canary(folder, canary, any_processor)
-            call = _call(missing, command, canary, scale)
-            folder.log(call)
-            with _Saving(folder, recipe, len(asked), missing, on_progress) as saving:
-                units = [*_units(missing, 1 if acting.plays_alone else UNIT, recipe)]
-                if setup is None:
-                    here = _Here(factory, environment, acting, recipe, scale)
-                    here.play(units, saving, on_step, on_ended)
-                else:
-                    with scale.open(len(missing)) as opened:
-                        made = functools.partial(_content, recipe)
-                        work = [Unit(setup, tuple(unit)) for unit in units]
-                        for unit, content in opened.results(made, work):
-                            saving.save(unit.seeds, content)
-            folder.finish()
-            folder.log({**call, "ended": _now()})
-
-
-def _found(policy: object, environment: dm_env.Environment, num_threads: int | None) -> Actor:
-    """The policy, whose source must be known."""
-    actor = policies.find(policy, environment, num_threads=num_threads)
-    if actor.sha256 is None:
-        raise PolicyError(
-            f"policy {actor.name!r} has no source file, so nothing would prove later that episodes "
-            "are its own: define it in a file"
+    player = Player(
+        domain,
+        task,
+        policy,
+        checked_seeds(seeds),
+        time_limit=time_limit,
+        action_repeat=action_repeat,
+        scale=Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised),
+        shard=shard,
+        is_kept=True,
+    )
+    directory = Path(out).absolute()  # a policy may change folders
+    with contextlib.closing(player):
+        collect_with(
+            player, directory, kept, file_mb, shard=shard, on_progress=on_progress, command=command
         )
-    return actor
 
 
-class _Here:
-    """Plays in this process."""
+def collect_with(
+    player: Player,
+    directory: Path,
+    kept: Kept | None = None,
+    file_mb: float = FILE_MB,
+    *,
+    shard: tuple[int, int] | None = None,
+    replaces: bool = False,
+    on_progress: OnProgress | None = None,
+    on_step: OnStep | None = None,
+    on_ended: OnEnded | None = None,
+    command: str = "",
+) -> None:
+    """Plays with a player, and writes; arguments and errors are those of `collect`.
 
-    def __init__(
-        self,
-        factory: Factory,
-        environment: dm_env.Environment,
-        actor: Actor,
-        recipe: Recipe,
-        scale: Scale,
-    ) -> None:
-        self._factory = factory
-        self._environment = environment
-        self._actor = actor
-        self._recipe = recipe
-        self._scale = scale
+    Args:
+      player: its results are kept.
+      directory: an absolute path.
+      kept, file_mb, shard, on_progress, command: as for `collect`.
+      replaces: discard a dataset of another recipe that is here; by default it is an error.
+      on_step: called as episodes begin in this process, and after each step.
+      on_ended: called with each episode that ends in this process.
+    """
+    if player.actor.sha256 is None:
+        raise PolicyError(
+            f"policy {player.actor.name!r} has no source file, so nothing would prove later that "
+            "episodes are its own: define it in a file"
+        )
+    recipe = _recipe(player.identity, player.environment, kept or Kept(), file_mb)
+    if replaces:
+        discard_other(directory, recipe)
+    canary = player.canary
+    with Folder(directory, recipe, shard) as folder:
+        missing = folder.plan(player.wanted, player.seeds)
+        if not missing:
+            folder.finish()
+            return
+        _check_canary(folder, canary, player.scale.any_processor)
+        call = _call(missing, command, canary, player.scale)
+        folder.log(call)
+        units = [*_units(missing, 1 if player.actor.plays_alone else UNIT, recipe)]
+        with _Saving(folder, recipe, len(player.seeds), missing, on_progress) as saving:
 
-    def play(
-        self,
-        units: Sequence[range],
-        saving: "_Saving",
-        on_step: OnStep | None,
-        on_ended: OnEnded | None,
-    ) -> None:
-        def watch(step: Step) -> None:
-            saving.on_step(step)
-            if on_step is not None:
-                on_step(step)
+            def watch(step: Step) -> None:
+                saving.on_step(step)
+                if on_step is not None:
+                    on_step(step)
 
-        build = self._factory.build(self._environment)
-        with contextlib.closing(Starts.of(self._factory)) as starts:
-            for unit in units:
-                played = play_seeds(
-                    build,
-                    starts,
-                    self._actor,
-                    unit,
-                    self._recipe.kept,
-                    num_threads=self._scale.num_threads,
-                    vectorised=self._scale.vectorised,
-                    action_repeat=self._recipe.facts["action_repeat"],
-                    on_step=watch,
-                    on_ended=on_ended,
-                )
-                saving.save(unit, _in_order(played))
+            made = _in_order if player.setup is None else functools.partial(_content, recipe)
+            for unit, content in player.results(units, made, recipe.kept, watch, on_ended):
+                saving.save(unit, content)
+        folder.finish()
+        folder.log({**call, "ended": _now()})
 
 
 def _in_order(episodes: Iterable[Episode]) -> list[Episode]:
@@ -299,14 +261,14 @@ class _Saving:
             self._on_progress(self._recipe.facts["policy"], self._saved, part)
 
 
-def _content(recipe: Recipe, setup: Setup, seeds: Sequence[int]) -> bytes:
-    """The content of the file of some seeds, as a worker makes it."""
+def _content(recipe: Recipe, episodes: list[Episode]) -> bytes:
+    """The content of the file of some episodes, as a worker makes it."""
     if recipe.facts["versions"]["pyarrow"] != PYARROW:
         raise ValueError(
             f"pyarrow is {PYARROW} in a worker, and {recipe.facts['versions']['pyarrow']} where "
             "the files are written: install the same version, so that the bytes are equal"
         )
-    return encode(recipe, _in_order(play_unit(setup, seeds, recipe.kept)))
+    return encode(recipe, _in_order(episodes))
 
 
 def _units(seeds: Sequence[int], size: int, recipe: Recipe) -> Iterator[range]:

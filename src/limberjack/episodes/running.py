@@ -11,34 +11,27 @@ one was killed. The film is that of the first episode, played again from its see
 """
 
 import contextlib
-import functools
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import dm_env
 import numpy as np
 
-from limberjack import policies, report
-from limberjack.episodes.environments import (
-    checked_environment,
-    checked_repeat,
-    inside,
-)
+from limberjack import report
+from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.films import drawable
 from limberjack.episodes.manifest import EPISODES
-from limberjack.episodes.playing import OnStep, Step, play, recorded
-from limberjack.episodes.starts import Starts
-from limberjack.episodes.units import OnEnded, play_seeds, play_unit
-from limberjack.mujoco.fingerprint import fingerprint
+from limberjack.episodes.player import Player, Progress
+from limberjack.episodes.playing import Step, play, recorded
 from limberjack.policies import Actor
 from limberjack.report.folder import RESULT
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
 from limberjack.video import SIZE
-from limberjack.workers import OnProgress, Scale, Unit, shard_of, units_of
-from limberjack.workers.factories import Make, factory_of
+from limberjack.workers import OnProgress, Scale
+from limberjack.workers.factories import Make
 
 __all__ = ["Run"]
 
@@ -49,7 +42,6 @@ class Run:
     """See the module's docstring.
 
     Attributes:
-      step_limit: steps of an episode.
       written: the files that `write` has written.
       left_out: one line for each reason for leaving out files.
     """
@@ -90,49 +82,43 @@ class Run:
             episodes have no time limit, or the folder holds other results.
           OSError: the folder cannot be written.
         """
-        self._where = domain, task
-        self._policy = policy
-        wanted = checked_seeds(seeds)
-        self._seeds = wanted if shard is None else shard_of(wanted, *shard)
-        self._wanted = wanted
         self._out = None if out is None else Path(out).absolute()  # a policy may move
-        self._time_limit = time_limit
-        self._scale = scale or Scale()
         self._shard = shard
         self._replaces = replaces
-        self._actor = actor
         self._command = command
         self._ended: dict[int, Episode] = {}
         self._plans: dict[int, list[tuple[str, dict[str, float]]]] = {}
-        self._now = wanted[0]  # seed of the episode that began last
         self.written: list[Path] = []
         self.left_out: list[str] = []
-        self._factory = factory_of(domain, task, time_limit)
-        how = {"is_kept": out is not None, "vectorised": self._scale.vectorised}
-        with contextlib.closing(checked_environment(self._factory, wanted, **how)) as one:
-            self._facts = self._facts_of(one, action_repeat)
-        self._keeps = self._out is not None and self._can_keep()
-        if self._out is not None and shard is None:
-            # Fails now, not after the last episode.
-            report.Recorder(self._out, self._facts, command).close()
+        self._player = Player(
+            domain,
+            task,
+            policy,
+            checked_seeds(seeds),
+            time_limit=time_limit,
+            action_repeat=action_repeat,
+            scale=scale,
+            shard=shard,
+            is_kept=out is not None,
+            actor=actor,
+        )
+        try:
+            self._seeds = self._player.seeds
+            self._now = self._player.wanted[0]  # seed of the episode that began last
+            self._facts = self._facts_of(self._player.identity)
+            self._keeps = self._out is not None and self._can_keep()
+            if self._out is not None and shard is None:
+                # Fails now, not after the last episode.
+                report.Recorder(self._out, self._facts, command).close()
+        except BaseException:
+            self._player.close()
+            raise
 
-    def _facts_of(self, environment: dm_env.Environment, action_repeat: int | None) -> Facts:
-        """The facts of the result; raises ValueError if the policy cannot act."""
-        inner = inside(environment)
-        assert inner.step_limit is not None  # see `checked_environment`
-        actor = self._actor or policies.find(self._policy, environment)
-        self._action_repeat = checked_repeat(action_repeat, environment, actor)
-        self.step_limit = inner.step_limit
-        self._fingerprint = fingerprint(inner.physics.model._model)
-        seconds = inner.step_limit * inner.control_timestep()
-        facts = {
-            **self._factory.facts,
-            "policy": actor.name,
-            "time_limit": seconds if self._time_limit is None else self._time_limit,
-            "control_timestep": inner.control_timestep(),
-        }
-        repeat = {} if self._action_repeat == 1 else {"action_repeat": self._action_repeat}
-        return {**facts, **repeat}
+    def _facts_of(self, identity: Facts) -> Facts:
+        """The facts of the result."""
+        names = [*self._player.factory.facts, "policy", "time_limit", "control_timestep"]
+        repeat = [] if self._player.action_repeat == 1 else ["action_repeat"]
+        return {name: identity[name] for name in names + repeat}
 
     def _can_keep(self) -> bool:
         """Whether steps can be kept; the reason is left out otherwise."""
@@ -174,39 +160,27 @@ class Run:
           PolicyError, PhysicsError, WorkError: one failed; those that ended are kept.
           OSError: a file cannot be written.
         """
-        if self._keeps:
-            self._collect(on_progress)
-        else:
-            self._play(on_progress)
+        with contextlib.closing(self._player):
+            if self._keeps:
+                self._collect(on_progress)
+            else:
+                self._play(on_progress)
 
     def _collect(self, on_progress: OnProgress | None) -> None:
         """Plays and keeps, and reads what is there in the end."""
-        from limberjack.episodes.collecting import collect
+        from limberjack.episodes.collecting import collect_with
         from limberjack.episodes.dataset import load
 
         assert self._out is not None
-        scale = self._scale
-        collect(
-            *self._where,
-            self._policy,
-            self._wanted,
-            out=self._out,
-            kept=_KEPT,
-            time_limit=self._time_limit,
-            action_repeat=self._action_repeat,
-            num_threads=scale.num_threads,
-            workers=scale.workers,
-            executor=scale.executor,
-            ray=scale.ray,
+        collect_with(
+            self._player,
+            self._out,
+            _KEPT,
             shard=self._shard,
-            any_processor=scale.any_processor,
-            vectorised=scale.vectorised,
             replaces=self._replaces and (self._out / RESULT).exists(),
             on_progress=on_progress,
-            on_state=scale.on_state,
             on_step=self._watch,
             on_ended=self._end,
-            actor=self._actor,
             command=self._command,
         )
         if self._shard is None:
@@ -216,63 +190,24 @@ class Run:
 
     def _play(self, on_progress: OnProgress | None) -> None:
         """Plays without keeping steps on the disk."""
-        kept = None if self._out is None else Kept()  # for the film
-        count, steps = len(self._seeds), 0
+        player = self._player
+        progress = Progress(on_progress, player.step_limit)
+        progress.policy = player.actor.name
 
-        def report_progress() -> None:
-            if on_progress is not None:
-                on_progress(self._facts["policy"], len(self._ended), steps / self.step_limit)
-
-        def on_step(step: Step) -> None:
-            nonlocal steps
-            steps += step.count
+        def watch(step: Step) -> None:
             self._watch(step)
-            report_progress()
+            progress.on_step(step)
 
-        def on_ended(episode: Episode) -> None:
-            nonlocal steps
-            steps -= episode.length
-            self._end(episode)
-            report_progress()
+        def end(episode: Episode) -> None:
+            if episode.seed not in self._ended:
+                self._end(episode)
+                progress.on_ended(episode)
 
-        setup = None
-        if self._actor is None:
-            how = self._time_limit, count, self._action_repeat
-            setup = self._scale.setup(*self._where, self._policy, *how)
-        report_progress()
-        if setup is None:
-            self._play_here(kept, on_step, on_ended)
-            return
-        with self._scale.open(count) as workers:
-            units = [Unit(setup, block) for block in units_of(self._seeds, setup.unit_size)]
-            function = functools.partial(play_unit, kept=kept)
-            for _, ended in workers.results(function, units):
-                for episode in ended:
-                    on_ended(episode)
-
-    def _play_here(self, kept: Kept | None, on_step: OnStep, on_ended: OnEnded) -> None:
-        """Plays in this process."""
-        factory, threads = self._factory, self._scale.num_threads
-        environment = factory.make(self._seeds[0])
-        starts = Starts.of(factory)
-        with contextlib.closing(environment), contextlib.closing(starts):
-            actor = self._actor
-            if actor is None:
-                actor = policies.find(self._policy, environment, num_threads=threads)
-            blocks = units_of(self._seeds, 1 if actor.plays_alone else policies.ROWS)
-            for block in blocks:
-                play_seeds(
-                    factory.build(environment),
-                    starts,
-                    actor,
-                    block,
-                    kept,
-                    num_threads=threads,
-                    action_repeat=self._action_repeat,
-                    vectorised=self._scale.vectorised,
-                    on_step=on_step,
-                    on_ended=on_ended,
-                )
+        progress.report()
+        kept = None if self._out is None else Kept()  # for the film
+        for _, episodes in player.results(player.units(player.seeds), list, kept, watch, end):
+            for episode in episodes:
+                end(episode)
 
     def _watch(self, step: Step) -> None:
         """Notes which episode is running; one that a planner plays runs by itself."""
@@ -303,7 +238,7 @@ class Run:
                 raise
             finally:
                 try:
-                    recorder.write(run, self.episodes, self._fingerprint)
+                    recorder.write(run, self.episodes, self._player.identity["fingerprint"])
                 finally:
                     self.written = [*recorder.written]
                     self.left_out += recorder.left_out
@@ -318,7 +253,7 @@ class Run:
     ) -> None:
         """Plays an episode again, for the film and the page."""
         plans = self._plans.get(episode.seed, [])
-        make = drawable(self._factory.make, *SIZE)
+        make = drawable(self._player.factory.make, *SIZE)
         batch = RowsEnvironment(make, 1, 1, episode.seed, action_repeat=1)
 
         def on_step(step: Step) -> None:

@@ -50,16 +50,23 @@ class Score:
     processor: str | None = None  # that played it; None unless processors may differ
 
     @classmethod
-    def of(cls, episode: Episode, start: str | None = None) -> "Score":
+    def of(cls, episode: Episode, processor: str | None = None) -> "Score":
         """The score of an episode; one whose simulation diverged is never a success.
 
         Args:
           episode: if it is shorter than 100 steps, all of them count for success.
-          start: the kind of its start, where the episode lacks it.
+          processor: that played it, if the score is to name it.
         """
         final = 0.0 if episode.diverged else float(np.mean(episode.rewards[-LAST_STEPS:]))
-        kind = start if episode.start is None else episode.start
-        return cls(episode.seed, episode.total, episode.length, final, episode.diverged, kind)
+        return cls(
+            episode.seed,
+            episode.total,
+            episode.length,
+            final,
+            episode.diverged,
+            episode.start,
+            processor,
+        )
 
     @property
     def success(self) -> bool:

@@ -6,29 +6,21 @@ print(evaluation.summary().mean, evaluation.summary("zero").mean)
 
 import concurrent.futures
 import contextlib
-import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import dm_env
 
-from limberjack import policies
 from limberjack.episodes import statistics
-from limberjack.episodes.environments import (
-    checked_environment,
-    checked_repeat,
-    step_limit_of,
-)
-from limberjack.episodes.starts import Starts
+from limberjack.episodes.player import Player
 from limberjack.evaluation import results
-from limberjack.evaluation.missing import Here, play_with
+from limberjack.evaluation.missing import play_missing
 from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.store import Store
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
-from limberjack.workers import OnProgress, OnState, Scale, Setup, shard_of
-from limberjack.workers.factories import Make, factory_of
-from limberjack.workers.identity import canary_of, identity_of
+from limberjack.workers import OnProgress, OnState, Scale
+from limberjack.workers.factories import Make
 
 __all__ = ["FLOORS", "evaluate"]
 
@@ -100,64 +92,39 @@ def evaluate(
       WorkError: a policy failed in a worker, or workers were lost or refused; the same.
       OSError: a file cannot be written.
     """
-    asked = _checked_seeds(seeds)
     directory = None if out is None else Path(out).absolute()  # a policy may change folders
-    mine = asked if shard is None else _of_shard(asked, shard, directory)
-    scale = Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised)
-    factory = factory_of(domain, task, time_limit)
-    how = {"is_kept": directory is not None, "vectorised": vectorised}
-    environment = checked_environment(factory, asked, **how)
-    actor = policies.find(policy, environment, num_threads=num_threads)
-    repeat = checked_repeat(action_repeat, environment, actor)
-    setup = scale.setup(domain, task, policy, time_limit, len(mine), repeat)
-    identity = identity_of(factory, actor, environment, repeat)
-    canary = setup.canary if setup is not None else canary_of(factory) if directory else None
-    store = Store(directory, identity, canary=canary, shard=shard, any_processor=any_processor)
-    with contextlib.closing(store), contextlib.closing(environment):
-        store.check_source(actor)
-        if setup is None:
-            floors = [policies.find(name) for name in FLOORS if name != actor.name]
-            with contextlib.closing(Starts.of(factory)) as starts:
-                here = Here(
-                    store,
-                    factory.build(environment),
-                    starts,
-                    mine,
-                    step_limit=step_limit_of(environment) or math.inf,
-                    num_threads=num_threads,
-                    action_repeat=repeat,
-                    vectorised=vectorised,
-                    on_progress=on_progress,
-                )
-                for one in (actor, *floors):
-                    here.play(one)
-        else:
-            with scale.open(len(mine)) as opened:
-                play_with(opened, store, _setups(setup), mine, on_progress)
-    played = _evaluation(identity, actor.name, store, mine)
+    if shard is not None and directory is None:
+        raise ValueError(
+            "a shard needs a folder that all shards write to: give one as out (--out DIR)"
+        )
+    player = Player(
+        domain,
+        task,
+        policy,
+        _checked_seeds(seeds),
+        time_limit=time_limit,
+        action_repeat=action_repeat,
+        scale=Scale(workers, executor, ray, num_threads, any_processor, on_state, vectorised),
+        shard=shard,
+        is_kept=directory is not None,
+    )
+    with contextlib.closing(player):
+        canary = None if directory is None else player.canary
+        identity, mine, name = player.identity, player.seeds, player.actor.name
+        store = Store(directory, identity, canary=canary, shard=shard, any_processor=any_processor)
+        with contextlib.closing(store):
+            store.check_source(player.actor)
+            floors = [player.with_policy(floor) for floor in FLOORS if floor != name]
+            play_missing(store, [player, *floors], on_progress)
+    played = _evaluation(identity, name, store, mine)
     return played if directory is None or shard else results.write(played, directory, command)
 
 
-def _evaluation(identity: Facts, policy: str, store: Store, seeds: list[int]) -> Evaluation:
+def _evaluation(identity: Facts, policy: str, store: Store, seeds: Sequence[int]) -> Evaluation:
     """The evaluation whose episodes are all in the store."""
     facts = {**identity, **_asked_for(seeds), **_played_with(store, identity)}
     names = dict.fromkeys((policy, *FLOORS))
     return Evaluation(facts, {n: [store.scores[n][seed] for seed in seeds] for n in names})
-
-
-def _setups(setup: Setup) -> list[Setup]:
-    """The setup, and those of the baselines."""
-    names = [name for name in FLOORS if name != setup.identity["policy"]]
-    return [setup, *map(setup.with_policy, names)]
-
-
-def _of_shard(seeds: list[int], shard: tuple[int, int], directory: Path | None) -> list[int]:
-    """The seeds of a shard; raises ValueError without a folder, or without such a shard."""
-    if directory is None:
-        raise ValueError(
-            "a shard needs a folder that all shards write to: give one as out (--out DIR)"
-        )
-    return shard_of(seeds, *shard)
 
 
 def _played_with(store: Store, identity: Facts) -> Facts:
@@ -166,7 +133,7 @@ def _played_with(store: Store, identity: Facts) -> Facts:
     return {} if store.versions == present else {"versions_of_episodes": store.versions}
 
 
-def _asked_for(seeds: list[int]) -> Facts:
+def _asked_for(seeds: Sequence[int]) -> Facts:
     """The seeds, and the definitions of success and of the interval."""
     first, end = (seeds[0], seeds[-1] + 1) if seeds else (0, 0)
     is_range = seeds == list(range(first, end))

@@ -41,11 +41,13 @@ class Factory:
       make: an environment whose first episode is that of the seed; raises ValueError if there is no
         such domain, task or time limit, and TypeError if the function makes something other than
         an environment.
+      time_limit: seconds per episode of a task of the suite; None for the task's own.
     """
 
     title: str
     facts: dict[str, str | None]
     make: Make
+    time_limit: float | None = None
 
     def build(self, environment: dm_env.Environment) -> Build:
         """The build of the rows of a batch.
@@ -135,7 +137,7 @@ def _of_the_suite(domain: str, task: str, time_limit: float | None) -> Factory:
     def make(seed: int) -> dm_env.Environment:
         return suite.load(domain, task, {"random": checked_seed(seed), **more})
 
-    return Factory(f"{domain} {task}", {"domain": domain, "task": task}, make)
+    return Factory(f"{domain} {task}", {"domain": domain, "task": task}, make, time_limit)
 
 
 def _checked(name: str, made: object) -> dm_env.Environment:

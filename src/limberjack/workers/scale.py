@@ -6,7 +6,7 @@
 `Scale`: the number and kind of workers that a caller asked for, and what is used by default.
 
     scale = Scale(workers=4)
-    setup = scale.setup("humanoid", "walk", "planner", None, episodes=100)
+    setup = scale.setup(factory, environment, actor, "planner", episodes=100)
     if setup is not None:                   # None: this process plays
         with scale.open(episodes=100) as workers: ...
 
@@ -22,14 +22,15 @@ from typing import Protocol, TypeVar
 
 import dm_env
 
+from limberjack.policies import Actor
 from limberjack.policies.built_in import PLANNER
 from limberjack.rl.guards import at_least_one
 from limberjack.utils.cores import usable_cores
 from limberjack.workers.attempt import Function, WorkError
 from limberjack.workers.executors import ExecutorWorkers
-from limberjack.workers.factories import Make
+from limberjack.workers.factories import Factory
 from limberjack.workers.pool import Pool
-from limberjack.workers.setup import Setup, prepare
+from limberjack.workers.setup import Setup, setup_of
 from limberjack.workers.state import OnState
 from limberjack.workers.units import Unit
 
@@ -122,54 +123,41 @@ class Scale:
 
     def setup(
         self,
-        domain: str | Make | dm_env.Environment,
-        task: str | None,
+        factory: Factory,
+        environment: dm_env.Environment,
+        actor: Actor,
         policy: object,
-        time_limit: float | None,
         episodes: int,
         action_repeat: int = 1,
     ) -> Setup | None:
         """The setup for workers; None if this process is to play.
 
         Args:
-          domain, task, policy, time_limit: as `limberjack.workers.prepare` takes them.
+          factory, environment, actor, policy, action_repeat: see `workers.setup.setup_of`.
           episodes: their number.
-          action_repeat: control steps per action.
 
         Raises:
-          ValueError, TypeError: as `prepare`, unless workers are used only by default.
+          ValueError, TypeError: as `setup_of`, unless workers are used only by default.
         """
         is_planner = isinstance(policy, str) and policy == PLANNER
         suggests_itself = is_planner and self.num_threads is None and self._processes(episodes) > 1
         if not self._is_asked_for and not suggests_itself:
             return None
         try:
-            return self.prepared(domain, task, policy, time_limit, episodes, action_repeat)
+            return setup_of(
+                factory,
+                environment,
+                actor,
+                policy,
+                action_repeat=action_repeat,
+                num_threads=self._threads_each(episodes),
+                any_processor=self.any_processor,
+                vectorised=self.vectorised,
+            )
         except ValueError:
             if self._is_asked_for:
                 raise
             return None
-
-    def prepared(
-        self,
-        domain: str | Make | dm_env.Environment,
-        task: str | None,
-        policy: object,
-        time_limit: float | None,
-        episodes: int,
-        action_repeat: int = 1,
-    ) -> Setup:
-        """The setup, whoever plays."""
-        return prepare(
-            domain,
-            task,
-            policy,
-            time_limit=time_limit,
-            action_repeat=action_repeat,
-            num_threads=self._threads_each(episodes),
-            any_processor=self.any_processor,
-            vectorised=self.vectorised,
-        )
 
     def open(self, episodes: int) -> contextlib.AbstractContextManager[Workers]:
         """The workers, for so many episodes; see `open_workers` for the errors."""

@@ -9,6 +9,7 @@ and the driver's identity and canary, which every worker must reproduce before i
 """
 
 import collections
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -34,7 +35,7 @@ from limberjack.workers.identity import (
 )
 from limberjack.workers.shipping import Shipped, ship, unpack
 
-__all__ = ["Opened", "Refused", "Setup", "prepare"]
+__all__ = ["Opened", "Refused", "Setup", "prepare", "setup_of"]
 
 _KEPT_OPEN = 4  # setups per thread: a policy, the two baselines and one more
 
@@ -117,18 +118,16 @@ class Setup:
         """The same with another number of threads, which changes no bit of an episode."""
         return dataclasses.replace(self, num_threads=num_threads)
 
-    def with_policy(self, policy: str) -> "Setup":
-        """The same task with another policy."""
-        factory = self.made.factory()
-        environment = factory.make(0)
-        try:
-            return dataclasses.replace(
-                self,
-                policy=ship(policy),
-                **_of_policy(policy, factory, environment, self.action_repeat),
-            )
-        finally:
-            environment.close()
+    def with_policy(self, policy: str, actor: Actor, identity: Facts) -> "Setup":
+        """The same task with another policy.
+
+        Args:
+          policy: its name.
+          actor: the policy.
+          identity: see `workers.identity.identity_of`.
+        """
+        more = {"policy": ship(policy), "unit_size": _unit_size(actor), "identity": identity}
+        return dataclasses.replace(self, **more)
 
     def opened(self) -> Opened:
         """Its environments and its policy, made on first use in each thread and kept.
@@ -182,30 +181,66 @@ def prepare(
       task: such as 'walk'; None with a function.
       policy: its name, or a function or class; see `limberjack.policies`.
       time_limit: seconds per episode; the task's own by default.
-      action_repeat: control steps per action.
-      num_threads: threads of each worker; None for as many as the work can occupy.
-      any_processor: accept workers whose processors round differently.
+      action_repeat, num_threads, any_processor, vectorised: see `Setup`.
 
     Raises:
       ValueError, TypeError: there is no such task or policy, or other processes cannot import the
         policy, the domain or the function.
     """
     factory = factory_of(domain, task, time_limit)
-    environment = factory.make(0)
-    made = _made(factory, environment, domain, task, time_limit)
-    try:
-        of_policy = _of_policy(policy, factory, environment, action_repeat)
-    finally:
-        environment.close()
+    with contextlib.closing(factory.make(0)) as environment:
+        actor = policies.find(policy, environment)
+        return setup_of(
+            factory,
+            environment,
+            actor,
+            policy,
+            action_repeat=action_repeat,
+            num_threads=num_threads,
+            any_processor=any_processor,
+            vectorised=vectorised,
+        )
+
+
+def setup_of(
+    factory: Factory,
+    environment: dm_env.Environment,
+    actor: Actor,
+    policy: object,
+    *,
+    action_repeat: int = 1,
+    num_threads: int | None = None,
+    any_processor: bool = False,
+    vectorised: bool | None = None,
+) -> Setup:
+    """The setup of a policy that has been found.
+
+    Args:
+      factory: makes the environments.
+      environment: one of them.
+      actor: the policy.
+      policy: its name, function or class.
+      action_repeat, num_threads, any_processor, vectorised: see `Setup`.
+
+    Raises:
+      ValueError: other processes cannot import the policy, the domain or the function.
+    """
+    made = _made(factory, environment)
+    if actor.sha256 is None:
+        raise PolicyError(
+            f"policy {actor.name!r} has no source file, so other processes cannot prove that "
+            "theirs is the same: define it in a file"
+        )
     setup = Setup(
         made,
         ship(policy),
-        canary=canary_of(factory),
-        num_threads=num_threads,
-        any_processor=any_processor,
-        action_repeat=action_repeat,
-        vectorised=vectorised,
-        **of_policy,
+        identity_of(factory, actor, environment, action_repeat),
+        canary_of(factory),
+        _unit_size(actor),
+        num_threads,
+        any_processor,
+        action_repeat,
+        vectorised,
     )
     try:
         pickle.dumps(setup)
@@ -214,30 +249,16 @@ def prepare(
     return setup
 
 
-def _of_policy(
-    policy: object, factory: Factory, environment: dm_env.Environment, action_repeat: int
-) -> Facts:
-    """The fields of a setup that depend on the policy."""
-    actor = policies.find(policy, environment)
-    if actor.sha256 is None:
-        raise PolicyError(
-            f"policy {actor.name!r} has no source file, so other processes cannot prove that "
-            "theirs is the same: define it in a file"
-        )
-    identity = identity_of(factory, actor, environment, action_repeat)
-    return {"identity": identity, "unit_size": 1 if actor.plays_alone else ROWS}
+def _unit_size(actor: Actor) -> int:
+    return 1 if actor.plays_alone else ROWS
 
 
-def _made(
-    factory: Factory,
-    environment: dm_env.Environment,
-    domain: str | Make | dm_env.Environment,
-    task: str | None,
-    time_limit: float | None,
-) -> _Made:
+def _made(factory: Factory, environment: dm_env.Environment) -> _Made:
     """Raises ValueError if other processes cannot make the environment."""
-    if isinstance(domain, str):
-        return _Made(domain, task, time_limit, getattr(environment, "registration", None))
+    domain, task = factory.facts.get("domain"), factory.facts.get("task")
+    if domain is not None:
+        registration = getattr(environment, "registration", None)
+        return _Made(domain, task, factory.time_limit, registration)
     if not factory.is_known or factory.title.startswith("__main__:"):
         raise ValueError(
             f"{factory.title} cannot be imported by other processes: define make(seed) at the top "

@@ -27,10 +27,15 @@ class Unit:
     setup: "Setup"
     seeds: tuple[int, ...]
 
+    @property
+    def policy(self) -> str:
+        """Its name."""
+        return self.setup.identity["policy"]
+
     def __str__(self) -> str:
         first, last = min(self.seeds), max(self.seeds)
         which = f"seed {first}" if first == last else f"seeds {first} to {last}"
-        return f"policy {self.setup.identity['policy']!r}, {which}"
+        return f"policy {self.policy!r}, {which}"
 
 
 def units_of(seeds: Iterable[int], size: int = ROWS) -> list[tuple[int, ...]]:

@@ -1,4 +1,4 @@
-"""Episodes of some seeds, in this process and as a worker plays them."""
+"""Episodes of a policy in a task, in this process and as workers play them."""
 
 import contextlib
 from typing import Any
@@ -8,12 +8,10 @@ import pytest
 
 from limberjack import policies, suite
 from limberjack.episodes.episode import Episode, Kept
+from limberjack.episodes.player import Player, play_unit
 from limberjack.episodes.playing import Step
-from limberjack.episodes.starts import Starts
-from limberjack.episodes.units import play_seeds, play_unit
 from limberjack.suite.base import kind_of_start
-from limberjack.workers import prepare
-from limberjack.workers.factories import factory_of
+from limberjack.workers import Scale, prepare
 from tests import plain_domain
 from tests.rollouts import run_episode
 
@@ -24,13 +22,12 @@ _SEEDS = [3, 62, 63, 64]
 
 def _played(where: tuple[str, str, float], kept: Kept | None = None, **how: Any) -> list[Episode]:
     domain, task, seconds = where
-    factory = factory_of(domain, task, seconds)
-    environment = factory.make(0)
-    actor = policies.find("random", environment)
-    with contextlib.closing(Starts.of(factory)) as starts:
-        return play_seeds(
-            factory.build(environment), starts, actor, _SEEDS, kept, num_threads=1, **how
-        )
+    scale = Scale(num_threads=1)
+    player = Player(domain, task, "random", _SEEDS, time_limit=seconds, scale=scale)
+    with contextlib.closing(player):
+        ((seeds, episodes),) = player.results([_SEEDS], list, kept, **how)
+    assert seeds == _SEEDS
+    return episodes
 
 
 def test_episodes_have_the_kinds_of_their_starts() -> None:
