@@ -10,6 +10,7 @@ import ctypes
 import gc
 import os
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -34,7 +35,10 @@ __all__ = [
 _RESIDENT = Path("/proc/self/statm")  # Linux's; its second number is that of resident pages
 _PAGE = os.sysconf("SC_PAGE_SIZE") / 1e6 if hasattr(os, "sysconf") else 0.0  # megabytes
 _GROWN = 50.0  # megabytes, after which it is worth a twentieth of a second to look for garbage
+_GROWN_MUCH = 300.0  # megabytes, after which no time is too much
+_PART = 0.05  # of the tests' time that looking for garbage may take
 _after_the_last_look = 0.0
+_not_before = 0.0  # seconds of `time.monotonic`
 _LARGE = 800.0  # megabytes; a larger process frees what could be used again, too
 
 _SHOWN = 8  # tests of each process
@@ -63,16 +67,20 @@ def free_if_grown() -> None:
     """Frees what nobody uses if the process has grown much.
 
     A model takes 12 MB that Python does not account for, so it would collect the cycles of
-    environments and wrappers late.
+    environments and wrappers late. A search takes longer the more a process holds.
     """
-    global _after_the_last_look
-    if not _RESIDENT.exists() or resident() < _after_the_last_look + _GROWN:
+    global _after_the_last_look, _not_before
+    if not _RESIDENT.exists():
+        return
+    grown, now = resident() - _after_the_last_look, time.monotonic()
+    if grown < _GROWN or (now < _not_before and grown < _GROWN_MUCH):
         return
     free_what_nobody_uses()
     if resident() > _LARGE:
         free_caches()
         free_what_nobody_uses()
-    _after_the_last_look = resident()
+    _after_the_last_look, ended = resident(), time.monotonic()
+    _not_before = ended + (ended - now) / _PART
 
 
 def free_what_nobody_uses() -> None:
