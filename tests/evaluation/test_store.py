@@ -14,7 +14,7 @@ from limberjack.evaluation.store import Store
 from limberjack.utils import files
 
 _VERSIONS = {"mujoco": "4.0.0", "python": "3.12.3"}
-_OURS = {"task": "stand", "versions": _VERSIONS}
+_OURS = {"task": "stand", "policy": "random", "policy_sha256": "0", "versions": _VERSIONS}
 _THEIRS = {**_OURS, "task": "walk"}
 _SCORE = Score(3, 10.0, 1000, 0.5)
 

@@ -113,7 +113,6 @@ def evaluate(
         identity, mine, name = player.identity, player.seeds, player.actor.name
         store = Store(directory, identity, canary=canary, shard=shard, any_processor=any_processor)
         with contextlib.closing(store):
-            store.check_source(player.actor)
             floors = [player.with_policy(floor) for floor in FLOORS if floor != name]
             play_missing(store, [player, *floors], on_progress)
     played = _evaluation(identity, name, store, mine)

@@ -32,7 +32,6 @@ from typing import BinaryIO, TypeGuard
 
 from limberjack.episodes.manifest import MANIFEST
 from limberjack.episodes.statistics import Score
-from limberjack.policies import Actor
 from limberjack.utils.facts import Facts
 from limberjack.utils.files import Hold, appending, flush_folder
 from limberjack.utils.regular import read_regular
@@ -119,20 +118,11 @@ class Store:
         directory.mkdir(parents=True, exist_ok=True)
         try:
             self._open(self.path, directory if shard is None else self.path, shard is None)
+            self._check_source(identity)
             flush_folder(directory)
         except BaseException:
             self.close()
             raise
-
-    def check_source(self, actor: Actor) -> None:
-        """Raises ValueError if there are episodes that may be those of another policy."""
-        if actor.sha256 is None and self.scores[actor.name]:
-            assert self.path is not None
-            raise ValueError(
-                f"{self.path.parent} holds episodes of {actor.name!r}, whose source is unknown "
-                "here, so another policy of that name may have played them: choose another "
-                "folder, or define the policy in a file"
-            )
 
     def add(self, policy: str, scores: Iterable[Score]) -> None:
         """Saves episodes that have just ended: they are on the disk when this returns.
@@ -151,6 +141,17 @@ class Store:
             self._file.close()
         if self._hold is not None:
             self._hold.release()
+
+    def _check_source(self, identity: Mapping[str, object]) -> None:
+        """Raises ValueError if there are episodes that may be those of another policy."""
+        policy, sha256 = str(identity["policy"]), identity["policy_sha256"]
+        if sha256 is None and self.scores[policy]:
+            assert self.path is not None
+            raise ValueError(
+                f"{self.path.parent} holds episodes of {policy!r}, whose source is unknown here, "
+                "so another policy of that name may have played them: choose another folder, or "
+                "define the policy in a file"
+            )
 
     def _open(self, path: Path, held: Path, joins: bool) -> None:
         """Locks and reads the files, and then opens this store's and writes what it lacks.
