@@ -273,14 +273,14 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "rl/represented.py": [
         ("known == list(range(known[0], known[0] + len(known)))", "known"),
     ],
-    "report/chart.py": [
+    "see/report/chart.py": [
         ("heights[number + 1 :] if", "heights if"),
         ("_DASH * len(above)\n", "0.0\n"),
         ("is_alone = ~touches", "is_alone = touches"),
         ("left=np.nan, right=np.nan", ""),
         ("(at if line.at is None else line.at) / until", "at / until"),
     ],
-    "report/labels.py": [
+    "see/report/labels.py": [
         ("        stream.set_state(state)\n", "        pass\n"),
         ("(found[name], derived, strict=True)", "(derived, derived, strict=True)"),
         ("sorted(of_number - shared)", "sorted(of_number)"),
@@ -291,7 +291,7 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("name if len(units) == 1 else str(index)", "str(index)"),
         (" or any(units[name])\n", "\n"),
     ],
-    "report/units.py": [
+    "see/report/units.py": [
         ("gain * gear:g", "gain:g"),
         ("gear != 1 or", ""),
         ("[joint == _Joint.mjJNT_HINGE]", "[joint != _Joint.mjJNT_HINGE]"),

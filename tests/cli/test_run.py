@@ -373,7 +373,7 @@ def test_an_interrupt_while_the_film_is_drawn_leaves_out_the_film_only(
     def interrupted(self: object, physics: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("limberjack.video.Film.add", interrupted)
+    monkeypatch.setattr("limberjack.see.video.Film.add", interrupted)
     result = invoke(*_RUN, "--out", str(tmp_path))
     assert result.exit_code == 130
     assert result.stderr.startswith("limberjack: interrupted: 1 of 1 episodes finished")

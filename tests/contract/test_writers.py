@@ -48,7 +48,7 @@ _OTHERS = {
     ("limberjack.episodes.parquet", "writer.write_table"),
     ("limberjack.episodes.parquet", "file.open"),
     ("limberjack.episodes.folder", "path.write_bytes"),
-    ("limberjack.sb3", "zipfile.ZipFile"),
+    ("limberjack.adapters.sb3", "zipfile.ZipFile"),
 }
 
 

@@ -46,7 +46,7 @@ def test_numbers_that_are_not_finite_are_reported_with_the_step(
 def test_the_version_of_an_unusual_ffmpeg_is_unknown(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    from limberjack import video
+    from limberjack.see import video
 
     program = tmp_path / "ffmpeg"
     program.write_text("#!/bin/sh\necho libav 12", encoding="utf-8")

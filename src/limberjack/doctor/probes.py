@@ -168,7 +168,7 @@ def devices() -> list[str | None]:
 
 def ffmpeg() -> str:
     """The version of the ffmpeg that writes films."""
-    from limberjack import video
+    from limberjack.see import video
 
     command = [video.find_ffmpeg(), "-version"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from limberjack import suite
-from limberjack.report.units import Label, controls, fields_of
+from limberjack.see.report.units import Label, controls, fields_of
 
 _MODEL = mujoco.MjModel.from_xml_string("""
 <mujoco>

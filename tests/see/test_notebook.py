@@ -16,11 +16,11 @@ import pytest
 import limberjack
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
-from limberjack.notebook import Shown
+from limberjack.see.notebook import Shown
 from tests.programs import run
 
 _SOURCE = Path(limberjack.__file__).parents[1]
-_NOTEBOOK = Path(__file__).parents[1] / "examples" / "notebook.ipynb"
+_NOTEBOOK = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
 
 # Executes the notebook and prints it, with its outputs, as JSON.
 _EXECUTE = """

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
+from limberjack.see.video import Writer, mosaic
 from limberjack.utils import png
-from limberjack.video import Writer, mosaic
 
 __all__ = ["Shown", "show"]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limberjack.report.result import Played
+from limberjack.see.report.result import Played
 from limberjack.utils.files import replacing
 from limberjack.utils.requirements import missing_extra
 

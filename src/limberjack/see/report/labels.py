@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from limberjack.mujoco import Physics
-from limberjack.report.units import Label, controls, fields_of
 from limberjack.rl.control import Environment, flatten_observation
+from limberjack.see.report.units import Label, controls, fields_of
 from limberjack.suite.base import Observed
 
 __all__ = ["Label", "Labels", "labels_of"]

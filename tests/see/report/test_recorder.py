@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import report, suite
+from limberjack import suite
 from limberjack.episodes import Episode
 from limberjack.mujoco.camera import RenderingError
-from limberjack.report import Step
+from limberjack.see import report
+from limberjack.see.report import Step
 
 _EPISODES = [Episode(0, None, np.array([0.25, 0.5]))]
 
@@ -125,7 +126,7 @@ class _Film:
 def test_a_film_is_put_beside_the_result_that_it_belongs_to(
     environment: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("limberjack.report.recorder.Film", _Film)
+    monkeypatch.setattr("limberjack.see.report.recorder.Film", _Film)
     film = tmp_path / "video.mp4"
     for before in (None, "old"):
         if before is not None:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from limberjack import report
 from limberjack.episodes import Episode
 from limberjack.mujoco.fingerprint import versions
+from limberjack.see import report
 
 _EPISODES = [Episode(4, None, np.array([0.25, 0.5])), Episode(5, "in_hand", np.array([1.0]))]
 

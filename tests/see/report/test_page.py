@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import policies, report, suite
+from limberjack import policies, suite
 from limberjack.episodes import Episode
-from limberjack.report.labels import Labels
-from limberjack.report.result import as_result
+from limberjack.see import report
+from limberjack.see.report.labels import Labels
+from limberjack.see.report.result import as_result
 from tests.rollouts import run_episode
 
 _RUN = {
@@ -114,12 +115,12 @@ def test_a_page_that_cannot_be_written_leaves_nothing_of_itself_or_of_an_earlier
         (tmp_path / name).write_text("of an earlier run")
     (tmp_path / "result.json").write_text(json.dumps(_RUN))
     env = suite.load("humanoid", "walk", {"random": 3, "time_limit": 0.1})
-    monkeypatch.setattr("limberjack.report.recorder.Film", _no_film)
+    monkeypatch.setattr("limberjack.see.report.recorder.Film", _no_film)
     recorder = report.Recorder(tmp_path, _RUN)
     recorder.begin(env)
     episode = run_episode(env, policies.zero, 3, recorder.add_step)
     with monkeypatch.context() as full:
-        full.setattr("limberjack.report.recorder.write_result", lambda *arguments: None)
+        full.setattr("limberjack.see.report.recorder.write_result", lambda *arguments: None)
         full.setattr(Path, "write_text", fill_the_disk)
         with pytest.raises(OSError, match=r"No space left.*report\."):
             recorder.write(_RUN, [episode], "abc")
@@ -163,7 +164,7 @@ def test_the_legends_name_joints_sensors_and_actuators_with_their_units(tmp_path
 def test_a_page_without_labels_numbers_its_lines(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("limberjack.report.trace.labels_of", lambda environment: Labels({}, ()))
+    monkeypatch.setattr("limberjack.see.report.trace.labels_of", lambda environment: Labels({}, ()))
     text = _page(tmp_path / "report.html")
     assert "torso_vertical, 3 numbers<" in text
     names = re.findall(r"<li [^>]*>(.*?) <output>", text)

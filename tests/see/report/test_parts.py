@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from limberjack.report import parts
+from limberjack.see.report import parts
 
 _RESULT = {"versions": {"mujoco": "4.0.0"}, "fingerprint": "abc"}
 _HOSTILE = "<b>&\"'"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from limberjack.report.folder import check_folder
+from limberjack.see.report.folder import check_folder
 
 _RUN = {"domain": "humanoid", "task": "walk", "policy": "zero"}
 

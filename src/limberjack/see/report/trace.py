@@ -16,9 +16,9 @@ from collections.abc import Iterable, Mapping
 import dm_env
 import numpy as np
 
-from limberjack.report.labels import Labels, labels_of
 from limberjack.rl.actions import as_numbers
 from limberjack.rl.control import Environment
+from limberjack.see.report.labels import Labels, labels_of
 
 __all__ = ["Step", "Trace"]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from limberjack import mujoco, suite
-from limberjack.report import labels_of
 from limberjack.rl import control
+from limberjack.see.report import labels_of
 from limberjack.suite import base
 from tests import plain_domain
 

@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from .on_device import as_numpy, torch
+from tests.gpu.on_device import as_numpy, torch
 
 pytestmark = pytest.mark.gpu
 pytest.importorskip("rsl_rl", reason="needs the extra 'rsl-rl'")
-adapter: Any = pytest.importorskip("limberjack.gpu.rsl_rl")
+adapter: Any = pytest.importorskip("limberjack.adapters.rsl_rl")
 gpu: Any = pytest.importorskip("limberjack.gpu.vector")
 
 

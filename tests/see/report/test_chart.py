@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from limberjack.report.chart import Line, line_chart, steps_of, thinned
+from limberjack.see.report.chart import Line, line_chart, steps_of, thinned
 
 
 def test_thinning_keeps_the_peaks_and_drops_values_that_are_not_finite() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
-from limberjack.video import Film, Writer, first_camera, frame_stride, mosaic
+from limberjack.see.video import Film, Writer, first_camera, frame_stride, mosaic
 from tests.programs import run
 
 _HEIGHT, _WIDTH = 48, 64
@@ -205,7 +205,7 @@ def test_a_video_that_cannot_be_written_names_itself_and_leaves_nothing(
         import resource
         from pathlib import Path
         import numpy as np
-        from limberjack.video import Writer
+        from limberjack.see.video import Writer
         resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
         writer = Writer(Path({str(tmp_path / name)!r}), 240, 320, 20.0)
         random = np.random.RandomState(0)

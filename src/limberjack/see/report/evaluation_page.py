@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from limberjack.report import parts
-from limberjack.report.chart import line_chart, steps_of
+from limberjack.see.report import parts
+from limberjack.see.report.chart import line_chart, steps_of
 from limberjack.utils.facts import Facts, title_of
 
 __all__ = ["write_evaluation_page"]

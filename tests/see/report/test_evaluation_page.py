@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from limberjack import evaluation, report
+from limberjack import evaluation
+from limberjack.see import report
 
 _COMMAND = "limberjack evaluate manipulator bring_ball --policy random --out 'a <folder>'"
 

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from limberjack.report import parts
-from limberjack.report.chart import Line, line_chart, steps_of
-from limberjack.report.result import Played
-from limberjack.report.trace import Trace
-from limberjack.report.units import Label
+from limberjack.see.report import parts
+from limberjack.see.report.chart import Line, line_chart, steps_of
+from limberjack.see.report.result import Played
+from limberjack.see.report.trace import Trace
+from limberjack.see.report.units import Label
 from limberjack.utils.facts import Facts, title_of
 
 __all__ = ["write_page"]

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from limberjack import policies, report, suite
+from limberjack import policies, suite
 from limberjack.episodes import Episode
-from limberjack.report import Step
-from limberjack.report import trace as trace_module
-from limberjack.report.labels import Labels
+from limberjack.see import report
+from limberjack.see.report import Step
+from limberjack.see.report import trace as trace_module
+from limberjack.see.report.labels import Labels
 from tests.representatives import PAIRS
 from tests.rollouts import run_episode
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from limberjack import report
 from limberjack.episodes import Episode
-from limberjack.report import write_distribution_plot
+from limberjack.see import report
+from limberjack.see.report import write_distribution_plot
 
 _POLICIES = {"mine": [1.0, 5.0, 3.0], "zero": [0.0, 0.0, 2.0]}
 
@@ -45,7 +45,7 @@ def test_a_plot_is_drawn_without_touching_pyplot(tmp_path: Path) -> None:
     path = tmp_path / "return.png"
     code = (
         "import sys, numpy as np; from pathlib import Path\n"
-        "from limberjack import report; from limberjack.episodes import Episode\n"
+        "from limberjack.see import report; from limberjack.episodes import Episode\n"
         "episode = Episode(0, None, np.ones(9))\n"
         f"report.write_return_plot(Path({str(path)!r}), 'title', [episode], 1.0)\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
