@@ -713,6 +713,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("HttpOnly; SameSite=Strict", "SameSite=Lax"),
         ("number if mapped is None else mapped", "number"),
         ('request.method != "GET" or', ""),
+        ("if self.is_fixed or error.errno", "if error.errno"),
+        ("_free_port(number, _FIRST_PORT), is_fixed=False)", "_free_port(number, _FIRST_PORT))"),
+        ("        made.listen()\n", "        pass\n"),
     ],
     "viewer/guard.py": [
         ("            self._permitted.add(connection)\n", ""),
@@ -729,10 +732,5 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ('"max_size": _LONGEST_MESSAGE, ', ""),
         ("            self._started.set_exception(error)\n", ""),
-    ],
-    "viewer/address.py": [
-        ("if self.is_fixed or error.errno", "if error.errno"),
-        ("_free_port(number, _FIRST_PORT), is_fixed=False)", "_free_port(number, _FIRST_PORT))"),
-        ("        made.listen()\n", "        pass\n"),
     ],
 }

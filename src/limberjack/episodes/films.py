@@ -33,8 +33,7 @@ from limberjack.rl.guards import at_least_one
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.see.report.folder import FILM, RESULT
 from limberjack.see.video import SIZE, Film, first_camera, mosaic
-from limberjack.utils.files import Hold
-from limberjack.utils.regular import open_regular
+from limberjack.utils.files import Hold, open_regular
 from limberjack.utils.seeds import SEEDS, checked_seed
 from limberjack.workers.factories import Factory, Make, factory_of
 

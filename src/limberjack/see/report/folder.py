@@ -11,7 +11,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from limberjack.utils.regular import read_regular
+from limberjack.utils.files import read_regular
 
 __all__ = ["EVALUATION", "FILM", "PAGE", "PLOT", "RESULT", "check_folder"]
 
