@@ -12,7 +12,6 @@ _EXCEPTIONS = {
     "__main__.py": "one line, which every command that is called as a program runs",
     "gpu/backend.py": "imports packages; test_layers.py tests what it raises without them",
     "sb3.py": "the public names of adapters/sb3.py",
-    "cli/gallery.py": "prints the paths that test_gallery.py looks for",
     "mujoco/rendering/egl.py": "a backend, which rendering/test_backends.py chooses",
     "mujoco/wrapper/mjbindings/constants.py": "tested in wrapper/test_mjbindings.py",
     "mujoco/wrapper/mjbindings/enums.py": "tested in wrapper/test_mjbindings.py",

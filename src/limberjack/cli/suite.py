@@ -1,4 +1,4 @@
-"""`limberjack list`: the tasks."""
+"""`limberjack list` and `gallery`: the tasks of the suite, and a picture of each."""
 
 import dataclasses
 import json as json_module
@@ -8,7 +8,9 @@ from typing import Annotated
 import typer
 
 from limberjack.cli.app import command
-from limberjack.cli.output import complain, console, table
+from limberjack.cli.options import RequiredOut
+from limberjack.cli.output import FAILED, complain, console, misuse_reported, table
+from limberjack.cli.progress import show_parts
 
 __all__: list[str] = []
 
@@ -62,3 +64,27 @@ def _described(domain: str, task: str) -> _Task:
     environment.close()
     sizes = (math.prod(spec.shape) for spec in observation.values())
     return _Task(domain, task, tags, math.prod(action.shape), sum(sizes))
+
+
+@command("gallery", "limberjack gallery --out pictures")
+def _gallery(
+    out: RequiredOut,
+) -> None:
+    """Draw a picture of each task, and a sheet of all of them: suite.png."""
+    from limberjack import gallery
+    from limberjack.mujoco.camera import RenderingError
+
+    with misuse_reported():
+        try:
+            with show_parts() as show:
+                paths = gallery.write(
+                    out,
+                    on_progress=lambda domain, task, drawn, tasks: show(
+                        f"drawing {domain} {task}", drawn, tasks
+                    ),
+                )
+        except RenderingError as error:
+            complain(f"no pictures: {error}")
+            raise typer.Exit(FAILED) from None
+    for path in paths:
+        typer.echo(path)
