@@ -290,8 +290,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         (" if _AND not in unit}", "}"),
         ("name if len(units) == 1 else str(index)", "str(index)"),
         (" or any(units[name])\n", "\n"),
-    ],
-    "see/report/units.py": [
         ("gain * gear:g", "gain:g"),
         ("gear != 1 or", ""),
         ("[joint == _Joint.mjJNT_HINGE]", "[joint != _Joint.mjJNT_HINGE]"),

@@ -88,6 +88,7 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
 }
 # Modules that one folder uses and that lie outside it: dm_control's paths, and what users import.
 _STANDS_ALONE = (
+    "limberjack._compat",
     "limberjack.mujoco.math",
     "limberjack.suite.utils.parse_amc",
     "limberjack.suite.utils.randomizers",

@@ -209,9 +209,9 @@ def dm_control() -> str:
 
 def gpu() -> list[str]:
     """The CUDA devices that MuJoCo Warp can use, with their memory; raises if there are none."""
-    from limberjack.gpu import devices
+    from limberjack.gpu import backend
 
-    return devices.described()
+    return backend.devices()
 
 
 @dataclasses.dataclass(frozen=True)

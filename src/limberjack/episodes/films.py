@@ -31,7 +31,7 @@ from limberjack.policies.actors import EachRow
 from limberjack.policies.named import is_stateful_object
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.rows import RowsEnvironment
-from limberjack.see.report.folder import FILM, RESULT
+from limberjack.see.report.result import FILM, RESULT
 from limberjack.see.video import SIZE, Film, first_camera, mosaic
 from limberjack.utils.files import Hold, open_regular
 from limberjack.utils.seeds import SEEDS, checked_seed

@@ -26,7 +26,7 @@ from limberjack.episodes.playing import Step, play, recorded
 from limberjack.policies import Actor
 from limberjack.rl.rows import RowsEnvironment
 from limberjack.see import report
-from limberjack.see.report.folder import RESULT
+from limberjack.see.report.result import RESULT
 from limberjack.see.video import SIZE
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds

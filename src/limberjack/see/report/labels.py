@@ -3,6 +3,10 @@
     labels = labels_of(environment)
     labels.observations["joint_angles"][0]      # Label('abdomen_z', 'rad')
     labels.actions[0]                           # Label('abdomen_y', '40 N·m')
+    fields_of(model)["qpos"][0]                 # Label('root x', 'm')
+
+The names and units of the model's own numbers (positions, velocities, sensors, controls) are read
+from the compiled model; a number without a unit has the empty string.
 
 A domain declares no names. Every number of a copy of the simulation's state is replaced by a
 distinct random one, and the task observes that copy: a number of the observation that is one of
@@ -14,23 +18,191 @@ have the unit that `OBSERVATIONS` of the task's module declares for all numbers 
 import contextlib
 import copy
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from limberjack.mujoco import Physics
+from limberjack.mujoco import Physics, fields
+from limberjack.mujoco.official import mujoco
 from limberjack.rl.control import Environment, flatten_observation
-from limberjack.see.report.units import Label, controls, fields_of
 from limberjack.suite.base import Observed
 
-__all__ = ["Label", "Labels", "labels_of"]
+if TYPE_CHECKING:
+    from mujoco import MjModel
+
+__all__ = ["Label", "Labels", "controls", "fields_of", "labels_of"]
+
+_Joint, _Sensor, _Transmission = mujoco.mjtJoint, mujoco.mjtSensor, mujoco.mjtTrn
 
 _LEAST, _MOST = 0.1, 0.9  # of the random numbers: positive, so that logarithms and roots exist
 _SAME = 1e-12  # relative; functions of arrays may round the last bit by position
 _MOST_ROWS = 2000  # of all fields together; the task observes once for each, in about 0.1 ms
 _AXES = "xyz"
 _AND = "; "  # between the units of an observation whose numbers have several
+
+
+class Label(NamedTuple):
+    """The name and the unit of a number."""
+
+    name: str
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+# Fields of MjData with one unit for all of their numbers.
+_UNITS = {
+    **dict.fromkeys(
+        ("xpos", "xipos", "xanchor", "geom_xpos", "site_xpos", "cam_xpos", "light_xpos"), "m"
+    ),
+    **dict.fromkeys(("subtree_com", "mocap_pos"), "m"),
+    **dict.fromkeys(("xquat", "xmat", "ximat", "xaxis", "geom_xmat", "site_xmat", "cam_xmat"), ""),
+    **dict.fromkeys(("light_xdir", "mocap_quat", "act"), ""),
+    "subtree_linvel": "m/s",
+    "subtree_angmom": "kg·m²/s",
+    # Those of a tendon depend on the joints that it couples.
+    **dict.fromkeys(("ten_length", "ten_velocity"), ""),
+}
+_SENSOR_UNITS = {
+    "m": "RANGEFINDER FRAMEPOS SUBTREECOM GEOMDIST GEOMFROMTO",
+    "m/s": "VELOCIMETER FRAMELINVEL SUBTREELINVEL",
+    "m/s²": "ACCELEROMETER FRAMELINACC",
+    "rad/s": "GYRO BALLANGVEL FRAMEANGVEL",
+    "rad/s²": "FRAMEANGACC",
+    "N": "TOUCH FORCE",
+    "N·m": "TORQUE",
+    "T": "MAGNETOMETER",
+    "kg·m²/s": "SUBTREEANGMOM",
+    "J": "E_POTENTIAL E_KINETIC",
+    "s": "CLOCK",
+}
+_UNIT_OF_SENSOR = {kind: unit for unit, kinds in _SENSOR_UNITS.items() for kind in kinds.split()}
+# Sensors of a joint: their units where it slides and where it turns.
+_OF_JOINT = {
+    "JOINTPOS": ("m", "rad"),
+    "JOINTVEL": ("m/s", "rad/s"),
+    "JOINTACTFRC": ("N", "N·m"),
+    "JOINTLIMITPOS": ("m", "rad"),
+    "JOINTLIMITVEL": ("m/s", "rad/s"),
+    "JOINTLIMITFRC": ("N", "N·m"),
+}
+_VECTOR, _QUATERNION = fields.COLUMN_NAMES["xyz"], fields.COLUMN_NAMES["quat"]
+_TURNED = [(f" {part}", "") for part in _QUATERNION]
+_POSITIONS = {  # of a joint's kind: the parts of its names and their units
+    _Joint.mjJNT_FREE: [*((f" {axis}", "m") for axis in _VECTOR), *_TURNED],
+    _Joint.mjJNT_BALL: _TURNED,
+    _Joint.mjJNT_SLIDE: [("", "m")],
+    _Joint.mjJNT_HINGE: [("", "rad")],
+}
+_TURNING = [(f" about {axis}", "rad/s") for axis in _VECTOR]
+_VELOCITIES = {
+    _Joint.mjJNT_FREE: [*((f" {axis}", "m/s") for axis in _VECTOR), *_TURNING],
+    _Joint.mjJNT_BALL: _TURNING,
+    _Joint.mjJNT_SLIDE: [("", "m/s")],
+    _Joint.mjJNT_HINGE: [("", "rad/s")],
+}
+
+
+def fields_of(model: "MjModel") -> dict[str, list[Label]]:
+    """The labels of the numbers of MjData's fields, in row-major order, by field."""
+    found = {
+        "qpos": _of_joints(model, _POSITIONS),
+        "qvel": _of_joints(model, _VELOCITIES),
+        "ctrl": controls(model),
+        "sensordata": [label for i in range(model.nsensor) for label in _of_sensor(model, i)],
+    }
+    data = mujoco.MjData(model)
+    for name, unit in _UNITS.items():
+        found[name] = _of_field(model, name, unit, getattr(data, name).shape)
+    return found
+
+
+def controls(model: "MjModel") -> list[Label]:
+    """The labels of the actuators' controls, (nu,).
+
+    The unit is what a control of 1 stands for: a force or torque for a motor, a position or
+    velocity for a servo; the empty string for anything else.
+    """
+    names = _names(model, "actuator")
+    if len(names) != model.nu:
+        return [Label(f"control {i}") for i in range(model.nu)]
+    return [Label(name, _unit_of_control(model, i)) for i, name in enumerate(names)]
+
+
+def _of_joints(model: "MjModel", parts: dict[object, list[tuple[str, str]]]) -> list[Label]:
+    kinds = [_Joint(kind) for kind in model.jnt_type]
+    return [
+        Label(name + part, unit)
+        for name, kind in zip(_names(model, "jnt"), kinds, strict=True)
+        for part, unit in parts[kind]
+    ]
+
+
+def _of_sensor(model: "MjModel", number: int) -> list[Label]:
+    """The labels of a sensor's numbers."""
+    kind = _Sensor(model.sensor_type[number]).name.removeprefix("mjSENS_")
+    name, size = _names(model, "sensor")[number], model.sensor_dim[number]
+    unit = _UNIT_OF_SENSOR.get(kind, "")
+    if kind in _OF_JOINT:
+        joint = model.jnt_type[model.sensor_objid[number]]
+        unit = _OF_JOINT[kind][joint == _Joint.mjJNT_HINGE]
+    if size == 1:
+        return [Label(name, unit)]
+    parts = {3: _VECTOR, 4: _QUATERNION}.get(size, list(map(str, range(size))))
+    return [Label(f"{name} {part}", unit) for part in parts]
+
+
+def _of_field(model: "MjModel", name: str, unit: str, shape: Sequence[int]) -> list[Label]:
+    """The labels of a field whose rows are objects, and whose columns have names or are none."""
+    size = fields.axes_of("MjData", name, tuple(shape), model)[0]
+    if size is None:
+        return []
+    if size == "nmocap":
+        bodies = sorted(range(model.nbody), key=lambda body: model.body_mocapid[body])
+        kept = bodies[model.nbody - model.nmocap :]
+        rows = [_names(model, "body")[body] for body in kept]
+    else:
+        kind = fields.RAGGED[size][0] if size in fields.RAGGED else fields.OBJECTS[size]
+        rows = _names(model, kind)
+    if len(rows) != shape[0]:  # objects with several numbers, as activations
+        return []
+    columns = _columns(shape)
+    return [Label(f"{row}{column}", unit) for row in rows for column in columns]
+
+
+def _columns(shape: Sequence[int]) -> list[str]:
+    """The suffixes of an object's name for the numbers of its row."""
+    if len(shape) == 1:
+        return [""]
+    named = {3: "xyz", 4: "quat", 9: "mat"}
+    return [f" {part}" for part in fields.COLUMN_NAMES[named[shape[1]]]]
+
+
+def _unit_of_control(model: "MjModel", number: int) -> str:
+    kind = _Transmission(model.actuator_trntype[number])
+    if kind not in (_Transmission.mjTRN_JOINT, _Transmission.mjTRN_JOINTINPARENT):
+        return ""
+    slides = model.jnt_type[model.actuator_trnid[number, 0]] == _Joint.mjJNT_SLIDE
+    gain, gear = model.actuator_gainprm[number, 0], model.actuator_gear[number, 0]
+    is_plain = model.actuator_dyntype[number] == mujoco.mjtDyn.mjDYN_NONE
+    if not is_plain or model.actuator_gaintype[number] != mujoco.mjtGain.mjGAIN_FIXED:
+        return ""
+    if model.actuator_biastype[number] == mujoco.mjtBias.mjBIAS_NONE:
+        return f"{gain * gear:g} {'N' if slides else 'N·m'}"
+    _, stiffness, damping = model.actuator_biasprm[number, :3]
+    if gear != 1 or gain not in (-stiffness, -damping):
+        return ""
+    length = "m" if slides else "rad"
+    return length if gain == -stiffness else f"{length}/s"
+
+
+def _names(model: "MjModel", kind: str) -> list[str]:
+    """The names of all objects of a kind, in order; those without one have their number."""
+    starts: Iterable[int] = getattr(model, f"name_{kind}adr").ravel().tolist()
+    names = (model.names[start : model.names.find(b"\0", start)].decode() for start in starts)
+    return [name or f"{kind} {number}" for number, name in enumerate(names)]
 
 
 class Labels(NamedTuple):

@@ -17,9 +17,9 @@ import numpy as np
 
 from limberjack.see.report import parts
 from limberjack.see.report.chart import Line, line_chart, steps_of
+from limberjack.see.report.labels import Label
 from limberjack.see.report.result import Played
 from limberjack.see.report.trace import Trace
-from limberjack.see.report.units import Label
 from limberjack.utils.facts import Facts, title_of
 
 __all__ = ["write_page"]

@@ -18,13 +18,12 @@ from pathlib import Path
 from limberjack.mujoco.camera import RenderingError
 from limberjack.rl.control import Environment
 from limberjack.see.report.curve import write_return_plot
-from limberjack.see.report.folder import FILM as _FILM
-from limberjack.see.report.folder import PAGE as _PAGE
-from limberjack.see.report.folder import PLOT as _PLOT
-from limberjack.see.report.folder import RESULT as _RESULT
-from limberjack.see.report.folder import check_folder
 from limberjack.see.report.page import write_page
-from limberjack.see.report.result import Played, as_result, write_result
+from limberjack.see.report.result import FILM as _FILM
+from limberjack.see.report.result import PAGE as _PAGE
+from limberjack.see.report.result import PLOT as _PLOT
+from limberjack.see.report.result import RESULT as _RESULT
+from limberjack.see.report.result import Played, as_result, check_folder, write_result
 from limberjack.see.report.trace import Step, Trace
 from limberjack.see.video import Film, Rendered, first_camera
 from limberjack.utils.facts import Facts, title_of

@@ -7,13 +7,13 @@ import pytest
 from .on_device import torch
 
 pytestmark = pytest.mark.gpu
-devices: Any = pytest.importorskip("limberjack.gpu.devices")
+backend: Any = pytest.importorskip("limberjack.gpu.backend")
 _NO_CUDA = pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a CUDA device")
 
 
 def test_the_processor_is_a_device() -> None:
-    assert devices.device_of("cpu") == torch.device("cpu")
-    assert devices.device_of(torch.device("cpu")) == torch.device("cpu")
+    assert backend.device_of("cpu") == torch.device("cpu")
+    assert backend.device_of(torch.device("cpu")) == torch.device("cpu")
 
 
 @pytest.mark.parametrize(
@@ -22,27 +22,27 @@ def test_the_processor_is_a_device() -> None:
 )
 def test_other_names_are_refused(name: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        devices.device_of(name)
+        backend.device_of(name)
 
 
 @_NO_CUDA
 def test_without_cuda_the_message_says_what_to_install() -> None:
     with pytest.raises(ValueError, match=r"'cuda:0', but PyTorch .* finds no CUDA device: install"):
-        devices.device_of("cuda:0")
+        backend.device_of("cuda:0")
     with pytest.raises(ValueError, match="install NVIDIA's driver and PyTorch for CUDA"):
-        devices.described()
+        backend.devices()
 
 
 def test_a_number_beyond_the_last_device_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 2)
     with pytest.raises(ValueError, match="this machine has 2 CUDA devices"):
-        devices.device_of("cuda:2")
+        backend.device_of("cuda:2")
 
 
 def test_a_driver_that_is_too_old_for_warp_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
-    monkeypatch.setattr(devices.warp, "get_cuda_devices", list)
+    monkeypatch.setattr(backend.warp, "get_cuda_devices", list)
     with pytest.raises(ValueError, match=r"Warp .* cannot: install a newer driver"):
-        devices.device_of("cuda:0")
+        backend.device_of("cuda:0")
