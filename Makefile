@@ -53,19 +53,20 @@ test-exactness: $(VENV)/installed-test  ## Compare every task with dm_control at
 		tests/oracle/test_variants.py tests/oracle/test_frames.py
 
 test-training: $(VENV)/installed-training  ## Run the tests of Stable-Baselines3 and the examples
-	$(BIN)/python -m pytest tests/test_sb3.py tests/evaluation/test_saved_models.py \
+	$(BIN)/python -m pytest tests/adapters/test_sb3.py tests/evaluation/test_saved_models.py \
 		tests/examples
 
 test-minari: $(VENV)/installed-minari  ## Run the tests of datasets in Minari's format
 	$(BIN)/python -m pytest -m 'slow or not slow' tests/episodes/test_to_minari.py \
-		tests/cli/test_convert.py tests/cli/test_collect.py
+		tests/cli/test_datasets.py tests/cli/test_collect.py
 
 test-scale: $(VENV)/installed-scale  ## Run the tests of Ray: on this machine, and a cluster of three nodes
 	$(SCALE)/bin/python -m pytest -m ray tests/workers/test_ray_tasks.py
 
 test-gpu:  ## Run tasks on MuJoCo Warp, on the processor; installs PyTorch into an environment of its own
 	$(MAKE) VENV=$(VENV)-gpu $(VENV)-gpu/installed-gpu
-	$(VENV)-gpu/bin/python -m pytest -m gpu tests/gpu tests/test_gpu.py tests/examples tests/benchmarks
+	$(VENV)-gpu/bin/python -m pytest -m gpu tests/gpu tests/adapters tests/test_gpu.py \
+		tests/examples tests/benchmarks
 	$(VENV)-gpu/bin/python -m pytest tests/docs/test_pages.py -k gpu.md
 
 lint: $(VENV)/installed-test  ## Check style and types

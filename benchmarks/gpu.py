@@ -77,7 +77,7 @@ def main(
     ] = None,
 ) -> None:
     """Measures the speed of the suite on a GPU."""
-    from limberjack.gpu.devices import device_of
+    from limberjack.gpu.backend import device_of
 
     sizes = _SIZES
     try:

@@ -32,7 +32,7 @@ _PARTS = {
     "classes.json": ("planner", *_SIMULATED),
     "collecting.json": ("episodes", "policies", "workers", *_SIMULATED),
     "exactness.json": _SIMULATED,
-    "learning_curves.json": ("gym", "sb3.py", *_SIMULATED),
+    "learning_curves.json": ("gym", "adapters/sb3.py", *_SIMULATED),
     "overhead.json": ("gym", *_SIMULATED),
     "path_searches.json": ("planner", *_SIMULATED),
     "planner.json": ("planner", *_SIMULATED),

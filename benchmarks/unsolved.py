@@ -9,7 +9,7 @@ import numpy as np
 
 from limberjack import suite
 from limberjack.mujoco import TextOverlay
-from limberjack.video import mosaic
+from limberjack.see.video import mosaic
 
 __all__ = ["draw", "seeds_of"]
 

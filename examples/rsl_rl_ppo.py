@@ -13,7 +13,7 @@ import torch  # pyright: ignore[reportMissingImports]
 from rsl_rl.runners import OnPolicyRunner  # pyright: ignore[reportMissingImports]
 
 from limberjack import gpu
-from limberjack.gpu.rsl_rl import RslRlVecEnv
+from limberjack.adapters.rsl_rl import RslRlVecEnv
 
 _ROLLOUT = 24  # steps of each row between two updates
 _SEEN = 20  # steps to average the reward over

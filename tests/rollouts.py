@@ -11,7 +11,7 @@ import numpy as np
 
 from limberjack.episodes import Episode
 from limberjack.policies import Actor, Policy
-from limberjack.report import Step
+from limberjack.see.report import Step
 from limberjack.suite.base import kind_of_start
 
 __all__ = ["run_episode"]

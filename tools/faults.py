@@ -273,14 +273,14 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
     "rl/represented.py": [
         ("known == list(range(known[0], known[0] + len(known)))", "known"),
     ],
-    "report/chart.py": [
+    "see/report/chart.py": [
         ("heights[number + 1 :] if", "heights if"),
         ("_DASH * len(above)\n", "0.0\n"),
         ("is_alone = ~touches", "is_alone = touches"),
         ("left=np.nan, right=np.nan", ""),
         ("(at if line.at is None else line.at) / until", "at / until"),
     ],
-    "report/labels.py": [
+    "see/report/labels.py": [
         ("        stream.set_state(state)\n", "        pass\n"),
         ("(found[name], derived, strict=True)", "(derived, derived, strict=True)"),
         ("sorted(of_number - shared)", "sorted(of_number)"),
@@ -290,8 +290,6 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         (" if _AND not in unit}", "}"),
         ("name if len(units) == 1 else str(index)", "str(index)"),
         (" or any(units[name])\n", "\n"),
-    ],
-    "report/units.py": [
         ("gain * gear:g", "gain:g"),
         ("gear != 1 or", ""),
         ("[joint == _Joint.mjJNT_HINGE]", "[joint != _Joint.mjJNT_HINGE]"),
@@ -713,6 +711,9 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ("HttpOnly; SameSite=Strict", "SameSite=Lax"),
         ("number if mapped is None else mapped", "number"),
         ('request.method != "GET" or', ""),
+        ("if self.is_fixed or error.errno", "if error.errno"),
+        ("_free_port(number, _FIRST_PORT), is_fixed=False)", "_free_port(number, _FIRST_PORT))"),
+        ("        made.listen()\n", "        pass\n"),
     ],
     "viewer/guard.py": [
         ("            self._permitted.add(connection)\n", ""),
@@ -729,10 +730,5 @@ FAULTS: dict[str, list[tuple[str, str]]] = {
         ),
         ('"max_size": _LONGEST_MESSAGE, ', ""),
         ("            self._started.set_exception(error)\n", ""),
-    ],
-    "viewer/address.py": [
-        ("if self.is_fixed or error.errno", "if error.errno"),
-        ("_free_port(number, _FIRST_PORT), is_fixed=False)", "_free_port(number, _FIRST_PORT))"),
-        ("        made.listen()\n", "        pass\n"),
     ],
 }

@@ -21,10 +21,10 @@ import typer
 
 from limberjack import suite
 from limberjack.planner import Planner
+from limberjack.see.video import mosaic
 from limberjack.suite import base
 from limberjack.utils import png
 from limberjack.utils.files import replacing
-from limberjack.video import mosaic
 
 __all__ = ["FOLDER", "Episode", "draw", "episodes", "main", "play"]
 

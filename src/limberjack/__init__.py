@@ -85,12 +85,12 @@ def install_as_dm_control() -> None:
 
 
 def show(frames: object, fps: float = 30.0) -> object:
-    """A picture or film displayed inline in a notebook; see `limberjack.notebook.show`.
+    """A picture or film displayed inline in a notebook; see `limberjack.see.notebook.show`.
 
     limberjack.show(env.physics.render())
     limberjack.show(list_of_pictures, fps=40)
     """
-    from limberjack import notebook
+    from limberjack.see import notebook
 
     return notebook.show(frames, fps)
 

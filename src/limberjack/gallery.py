@@ -16,11 +16,10 @@ import numpy as np
 from limberjack import suite
 from limberjack.mujoco import TextOverlay
 from limberjack.rl.action_specs import bounds_to_try
+from limberjack.see.video import mosaic
 from limberjack.suite import base
 from limberjack.utils import png
-from limberjack.utils.files import replacing
-from limberjack.utils.regular import open_regular
-from limberjack.video import mosaic
+from limberjack.utils.files import open_regular, replacing
 
 __all__ = ["draw", "write"]
 

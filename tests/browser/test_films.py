@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import limberjack
-from limberjack.notebook import Shown
-from limberjack.video import Writer
+from limberjack.see.notebook import Shown
+from limberjack.see.video import Writer
 
 from .chromium import Chromium
 

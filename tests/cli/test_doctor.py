@@ -12,7 +12,7 @@ import typer.testing
 from limberjack import doctor
 from limberjack.cli import app
 from limberjack.doctor import packages
-from limberjack.doctor.child import Answer
+from limberjack.doctor.probes import Answer
 
 _WORKS: dict[str, Any] = {
     "core": {"steps": 10},
@@ -53,7 +53,7 @@ def test_each_probe_is_named_as_it_begins(monkeypatch: pytest.MonkeyPatch) -> No
         yield lambda *now: shown.append(now)
 
     monkeypatch.setattr("limberjack.cli.doctor.show_parts", show_parts)
-    monkeypatch.setattr("limberjack.doctor.child.ask", _ask({}))
+    monkeypatch.setattr("limberjack.doctor.probes.ask", _ask({}))
     assert typer.testing.CliRunner().invoke(app, ["doctor"]).exit_code == 0
     assert shown[:2] == [("checking domains", 0, 9), ("checking core", 1, 9)]
     assert {part for part, _, _ in shown} == {f"checking {probe}" for probe in _WORKS}

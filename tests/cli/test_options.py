@@ -262,7 +262,7 @@ def test_a_users_environment_is_evaluated_collected_run_and_replayed(
 def test_a_kind_of_batch_may_be_asked_for_and_changes_no_number(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("limberjack.video.Film.add", lambda film, physics: None)  # takes long
+    monkeypatch.setattr("limberjack.see.video.Film.add", lambda film, physics: None)  # takes long
     play = [command, "--policy", "random", "--seeds", "0:2", "--threads", "1", "--out"]
     returns = []
     for kind in ("--vectorised", "--no-vectorised"):
@@ -341,7 +341,7 @@ def test_a_task_of_the_suite_is_solved_the_same_under_another_name(tmp_path: Pat
 def test_an_environment_repeats_actions_as_it_says_unless_it_is_asked_otherwise(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("limberjack.video.Film.add", lambda film, physics: None)  # takes long
+    monkeypatch.setattr("limberjack.see.video.Film.add", lambda film, physics: None)  # takes long
     for command in ("run", "collect", "evaluate"):
         for options, repeat in (([], 3), (["--action-repeat", "2"], 2)):
             out = tmp_path / f"{command}-{repeat}"

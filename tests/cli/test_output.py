@@ -9,6 +9,8 @@ import typer
 
 from limberjack import policies
 from limberjack.cli import output
+from limberjack.cli.output import add_summaries, console, summaries_table
+from limberjack.episodes.statistics import Score, strata, summarise
 from limberjack.policies.kinds import Locating, PolicyError
 from limberjack.rl.batches import NOT_VECTORISED
 from limberjack.rl.control import PhysicsError
@@ -231,3 +233,18 @@ def test_a_saved_model_is_called_code_once_if_its_file_is_there(
         "limberjack: policy 'sb3:walk' is a pickle, and loading it runs the Python code in it: use "
         "only files of people whom you trust\n"
     )
+
+
+def test_a_row_for_all_episodes_is_followed_by_one_for_each_start() -> None:
+    scores = [Score(seed, 10.0 + seed, 5, float(seed), start=f"kind_{seed}") for seed in range(2)]
+    rows = summaries_table("policy")
+    add_summaries(rows, "zero", summarise(scores), strata(scores))
+    screen = console()
+    with screen.capture() as captured:
+        screen.print(rows)
+    shown = captured.get().splitlines()
+    lines = [line.split() for line in shown if "kind_" in line or "zero" in line]
+    assert lines[0][:3] == ["zero", "2", "10.5"]
+    assert lines[0][-2:] == ["50.0", "%"]
+    assert lines[1] == ["kind_0", "1", "10.0", "10.0", "0.0", "%"]
+    assert lines[2] == ["kind_1", "1", "11.0", "11.0", "100.0", "%"]

@@ -12,6 +12,7 @@ import typer
 
 import limberjack
 from limberjack.cli import process
+from limberjack.cli.process import command_line
 from limberjack.utils.files import Hold
 
 _COMMAND = [sys.executable, "-m", "limberjack"]
@@ -217,3 +218,13 @@ def test_an_interrupt_of_an_import_ends_the_process_unless_a_file_is_unfinished(
     with pytest.raises(SystemExit), Hold(tmp_path), process.own_process():
         __import__("interrupting")
     assert statuses == [process.INTERRUPTED]
+
+
+def test_the_command_is_quoted_for_a_shell(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/limberjack", "run", "humanoid", "--out", "a b"])
+    assert command_line() == "limberjack run humanoid --out 'a b'"
+
+
+def test_bytes_that_are_no_text_can_be_written_to_a_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["limberjack", "run", "--out", "a\udcff"])
+    assert command_line() == "limberjack run --out 'a\N{REPLACEMENT CHARACTER}'"

@@ -28,7 +28,7 @@ def _no_films() -> Iterator[None]:
         raise ImportError("no film in this test")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("limberjack.report.recorder.Film", missing)
+        patch.setattr("limberjack.see.report.recorder.Film", missing)
         yield
 
 

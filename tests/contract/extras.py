@@ -10,7 +10,7 @@ __all__ = ["MADE_OF", "MISSING"]
 _ON_TENSORS = tuple(
     f"limberjack.gpu.{name}"
     for name in (
-        *("backend", "batch", "counters", "devices", "functions", "model_fields", "rsl_rl"),
+        *("backend", "batch", "counters", "functions", "model_fields"),
         *("speed", "tensors", "vector", "warp_simulation"),
     )
 )
@@ -19,6 +19,8 @@ _ON_TENSORS = tuple(
 MADE_OF = {
     "limberjack.data": ("pyarrow", "data"),
     "limberjack.episodes.to_minari": ("minari", "minari"),
+    "limberjack.adapters.rsl_rl": ("mujoco_warp", "gpu"),
+    "limberjack.adapters.sb3": ("stable_baselines3", "sb3"),
     "limberjack.sb3": ("stable_baselines3", "sb3"),
     "limberjack.workers.ray_tasks": ("ray", "ray"),
     "limberjack.gpu": ("mujoco_warp", "gpu"),  # its names

@@ -193,7 +193,7 @@ def test_an_extra_that_is_not_installed_is_an_error_with_its_packages(
     installed: _Environment,
 ) -> None:
     program = """
-    from limberjack import video
+    from limberjack.see import video
     try:
         video.find_ffmpeg()
     except ImportError as error:

@@ -39,12 +39,11 @@ _FLOORS = {
     "limberjack.suite": 4,
     "limberjack.gym": 5,
     "limberjack.gpu": 6,
-    "limberjack.sb3": 6,
+    "limberjack.adapters": 7,
     "limberjack.planner": 7,
+    "limberjack.sb3": 7,
     "limberjack.policies": 8,
-    "limberjack.notebook": 9,
-    "limberjack.report": 9,
-    "limberjack.video": 9,
+    "limberjack.see": 9,
     "limberjack.viewer": 9,
     "limberjack.workers": 9,
     "limberjack.data": 10,
@@ -62,11 +61,8 @@ _ROOMS = {
     "limberjack._gymnasium_plugin": "foundations",
     "limberjack.registry": "foundations",
     "limberjack.utils": "foundations",
-    "limberjack.notebook": "see",
-    "limberjack.report": "see",
-    "limberjack.video": "see",
-    "limberjack.viewer": "see",
     "limberjack.data": "limberjack.episodes",
+    "limberjack.sb3": "limberjack.adapters",
 }
 
 _EVERYWHERE = {"dm_env", "mujoco", "numpy"}
@@ -75,16 +71,16 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "dm_control": "limberjack.doctor.probes",
     "gymnasium": ("limberjack.gym", "limberjack.gpu.vector"),  # each has a class of its own for it
     "glfw": "limberjack.mujoco.rendering.backends",
-    "imageio_ffmpeg": "limberjack.video",
-    "matplotlib": "limberjack.report.curve",
+    "imageio_ffmpeg": "limberjack.see.video",
+    "matplotlib": "limberjack.see.report.curve",
     "minari": "limberjack.episodes.to_minari",
     "pyarrow": "limberjack.episodes.parquet",
     "ray": "limberjack.workers.ray_tasks",
     "mujoco_warp": "limberjack.gpu.backend",
     "rich": "limberjack.cli",
-    "rsl_rl": "limberjack.gpu.rsl_rl",
-    "stable_baselines3": "limberjack.sb3",
-    "tensordict": "limberjack.gpu.rsl_rl",
+    "rsl_rl": "limberjack.adapters.rsl_rl",
+    "stable_baselines3": "limberjack.adapters.sb3",
+    "tensordict": "limberjack.adapters.rsl_rl",
     "torch": "limberjack.gpu.backend",
     "typer": "limberjack.cli",
     "warp": "limberjack.gpu.backend",
@@ -92,6 +88,7 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
 }
 # Modules that one folder uses and that lie outside it: dm_control's paths, and what users import.
 _STANDS_ALONE = (
+    "limberjack._compat",
     "limberjack.mujoco.math",
     "limberjack.suite.utils.parse_amc",
     "limberjack.suite.utils.randomizers",
@@ -107,9 +104,10 @@ _STANDS_ALONE = (
     "limberjack.gallery",
     "limberjack.gym.specs",  # of Gymnasium's own, for what converts to its formats
     "limberjack.gpu.speed",
-    "limberjack.notebook",
     "limberjack.planner.arm.roadmap",
     "limberjack.episodes.films",
+    "limberjack.adapters.sb3",
+    "limberjack.see.notebook",
     "limberjack.sb3",
 )
 

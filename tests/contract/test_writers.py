@@ -42,13 +42,13 @@ _BY_FULL_NAME = {
 _OTHERS = {
     ("limberjack.workers.process", "open"),  # a value of the kernel's, in /proc
     ("limberjack.utils.io", "open"),  # dm_control's function, whose caller chooses the mode
-    ("limberjack.utils.regular", "os.open"),  # for reading only
+    ("limberjack.utils.files", "os.open"),  # for reading only
     # Into memory, or a file that `limberjack.episodes.folder` has made with `replacing`.
     ("limberjack.episodes.parquet", "pq.ParquetWriter"),
     ("limberjack.episodes.parquet", "writer.write_table"),
     ("limberjack.episodes.parquet", "file.open"),
     ("limberjack.episodes.folder", "path.write_bytes"),
-    ("limberjack.sb3", "zipfile.ZipFile"),
+    ("limberjack.adapters.sb3", "zipfile.ZipFile"),
 }
 
 

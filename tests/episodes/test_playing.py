@@ -14,10 +14,10 @@ from limberjack.episodes.playing import Step, batch_for, play, recorded
 from limberjack.mujoco.simulation import STATE
 from limberjack.policies import Actor
 from limberjack.policies.actors import Alone, Batched, EachRow
-from limberjack.report import Step as ShownStep
 from limberjack.rl import control
 from limberjack.rl.builds import Build
 from limberjack.rl.contract import PhysicsError
+from limberjack.see.report import Step as ShownStep
 from tests.evaluation import evaluated
 from tests.plain_pictures import draw_plainly
 from tests.rollouts import run_episode

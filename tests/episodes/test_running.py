@@ -27,7 +27,7 @@ def _no_films(monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(*arguments: object) -> None:
         raise ImportError("no film in this test")
 
-    monkeypatch.setattr("limberjack.report.recorder.Film", missing)
+    monkeypatch.setattr("limberjack.see.report.recorder.Film", missing)
 
 
 def _run(out: Path | None = None, policy: object = "random", **how: Any) -> Run:

@@ -55,7 +55,8 @@ def test_it_runs_within_gymnasiums_wrappers() -> None:
 def _warnings_of_sb3(env: gym.Env) -> list[str]:
     """The conditions under which Stable-Baselines3's `check_env` warns, checked as it does.
 
-    As in version 2.9. `tests/test_sb3.py` calls the checker itself, where that is installed.
+    As in version 2.9. `tests/adapters/test_sb3.py` calls the checker itself, where that is
+    installed.
     """
     spaces = getattr(env.observation_space, "spaces", {"": env.observation_space})
     found = [name for name, space in spaces.items() if len(space.shape) not in (1, 3)]

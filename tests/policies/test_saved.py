@@ -10,7 +10,7 @@ import pytest
 import limberjack
 from limberjack import policies, suite
 from limberjack.policies import saved
-from limberjack.report import Step
+from limberjack.see.report import Step
 from tests.policies import saved_models
 from tests.rollouts import run_episode
 

@@ -1,8 +1,10 @@
 """Domains of the registry and their modules, imported or not."""
 
+import copy
 import dataclasses
 import importlib
 import importlib.util
+import pickle
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,10 +12,13 @@ from types import ModuleType
 
 import pytest
 
-from limberjack.registry import Domain, Row, import_name_of
+from limberjack import registry
+from limberjack.registry import Domain, NotImportable, Row, import_name_of
 
 _ROWS = (Row("swing", "up", (), 500, 1),)
 _NAME = "a_domain_of_these_tests"
+
+_ROW = Row("swing", "up", ("easy",), None, 1)
 
 
 @pytest.fixture
@@ -70,3 +75,37 @@ def test_a_module_that_was_only_put_in_sys_modules_has_no_import_name(
     made = ModuleType("only_in_memory")
     monkeypatch.setitem(sys.modules, "only_in_memory", made)
     assert import_name_of(made) is None
+
+
+def test_a_row_has_its_facts_in_order_and_by_name() -> None:
+    domain, task, tags, steps, dof = _ROW
+    assert (domain, task, tags, steps, dof) == ("swing", "up", ("easy",), None, 1)
+    assert (_ROW.domain, _ROW.task, _ROW.tags, _ROW.steps, _ROW.dof) == _ROW
+
+
+def test_rows_are_values_that_cannot_be_changed() -> None:
+    assert len({_ROW, Row("swing", "up", ("easy",), None, 1), _ROW._replace(dof=2)}) == 2
+    with pytest.raises(AttributeError):
+        _ROW.steps = 5  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_a_row_is_pickled_as_itself() -> None:
+    copy = pickle.loads(pickle.dumps(_ROW))
+    assert type(copy) is Row
+    assert copy == _ROW
+
+
+def test_the_suites_rows_have_facts_of_the_right_kinds() -> None:
+    for row in registry.TASKS:
+        assert row.domain.isidentifier()
+        assert row.task.isidentifier()
+        assert type(row.tags) is tuple
+        assert row.steps is None or row.steps > 0
+        assert row.dof > 0
+
+
+def test_it_is_copied_and_refuses_to_be_pickled_with_advice() -> None:
+    nowhere = NotImportable("swing")
+    assert copy.deepcopy(nowhere) is nowhere
+    with pytest.raises(pickle.PicklingError, match=r"'swing' .* such as my_package/swing\.py"):
+        pickle.dumps(nowhere)

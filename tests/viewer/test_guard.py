@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from limberjack.viewer.access import Access
-from limberjack.viewer.address import Address, find_address
+from limberjack.viewer.access import Access, Address, find_address
 from limberjack.viewer.guard import Guard
 
 from .handshakes import WEBSOCKET, ask, connect, head, seconds_until_closed

@@ -35,8 +35,8 @@ from limberjack.cli.output import (
     rows_reported,
     search_working_directory,
 )
+from limberjack.cli.process import command_line
 from limberjack.cli.progress import Units, show_units
-from limberjack.cli.typed import command_line
 
 __all__: list[str] = []
 

@@ -1,14 +1,26 @@
-"""The parts that the commands on datasets share: argument, errors and figures."""
+"""`limberjack info`, `replay` and `convert`: the commands on a dataset, and what they share."""
 
 import contextlib
+import enum
+import json as json_module
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limberjack.cli.output import FAILED, complain, console, misuse_reported, visible
-from limberjack.cli.summaries import add_summaries, summaries_table
+from limberjack.cli.app import command
+from limberjack.cli.options import EnvironmentName, function_named
+from limberjack.cli.output import (
+    FAILED,
+    add_summaries,
+    complain,
+    console,
+    misuse_reported,
+    summaries_table,
+    visible,
+)
+from limberjack.cli.progress import show_units
 from limberjack.utils.facts import title_of
 from limberjack.utils.requirements import is_of_mujoco
 
@@ -64,3 +76,102 @@ def print_information(information: "Information") -> None:
     ]
     for line in lines:
         typer.echo(visible(line))
+
+
+@command("info", "limberjack info walk", "limberjack info walk --verify --json")
+def _info(
+    directory: DatasetFolder,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print everything as JSON, with the files' SHA-256.")
+    ] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Compare the files' SHA-256 with the manifest's.")
+    ] = False,
+) -> None:
+    """Show the returns, sizes and versions of a dataset, and check every page of its files."""
+    with reading_reported("info"):
+        from limberjack import data
+
+        information = data.inform(data.load(directory), verify=verify)
+    if json:
+        typer.echo(json_module.dumps(information.as_json(), indent=2))
+    else:
+        print_information(information)
+
+
+@command(
+    "replay",
+    "limberjack replay walk",
+    "limberjack replay mine --env my_package:make",
+)
+def _replay(
+    directory: DatasetFolder,
+    env: EnvironmentName = None,
+) -> None:
+    """Play recorded episodes again, without their policy, and report whether every bit is equal.
+
+    Everything that was kept is compared: rewards, observations, ends and states. If they differ, as
+    they may with another version of MuJoCo or on another kind of processor, the exit status is 1.
+    `limberjack record --from DIR` films an episode.
+    """
+    with reading_reported("replay"):
+        _refuse_recording(directory)
+        from limberjack import data
+
+        make = None if env is None else function_named(env)
+        dataset = data.load(directory)
+        with show_units() as progress:
+            progress.begin(len(dataset))
+            difference = data.replay(dataset, make, on_progress=progress.show)
+    if difference is not None:
+        complain(difference)
+        raise typer.Exit(FAILED)
+    typer.echo(f"{directory}: {len(dataset)} episodes, {dataset.steps:,} steps, every bit the same")
+
+
+def _refuse_recording(path: Path) -> None:
+    """Raises ValueError for a file, such as the recordings that earlier versions wrote."""
+    if path.suffix == ".npz":
+        raise ValueError(
+            f"{path} is a recording of an earlier version; limberjack 0.1.0 is the last one that "
+            "reads it. `limberjack solve --out DIR` now writes a dataset: replay DIR"
+        )
+
+
+class _Target(enum.StrEnum):
+    """A format to convert to."""
+
+    MINARI = "minari"
+
+
+@command(
+    "convert",
+    "limberjack convert walk --to minari",
+    "limberjack convert walk --to minari --id mine/walk-v0",
+)
+def _convert(
+    directory: DatasetFolder,
+    to: Annotated[_Target, typer.Option(help="The format.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="ROOT", help="The folder of Minari datasets; DIR/minari by default."),
+    ] = None,
+    id: Annotated[
+        str | None,
+        typer.Option(metavar="ID", help="Such as mine/walk-v0; of task and policy by default."),
+    ] = None,
+) -> None:
+    """Convert a dataset to Minari's format, one episode at a time.
+
+    To load it, MINARI_DATASETS_PATH must name the folder of Minari datasets.
+    """
+    with reading_reported("convert"):
+        from limberjack import data
+        from limberjack.episodes.to_minari import to_minari
+
+        dataset = data.load(directory)
+        root = directory / to if out is None else out
+        with show_units() as progress:
+            progress.begin(len(dataset))
+            name = to_minari(dataset, root, id, progress.show)
+    typer.echo(f'MINARI_DATASETS_PATH={root}: minari.load_dataset("{name}")')

@@ -13,7 +13,7 @@ from limberjack.cli.progress import show_parts
 
 if TYPE_CHECKING:
     from limberjack.doctor import Backend, Check, Diagnosis, Threads
-    from limberjack.doctor.child import Answer
+    from limberjack.doctor.probes import Answer
 
 __all__: list[str] = []
 
@@ -46,7 +46,7 @@ def _doctor(
 
 def _asking(show: Callable[[str, float, float], None]) -> "Callable[..., Answer]":
     """A function that asks a probe, after showing its name."""
-    from limberjack.doctor import child
+    from limberjack.doctor import probes
 
     asked, parts = 0, _PROBES
 
@@ -54,7 +54,7 @@ def _asking(show: Callable[[str, float, float], None]) -> "Callable[..., Answer]
         nonlocal asked, parts
         show(f"checking {probe}", asked, max(parts, asked + 1))
         asked += 1
-        answer = child.ask(probe, variables)
+        answer = probes.ask(probe, variables)
         if probe == "backends":  # each of them is asked for a picture
             parts += len(answer.value or ())
         return answer

@@ -27,16 +27,17 @@ from limberjack.cli.options import (
     shard_named,
 )
 from limberjack.cli.output import (
+    add_summaries,
     complain,
     console,
     failures_reported,
     misuse_reported,
     rows_reported,
     search_working_directory,
+    summaries_table,
 )
+from limberjack.cli.process import command_line
 from limberjack.cli.progress import Units, show_units
-from limberjack.cli.summaries import add_summaries, summaries_table
-from limberjack.cli.typed import command_line
 
 if TYPE_CHECKING:
     from limberjack.evaluation import Evaluation

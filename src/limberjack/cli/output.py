@@ -4,9 +4,9 @@ import contextlib
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Protocol, TextIO
+from typing import TYPE_CHECKING, Protocol, TextIO
 
 import rich.box
 import rich.console
@@ -19,6 +19,9 @@ from limberjack.utils.described import described, is_of_user
 from limberjack.utils.log import log
 from limberjack.utils.seeds import SEEDS
 
+if TYPE_CHECKING:
+    from limberjack.evaluation import Summary
+
 __all__ = [
     "FAILED",
     "INTERRUPTED",
@@ -26,6 +29,7 @@ __all__ = [
     "SEEDS",
     "TERMINATED",
     "Progress",
+    "add_summaries",
     "append_working_directory",
     "complain",
     "console",
@@ -34,6 +38,7 @@ __all__ = [
     "misuse_reported",
     "rows_reported",
     "search_working_directory",
+    "summaries_table",
     "table",
     "users_failure",
     "visible",
@@ -215,3 +220,31 @@ def users_failure(error: BaseException) -> str | None:
     if not isinstance(error, Exception) or not (hasattr(error, "__notes__") or is_of_user(error)):
         return None
     return described(error)
+
+
+def summaries_table(what: str) -> rich.table.Table:
+    """An empty table, whose first column has this title."""
+    return table(what, "start", "episodes>", "mean>", "95 % interval>", "median>", "success>")
+
+
+def add_summaries(
+    rows: rich.table.Table, name: str, summary: "Summary", strata: "Mapping[str, Summary]"
+) -> None:
+    """Adds the row of all episodes, and one for each kind of start."""
+    rows.add_row(visible(name), "", *_cells(summary))
+    for start, of_start in strata.items():
+        rows.add_row("", visible(start), *_cells(of_start))
+    rows.add_section()
+
+
+def _cells(summary: "Summary") -> tuple[str, ...]:
+    interval = ""
+    if summary.interval is not None:
+        interval = "{:.1f} to {:.1f}".format(*summary.interval)
+    return (
+        str(summary.episodes),
+        f"{summary.mean:.1f}",
+        interval,
+        f"{summary.median:.1f}",
+        f"{100 * summary.success_rate:.1f} %",
+    )

@@ -1,4 +1,4 @@
-"""The process of a command: it ends with the command, whatever a policy leaves behind.
+"""The process of a command: its command line, and its end, whatever a policy leaves behind.
 
     with own_process():
         app()
@@ -11,6 +11,7 @@ and processes that a policy has started do not keep the process alive.
 import contextlib
 import logging
 import os
+import shlex
 import signal
 import sys
 import threading
@@ -22,7 +23,7 @@ import typer
 
 from limberjack.utils import files
 
-__all__ = ["INTERRUPTED", "TERMINATED", "own_process"]
+__all__ = ["INTERRUPTED", "TERMINATED", "command_line", "own_process"]
 
 # Exit statuses, as shells report what Ctrl-C or SIGTERM ended.
 INTERRUPTED, TERMINATED = 130, 143
@@ -112,3 +113,9 @@ def _end(status: int, threads: list[str]) -> None:
         with contextlib.suppress(Exception):
             flush()
     os._exit(status)
+
+
+def command_line() -> str:
+    """The command of this process, quoted for a shell; bytes that are no text are replaced."""
+    typed = shlex.join(["limberjack", *sys.argv[1:]])
+    return typed.encode("utf-8", "surrogateescape").decode("utf-8", "replace")

@@ -1,4 +1,11 @@
-"""`limberjack run`: episodes of a task, their returns and, with --out, a report on them."""
+"""`limberjack run`: episodes of a task, their returns and, with --out, a report on them.
+
+`finish` is the part that `limberjack solve` shares: it plays the episodes, writes their files, and
+prints their returns.
+"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -19,12 +26,28 @@ from limberjack.cli.options import (
     finite,
     named_environment,
 )
-from limberjack.cli.output import misuse_reported, rows_reported, search_working_directory
-from limberjack.cli.progress import show_units
-from limberjack.cli.running import finish, scale_of
-from limberjack.cli.typed import command_line
+from limberjack.cli.output import (
+    FAILED,
+    INTERRUPTED,
+    MISUSED,
+    complain,
+    console,
+    misuse_reported,
+    rows_reported,
+    search_working_directory,
+    table,
+    users_failure,
+    worded,
+)
+from limberjack.cli.process import command_line
+from limberjack.cli.progress import Units, show_parts, show_units
 
-__all__: list[str] = []
+if TYPE_CHECKING:
+    from limberjack.episodes import Episode
+    from limberjack.episodes.running import Run
+    from limberjack.workers import Scale
+
+__all__ = ["finish", "scale_of"]
 
 
 @command(
@@ -76,3 +99,99 @@ def _run(
             )
         status = finish(run, progress, out)
     raise typer.Exit(status)
+
+
+def scale_of(
+    progress: Units,
+    workers: int | None = None,
+    ray: str | None = None,
+    threads: int | None = None,
+    any_processor: bool = False,
+    vectorised: bool | None = None,
+) -> "Scale":
+    """The workers that the options ask for; their state is shown."""
+    from limberjack.workers import Scale
+
+    return Scale(workers, None, ray, threads, any_processor, progress.show_state, vectorised)
+
+
+def finish(run: "Run", progress: Units, out: Path | None) -> int:
+    """Plays, writes and prints; returns the exit status and raises unexpected errors."""
+    failure: BaseException | None = None
+    progress.begin(run.count)
+    try:
+        run.play(progress.show)
+    except BaseException as error:  # Ctrl-C too: finished episodes are kept
+        failure = error
+    progress.close()
+    is_misuse = isinstance(failure, ValueError | OSError) and progress.finished is None
+    if is_misuse and failure is not None:
+        complain(failure)
+        return MISUSED
+    unwritten = _written(run)  # first, because printing to a closed pipe fails
+    _print_episodes(run.episodes)
+    for line in run.left_out:
+        complain(line)
+    for path in run.written:
+        typer.echo(path)
+    if isinstance(unwritten, OSError):
+        complain(unwritten)
+    elif failure is None:
+        failure = unwritten
+    if failure is not None:
+        return _reported(failure, run, out)
+    return FAILED if unwritten is not None or _complain_of_divergence(run.episodes) else 0
+
+
+def _written(run: "Run") -> OSError | KeyboardInterrupt | None:
+    """Writes the files, if any; returns the error or interrupt that ended that."""
+    try:
+        with show_parts() as show:
+            run.write(lambda steps, all_steps: show("drawing", steps, all_steps))
+    except (OSError, KeyboardInterrupt) as error:
+        return error
+    return None
+
+
+def _reported(failure: BaseException, run: "Run", out: Path | None) -> int:
+    """Reports the error or interrupt that ended a run; raises one that is not expected."""
+    from limberjack.policies import PolicyError
+    from limberjack.rl.control import PhysicsError
+    from limberjack.workers import WorkError
+
+    done = f"{len(run.episodes)} of {run.count} episodes finished"
+    if run.keeps:
+        done += f"; what is kept in {out} is not played again"
+    if isinstance(failure, KeyboardInterrupt):
+        complain(f"interrupted: {done}")
+        return INTERRUPTED
+    if isinstance(failure, PolicyError | PhysicsError | WorkError | OSError):
+        complain(f"{worded(failure)}; {done}")
+        return FAILED
+    sentence = users_failure(failure)
+    if sentence is None:
+        raise failure
+    complain(f"{sentence}; {done}")
+    return FAILED
+
+
+def _complain_of_divergence(episodes: "list[Episode]") -> bool:
+    diverged = [episode for episode in episodes if episode.diverged]
+    for episode in diverged:
+        complain(f"the simulation of seed {episode.seed} diverged in step {episode.length}")
+    return bool(diverged)
+
+
+def _print_episodes(episodes: "list[Episode]") -> None:
+    with_start = any(episode.start is not None for episode in episodes)
+    rows = table("seed>", *(["start"] if with_start else []), "return>", "steps>")
+    for episode in episodes:
+        start = [str(episode.start)] if with_start else []
+        rows.add_row(str(episode.seed), *start, f"{episode.total:.3f}", str(episode.length))
+    if len(episodes) > 1:
+        totals = [episode.total for episode in episodes]
+        mean = sum(totals) / len(totals)
+        rows.add_section()
+        rows.add_row("mean", *([""] if with_start else []), f"{mean:.3f}", "")
+    if episodes:
+        console().print(rows)

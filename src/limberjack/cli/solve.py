@@ -25,9 +25,9 @@ from limberjack.cli.options import (
     shard_named,
 )
 from limberjack.cli.output import misuse_reported
+from limberjack.cli.process import command_line
 from limberjack.cli.progress import show_units
-from limberjack.cli.running import finish, scale_of
-from limberjack.cli.typed import command_line
+from limberjack.cli.run import finish, scale_of
 
 if TYPE_CHECKING:
     from limberjack.policies import Actor

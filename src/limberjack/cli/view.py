@@ -92,8 +92,7 @@ def _find_viewer(
 ) -> "Show":
     """The function that shows a session in the chosen viewer."""
     from limberjack import viewer
-    from limberjack.viewer.access import Access
-    from limberjack.viewer.address import find_address
+    from limberjack.viewer.access import Access, find_address
 
     if native:
         return viewer.in_window()

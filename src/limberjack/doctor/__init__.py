@@ -10,7 +10,7 @@ driver may end its process, and a MuJoCo with missing files does not import. Not
 changed, and this process imports nothing heavy. `limberjack doctor` prints the result.
 """
 
-from limberjack.doctor.examination import examine
-from limberjack.doctor.findings import Backend, Check, Diagnosis, Extra, Threads
+from limberjack.doctor.examination import Backend, Check, Diagnosis, Threads, examine
+from limberjack.doctor.packages import Extra
 
 __all__ = ["Backend", "Check", "Diagnosis", "Extra", "Threads", "examine"]

@@ -1,20 +1,23 @@
 """`examine`: runs all probes and collects their answers in a `Diagnosis`.
 
-diagnosis = examine()
+    diagnosis = examine()
+
+Results are plain values, which `dataclasses.asdict` turns into JSON.
 """
 
+import dataclasses
 import os
 import platform
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 
-from limberjack.doctor import child, packages
-from limberjack.doctor.child import Answer
-from limberjack.doctor.findings import Backend, Check, Diagnosis, Threads
+from limberjack.doctor import packages, probes
+from limberjack.doctor.packages import Extra
+from limberjack.doctor.probes import Answer
 from limberjack.utils import cores
 from limberjack.utils.requirements import MUJOCO_BROKEN, broken_mujoco
 
-__all__ = ["examine"]
+__all__ = ["Backend", "Check", "Diagnosis", "Threads", "examine"]
 
 _VARIABLES = ("MUJOCO_GL", "MUJOCO_EGL_DEVICE_ID")
 _DM_CONTROL_REMEDY = (
@@ -23,7 +26,61 @@ _DM_CONTROL_REMEDY = (
 )
 
 
-def examine(ask: Callable[..., Answer] = child.ask) -> Diagnosis:
+@dataclasses.dataclass(frozen=True)
+class Check:
+    """Whether something works, and if not, the reason."""
+
+    works: bool
+    version: str | None = None  # None: not installed, or unknown
+    why: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Backend:
+    """Whether an OpenGL backend can draw a picture; if not, the reason and the remedy."""
+
+    name: str  # a value of MUJOCO_GL; may be empty where no backend works
+    works: bool
+    renderer: str = ""  # as the driver names it; may be empty where the backend works
+    vendor: str = ""
+    why: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Threads:
+    """Speed of a batch by number of threads."""
+
+    domain: str
+    task: str
+    num_envs: int
+    steps_per_second: Mapping[int, float]  # of all rows together; keys are numbers of threads
+    recommended: int | None  # None: it could not be measured
+    why: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Diagnosis:
+    """All results."""
+
+    core: Check  # whether a short episode steps, with finite numbers
+    versions: Mapping[str, str | None]  # None: not installed
+    system: str
+    usable_cores: int  # those that the scheduler grants this process
+    total_cores: int
+    threads: Threads
+    variables: Mapping[str, str | None]  # the environment variables that select OpenGL
+    drawing: Backend  # the backend that a program started here would use
+    backends: tuple[Backend, ...]
+    devices: tuple[str | None, ...]  # renderers of EGL's devices, by number; None: no OpenGL there
+    extras: tuple[Extra, ...]
+    ffmpeg: Check
+    domains: Mapping[str, str]  # domains that installed packages provide: module by name
+    dm_control: Check  # whether an installed dm_control loads with this MuJoCo
+    gpu: Check  # whether `limberjack.gpu` can use a CUDA device; its version is their names
+    problems: tuple[str, ...]  # one sentence each, with the remedy
+
+
+def examine(ask: Callable[..., Answer] = probes.ask) -> Diagnosis:
     """Examines this machine, which takes about ten seconds.
 
     Args:

@@ -5,13 +5,13 @@ for extra in extras():
     print(extra.name, extra.missing or "installed", extra.command)
 """
 
+import dataclasses
 import importlib.metadata
 import os
 import platform
 from collections.abc import Iterator
 
 import limberjack
-from limberjack.doctor.findings import Extra
 from limberjack.utils.requirements import (
     MUJOCO_DISTRIBUTIONS,
     PACKAGES,
@@ -19,10 +19,24 @@ from limberjack.utils.requirements import (
     install_command,
 )
 
-__all__ = ["clashes", "extras", "version", "versions"]
+__all__ = ["Extra", "clashes", "extras", "version", "versions"]
 
 # Besides Limberjack and Python: the packages that numbers and episodes depend on.
 _OTHERS = ("mujoco", "numpy", "gymnasium", "dm-env")
+
+
+@dataclasses.dataclass(frozen=True)
+class Extra:
+    """An optional feature of Limberjack and the packages that it needs."""
+
+    name: str
+    missing: tuple[str, ...]  # packages that are not installed
+    command: str  # installs the packages of this extra
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether all packages of the extra are installed."""
+        return not self.missing
 
 
 def version(distribution: str) -> str | None:

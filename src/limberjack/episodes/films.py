@@ -5,7 +5,7 @@
     film(data.load("walk"), 3, out="walk-3.mp4", overlay=True)       # an episode of a dataset
 
 The command is `limberjack record`. Films play in real time, and are written completely or not at
-all. They need the extra `video` and OpenGL. `limberjack.video` films other simulations.
+all. They need the extra `video` and OpenGL. `limberjack.see.video` films other simulations.
 """
 
 import contextlib
@@ -29,13 +29,12 @@ from limberjack.mujoco.simulation import STATE
 from limberjack.policies import ROWS, Act, Actor
 from limberjack.policies.actors import EachRow
 from limberjack.policies.named import is_stateful_object
-from limberjack.report.folder import FILM, RESULT
 from limberjack.rl.guards import at_least_one
 from limberjack.rl.rows import RowsEnvironment
-from limberjack.utils.files import Hold
-from limberjack.utils.regular import open_regular
+from limberjack.see.report.result import FILM, RESULT
+from limberjack.see.video import SIZE, Film, first_camera, mosaic
+from limberjack.utils.files import Hold, open_regular
 from limberjack.utils.seeds import SEEDS, checked_seed
-from limberjack.video import SIZE, Film, first_camera, mosaic
 from limberjack.workers.factories import Factory, Make, factory_of
 
 if TYPE_CHECKING:

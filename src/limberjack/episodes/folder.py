@@ -44,8 +44,7 @@ from limberjack.episodes.manifest import (
 from limberjack.episodes.parquet import Shard, join
 from limberjack.episodes.recipe import Recipe
 from limberjack.utils.facts import Facts
-from limberjack.utils.files import Hold, replacing
-from limberjack.utils.regular import read_regular
+from limberjack.utils.files import Hold, read_regular, replacing
 
 __all__ = ["Folder", "blocks", "calls_in", "check_distinct", "discard_other"]
 

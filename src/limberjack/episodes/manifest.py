@@ -21,7 +21,7 @@ from pathlib import Path
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.recipe import FORMAT, Recipe, is_whole, seeds_of
 from limberjack.utils.facts import Facts, title_of
-from limberjack.utils.regular import open_regular
+from limberjack.utils.files import open_regular
 
 __all__ = [
     "CARD_LINE",

@@ -30,7 +30,7 @@ import numpy as np
 from limberjack.episodes.episode import Episode
 from limberjack.episodes.figures import Figures
 from limberjack.episodes.recipe import FIELD, FORMAT, OBSERVATION, Column, Recipe
-from limberjack.utils.regular import check_regular
+from limberjack.utils.files import check_regular
 from limberjack.utils.requirements import missing_extra
 
 try:

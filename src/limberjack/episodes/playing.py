@@ -24,11 +24,11 @@ from dm_env import specs
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.policies import ROWS, Act, Actor
 from limberjack.policies.actors import EachRow
-from limberjack.report import Step as ShownStep
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import Build
 from limberjack.rl.observations import of_rows
+from limberjack.see.report import Step as ShownStep
 
 __all__ = ["OnStep", "Step", "batch_for", "play", "recorded"]
 

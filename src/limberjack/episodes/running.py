@@ -17,7 +17,6 @@ from pathlib import Path
 import dm_env
 import numpy as np
 
-from limberjack import report
 from limberjack.episodes.environments import inside
 from limberjack.episodes.episode import Episode, Kept
 from limberjack.episodes.films import drawable
@@ -25,11 +24,12 @@ from limberjack.episodes.manifest import EPISODES
 from limberjack.episodes.player import Player, Progress
 from limberjack.episodes.playing import Step, play, recorded
 from limberjack.policies import Actor
-from limberjack.report.folder import RESULT
 from limberjack.rl.rows import RowsEnvironment
+from limberjack.see import report
+from limberjack.see.report.result import RESULT
+from limberjack.see.video import SIZE
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seeds
-from limberjack.video import SIZE
 from limberjack.workers import OnProgress, Scale
 from limberjack.workers.factories import Make
 

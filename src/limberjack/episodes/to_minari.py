@@ -30,8 +30,7 @@ from limberjack.gym.specs import spec_of
 from limberjack.rl.action_specs import spec_of as spec_of_actions
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
 from limberjack.rl.row_step import as_mapping
-from limberjack.utils.files import Hold, flush_folder, random_letters
-from limberjack.utils.regular import read_regular
+from limberjack.utils.files import Hold, flush_folder, random_letters, read_regular
 from limberjack.utils.requirements import missing_extra
 from limberjack.workers import OnProgress
 

@@ -9,10 +9,10 @@ import json
 import re
 from pathlib import Path
 
-from limberjack import report
 from limberjack.episodes import statistics
 from limberjack.episodes.statistics import Score, Summary
 from limberjack.evaluation.store import PAGE, PICTURE, RESULT
+from limberjack.see import report
 from limberjack.utils.facts import Facts, title_of
 from limberjack.utils.files import replacing
 

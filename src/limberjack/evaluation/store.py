@@ -33,8 +33,7 @@ from typing import BinaryIO, TypeGuard
 from limberjack.episodes.manifest import MANIFEST
 from limberjack.episodes.statistics import Score
 from limberjack.utils.facts import Facts
-from limberjack.utils.files import Hold, appending, flush_folder
-from limberjack.utils.regular import read_regular
+from limberjack.utils.files import Hold, appending, flush_folder, read_regular
 from limberjack.utils.seeds import SEEDS
 from limberjack.workers.identity import advice_on, first_mismatch, processor
 

@@ -26,9 +26,8 @@ from gymnasium.vector.utils import batch_space
 
 from limberjack import suite
 from limberjack.gpu import model_fields
-from limberjack.gpu.backend import torch
+from limberjack.gpu.backend import device_of, torch
 from limberjack.gpu.batch import DeviceBatch, Options, Outcome, usual_starts_per_step
-from limberjack.gpu.devices import device_of
 from limberjack.gpu.sizes import Sizes, measured
 from limberjack.gym import arguments
 from limberjack.gym.observations import Info, Observations, action_space, specs_of_one_row

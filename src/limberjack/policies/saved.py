@@ -16,8 +16,8 @@ import dm_env
 
 from limberjack.policies.actors import Alone, Batched
 from limberjack.policies.kinds import Act, Actor, PolicyError
+from limberjack.utils.files import read_regular
 from limberjack.utils.log import log
-from limberjack.utils.regular import read_regular
 
 if TYPE_CHECKING:
     from limberjack.sb3 import SavedPolicy

@@ -12,9 +12,7 @@ environments: `limberjack.suite.register` does that.
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
 
-from limberjack.registry.domain import Domain, import_name_of
-from limberjack.registry.not_importable import NotImportable
-from limberjack.registry.row import Row
+from limberjack.registry.domain import Domain, NotImportable, Row, import_name_of
 from limberjack.registry.table import TASKS
 
 __all__ = [

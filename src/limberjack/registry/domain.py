@@ -1,15 +1,30 @@
-"""`Domain`: a name, its module, and facts about its tasks that need no import of the module."""
+"""`Domain`: a name, its module, and facts about its tasks that need no import of the module.
+
+A `Row` has the facts about a task; `table.py` lists one for each task of the suite. Where only this
+process has a domain, a `NotImportable` takes the place of its module's name:
+
+    pickle.dumps(NotImportable("swing"))    # PicklingError: ... move it into its own module ...
+"""
 
 import importlib
 import importlib.util
+import pickle
 import sys
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Literal
+from typing import Literal, NamedTuple, Never
 
-from limberjack.registry.row import Row
+__all__ = ["Domain", "NotImportable", "Row", "import_name_of"]
 
-__all__ = ["Domain", "import_name_of"]
+
+class Row(NamedTuple):
+    """A task of a domain; `table.py` lists one row per suite task."""
+
+    domain: str
+    task: str
+    tags: tuple[str, ...]
+    steps: int | None  # of an episode; None without a time limit
+    dof: int  # degrees of freedom of the model
 
 
 @dataclass(frozen=True)
@@ -51,3 +66,24 @@ def import_name_of(module: ModuleType) -> str | None:
     if name == "__main__" or sys.modules.get(name) is not module:
         return None
     return name if getattr(module, "__spec__", None) is not None else None
+
+
+class NotImportable:
+    """Takes the place of a module name when the domain exists only in this process."""
+
+    def __init__(self, domain: str) -> None:
+        """Stores the name of the domain."""
+        self._domain = domain
+
+    def __repr__(self) -> str:
+        return f"<domain {self._domain!r}: no module that can be imported>"
+
+    def __deepcopy__(self, memo: object) -> "NotImportable":
+        return self
+
+    def __reduce__(self) -> Never:
+        raise pickle.PicklingError(
+            f"domain {self._domain!r} is defined in the main program, a notebook or in memory, so "
+            "another process cannot import it: move it into its own module, such as "
+            f"my_package/{self._domain}.py, and register that"
+        )

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and locks for one process at a time.
+"""Files: written whole or not at all, read only if they are regular, and locked by one process.
 
     with Hold(Path("out")), replacing(Path("out/result.json")) as partial:
         partial.write_text(text)
@@ -10,10 +10,15 @@ file that only grows.
 
 `replacing` protects against failures, interrupts and power loss: a file is put in place only after
 its content has reached the disk. `Hold` is advisory: it excludes only processes that also use it.
+
+Of the files that a user names, only regular ones are read, so that reading them ends: a pipe may
+never have content and a device may never end, and both are refused before anything is read. Links
+to regular files are followed.
 """
 
 import contextlib
 import errno
+import io
 import os
 import secrets
 import stat
@@ -21,20 +26,23 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-try:
-    import fcntl
-except ImportError:  # not available on Windows
-    fcntl = None
-
 __all__ = [
     "Hold",
     "Partial",
     "appending",
+    "check_regular",
     "flush_folder",
     "is_any_unfinished",
+    "open_regular",
     "random_letters",
+    "read_regular",
     "replacing",
 ]
+
+try:
+    import fcntl
+except ImportError:  # not available on Windows
+    fcntl = None
 
 _LETTERS = 16  # in the names of unfinished files: nobody guesses or repeats them
 _LONGEST_STEM = 48  # characters of such a name that are taken from the final one
@@ -288,3 +296,58 @@ def _is_still_there(path: Path, number: int) -> bool:
         return os.path.samestat(os.lstat(path), os.fstat(number))
     except FileNotFoundError:
         return False
+
+
+def check_regular(path: Path) -> None:
+    """Checks the file at `path` without opening it.
+
+    Raises:
+      OSError: there is none, or it is a folder.
+      ValueError: it is a pipe, a device or a socket.
+    """
+    _check_kind(path, os.stat(path).st_mode)
+
+
+def open_regular(path: Path) -> io.BufferedReader:
+    """The file at `path`, open for reading; the caller closes it.
+
+    Raises:
+      OSError: it cannot be read.
+      ValueError: it is a pipe, a device or a socket.
+    """
+    check_regular(path)  # first, because opening a device may already have an effect
+    file = os.fdopen(os.open(path, os.O_RDONLY | _NO_WAIT | _BYTES), "rb")
+    try:
+        _check_kind(path, os.fstat(file.fileno()).st_mode)
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def read_regular(path: Path) -> bytes:
+    """The content of the file at `path`.
+
+    Raises:
+      OSError: it cannot be read.
+      ValueError: it is a pipe, a device or a socket.
+    """
+    with open_regular(path) as file:
+        return file.read()
+
+
+def _check_kind(path: Path, mode: int) -> None:
+    if stat.S_ISREG(mode):
+        return
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    raise ValueError(
+        f"{path} is {_kind(mode)}; expected a regular file: write its content into one, and name "
+        "that"
+    )
+
+
+def _kind(mode: int) -> str:
+    if stat.S_ISFIFO(mode):
+        return "a pipe"
+    return "a socket" if stat.S_ISSOCK(mode) else "a device"

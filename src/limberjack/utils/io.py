@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
-from limberjack.utils.regular import check_regular
+from limberjack.utils.files import check_regular
 
 __all__ = ["GetResource", "GetResourceAsFile", "GetResourceFilename", "WalkResources"]
 

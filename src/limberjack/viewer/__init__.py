@@ -17,8 +17,7 @@ from limberjack import policies
 from limberjack.rl.builds import takes_a_seed
 from limberjack.rl.control import Environment
 from limberjack.utils.seeds import checked_seed
-from limberjack.viewer.access import Access
-from limberjack.viewer.address import find_address
+from limberjack.viewer.access import Access, find_address
 from limberjack.viewer.session import Act, Begin, Session, Viewed, idle
 
 # Any: whatever `Session` takes, or a function of a seed or of nothing that makes it.

@@ -1,0 +1,158 @@
+"""report.html of an evaluation: a policy beside zero and random actions, on one page.
+
+    write_evaluation_page(Path("scores/report.html"), result)
+
+It shows what result.json holds: the summary of each policy and kind of start, the distribution of
+returns, and every episode. There is no film, as the episodes were played in batches.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from limberjack.see.report import parts
+from limberjack.see.report.chart import line_chart, steps_of
+from limberjack.utils.facts import Facts, title_of
+
+__all__ = ["write_evaluation_page"]
+
+_ACROSS = "over the share of episodes with less in percent"
+
+
+def write_evaluation_page(path: Path, result: Facts, command: str = "") -> None:
+    """Writes the page whole, or leaves the one that is there.
+
+    Args:
+      path: the file.
+      result: the contents of result.json, as `Evaluation.as_json` gives them.
+      command: as it was typed; the empty string if it is not known.
+
+    Raises:
+      OSError: it cannot be written.
+    """
+    name = title_of(result)
+    policy = result["policy"]
+    body = [
+        parts.header(name, _subtitle(result)),
+        parts.figures(_figures(result["summary"][policy], result)),
+        parts.section("Policies on the same seeds", _summaries(result["summary"])),
+        f'<p class="quiet">{_explained(result)}</p>\n',
+        parts.section("Returns", parts.cards(_charts(result))),
+        parts.cards(
+            [
+                parts.section(f"Episodes of {policy}", _episodes(result["episodes"])),
+                parts.section("To run it again", parts.facts_of(result, command, _facts(result))),
+            ]
+        ),
+    ]
+    parts.write_document(path, f"{name}, policy {policy}, evaluation", "\n".join(body), result)
+
+
+def _subtitle(result: Facts) -> str:
+    text = f"Policy {result['policy']}, an action every {result['control_timestep']:g} s"
+    if result["time_limit"] is not None:
+        text += f", episodes of {result['time_limit']:g} s"
+    return text
+
+
+def _figures(summary: Facts, result: Facts) -> Iterator[tuple[str, str]]:
+    """The numbers that a reader looks for first."""
+    yield "Episodes", str(summary["episodes"])
+    yield "Mean return", f"{summary['mean']:.1f}"
+    if summary["interval"] is not None:
+        share = 100 * result["interval"]["confidence"]
+        yield f"{share:g} % interval of the mean", _interval(summary)
+    yield "Median return", f"{summary['median']:.1f}"
+    yield "Success", f"{100 * summary['success_rate']:.1f} %"
+    if summary["diverged"]:
+        yield "Diverged", str(summary["diverged"])
+
+
+def _summaries(summaries: Mapping[str, Facts]) -> str:
+    """A row for each policy, and for each kind of start."""
+    rows = []
+    for policy, summary in summaries.items():
+        rows.append(_row(policy, "all" if summary["strata"] else "", summary))
+        rows += [_row("", start, part) for start, part in summary["strata"].items()]
+    columns = ["Policy<", "Start<", "Episodes", "Mean return", "Interval", "Median", "Success"]
+    return parts.table("Policies", columns, rows)
+
+
+def _row(policy: str, start: str, summary: Facts) -> list[str]:
+    return [
+        policy,
+        start,
+        str(summary["episodes"]),
+        f"{summary['mean']:.1f}",
+        _interval(summary),
+        f"{summary['median']:.1f}",
+        f"{100 * summary['success_rate']:.1f} %",
+    ]
+
+
+def _interval(summary: Facts) -> str:
+    return "" if summary["interval"] is None else "{:.1f} to {:.1f}".format(*summary["interval"])
+
+
+def _explained(result: Facts) -> str:
+    success, interval = result["success"], result["interval"]
+    return (
+        f"Success: a mean reward of at least {success['mean_reward_at_least']} over the last "
+        f"{success['last_steps']} steps. Interval: of the mean, "
+        f"{100 * interval['confidence']:g} %, by {interval['method']} with "
+        f"{interval['resamples']:,} resamples."
+    )
+
+
+def _charts(result: Facts) -> Iterator[str]:
+    """The returns of each policy, and those of the evaluated one by kind of start."""
+    returns = {result["policy"]: [entry["return"] for entry in result["episodes"]]}
+    returns |= {name: floor["returns"] for name, floor in result["floors"].items()}
+    yield _distribution(f"Returns by policy, {_ACROSS}", returns)
+    by_start: dict[str, list[float]] = {}
+    for entry in sorted(result["episodes"], key=lambda entry: entry.get("start", "")):
+        by_start.setdefault(entry.get("start", ""), []).append(entry["return"])
+    if len(by_start) > 1:
+        yield _distribution(f"Returns of {result['policy']} by start, {_ACROSS}", by_start)
+
+
+def _distribution(title: str, returns: Mapping[str, Sequence[float]]) -> str:
+    lines = [steps_of(f"{name} ({len(values)})", values) for name, values in returns.items()]
+    ends = np.array([0.0, 100.0])
+    return parts.card(line_chart(title, ends, lines, low=0.0, axis="percent"), "tall")
+
+
+def _episodes(episodes: Sequence[Facts]) -> str:
+    has_start = any("start" in entry for entry in episodes)
+    columns = [
+        "Seed",
+        *(["Start<"] if has_start else []),
+        "Return",
+        "Steps",
+        "Last reward",
+        "Success",
+    ]
+    rows = (
+        [
+            str(entry["seed"]),
+            *([entry.get("start", "")] if has_start else []),
+            f"{entry['return']:.3f}",
+            str(entry["length"]),
+            f"{entry['final_reward']:.3f}",
+            "diverged" if entry.get("diverged") else "yes" if entry["success"] else "no",
+        ]
+        for entry in episodes
+    )
+    return parts.table("Episodes", columns, rows)
+
+
+def _facts(result: Facts) -> Iterator[tuple[str, str]]:
+    seeds = result["seeds"]
+    yield "Seeds", seeds if isinstance(seeds, str) else ", ".join(map(str, seeds))
+    if result.get("policy_sha256"):
+        yield "Policy", f"SHA-256 {result['policy_sha256']}"
+    others = result.get("versions_of_episodes")
+    if others:
+        versions = "; ".join(", ".join(f"{k} {v}" for k, v in each.items()) for each in others)
+        yield "Played with", versions

@@ -1,1 +1,0 @@
-"""Tests of `limberjack.install_as_dm_control` and of `limberjack._compat`."""

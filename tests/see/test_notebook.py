@@ -1,0 +1,150 @@
+"""Pictures and films in notebooks, and the example notebook."""
+
+import base64
+import importlib.util
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import limberjack
+from limberjack import suite
+from limberjack.mujoco.camera import RenderingError
+from limberjack.see.notebook import Shown
+from tests.programs import run
+
+_SOURCE = Path(limberjack.__file__).parents[1]
+_NOTEBOOK = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
+
+# Executes the notebook and prints it, with its outputs, as JSON.
+_EXECUTE = """
+import sys
+import nbclient, nbformat
+notebook = nbformat.read(sys.argv[1], as_version=4)
+nbclient.NotebookClient(notebook, timeout=240, kernel_name="python3").execute()
+print(nbformat.writes(notebook))
+"""
+
+_PICTURE = np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3)
+
+
+def _html(shown: object) -> str:
+    assert isinstance(shown, Shown)
+    return shown._repr_html_()
+
+
+def _content(shown: object, kind: str) -> bytes:
+    found = re.search(f'src="data:{kind};base64,([^"]+)"', _html(shown))
+    assert found is not None
+    return base64.b64decode(found[1])
+
+
+def test_a_single_frame_is_a_picture() -> None:
+    shown = limberjack.show(_PICTURE)
+    assert _html(shown).startswith("<img ")
+    assert _content(shown, "image/png").startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        [_PICTURE] * 3,
+        np.stack([_PICTURE] * 3),
+        tuple(np.stack([_PICTURE] * 3)),
+        [np.stack([_PICTURE] * 2)] * 3,  # of a batch
+        [np.zeros((5, 7, 3), np.uint8)] * 3,  # odd sides
+    ],
+    ids=["list", "array", "tuple", "batch", "odd"],
+)
+def test_several_frames_are_a_film(frames: Any) -> None:
+    shown = limberjack.show(frames, fps=20)
+    assert _html(shown).startswith("<video ")
+    assert b"ftyp" in _content(shown, "video/mp4")[:12]
+
+
+def test_a_generator_of_frames_is_a_film() -> None:
+    shown = limberjack.show(_PICTURE for _ in range(3))
+    assert 'aria-label="3 rendered frames"' in _html(shown)
+
+
+def test_small_pictures_are_enlarged_whole_times() -> None:
+    assert "width: 336px" in _html(limberjack.show(np.zeros((84, 84, 3), np.uint8)))
+    assert "width: 640px" in _html(limberjack.show(np.zeros((480, 640, 3), np.uint8)))
+
+
+@pytest.mark.parametrize(
+    ("frames", "fps", "message"),
+    [
+        ([], 30, r"frames have shape \(0,\)"),
+        ([_PICTURE, _PICTURE[:4]], 30, r"shapes \[\(4, 8, 3\), \(6, 8, 3\)\]; expected one shape"),
+        (np.zeros((2, 0, 6, 8, 3), np.uint8), 30, r"frames have shape \(2, 0, 6, 8, 3\)"),
+        (np.zeros((4, 4)), 30, r"frames have shape \(4, 4\) and dtype float64; expected uint8"),
+        (np.zeros((4, 4, 3)), 30, "dtype float64; expected uint8"),
+        (np.zeros((4, 4, 1), np.uint8), 30, r"\(4, 4, 1\)"),
+        ([_PICTURE] * 2, 0, "fps is 0; expected a positive number"),
+        ([_PICTURE] * 2, float("nan"), "fps is nan; expected a positive number"),
+    ],
+)
+def test_arrays_that_are_not_pictures_are_refused(frames: Any, fps: float, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        limberjack.show(frames, fps)
+
+
+def test_a_film_without_ffmpeg_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    with pytest.raises(ImportError, match=r"pip install imageio-ffmpeg matplotlib"):
+        limberjack.show([_PICTURE] * 2)
+
+
+def test_showing_imports_nothing_of_jupyter() -> None:
+    program = """
+        import sys
+        import limberjack, numpy
+        assert "numpy" in sys.modules
+        limberjack.show(numpy.zeros((4, 4, 3), "uint8"))
+        assert not {"IPython", "ipykernel", "imageio_ffmpeg"} & set(sys.modules)
+    """
+    run(program)
+
+
+def test_the_example_notebook_runs_and_shows_a_picture_and_two_films() -> None:
+    missing = [name for name in ("nbclient", "ipykernel") if importlib.util.find_spec(name) is None]
+    if missing:
+        pytest.skip(f"needs the extra 'notebook': {', '.join(missing)} not installed")
+    try:
+        suite.load("humanoid", "run").physics.render(height=8, width=8)
+    except RenderingError as error:
+        pytest.skip(f"no OpenGL here: {error}")
+    path = os.pathsep.join(filter(None, [str(_SOURCE), os.environ.get("PYTHONPATH")]))
+    done = subprocess.run(
+        [sys.executable, "-c", _EXECUTE, _NOTEBOOK],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    cells = json.loads(done.stdout)["cells"]
+    shown = ["".join(output["data"]["text/html"]) for cell in cells
+             for output in cell.get("outputs", []) if "data" in output]  # fmt: skip
+    assert [html.split()[0] for html in shown] == ["<img", "<video", "<video"]
+    said = ["".join(output["text"]) for cell in cells
+            for output in cell.get("outputs", []) if output["output_type"] == "stream"]  # fmt: skip
+    assert re.fullmatch(r"40 frames, return \d+\.\d+\n", "".join(said))
+
+
+def test_the_example_notebook_is_committed_with_the_outputs_of_one_execution() -> None:
+    cells = [c for c in json.loads(_NOTEBOOK.read_text())["cells"] if c["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    shown = ["".join(output["data"]["text/html"]) for output in outputs if "data" in output]
+    assert [html.split()[0] for html in shown] == ["<img", "<video", "<video"]
+    printed = ["".join(output["text"]) for output in outputs if output["output_type"] == "stream"]
+    assert re.fullmatch(r"40 frames, return \d+\.\d+\n", "".join(printed))
