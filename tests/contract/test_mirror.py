@@ -25,6 +25,7 @@ _BESIDES = {
 _ACROSS = {
     "episodes/test_own_environments.py",
     "episodes/test_readers.py",
+    "evaluation/test_experiment_workers.py",
     "evaluation/test_saved_models.py",
     "gpu/test_exactness.py",
     "gym/test_env_kinds.py",

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from limberjack.evaluation.missing import play_unit
+from limberjack.evaluation.experiment import play_unit
 from limberjack.rl.control import Environment
 from limberjack.workers import Setup
 from tests import plain_domain

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from limberjack.evaluation.missing import play_unit
+from limberjack.evaluation.experiment import play_unit
 from limberjack.workers import Setup, State, Unit, WorkError, prepare, units_of
 from limberjack.workers.pool import Pool
 

@@ -11,18 +11,19 @@ from pathlib import Path
 
 import dm_env
 
+from limberjack.episodes import player as playing
 from limberjack.episodes import statistics
-from limberjack.episodes.player import Player
+from limberjack.episodes.player import Player, Progress
+from limberjack.episodes.statistics import Score
 from limberjack.evaluation import results
-from limberjack.evaluation.missing import play_missing
 from limberjack.evaluation.results import Evaluation
 from limberjack.evaluation.store import Store
 from limberjack.utils.facts import Facts
 from limberjack.utils.seeds import checked_seed
-from limberjack.workers import OnProgress, OnState, Scale
+from limberjack.workers import OnProgress, OnState, Scale, Setup, Unit
 from limberjack.workers.factories import Make
 
-__all__ = ["FLOORS", "evaluate"]
+__all__ = ["FLOORS", "evaluate", "play_unit"]
 
 FLOORS = ("zero", "random")  # baselines, always played on the same seeds as the policy
 
@@ -114,9 +115,71 @@ def evaluate(
         store = Store(directory, identity, canary=canary, shard=shard, any_processor=any_processor)
         with contextlib.closing(store):
             floors = [player.with_policy(floor) for floor in FLOORS if floor != name]
-            play_missing(store, [player, *floors], on_progress)
+            _play_missing(store, [player, *floors], on_progress)
     played = _evaluation(identity, name, store, mine)
     return played if directory is None or shard else results.write(played, directory, command)
+
+
+def _play_missing(store: Store, players: Sequence[Player], on_progress: OnProgress | None) -> None:
+    """Plays the seeds of the players, one for each policy, that the store lacks."""
+    if players[0].setup is not None:
+        _play_with_workers(store, players, on_progress)
+        return
+    progress = Progress(on_progress, players[0].step_limit)
+    for player in players:
+        missing = _missing(store, player)
+        progress.policy = player.actor.name
+        progress.finished += len(player.seeds) - len(missing)
+        if missing:
+            progress.report()
+            _play_here(store, player, missing, progress)
+
+
+def _play_here(store: Store, player: Player, missing: Sequence[int], progress: Progress) -> None:
+    watch = progress.on_step if progress.is_watched else None  # a step is copied for it
+    for ended in player.play(missing, on_step=watch):
+        scores = [Score.of(episode, processor=store.processor) for episode in ended]
+        store.add(player.actor.name, scores)
+        for episode in ended:
+            progress.on_ended(episode)
+
+
+def _play_with_workers(
+    store: Store, players: Sequence[Player], on_progress: OnProgress | None
+) -> None:
+    waiting = [
+        Unit(player.setup, block)
+        for player in players
+        if player.setup is not None
+        for block in player.units(_missing(store, player))
+    ]
+    if not waiting:
+        return
+    seeds, scale = players[0].seeds, players[0].scale
+    finished = len(seeds) * len(players) - sum(len(unit.seeds) for unit in waiting)
+
+    def report(policy: str) -> None:
+        if on_progress is not None:
+            on_progress(policy, finished, 0.0)
+
+    report(waiting[0].policy)
+    with scale.open(len(seeds)) as workers:
+        for unit, scores in workers.results(play_unit, waiting):
+            store.add(unit.policy, scores)
+            finished += len(scores)
+            report(unit.policy)
+
+
+def _missing(store: Store, player: Player) -> list[int]:
+    known = store.scores[player.actor.name]
+    return [seed for seed in player.seeds if seed not in known]
+
+
+def play_unit(setup: Setup, seeds: Sequence[int]) -> list[Score]:
+    """The scores of the first episodes of these seeds, with their kinds of starts, in a worker."""
+    processor = setup.opened().processor if setup.any_processor else None
+    played = playing.play_unit(setup, seeds)
+    return [Score.of(episode, processor=processor) for episode in played]
 
 
 def _evaluation(identity: Facts, policy: str, store: Store, seeds: Sequence[int]) -> Evaluation:

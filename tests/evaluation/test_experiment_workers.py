@@ -17,7 +17,7 @@ import pytest
 
 from limberjack import suite
 from limberjack.evaluation import Evaluation, evaluate
-from limberjack.evaluation.missing import play_unit
+from limberjack.evaluation.experiment import play_unit
 from limberjack.evaluation.store import Store
 from limberjack.suite.base import kind_of_start
 from limberjack.workers import WorkError, prepare
