@@ -42,7 +42,6 @@ _BY_FULL_NAME = {
 _OTHERS = {
     ("limberjack.workers.process", "open"),  # a value of the kernel's, in /proc
     ("limberjack.utils.io", "open"),  # dm_control's function, whose caller chooses the mode
-    ("limberjack.utils.files", "os.open"),  # for reading only
     # Into memory, or a file that `limberjack.episodes.folder` has made with `replacing`.
     ("limberjack.episodes.parquet", "pq.ParquetWriter"),
     ("limberjack.episodes.parquet", "writer.write_table"),
