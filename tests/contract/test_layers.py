@@ -83,6 +83,7 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "mujoco_warp": "limberjack.gpu.backend",
     "rich": "limberjack.cli",
     "rsl_rl": "limberjack.gpu.rsl_rl",
+    "safetensors": "limberjack.policies.mlp",
     "stable_baselines3": "limberjack.sb3",
     "tensordict": "limberjack.gpu.rsl_rl",
     "torch": "limberjack.gpu.backend",
