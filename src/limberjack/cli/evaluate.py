@@ -31,7 +31,7 @@ from limberjack.cli.output import (
     console,
     failures_reported,
     misuse_reported,
-    rows_reported,
+    remarks_reported,
     search_working_directory,
 )
 from limberjack.cli.progress import Units, show_units
@@ -82,7 +82,7 @@ def _evaluate(
         part = shard_named(shard, out)
     search_working_directory(policy)
     with (
-        rows_reported(),
+        remarks_reported(),
         show_units() as progress,
         failures_reported(progress, lambda: _done(progress, out)),
     ):

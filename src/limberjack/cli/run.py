@@ -19,7 +19,7 @@ from limberjack.cli.options import (
     finite,
     named_environment,
 )
-from limberjack.cli.output import misuse_reported, rows_reported, search_working_directory
+from limberjack.cli.output import misuse_reported, remarks_reported, search_working_directory
 from limberjack.cli.progress import show_units
 from limberjack.cli.running import finish, scale_of
 from limberjack.cli.typed import command_line
@@ -57,7 +57,7 @@ def _run(
     arrays) to an action, or a class with act(observation) and, if it needs it, reset(). Its module
     may be in the working directory.
     """
-    with rows_reported(), show_units() as progress:
+    with remarks_reported(), show_units() as progress:
         with misuse_reported():
             where = named_environment(domain, task, env, time_limit)
             search_working_directory(policy)

@@ -37,10 +37,13 @@ class Actor(Protocol):
     Attributes:
       name: as results call it.
       sha256: of its source or its file; None if that is not known.
+      action_repeat: control steps per action that it must be played with; None for any number. In a
+        batch it is asked for actions that seldom; in a single environment it repeats them itself.
     """
 
     name: str
     sha256: str | None
+    action_repeat: int | None
 
     @property
     def plays_alone(self) -> bool:

@@ -115,7 +115,7 @@ class Scores:
 
 @dataclasses.dataclass(frozen=True)
 class Card:
-    """What a file says about its policy besides the weights.
+    """The facts about a policy that its file has besides the weights.
 
     Attributes:
       layout: names and shapes of the observations, in the order of the flat one; a single name
@@ -355,7 +355,7 @@ def parse(content: bytes, name: str) -> Mlp:
             raise ValueError(f"its card has sizes {card.sizes}, and its layers {_sizes(layers)}")
     except (ValueError, safetensors.SafetensorError) as error:
         raise PolicyError(
-            f"{name} is no policy that Limberjack can play: {error}; expected a file that "
+            f"{name} cannot be played: {error}; expected a file that "
             "`limberjack train`, `limberjack export` or limberjack.policies.mlp.save wrote"
         ) from error
     return Mlp(layers, card)
