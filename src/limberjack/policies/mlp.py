@@ -199,17 +199,22 @@ class Card:
 
 
 class Mlp:
-    """A policy: a network and its card. `load` and `parse` make one.
+    """A policy: a network and its card.
 
     Attributes:
       card: see `Card`.
       layers: float32 weights of (outputs, inputs) and biases of (outputs,); not to be written to.
     """
 
-    def __init__(self, layers: Sequence[tuple[np.ndarray, np.ndarray]], card: Card) -> None:
-        """Takes layers and a card that fit each other; see `parse`."""
-        self.card = card
-        self.layers = tuple(layers)
+    def __init__(self, layers: Sequence[Layer], card: Card) -> None:
+        """Takes at least one layer, and a card, whose `sizes` become those of the layers.
+
+        Raises:
+          ValueError: layers and card do not fit each other, or a number is not finite.
+        """
+        self.layers = tuple((_float32(weight), _float32(bias)) for weight, bias in layers)
+        sizes = _sizes(self.layers)
+        self.card = card = Card.of_json(dataclasses.replace(card, sizes=sizes).as_json())
         low, high = np.array(card.low), np.array(card.high)
         # Bounds that float32 cannot represent are rounded inward.
         least, most = low.astype(np.float32), high.astype(np.float32)
@@ -291,8 +296,7 @@ def save(path: Path | str, layers: Sequence[Layer], card: Card) -> None:
 
     Args:
       path: of the file, which by custom ends in .safetensors.
-      layers: at least one.
-      card: see `Card`; its `sizes` are those of the layers.
+      layers, card: as for `Mlp`.
 
     Raises:
       ValueError: layers and card do not fit each other, or a number is not finite.
@@ -300,11 +304,10 @@ def save(path: Path | str, layers: Sequence[Layer], card: Card) -> None:
     """
     from safetensors import numpy as tensors_of
 
-    arrays = [(_float32(weight), _float32(bias)) for weight, bias in layers]
-    card = dataclasses.replace(card, sizes=_sizes(arrays))
-    text = json.dumps(card.as_json(), sort_keys=True, separators=(",", ":"))
-    Card.of_json(json.loads(text))  # raises what `load` would raise
-    tensors = {_name(i, j): part for i, pair in enumerate(arrays) for j, part in enumerate(pair)}
+    policy = Mlp(layers, card)
+    text = json.dumps(policy.card.as_json(), sort_keys=True, separators=(",", ":"))
+    pairs = enumerate(policy.layers)
+    tensors = {_name(i, j): part for i, pair in pairs for j, part in enumerate(pair)}
     content = tensors_of.save(tensors, {_KEY: text})
     with replacing(Path(path)) as partial:
         partial.write_bytes(content)
@@ -335,12 +338,12 @@ def read(path: Path) -> bytes:
     return content
 
 
-def parse(content: bytes, name: str) -> Mlp:
+def parse(content: bytes, title: str) -> Mlp:
     """The policy in the content of a file.
 
     Args:
       content: of the file.
-      name: of the file, for messages.
+      title: of the file, for messages.
 
     Raises:
       PolicyError: it is none.
@@ -350,15 +353,17 @@ def parse(content: bytes, name: str) -> Mlp:
     try:
         card = Card.of_json(_card_of(content))
         entries = safetensors.deserialize(content)
-        layers = _layers({entry_name: _array(entry) for entry_name, entry in entries})
-        if _sizes(layers) != card.sizes:
-            raise ValueError(f"its card has sizes {card.sizes}, and its layers {_sizes(layers)}")
+        policy = Mlp(_layers({name: _array(entry) for name, entry in entries}), card)
+        if policy.card != card:
+            raise ValueError(
+                f"its card has sizes {_shown(card.sizes)}, and its layers {policy.card.sizes}"
+            )
     except (ValueError, safetensors.SafetensorError) as error:
         raise PolicyError(
-            f"{name} cannot be played: {error}; expected a file that "
+            f"{title} cannot be played: {error}; expected a file that "
             "`limberjack train`, `limberjack export` or limberjack.policies.mlp.save wrote"
         ) from error
-    return Mlp(layers, card)
+    return policy
 
 
 def _card_of(content: bytes) -> object:

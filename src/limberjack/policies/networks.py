@@ -30,7 +30,7 @@ from limberjack.mujoco.fingerprint import fingerprint, versions
 from limberjack.policies import mlp
 from limberjack.policies.actors import Batched, Deferred
 from limberjack.policies.kinds import Act, Actor, PolicyError
-from limberjack.rl.action_specs import spec_of
+from limberjack.rl.action_specs import open_bounds, spec_of
 from limberjack.rl.control import Environment
 from limberjack.rl.copies import control_of
 from limberjack.rl.observations import FLAT_OBSERVATION_KEY
@@ -43,6 +43,7 @@ __all__ = [
     "PRETRAINED",
     "Bundled",
     "bundled",
+    "check_fit",
     "layout_of",
     "network_policy",
     "pretrained",
@@ -187,12 +188,22 @@ def layout_of(environment: dm_env.Environment) -> mlp.Layout:
     )
 
 
-def _fitted(name: str, policy: mlp.Mlp, environment: dm_env.Environment) -> mlp.Mlp:
-    """The policy with the environment's layout; raises PolicyError if it does not fit."""
+def check_fit(name: str, card: mlp.Card, environment: dm_env.Environment) -> None:
+    """Checks that a policy takes an environment's observations and returns actions of it.
+
+    Raises:
+      PolicyError: it does not; the message names the first observation or action that differs.
+    """
     here = layout_of(environment)
-    problem = _of_observations(policy.card, here) or _of_actions(policy.card, environment)
+    problem = _of_observations(card, here) or _of_actions(card, environment)
     if problem is not None:
         raise PolicyError(f"policy {name!r} does not fit: {problem}")
+
+
+def _fitted(name: str, policy: mlp.Mlp, environment: dm_env.Environment) -> mlp.Mlp:
+    """The policy with the environment's layout; raises PolicyError if it does not fit."""
+    check_fit(name, policy.card, environment)
+    here = layout_of(environment)
     if not (_is_flat(here) or _is_flat(policy.card.layout)):
         return policy
     return mlp.Mlp(policy.layers, dataclasses.replace(policy.card, layout=here))
@@ -228,11 +239,11 @@ def _of_actions(card: mlp.Card, environment: dm_env.Environment) -> str | None:
         return str(error)
     if spec.shape != (len(card.low),):
         return f"its actions have shape {(len(card.low),)}; the task's have {spec.shape}"
-    is_out = (np.array(card.low) < spec.minimum) | (np.array(card.high) > spec.maximum)
+    low, high = open_bounds(spec)
+    is_out = (np.array(card.low) < low) | (np.array(card.high) > high)
     if not is_out.any():
         return None
     first = int(np.flatnonzero(is_out)[0])
-    low, high = (np.broadcast_to(bound, spec.shape) for bound in (spec.minimum, spec.maximum))
     return (
         f"its action {first} reaches from {card.low[first]:g} to {card.high[first]:g}; the task's "
         f"from {low[first]:g} to {high[first]:g}"
