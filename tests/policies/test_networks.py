@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 from dm_env import specs
 
-from limberjack import policies, suite
+from limberjack import data, policies, suite, viewer
+from limberjack.evaluation import evaluate
 from limberjack.policies import PolicyError, mlp, networks
 from limberjack.rl.control import Environment
 from limberjack.suite.wrappers import pixels
+from limberjack.viewer.session import Session
+from limberjack.workers.shipping import ship, unpack
+from tests.episodes.collected import whole_hashes
 from tests.policies.network_files import bundle, card_of, drawn, write
 from tests.rollouts import run_episode
 
@@ -289,3 +293,72 @@ def test_weights_that_give_no_numbers_are_an_error_of_the_step(tmp_path: Path) -
     time_step = environment.reset()
     with pytest.raises(PolicyError, match="step 0 of the episode with seed 7: returned nan"):
         policy.begin_alone(environment, 7)(time_step.observation)
+
+
+def test_an_evaluation_has_the_episodes_of_single_environments(tmp_path: Path) -> None:
+    name = write(tmp_path / "p")
+    how: dict[str, Any] = {"time_limit": 0.5, "num_threads": 1}
+    played = evaluate("walker", "walk", name, range(60, 67), **how)
+    totals = [score.total for score in played.scores[name]]
+    assert totals == _totals(name, "walker", "walk", range(60, 67))
+    assert played.facts["action_repeat"] == 2
+    assert played.facts["policy_sha256"] == policies.find(name, _load()).sha256
+    again = evaluate("walker", "walk", name, range(60, 67), action_repeat=2, **how)
+    assert [score.total for score in again.scores[name]] == totals
+    with pytest.raises(ValueError, match=r"action_repeat is 1, but policy .* acts every 2 con"):
+        evaluate("walker", "walk", name, range(3), action_repeat=1, **how)
+
+
+def _walker(seed: int) -> Environment:
+    return suite.load("walker", "walk", {"random": seed, "time_limit": 0.5})
+
+
+def _slow_walker(seed: int) -> Environment:
+    kwargs = {"action_repeat": 4}
+    return suite.load("walker", "walk", {"random": seed, "time_limit": 0.5}, kwargs)
+
+
+def test_environments_of_a_function_are_played_at_the_repeat_of_the_policy(tmp_path: Path) -> None:
+    name = write(tmp_path / "p")
+    played = evaluate(_walker, None, name, range(3), num_threads=1)
+    assert [s.total for s in played.scores[name]] == _totals(name, "walker", "walk", range(3))
+    with pytest.raises(ValueError, match=r"action_repeat is 4, but .* acts every 2 control steps"):
+        evaluate(_slow_walker, None, name, range(3), num_threads=1)
+
+
+def test_workers_play_a_network_to_the_same_files(tmp_path: Path) -> None:
+    name = write(tmp_path / "p")
+    for workers in (None, 2):
+        how: dict[str, Any] = {"time_limit": 0.1, "workers": workers}
+        evaluate("walker", "walk", name, range(66), out=tmp_path / f"scores-{workers}", **how)
+        data.collect("walker", "walk", name, range(66), out=tmp_path / f"data-{workers}", **how)
+    results = [(tmp_path / f"scores-{w}" / "result.json").read_bytes() for w in (None, 2)]
+    assert results[0] == results[1]
+    assert whole_hashes(tmp_path / "data-2") == whole_hashes(tmp_path / "data-None")
+    recipe = data.load(tmp_path / "data-2").recipe
+    assert (recipe.facts["policy"], recipe.facts["action_repeat"]) == ("mlp:p", 2)
+
+
+def test_a_file_goes_to_workers_as_bytes_and_a_bundled_policy_by_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bundle(monkeypatch, tmp_path, ("walker", "walk"))
+    path = tmp_path / "walker-walk.safetensors"
+    file, bundled = ship(f"mlp:{path}"), ship("pretrained")
+    assert (file.files, bundled.files) == ({path: path.read_bytes()}, None)
+    path.rename(tmp_path / "away")
+    sha256 = unpack(file, _load(), None).sha256
+    (tmp_path / "away").rename(path)
+    assert unpack(bundled, _load(), None).sha256 == sha256
+
+
+def test_a_viewer_repeats_actions_and_begins_each_episode_anew(tmp_path: Path) -> None:
+    name = write(tmp_path / "p")
+    environment = suite.load("walker", "walk", {"time_limit": 0.5})
+    begin = viewer.begin_policy(policies.find(name, environment))
+    session = Session(environment, begin, seed=3)
+    for expected in _totals(name, "walker", "walk", range(3, 5)):
+        for _ in range(session.status().step_limit):
+            session.step()
+        assert session.status().total == pytest.approx(expected, rel=1e-12)
+        session.step()  # begins the next
