@@ -335,13 +335,12 @@ class SavedModel:
         (path, content), *beside = files.items()
         self.data, parameters = _saved_model(path, content)
         space = self.data["observation_space"]
-        # Any: of classes of SB3.
-        self.normalisation: Any = _saved_normalisation(*beside[0], space) if beside else None
+        self.normalisation = _saved_normalisation(*beside[0], space) if beside else None
         kwargs = dict(self.data["policy_kwargs"])
         if self.data.get("use_sde"):
             kwargs["use_sde"] = True
         make = self.data["policy_class"]
-        self.policy: Any = make(space, self.data["action_space"], lambda _: 0.0, **kwargs)
+        self.policy = make(space, self.data["action_space"], lambda _: 0.0, **kwargs)
         self.policy.load_state_dict(parameters["policy"])
         self.policy.set_training_mode(False)
 

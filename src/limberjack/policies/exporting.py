@@ -115,6 +115,7 @@ def _converted(model: _Foreign, action_repeat: int) -> mlp.Mlp:
     if len(activations) > 1:
         raise ValueError(f"its activations are {' and '.join(sorted(activations))}; expected one")
     layout = _layout(model.data["observation_space"])
+    mean, scale, clip = _normalisation(model.normalisation, layout)
     steps, seed = model.data.get("num_timesteps"), model.data.get("seed")
     card = mlp.Card(
         layout=layout,
@@ -127,7 +128,9 @@ def _converted(model: _Foreign, action_repeat: int) -> mlp.Mlp:
         seeds=() if seed is None else (int(seed),),
         steps=None if steps is None else int(steps) * action_repeat,
         versions=versions(),
-        **_normalisation(model.normalisation, layout),
+        mean=mean,
+        scale=scale,
+        clip=clip,
     )
     return mlp.Mlp(layers, card)
 
@@ -170,10 +173,12 @@ def _layout(space: _Foreign) -> mlp.Layout:
     return tuple((str(name), tuple(map(int, one.shape))) for name, one in spaces.items())
 
 
-def _normalisation(saved: _Foreign, layout: mlp.Layout) -> dict[str, Any]:
-    """The entries of the card for a `VecNormalize`."""
+def _normalisation(
+    saved: _Foreign, layout: mlp.Layout
+) -> tuple[tuple[float, ...] | None, tuple[float, ...] | None, float | None]:
+    """The mean, the scale and the clip of the card for a `VecNormalize`."""
     if saved is None or not saved.norm_obs:
-        return {}
+        return None, None, None
     names = [name for name, _ in layout]
     statistics = saved.obs_rms
     if not isinstance(statistics, Mapping):
@@ -184,11 +189,8 @@ def _normalisation(saved: _Foreign, layout: mlp.Layout) -> dict[str, Any]:
     mean = np.concatenate([np.ravel(statistics[name].mean) for name in names])
     var = np.concatenate([np.ravel(statistics[name].var) for name in names])
     scale = np.sqrt(var + saved.epsilon)
-    return {
-        "mean": tuple(mean.astype(float).tolist()),
-        "scale": tuple(scale.astype(float).tolist()),
-        "clip": float(saved.clip_obs) if math.isfinite(saved.clip_obs) else None,
-    }
+    clip = float(saved.clip_obs) if math.isfinite(saved.clip_obs) else None
+    return tuple(mean.astype(float).tolist()), tuple(scale.astype(float).tolist()), clip
 
 
 def _modules(policy: _Foreign) -> list[_Foreign]:
