@@ -180,9 +180,8 @@ def _normalisation(
     if saved is None or not saved.norm_obs:
         return None, None, None
     names = [name for name, _ in layout]
-    statistics = saved.obs_rms
-    if not isinstance(statistics, Mapping):
-        statistics = dict.fromkeys(names, statistics)
+    found = saved.obs_rms
+    statistics = found if isinstance(found, Mapping) else dict.fromkeys(names, found)
     lacking = [name for name in names if name not in statistics]
     if lacking:
         raise ValueError(f"its VecNormalize leaves {', '.join(lacking)} as it is, and not others")

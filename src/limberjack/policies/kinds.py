@@ -37,17 +37,23 @@ class Actor(Protocol):
     Attributes:
       name: as results call it.
       sha256: of its source or its file; None if that is not known.
-      action_repeat: control steps per action that it must be played with; None for any number. In a
-        batch it is asked for actions that seldom; in a single environment it repeats them itself.
     """
 
     name: str
     sha256: str | None
-    action_repeat: int | None
 
     @property
     def plays_alone(self) -> bool:
         """Whether it plays one episode at a time, in a batch of one complete environment."""
+        ...
+
+    @property
+    def action_repeat(self) -> int | None:
+        """Control steps per action that it must be played with; None for any number.
+
+        A batch asks it for an action once in that many steps; what `begin_alone` returns repeats
+        actions itself, unless the environment does.
+        """
         ...
 
     def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
