@@ -53,7 +53,7 @@ test-exactness: $(VENV)/installed-test  ## Compare every task with dm_control at
 		tests/oracle/test_variants.py tests/oracle/test_frames.py
 
 test-training: $(VENV)/installed-training  ## Run the tests of Stable-Baselines3 and the examples
-	$(BIN)/python -m pytest tests/adapters/test_sb3.py tests/evaluation/test_saved_models.py \
+	$(BIN)/python -m pytest tests/adapters/test_sb3.py tests/evaluation/test_saved_models.py tests/policies/test_exporting.py \
 		tests/examples
 
 test-minari: $(VENV)/installed-minari  ## Run the tests of datasets in Minari's format

@@ -9,6 +9,6 @@
 `VecEnv` says how rows, endings and infos appear. It needs the extra `sb3`.
 """
 
-from limberjack.adapters.sb3 import SavedPolicy, VecEnv, make_vec_env
+from limberjack.adapters.sb3 import SavedModel, SavedPolicy, VecEnv, make_vec_env
 
-__all__ = ["SavedPolicy", "VecEnv", "make_vec_env"]
+__all__ = ["SavedModel", "SavedPolicy", "VecEnv", "make_vec_env"]

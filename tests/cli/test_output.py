@@ -144,7 +144,7 @@ def test_the_reason_for_complete_environments_is_printed_once_in_the_end(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     level = log.level
-    with output.rows_reported():
+    with output.remarks_reported():
         for reason in ("a stream", "a stream", "a step"):
             log.info(NOT_VECTORISED, reason)
         log.info("something else")

@@ -163,7 +163,7 @@ def test_time_and_reward_are_drawn_in_a_corner_and_colours_change(tmp_path: Path
         (["--height", "20000"], "image height 20000 > 2160"),
         (["--rows", "10000"], "rows is 10000; expected at most 64 episodes side by side"),
         (["--rows", "60", "--height", "14"], "too small for 60 rows"),
-        (["--action-repeat", "2", "--policy", "planner"], "the planner acts at every control step"),
+        (["--action-repeat", "2", "--policy", "planner"], "'planner' acts at every control step"),
         (["--seconds", "0"], "seconds is 0.0; expected a positive number"),
         (["--seconds", "nan"], "seconds is nan"),
         (["--seconds", "inf"], "seconds is inf; expected a positive number"),

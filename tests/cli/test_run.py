@@ -242,7 +242,7 @@ def test_a_result_that_can_no_longer_be_written_is_one_line_and_status_1(tmp_pat
         ([*_RUN, "--seeds", "4294967295:4294967297"], "expected numbers up to 4294967296"),
         ([*_RUN, "--seeds", "3", "--episodes", "2"], "--episodes is 2, but --seeds 3 holds 1"),
         (["run"], "got no task; expected DOMAIN TASK, or --env MODULE:FUNCTION"),
-        ([*_RUN, "--action-repeat", "2", "--policy", "planner"], "the planner acts at every contr"),
+        ([*_RUN, "--action-repeat", "2", "--policy", "planner"], "'planner' acts at every control"),
         ([*_RUN, "--policy", "radnom"], "Did you mean 'random'?"),
         ([*_RUN, "--policy", "no_module:act"], "there is no module 'no_module'"),
         ([*_RUN, "--policy", "my_policies:stil"], "Did you mean 'still'?"),

@@ -79,6 +79,7 @@ _ONLY_IN: dict[str, str | tuple[str, ...]] = {
     "mujoco_warp": "limberjack.gpu.backend",
     "rich": "limberjack.cli",
     "rsl_rl": "limberjack.adapters.rsl_rl",
+    "safetensors": "limberjack.policies.mlp",
     "stable_baselines3": "limberjack.adapters.sb3",
     "tensordict": "limberjack.adapters.rsl_rl",
     "torch": "limberjack.gpu.backend",
@@ -109,6 +110,7 @@ _STANDS_ALONE = (
     "limberjack.adapters.sb3",
     "limberjack.see.notebook",
     "limberjack.sb3",
+    "limberjack.policies.exporting",  # which a Python user calls too
 )
 
 _MAX_FILE_LINES = 600

@@ -116,7 +116,7 @@ def test_the_planner_acts_at_every_control_step() -> None:
     assert checked_repeat(1, environment, planner) == 1
     repeating = suite.load("manipulator", "bring_ball", environment_kwargs={"action_repeat": 2})
     for repeat, one in ((2, environment), (None, repeating)):
-        with pytest.raises(ValueError, match="the planner acts at every control step: leave it at"):
+        with pytest.raises(ValueError, match="'planner' acts at every control step: leave it at"):
             checked_repeat(repeat, one, planner)
 
 

@@ -455,7 +455,7 @@ def test_a_wrong_repeat_is_refused_before_anything_is_made(repeat: Any, tmp_path
 def test_the_planner_acts_at_every_control_step(domain: Any) -> None:
     task = "stand" if domain == "humanoid" else None
     how: dict[str, Any] = {"action_repeat": 2} if task else {}
-    with pytest.raises(ValueError, match=r"action_repeat is \d, but the planner acts at every"):
+    with pytest.raises(ValueError, match=r"action_repeat is \d, but policy .planner. acts at"):
         evaluate(domain, task, "planner", range(1), num_threads=1, **how)
 
 

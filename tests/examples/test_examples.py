@@ -13,6 +13,7 @@ import limberjack
 from limberjack import suite
 from limberjack.mujoco.camera import RenderingError
 from limberjack.utils.requirements import install_command
+from tests.policies.network_files import write
 
 _EXAMPLES = Path(__file__).parents[2] / "examples"
 _SOURCE = Path(limberjack.__file__).parents[1]
@@ -23,6 +24,8 @@ _NEEDS = {
     "batch": ((), ""),
     "gymnasium_vector": ((), ""),
     "planner_cost": ((), ""),
+    "policy_gymnasium": ((), ""),
+    "policy_sb3": (("stable_baselines3",), "sb3"),
     "planner_picture": ((), ""),
     "dataset_pytorch": (("pyarrow", "torch"), "data"),
     "sb3_ppo": (("stable_baselines3",), "sb3"),
@@ -112,6 +115,22 @@ def test_dataset_pytorch() -> None:
 def test_sb3_ppo() -> None:
     printed = _output("sb3_ppo", "--steps", "512", "--envs", "4", "--seconds", "0.5")
     assert re.search(r"^512 steps; return \d+\.\d \+- \d+\.\d over 4$", printed, re.MULTILINE)
+
+
+def test_policy_gymnasium(tmp_path: Path) -> None:
+    write(tmp_path / "walk.safetensors")
+    policy = ["--policy", str(tmp_path / "walk.safetensors")]
+    printed = _output("policy_gymnasium", "--steps", "1010", *policy)
+    expected = r"^walker walk: return \d+\.\d in 1010 steps, 1 episodes ended$"
+    assert re.search(expected, printed, re.MULTILINE)
+
+
+def test_policy_sb3(tmp_path: Path) -> None:
+    write(tmp_path / "walk.safetensors")
+    policy = ["--policy", str(tmp_path / "walk.safetensors")]
+    printed = _output("policy_sb3", "--steps", "20", "--envs", "2", *policy)
+    expected = r"^walker walk: return \d+\.\d \+- \d+\.\d over 2 episodes$"
+    assert re.search(expected, printed, re.MULTILINE)
 
 
 def test_torchrl_collect() -> None:

@@ -96,11 +96,17 @@ def test_the_reset_of_a_class_or_object_is_called_at_each_start(module: str, nam
     [
         (
             "zreo",
-            "expected zero, random, planner, MODULE:CALLABLE or sb3:PATH. Did you mean 'zero'?",
+            "sb3:PATH or MODULE:CALLABLE. Did you mean 'zero'?",
         ),
-        ("", "expected zero, random, planner, MODULE:CALLABLE or sb3:PATH"),
-        (":act", "expected zero, random, planner, MODULE:CALLABLE or sb3:PATH"),
-        ("{}:", "expected zero, random, planner, MODULE:CALLABLE or sb3:PATH"),
+        ("", "expected zero, random, planner, pretrained, mlp:PATH, sb3:PATH or MODULE:CALLABLE"),
+        (
+            ":act",
+            "expected zero, random, planner, pretrained, mlp:PATH, sb3:PATH or MODULE:CALLABLE",
+        ),
+        (
+            "{}:",
+            "expected zero, random, planner, pretrained, mlp:PATH, sb3:PATH or MODULE:CALLABLE",
+        ),
         ("not_a_module:act", "there is no module 'not_a_module'; run from the directory"),
         ("{}.deeper:act", "there is no module 'policies_of_a_user.deeper'"),
         (".{}:act", "is relative; expected its full name"),

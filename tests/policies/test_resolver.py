@@ -17,8 +17,8 @@ _OBSERVATION = {"extremities": np.full(12, 0.1), "head_height": np.array(1.2)}
 
 def test_the_names_of_built_in_policies_stand_for_them() -> None:
     found = [policies.find(name) for name in policies.BUILT_IN]
-    assert [actor.name for actor in found] == ["zero", "random", "planner"]
-    assert [actor.plays_alone for actor in found] == [False, False, True]
+    assert [actor.name for actor in found] == ["zero", "random", "planner", "pretrained"]
+    assert [actor.plays_alone for actor in found] == [False, False, True, True]
     assert not found[0].begin_alone(_ENVIRONMENT, 0)(_OBSERVATION).any()
 
 

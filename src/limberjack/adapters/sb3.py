@@ -21,7 +21,7 @@ import io
 import operator
 import pickle
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -45,7 +45,7 @@ try:
 except ImportError as error:
     raise missing_extra("sb3") from error
 
-__all__ = ["SavedPolicy", "VecEnv", "make_vec_env"]
+__all__ = ["SavedModel", "SavedPolicy", "VecEnv", "make_vec_env"]
 
 _Indices = int | Iterable[int] | None
 _Observations = np.ndarray | dict[str, np.ndarray]
@@ -309,50 +309,72 @@ def make_vec_env(
     return VecEnv(gym.load_vector(domain, task, num_envs, **options), seed)
 
 
-class SavedPolicy:
-    """The policy of a saved model, of any algorithm with continuous actions, acting on batches.
+class SavedModel:
+    """A model in files, of any algorithm with continuous actions: its policy and its spaces.
 
-    It acts without exploration. If the observations were normalised in training, save the
-    `VecNormalize` beside the model, `walk.vecnormalize.pkl` beside `walk.zip`, and they are
-    normalised here too. Both files contain pickled Python: load only files that you trust.
+    If the observations were normalised in training, save the `VecNormalize` beside the model,
+    `walk.vecnormalize.pkl` beside `walk.zip`. Both files contain pickled Python: load only files
+    that you trust.
+
+    Attributes:
+      data: settings by name, as `model.save` writes them.
+      policy: with its networks, on the CPU, which act without dropout and batch statistics.
+      normalisation: the `VecNormalize`; None if there is none.
     """
+
+    def __init__(self, files: Mapping[Path, bytes]) -> None:
+        """Loads the model.
+
+        Args:
+          files: contents by path: of the file that `model.save` wrote, then of the normalisation
+            beside it, if there is one; see `policies.saved.read_model`.
+
+        Raises:
+          ValueError: it is not a model.
+        """
+        (path, content), *beside = files.items()
+        self.data, parameters = _saved_model(path, content)
+        space = self.data["observation_space"]
+        self.normalisation = _saved_normalisation(*beside[0], space) if beside else None
+        kwargs = dict(self.data["policy_kwargs"])
+        if self.data.get("use_sde"):
+            kwargs["use_sde"] = True
+        make = self.data["policy_class"]
+        self.policy = make(space, self.data["action_space"], lambda _: 0.0, **kwargs)
+        self.policy.load_state_dict(parameters["policy"])
+        self.policy.set_training_mode(False)
+
+
+class SavedPolicy:
+    """The policy of a saved model, acting on batches without exploration; see `SavedModel`."""
 
     def __init__(self, files: Mapping[Path, bytes], environment: dm_env.Environment) -> None:
         """Loads the model, on the CPU.
 
         Args:
-          files: contents by path: of the file that `model.save` wrote, then of the normalisation
-            beside it, if there is one; see `policies.saved.read_model`.
+          files: as for `SavedModel`.
           environment: the one to act in.
 
         Raises:
           ValueError: it is not a model, or one of other observations or actions.
         """
         self.files = files
-        (path, content), *beside = files.items()
-        data, parameters = _saved_model(path, content)
-        space = data["observation_space"]
+        self._model = SavedModel(files)
+        space = self._model.data["observation_space"]
         is_dict = hasattr(space, "spaces")
         dtype = np.float32 if is_dict else space.dtype
         spec = cast(Mapping[str, specs.Array], environment.observation_spec())
         self._observations = Observations(spec, not is_dict, dtype)
         _check_space("observations", space, self._observations.space)
-        _check_space("actions", data["action_space"], environment.action_spec())
-        self._normalise = _saved_normalisation(*beside[0], space) if beside else None
-        kwargs = dict(data["policy_kwargs"])
-        if data.get("use_sde"):
-            kwargs["use_sde"] = True
-        self._policy = data["policy_class"](space, data["action_space"], lambda _: 0.0, **kwargs)
-        self._policy.load_state_dict(parameters["policy"])
-        self._policy.set_training_mode(False)
+        _check_space("actions", self._model.data["action_space"], environment.action_spec())
 
     def act_batch(self, observations: Mapping[str, np.ndarray]) -> np.ndarray:
         """The actions, (N, ...), at observations of (N, ...) by name."""
         count = len(next(iter(observations.values())))
         seen = self._observations.of_batch(observations, self._observations.buffer(count))
-        if self._normalise is not None:
-            seen = self._normalise(seen)
-        actions, _ = self._policy.predict(seen, deterministic=True)
+        if self._model.normalisation is not None:
+            seen = self._model.normalisation.normalize_obs(seen)
+        actions, _ = self._model.policy.predict(seen, deterministic=True)
         return actions
 
 
@@ -372,19 +394,18 @@ def _saved_model(path: Path, content: bytes) -> tuple[_ByName, _ByName]:
     return data, parameters
 
 
-def _saved_normalisation(
-    path: Path, content: bytes, space: object
-) -> Callable[[_Observations], _Observations]:
-    """The normalisation that `VecNormalize.save` wrote, as a function of observations."""
+# Any: a class of SB3.
+def _saved_normalisation(path: Path, content: bytes, space: object) -> Any:
+    """The normalisation that `VecNormalize.save` wrote."""
     with _damage_named(path, "a file that VecNormalize.save wrote"):
         saved = pickle.loads(content)
-        normalise, of_saved = saved.normalize_obs, saved.observation_space
+        _, of_saved = saved.normalize_obs, saved.observation_space
     if _shape(of_saved) != _shape(space):
         raise ValueError(
             f"{path} normalises observations of shape {_shape(of_saved)}; the model's have "
             f"{_shape(space)}"
         )
-    return normalise
+    return saved
 
 
 @contextlib.contextmanager

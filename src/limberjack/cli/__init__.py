@@ -18,6 +18,8 @@ from limberjack.cli import (  # noqa: F401 (they add their commands)
     datasets,
     doctor,
     evaluate,
+    export,
+    policies,
     record,
     run,
     solve,

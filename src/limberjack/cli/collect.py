@@ -32,7 +32,7 @@ from limberjack.cli.options import (
 from limberjack.cli.output import (
     failures_reported,
     misuse_reported,
-    rows_reported,
+    remarks_reported,
     search_working_directory,
 )
 from limberjack.cli.process import command_line
@@ -115,7 +115,7 @@ def _collect(
         if format is _Format.MINARI:
             importlib.import_module("limberjack.episodes.to_minari")  # for its extra
     with (
-        rows_reported(),
+        remarks_reported(),
         show_units() as progress,
         failures_reported(progress, lambda: _done(progress, out)),
     ):

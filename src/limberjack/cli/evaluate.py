@@ -32,7 +32,7 @@ from limberjack.cli.output import (
     console,
     failures_reported,
     misuse_reported,
-    rows_reported,
+    remarks_reported,
     search_working_directory,
     summaries_table,
 )
@@ -83,7 +83,7 @@ def _evaluate(
         part = shard_named(shard, out)
     search_working_directory(policy)
     with (
-        rows_reported(),
+        remarks_reported(),
         show_units() as progress,
         failures_reported(progress, lambda: _done(progress, out)),
     ):

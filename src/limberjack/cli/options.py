@@ -58,7 +58,8 @@ PolicyName = Annotated[
     str,
     typer.Option(
         metavar="NAME",
-        help="What acts: zero, random, planner, MODULE:CALLABLE, or sb3:PATH of a saved model.",
+        help="What acts: zero, random, planner, pretrained, MODULE:CALLABLE, or a file: mlp:PATH, "
+        "sb3:PATH.",
     ),
 ]
 EnvironmentName = Annotated[

@@ -36,7 +36,7 @@ __all__ = [
     "failures_reported",
     "is_terminal",
     "misuse_reported",
-    "rows_reported",
+    "remarks_reported",
     "search_working_directory",
     "summaries_table",
     "table",
@@ -56,14 +56,14 @@ def search_working_directory(policy: str) -> None:
     """Lets Python import the module of a policy MODULE:CALLABLE from the working directory.
 
     The directory is searched last, and only for such a policy, so that a stray matplotlib.py in it
-    is not imported in place of the installed one. A saved model is code too, although it looks like
-    data: a line says so before it is loaded.
+    is not imported in place of the installed one. A model of Stable-Baselines3 is code too, though
+    it looks like data: a line says so before it is loaded.
     """
     from limberjack import policies
 
-    if policies.is_saved_model(policy):
+    if policies.runs_code(policy):
         _say_that_it_is_code(policy)
-    elif ":" in policy:
+    elif ":" in policy and not policies.is_saved_model(policy):
         append_working_directory()
 
 
@@ -166,18 +166,19 @@ def failures_reported(progress: Progress, done: Callable[[], str]) -> Iterator[N
 
 
 @contextlib.contextmanager
-def rows_reported() -> Iterator[None]:
-    """Prints at exit, once, why a task was played in complete environments, if it was."""
+def remarks_reported() -> Iterator[None]:
+    """Prints at exit, once each, why a task was played in rows, and whose scores a policy has."""
+    from limberjack.policies.networks import OTHER_SCORES
     from limberjack.rl.batches import NOT_VECTORISED
 
-    reasons: dict[str, None] = {}
+    remarks: dict[str, None] = {}
 
-    class Reasons(logging.Handler):
+    class Remarks(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            if record.msg == NOT_VECTORISED:
-                reasons[record.getMessage()] = None
+            if record.msg in (NOT_VECTORISED, OTHER_SCORES):
+                remarks[record.getMessage()] = None
 
-    handler, level = Reasons(logging.INFO), log.level
+    handler, level = Remarks(logging.INFO), log.level
     log.addHandler(handler)
     log.setLevel(logging.INFO)
     try:
@@ -185,8 +186,8 @@ def rows_reported() -> Iterator[None]:
     finally:
         log.removeHandler(handler)
         log.setLevel(level)
-        for reason in reasons:
-            complain(reason)
+        for remark in remarks:
+            complain(remark)
 
 
 def complain(what: object) -> None:

@@ -23,6 +23,7 @@ from limberjack.cli.output import (
     INTERRUPTED,
     MISUSED,
     complain,
+    remarks_reported,
     search_working_directory,
     users_failure,
     worded,
@@ -92,7 +93,7 @@ def _record(
     if camera is not None:
         view["camera"] = int(camera) if camera.removeprefix("-").isdecimal() else camera
     search_working_directory(policy)
-    with _failures_reported(out) as show:
+    with remarks_reported(), _failures_reported(out) as show:
         if dataset is not None:
             given = (domain, task, seconds, action_repeat)
             if any(one is not None for one in given) or policy != "zero" or rows > 1:

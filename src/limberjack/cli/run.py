@@ -33,7 +33,7 @@ from limberjack.cli.output import (
     complain,
     console,
     misuse_reported,
-    rows_reported,
+    remarks_reported,
     search_working_directory,
     table,
     users_failure,
@@ -80,7 +80,7 @@ def _run(
     arrays) to an action, or a class with act(observation) and, if it needs it, reset(). Its module
     may be in the working directory.
     """
-    with rows_reported(), show_units() as progress:
+    with remarks_reported(), show_units() as progress:
         with misuse_reported():
             where = named_environment(domain, task, env, time_limit)
             search_working_directory(policy)

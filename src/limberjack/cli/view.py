@@ -22,6 +22,7 @@ from limberjack.cli.output import (
     INTERRUPTED,
     complain,
     misuse_reported,
+    remarks_reported,
     search_working_directory,
     users_failure,
 )
@@ -82,7 +83,8 @@ def _view(
         factory = factory_of(*named_environment(domain, task, env, time_limit), finite(time_limit))
         show = _find_viewer(native, host, port, allow_host or [], factory.title)
         environment = _viewable(factory.make(seed))
-        begin = _begin(policy, environment)
+        with remarks_reported():
+            begin = _begin(policy, environment)
     with contextlib.closing(environment):
         raise typer.Exit(_show(environment, begin, seed, speed, show))
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 import dm_env
 
 from limberjack.policies import Actor
-from limberjack.policies.built_in import PLANNER
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.batches import batch_of
 from limberjack.rl.builds import is_reproducible
@@ -65,20 +64,22 @@ def checked_environment(
 
 
 def checked_repeat(action_repeat: int | None, environment: dm_env.Environment, actor: Actor) -> int:
-    """Control steps per action: those that are asked for, or the environment's own.
+    """Control steps per action: those that are asked for, the policy's, or the environment's own.
 
     Raises:
-      ValueError, TypeError: it is not a whole number of at least 1, or the planner, which acts at
-        every control step, would repeat actions.
+      ValueError, TypeError: it is not a whole number of at least 1, or not that of a policy which
+        demands one, such as the planner, which acts at every control step.
     """
-    repeat = inside(environment).action_repeat
-    if action_repeat is not None:
-        repeat = at_least_one("action_repeat", action_repeat)
-    if repeat != 1 and actor.name == PLANNER:
-        raise ValueError(
-            f"action_repeat is {repeat}, but the planner acts at every control step: leave it at 1"
-        )
-    return repeat
+    own = inside(environment).action_repeat
+    repeat = own if action_repeat is None else at_least_one("action_repeat", action_repeat)
+    demanded = actor.action_repeat
+    if demanded is None or repeat == demanded:
+        return repeat
+    if action_repeat is None and own == 1:
+        return demanded
+    often = "at every control step" if demanded == 1 else f"every {demanded} control steps"
+    advice = "leave it at 1" if demanded == 1 else f"leave it out, or set it to {demanded}"
+    raise ValueError(f"action_repeat is {repeat}, but policy {actor.name!r} acts {often}: {advice}")
 
 
 def _check_vectorised(factory: Factory) -> None:

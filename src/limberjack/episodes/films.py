@@ -115,8 +115,9 @@ def record(
     # Episodes of the suite may be longer than the task's own time limit.
     factory = factory_of(domain, task, None if callable(domain) else seconds)
     if action_repeat is None and callable(domain):
-        with contextlib.closing(factory.make(first)) as own:
-            action_repeat = inside(own).action_repeat
+        with contextlib.closing(factory.make(first)) as one:
+            own = inside(one).action_repeat
+            action_repeat = None if own == 1 else own  # 1 leaves it to the policy
     with _Stage.of(factory, first, rows, seconds, view) as stage, _held(path):
         actor = _actor_of_rows(policy, stage.batch, first)
         repeat = checked_repeat(action_repeat, stage.batch.environments[0], actor)
@@ -235,7 +236,9 @@ def _actor_of_rows(policy: object, batch: RowsEnvironment, first_seed: int) -> A
         row = seed - first_seed
         return actors[row].begin_alone(batch.environments[row], seed)
 
-    return EachRow(first.name, first.sha256, begin)
+    actor = EachRow(first.name, first.sha256, begin)
+    actor.action_repeat = first.action_repeat
+    return actor
 
 
 def drawable(make: Make, height: int, width: int, visualize_reward: bool = False) -> Make:

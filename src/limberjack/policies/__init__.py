@@ -1,4 +1,4 @@
-"""Policies by name: zero, random, the planner, a callable of your own, or a saved model.
+"""Policies by name: built-in and bundled ones, a callable of your own, or a file.
 
     actor = policies.find("random")
     act = actor.begin_alone(environment, seed)       # after the reset of an episode
@@ -8,8 +8,10 @@
 |---|---|
 | `zero`, `random` | the action nearest to zero; uniform actions within the bounds |
 | `planner` | `limberjack.planner`, which plans from the environment's full state |
-| `MODULE:CALLABLE` | a function, an object or a class of your own |
+| `pretrained` | the task's learned policy that the package brings; `bundled()` lists them |
+| `mlp:PATH` | a network in a file, with its card: see `limberjack.policies.mlp` |
 | `sb3:PATH` | a model that Stable-Baselines3 has saved, acting without exploration |
+| `MODULE:CALLABLE` | a function, an object or a class of your own |
 
 MODULE:CALLABLE names one of
 
@@ -27,20 +29,25 @@ which plays the rows of a batch or, alone, one environment. Nothing here trains.
 from limberjack.policies.built_in import BUILT_IN, planner, random, zero
 from limberjack.policies.kinds import ROWS, Act, Actor, Policy, PolicyError
 from limberjack.policies.named import name_of
+from limberjack.policies.networks import PRETRAINED, Bundled, bundled
 from limberjack.policies.resolver import find
-from limberjack.policies.saved import is_saved_model
+from limberjack.policies.saved import is_saved_model, runs_code
 
 __all__ = [
     "BUILT_IN",
+    "PRETRAINED",
     "ROWS",
     "Act",
     "Actor",
+    "Bundled",
     "Policy",
     "PolicyError",
+    "bundled",
     "find",
     "is_saved_model",
     "name_of",
     "planner",
     "random",
+    "runs_code",
     "zero",
 ]

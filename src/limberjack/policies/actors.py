@@ -25,12 +25,12 @@ import dm_env
 import numpy as np
 from dm_env import specs
 
-from limberjack.policies.kinds import ROWS, Act, BeginAlone, Locating, Policy, PolicyError
+from limberjack.policies.kinds import ROWS, Act, Actor, BeginAlone, Locating, Policy, PolicyError
 from limberjack.rl.action_specs import spec_of
 from limberjack.rl.batch_contract import Batch
 from limberjack.rl.rows import RowsEnvironment
 
-__all__ = ["ActBatch", "Alone", "Batched", "EachRow", "ResetBatch"]
+__all__ = ["ActBatch", "Alone", "Batched", "Deferred", "EachRow", "ResetBatch"]
 
 ActBatch = Callable[[Mapping[str, np.ndarray]], object]
 ResetBatch = Callable[[np.ndarray, np.ndarray], object]
@@ -40,6 +40,7 @@ class EachRow:
     """A policy for one episode, begun separately in every row."""
 
     plays_alone = False
+    action_repeat: int | None = None
 
     def __init__(self, name: str, sha256: str | None, policy: Policy) -> None:
         """Takes a policy whose episodes are independent of each other."""
@@ -77,10 +78,17 @@ class Alone:
 
     plays_alone = True
 
-    def __init__(self, name: str, sha256: str | None, begin_alone: BeginAlone) -> None:
-        """Takes the function that begins an episode in an environment."""
+    def __init__(
+        self,
+        name: str,
+        sha256: str | None,
+        begin_alone: BeginAlone,
+        action_repeat: int | None = None,
+    ) -> None:
+        """Takes the function that begins an episode in an environment; see `Actor`."""
         self.name = name
         self.sha256 = sha256
+        self.action_repeat = action_repeat
         self._begin_alone = begin_alone
         self._act: Act | None = None
 
@@ -107,10 +115,26 @@ class Alone:
         return self._begin_alone(environment, seed)
 
 
+class Deferred(Alone):
+    """A policy that is found as an episode begins, because it depends on the environment."""
+
+    def __init__(self, name: str, find: Callable[[dm_env.Environment], Actor]) -> None:
+        """Takes the function that finds the policy for an environment."""
+        super().__init__(name, None, self._begin_found)
+        self._find = find
+        self._found: tuple[dm_env.Environment, Actor] | None = None
+
+    def _begin_found(self, environment: dm_env.Environment, seed: int) -> Act:
+        if self._found is None or self._found[0] is not environment:
+            self._found = environment, self._find(environment)
+        return self._found[1].begin_alone(environment, seed)
+
+
 class Batched:
     """A policy that acts on 64 rows at once."""
 
     plays_alone = False
+    action_repeat: int | None = None
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""The policies that need no code of your own: zero, random and the planner.
+"""The policies that need no code of your own: zero, random, the planner, and the bundled ones.
 
 actor = policies.find("random")
 """
@@ -13,6 +13,7 @@ from dm_env import specs
 
 from limberjack.policies.actors import Alone, EachRow
 from limberjack.policies.kinds import Act, Actor, Policy, PolicyError
+from limberjack.policies.networks import PRETRAINED, pretrained
 from limberjack.rl.action_specs import bounds_to_try
 from limberjack.rl.batches import vectorisable
 from limberjack.utils.sources import hash_of_files
@@ -43,7 +44,7 @@ def random(spec: specs.BoundedArray, seed: int) -> Act:
 
 
 _OF_ACTIONS: dict[str, Policy] = {"zero": zero, "random": random}
-BUILT_IN = (*_OF_ACTIONS, PLANNER)
+BUILT_IN = (*_OF_ACTIONS, PLANNER, PRETRAINED)
 
 
 def built_in(
@@ -52,6 +53,8 @@ def built_in(
     """The actor of one of the names in BUILT_IN; arguments and errors are those of `find`."""
     if name == PLANNER:
         return planner(environment, num_threads)
+    if name == PRETRAINED:
+        return pretrained(environment)
     policy = _OF_ACTIONS[name]
     sha256 = hashlib.sha256(inspect.getsource(policy).encode()).hexdigest()
     return EachRow(name, sha256, policy)
@@ -106,4 +109,4 @@ def planner(
 
         return act
 
-    return Alone(PLANNER, sha256, begin_alone)
+    return Alone(PLANNER, sha256, begin_alone, action_repeat=1)

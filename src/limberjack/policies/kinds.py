@@ -47,6 +47,15 @@ class Actor(Protocol):
         """Whether it plays one episode at a time, in a batch of one complete environment."""
         ...
 
+    @property
+    def action_repeat(self) -> int | None:
+        """Control steps per action that it must be played with; None for any number.
+
+        A batch asks it for an action once in that many steps; what `begin_alone` returns repeats
+        actions itself, unless the environment does.
+        """
+        ...
+
     def begin(self, batch: Batch, rows: np.ndarray, seeds: Sequence[int]) -> None:
         """Begins the first episodes of these seeds in these rows, which have been reset."""
 

@@ -26,11 +26,10 @@ def find(
     """The policy of a name; see `limberjack.policies` for the names.
 
     Args:
-      policy: 'zero', 'random', 'planner', 'MODULE:CALLABLE' or 'sb3:PATH'; or the function, object
-        or class that MODULE:CALLABLE would name.
+      policy: one of the names; or the function, object or class that MODULE:CALLABLE would name.
       environment: the one to act in, if it is known. A saved model that does not fit it, or a task
-        that the planner has no cost for, is then refused here; with None as the first episode
-        begins.
+        that has no bundled policy, or no cost for the planner, is then refused here; with None as
+        the first episode begins.
       num_threads: that the planner simulates with; by default all usable cores.
       files: of a saved model, as `policies.saved.read_model` returns them; None to read them.
       is_shared: other threads use the policy too, so an object with the state of episodes is
