@@ -100,9 +100,10 @@ def test_a_policy_that_does_not_fit_a_task_is_missing_there(
     }
 
 
-def test_a_run_without_any_policy_is_refused_with_its_reason() -> None:
+def test_a_run_without_any_policy_is_refused_with_its_reason(tmp_path: Path) -> None:
     with pytest.raises(PolicyError, match=r"no task .* cartpole balance: .*Did you mean 'random'"):
-        evaluate_set(_FAST, ["zero", "radnom"])
+        evaluate_set(_FAST, ["zero", "radnom"], out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()  # so that the same folder serves for the right name
     with pytest.raises(ValueError, match="there are no runs; expected at least one policy"):
         evaluate_set(_FAST, [])
     with pytest.raises(ValueError, match="no set of tasks 'dmc29'"):

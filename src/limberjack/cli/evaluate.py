@@ -1,6 +1,5 @@
 """`limberjack evaluate`: scores of a policy, beside zero and random actions on the same seeds."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -102,34 +101,17 @@ def _evaluate(
     With --out every episode is written as it ends, and the same command continues an evaluation
     that was killed. The planner plays one episode per core, unless --threads is given.
     """
-    chosen_policies = policy or ["zero"]
-    with misuse_reported():
-        if task_set is not None:
-            _check_fixed(
-                {
-                    "DOMAIN": domain,
-                    "TASK": task,
-                    "--env": env,
-                    "--seeds": seeds,
-                    "--episodes": episodes,
-                    "--time-limit": time_limit,
-                    "--action-repeat": action_repeat,
-                    "--shard": shard,
-                    "--vectorised": vectorised,
-                }
-            )
-        elif len(chosen_policies) > 1:
-            raise ValueError(
-                f"got {len(chosen_policies)} policies; expected one --policy, or --set NAME"
-            )
+    names = policy or ["zero"]
     if task_set is not None:
-        _evaluate_set(task_set, chosen_policies, out, threads, workers, ray, any_processor)
+        with misuse_reported():
+            _check_fixed(domain, env, seeds, episodes, time_limit, action_repeat, shard, vectorised)
+        _evaluate_set(task_set, names, out, threads, workers, ray, any_processor)
         return
-    (name,) = chosen_policies
     with misuse_reported():
         where = named_environment(domain, task, env, time_limit)
         chosen = chosen_seeds(seeds, episodes, _EPISODES)
         part = shard_named(shard, out)
+        name = _only(names)
     search_working_directory(name)
     with (
         rows_reported(),
@@ -159,11 +141,31 @@ def _evaluate(
     _print(evaluation) if shard is None else _print_shard(shard, progress.episodes, out)
 
 
-def _check_fixed(arguments: Mapping[str, object]) -> None:
+# The arguments that --set fixes, in the order in which `_check_fixed` takes them.
+_FIXED = (
+    "DOMAIN",
+    "--env",
+    "--seeds",
+    "--episodes",
+    "--time-limit",
+    "--action-repeat",
+    "--shard",
+    "--vectorised",
+)
+
+
+def _check_fixed(*values: object) -> None:
     """Raises ValueError if an argument is given that --set fixes."""
-    given = [name for name, value in arguments.items() if value is not None]
+    given = [name for name, value in zip(_FIXED, values, strict=True) if value is not None]
     if given:
         raise ValueError(f"got {' and '.join(given)} beside --set, which fixes them: leave it out")
+
+
+def _only(names: list[str]) -> str:
+    """The policy; raises ValueError if there are several."""
+    if len(names) > 1:
+        raise ValueError(f"got {len(names)} policies; expected one --policy, or --set NAME")
+    return names[0]
 
 
 def _evaluate_set(

@@ -57,7 +57,6 @@ _ACTION_REPEAT = 2
 _FULL_RETURN = 1000.0  # the largest return of such an episode; a score is a share of it
 
 _Task = tuple[str, str]
-Run = object  # a name, with {domain} and {task} in it or not; a policy; or policies by task
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,7 +89,7 @@ class SetEvaluation:
     runs: tuple[str, ...]  # the names of their policies
     tasks: tuple[TaskScores, ...]  # those that all runs have
     missing: Mapping[_Task, str]  # the other tasks of the set, each with the reason
-    versions: Mapping[str, str]
+    versions: Mapping[str, str]  # of the packages
     files: tuple[Path, ...] = ()  # files that were written
 
     @property
@@ -138,7 +137,7 @@ class SetEvaluation:
 
 def evaluate_set(
     task_set: str | TaskSet,
-    runs: Run | Sequence[Run],
+    runs: object,
     *,
     out: Path | str | None = None,
     num_threads: int | None = None,
@@ -172,60 +171,58 @@ def evaluate_set(
       PolicyError: a run has no policy for any task; or a policy returned no valid action.
       WorkError, OSError: as `evaluate`.
     """
-    chosen = sets.find(task_set) if isinstance(task_set, str) else task_set
-    given = list(runs) if isinstance(runs, list | tuple) else [runs]
-    if not given:
-        raise ValueError("there are no runs; expected at least one policy")
-    names = tuple(_name_of(run) for run in given)
+    chosen, given = _chosen(task_set, runs)
+    names = tuple(map(_name_of, given))
     directory = None if out is None else Path(out).absolute()
     if directory is not None:
-        _claim(directory, _asked_for(chosen, names))
-    missing = dict(_unplayable(chosen, given))
-    played = [task for task in chosen.tasks if task not in missing]
-    if not played:
-        (domain, task), reason = next(iter(missing.items()))
-        raise PolicyError(f"no task has a policy of every run; {domain} {task}: {reason}")
+        _check_folder(directory, _asked_for(chosen, names))
+    missing = _missing(chosen, given)
+    if directory is not None and not (directory / SUMMARY).exists():
+        _write(directory / SUMMARY, _asked_for(chosen, names))
     count = _Counting(on_progress, len(missing) * _episodes(given))
-    options: Facts = {
-        "num_threads": num_threads,
-        "workers": workers,
-        "executor": executor,
-        "ray": ray,
-        "any_processor": any_processor,
-        "command": command,
-    }
-    found = []
-    for domain, task in played:
-        evaluations = []
+    found: dict[_Task, list[Evaluation]] = {t: [] for t in chosen.tasks if t not in missing}
+    for domain, task in found:
         for number, run in enumerate(given, start=1):
             folder = None if directory is None else directory / f"run-{number}" / f"{domain}-{task}"
             policy = policy_for(run, domain, task)
-            evaluations.append(
+            found[domain, task].append(
                 evaluate(
                     domain,
                     task,
                     policy,
                     _SEEDS,
                     out=folder,
+                    num_threads=num_threads,
                     time_limit=_time_limit(domain, task),
                     action_repeat=_action_repeat(policy),
+                    workers=workers,
+                    executor=executor,
+                    ray=ray,
+                    any_processor=any_processor,
                     on_progress=count.show,
-                    **options,
+                    command=command,
                 )
             )
             count.add(_episodes([run]))
-        found.append((domain, task, evaluations))
-    tasks = tuple(_scores_of(*one) for one in found)
-    versions = found[0][2][0].facts["versions"]
+    tasks = tuple(_scores_of(*task, of_runs) for task, of_runs in found.items())
+    versions = next(iter(found.values()))[0].facts["versions"]
     result = SetEvaluation(chosen, names, tasks, missing, versions)
     return result if directory is None else _written(result, directory)
 
 
-def episodes_of(task_set: str | TaskSet, runs: Run | Sequence[Run]) -> int:
+def episodes_of(task_set: str | TaskSet, runs: object) -> int:
     """The number of episodes that `evaluate_set` reports progress of, baselines included."""
+    chosen, given = _chosen(task_set, runs)
+    return len(chosen.tasks) * _episodes(given)
+
+
+def _chosen(task_set: str | TaskSet, runs: object) -> tuple[TaskSet, list[object]]:
+    """The set, and the runs as a list; raises ValueError if one of them is unknown or empty."""
     chosen = sets.find(task_set) if isinstance(task_set, str) else task_set
     given = list(runs) if isinstance(runs, list | tuple) else [runs]
-    return len(chosen.tasks) * _episodes(given)
+    if not given:
+        raise ValueError("there are no runs; expected at least one policy")
+    return chosen, given
 
 
 class _Counting:
@@ -245,19 +242,19 @@ class _Counting:
         self._finished += episodes
 
 
-def _episodes(runs: Sequence[Run]) -> int:
+def _episodes(runs: Sequence[object]) -> int:
     """The number of episodes on one task."""
     return sum(len({_name_of(run), *FLOORS}) * len(_SEEDS) for run in runs)
 
 
-def _name_of(run: Run) -> str:
+def _name_of(run: object) -> str:
     """The name of a run, as results call it."""
     if isinstance(run, Mapping):
         return ", ".join(dict.fromkeys(_name_of(policy) for policy in run.values()))
     return run if isinstance(run, str) else policies.find(run).name
 
 
-def policy_for(run: Run, domain: str, task: str) -> object:
+def policy_for(run: object, domain: str, task: str) -> object:
     """The run's policy for a task, or its name; None if it has none."""
     if isinstance(run, Mapping):
         return run.get((domain, task))
@@ -266,7 +263,16 @@ def policy_for(run: Run, domain: str, task: str) -> object:
     return run
 
 
-def _unplayable(task_set: TaskSet, runs: Sequence[Run]) -> Iterator[tuple[_Task, str]]:
+def _missing(task_set: TaskSet, runs: Sequence[object]) -> dict[_Task, str]:
+    """The tasks that are left out with the reason; raises PolicyError if all are."""
+    missing = dict(_unplayable(task_set, runs))
+    if len(missing) == len(task_set.tasks):
+        (domain, task), reason = next(iter(missing.items()))
+        raise PolicyError(f"no task has a policy of every run; {domain} {task}: {reason}")
+    return missing
+
+
+def _unplayable(task_set: TaskSet, runs: Sequence[object]) -> Iterator[tuple[_Task, str]]:
     """The tasks for which a run has no policy that fits, each with the reason."""
     for domain, task in task_set.tasks:
         environment = suite.load(domain, task)
@@ -310,7 +316,7 @@ def _scores_of(domain: str, task: str, evaluations: Sequence[Evaluation]) -> Tas
 
 
 def _asked_for(task_set: TaskSet, runs: Sequence[str]) -> Facts:
-    """What identifies the results of a folder."""
+    """The facts that identify the results of a folder."""
     return {
         "set": task_set.name,
         "source": task_set.source,
@@ -322,15 +328,14 @@ def _asked_for(task_set: TaskSet, runs: Sequence[str]) -> Facts:
     }
 
 
-def _claim(directory: Path, asked_for: Facts) -> None:
-    """Writes what is asked for into a new folder; raises ValueError if it holds other results."""
+def _check_folder(directory: Path, asked_for: Facts) -> None:
+    """Raises ValueError if a folder holds other results, or anything else."""
     path = directory / SUMMARY
     if not path.exists():
         if directory.exists() and any(directory.iterdir()):
             raise ValueError(
                 f"{directory} holds other files and no {SUMMARY}: choose another folder"
             )
-        _write(path, asked_for)
         return
     try:
         there = json.loads(path.read_text(encoding="utf-8"))
